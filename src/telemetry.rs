@@ -62,7 +62,7 @@ metrics! {
     ATTEMPTS_DROPPED: Counter "meshmend_attempts_dropped_total" [] "Attempts whose job was canceled, deleted or given to another worker meanwhile.";
     LEASES_LOST: Counter "meshmend_leases_lost_total" [] "Jobs whose worker was lost, and which this process made claimable again or set aside.";
     STEP: Histogram "meshmend_step_seconds" ["tier", "action"] "Time of a repair's step, by tier (0 validates) and action.";
-    STEPS: Counter "meshmend_steps_total" ["tier", "action", "status"] "Steps of repairs by how they ended: `done`, `failed`, `undone`, `skipped`.";
+    STEPS: Counter "meshmend_steps_total" ["tier", "action", "status"] "Steps of repairs by how they ended: `done`, `failed`, `reverted`, `skipped`.";
     CHILD_CRASHES: Counter "meshmend_child_crashes_total" ["reason"] "Repair processes that ended without a result: `out_of_memory`, `cpu_limit`, `file_limit`, `crashed`.";
     KILLS: Counter "meshmend_kills_total" ["reason"] "Repair processes that were killed: `deadline`, `lease_lost`, `shutdown`, or for what they had too much of: `scratch`, `processes`.";
     BLENDER_RUNS: Counter "meshmend_blender_runs_total" [] "Blender processes that repairs started.";
@@ -76,7 +76,7 @@ metrics! {
     STORE_ERRORS: Counter "meshmend_store_errors_total" ["kind"] "Errors of the database: `away` where the same may succeed in a while, `other`.";
     BLOB_ERRORS: Counter "meshmend_blob_errors_total" [] "Errors of the file store, missing files apart.";
     DATABASE_CONNECTIONS: Gauge "meshmend_database_connections" ["state"] "Connections of this process to the database, `busy` and `idle`.";
-    DATABASE_CONNECTIONS_MOST: Gauge "meshmend_database_connections_most" [] "Most connections to the database that this process may hold.";
+    DATABASE_CONNECTIONS_MAX: Gauge "meshmend_database_connections_max" [] "Most connections to the database that this process may hold.";
     PROCESS_CPU: Counter "process_cpu_seconds_total" [] "Processor time that this process has used, in whole seconds. Jobs run in processes of their own.";
     PROCESS_RESIDENT_MEMORY: Gauge "process_resident_memory_bytes" [] "Memory of this process that is in RAM.";
     PROCESS_VIRTUAL_MEMORY: Gauge "process_virtual_memory_bytes" [] "Address space of this process.";

@@ -207,7 +207,7 @@ impl<'a> Analyst<'a> {
         self.report(Stage::Inspect, 20);
         let (inspection, _) = inspect(subject(&mesh, Some(&unit)), &self.options.inspect, &self.context)?;
         let measures = &inspection.measures;
-        let warnings = mesh.warnings.iter().cloned().chain(measures.left_out()).collect();
+        let warnings = mesh.warnings.iter().cloned().chain(measures.omitted()).collect();
         self.context.log(&format!("{}{}: {}", naming(index, name, self.of), mesh.dialect, measures.in_short()));
         self.files.push(FileAnalysis {
             name: name.to_owned(),

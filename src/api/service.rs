@@ -125,7 +125,7 @@ impl Health {
         let connections = self.store.connections();
         metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "busy").set(connections.busy);
         metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "idle").set(connections.idle);
-        metrics::gauge!(telemetry::DATABASE_CONNECTIONS_MOST).set(connections.most);
+        metrics::gauge!(telemetry::DATABASE_CONNECTIONS_MAX).set(connections.most);
         let free = [("files", self.blobs.free_bytes().ok().flatten()), ("scratch", free_bytes(&self.scratch).ok())];
         for (folder, free) in free {
             if let Some(free) = free {

@@ -26,7 +26,7 @@ use crate::inspect::Level;
 use crate::jobs::{Clock, Mode, Store};
 use crate::repair::{Options, Preset, RemesherInfo};
 use crate::sandbox::SandboxStatus;
-use crate::webhooks::{Random, Reach};
+use crate::webhooks::{Random, TargetPolicy};
 
 /// What the API may spend on a request.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +44,7 @@ pub struct ApiConfig {
     /// Bytes that must stay free on the disk of the files.
     pub min_free: u64,
     /// Whom webhooks may reach.
-    pub webhook_reach: Reach,
+    pub webhook_targets: TargetPolicy,
     /// Longest silence in the middle of an upload.
     pub upload_idle: Duration,
     /// Whether uploads that are announced go straight to the store, where that is a bucket.

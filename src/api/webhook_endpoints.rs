@@ -15,7 +15,7 @@ use super::extract::{ApiJson, ApiPath, is_name};
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use crate::jobs::{Endpoint, EndpointChange, JobEvent, NewEndpoint, Secrets};
-use crate::webhooks::{Reach, new_secret};
+use crate::webhooks::{TargetPolicy, new_secret};
 
 /// How long an old secret signs beside a new one.
 const OVERLAP: Duration = Duration::from_secs(24 * 3600);
@@ -127,7 +127,7 @@ fn with_secret(status: StatusCode, endpoint: Endpoint) -> Response {
     (status, [(header::CACHE_CONTROL, "no-store")], Json(view)).into_response()
 }
 
-fn clean_url(reach: Reach, text: &str) -> Result<String, Problem> {
+fn clean_url(reach: TargetPolicy, text: &str) -> Result<String, Problem> {
     reach.read(text).map(String::from).map_err(|error| Problem::invalid_field("url", format!("`url` {error}.")))
 }
 
@@ -186,7 +186,7 @@ pub(super) async fn create_endpoint(
 ) -> Result<Response, Problem> {
     let new = NewEndpoint {
         tenant: caller.tenant.to_string(),
-        url: clean_url(state.config.webhook_reach, &asked.url)?,
+        url: clean_url(state.config.webhook_targets, &asked.url)?,
         description: clean_description(asked.description)?,
         events: clean_events(asked.events.unwrap_or_else(|| JobEvent::ALL.to_vec()))?,
         secret: new_secret(state.random.as_ref()),
@@ -256,7 +256,7 @@ pub(super) async fn change_endpoint(
 ) -> Result<Json<EndpointView>, Problem> {
     check_name(&id)?;
     let change = EndpointChange {
-        url: asked.url.map(|url| clean_url(state.config.webhook_reach, &url)).transpose()?,
+        url: asked.url.map(|url| clean_url(state.config.webhook_targets, &url)).transpose()?,
         description: asked.description.map(clean_description).transpose()?,
         events: asked.events.map(clean_events).transpose()?,
         enabled: asked.enabled,

@@ -22,7 +22,7 @@ pub use complex::ArrangeError;
 
 /// Which cells are inside, by their winding number `w`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Inside {
+pub enum WindingRule {
     /// `w >= 1`: what the surface winds around outward. An inverted part is no material.
     #[default]
     Positive,
@@ -36,15 +36,15 @@ pub enum Inside {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Rule {
     /// Which are inside.
-    pub inside: Inside,
+    pub winding_rule: WindingRule,
     /// Whether patches are doubted: faces without a source. What is inside only because holes were closed, and would hide
     /// surface that can be seen through those holes, is outside then.
     pub doubts_patches: bool,
 }
 
-impl From<Inside> for Rule {
-    fn from(inside: Inside) -> Self {
-        Self { inside, doubts_patches: false }
+impl From<WindingRule> for Rule {
+    fn from(winding_rule: WindingRule) -> Self {
+        Self { winding_rule, doubts_patches: false }
     }
 }
 
@@ -88,7 +88,7 @@ impl Arrangement for Exact {
     fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
         let complex = Complex::new(&surface, context)?;
         let cells = Cells::new(&complex, context)?;
-        let inside: Vec<bool> = cells.number.iter().map(|&number| is_inside(rule.inside, number)).collect();
+        let inside: Vec<bool> = cells.number.iter().map(|&number| is_inside(rule.winding_rule, number)).collect();
         let opened = if rule.doubts_patches {
             openings::seen_into(&complex, &cells, &inside, |f| is_made(surface.source[f as usize]), context)?
         } else {
@@ -103,11 +103,11 @@ impl Arrangement for Exact {
 }
 
 /// Whether a winding number is one of the inside.
-fn is_inside(inside: Inside, number: i32) -> bool {
-    match inside {
-        Inside::Positive => number > 0,
-        Inside::Nonzero => number != 0,
-        Inside::Odd => number % 2 != 0,
+fn is_inside(winding_rule: WindingRule, number: i32) -> bool {
+    match winding_rule {
+        WindingRule::Positive => number > 0,
+        WindingRule::Nonzero => number != 0,
+        WindingRule::Odd => number % 2 != 0,
     }
 }
 

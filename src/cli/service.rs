@@ -204,7 +204,7 @@ impl ServiceData {
                 },
                 retention: args.work.retention().results,
                 min_free: args.work.min_free_mib << 20,
-                webhook_reach: args.webhooks.reach(),
+                webhook_targets: args.webhooks.reach(),
                 upload_idle: Duration::from_secs(args.upload_idle_s),
                 presigned_uploads: args.presigned_uploads,
                 presigned_downloads: args.presigned_downloads,

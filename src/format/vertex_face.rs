@@ -154,8 +154,8 @@ impl<'a> Reader<'a> {
                 return true;
             }
             let at = middle(&self.positions, &indices).unwrap_or(last);
-            if numbering.left_out.len() < MOST_KEPT {
-                numbering.left_out.push(LeftOutFace { number, at: at.to_array() });
+            if numbering.omitted.len() < MOST_KEPT {
+                numbering.omitted.push(LeftOutFace { number, at: at.to_array() });
             }
             false
         });

@@ -77,7 +77,7 @@ impl CheckVerdict {
             };
             let (count, decided) = match rule {
                 CheckRule::Manifold => (found(&[DefectKind::NonManifoldEdge, DefectKind::NonManifoldVertex]), true),
-                CheckRule::NoZeroLengthEdge => (measures.near_coincident_faults + collapsed(findings), true),
+                CheckRule::NoZeroLengthEdge => (measures.near_coincident_defects + collapsed(findings), true),
                 CheckRule::NoZeroAreaFace => (measures.degenerate_faces, true),
                 CheckRule::NoOpposedVertexNormal => (0, true),
                 CheckRule::NoSlit => {

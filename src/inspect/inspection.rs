@@ -290,7 +290,7 @@ pub fn goodness(inspection: &Inspection, thresholds: Thresholds) -> Goodness {
     #[expect(clippy::cast_precision_loss, reason = "a figure to show")]
     let count = |n: u64| Some(n as f64);
     lacks(Lack::Closed, it.attributes.closed != Answer::Yes, count(measures.boundary_edges));
-    let nonmanifold = measures.nonmanifold_edges + measures.nonmanifold_vertices;
+    let nonmanifold = measures.non_manifold_edges + measures.non_manifold_vertices;
     lacks(Lack::Manifold, it.attributes.manifold != Answer::Yes, count(nonmanifold));
     lacks(Lack::Consistent, it.attributes.consistent == Answer::No, count(measures.misoriented_edges));
     let inward = count(it.shells.inward).filter(|_| it.shells.inward > 0);
@@ -302,7 +302,7 @@ pub fn goodness(inspection: &Inspection, thresholds: Thresholds) -> Goodness {
     let missing = it.elements.missing_vertices.unwrap_or(0);
     lacks(Lack::NoMissingVertices, missing > 0, count(missing));
     lacks(Lack::NoDegenerateFaces, measures.degenerate_faces > 0, count(measures.degenerate_faces));
-    lacks(Lack::FiniteFaces, measures.nonfinite_faces > 0, count(measures.nonfinite_faces));
+    lacks(Lack::FiniteFaces, measures.non_finite_faces > 0, count(measures.non_finite_faces));
     lacks(Lack::ContiguousVertices, it.elements.vertices_contiguous == Some(false), None);
     lacks(Lack::ContiguousFaces, it.elements.faces_contiguous == Some(false), None);
     let shapes = it.statistics.as_ref();

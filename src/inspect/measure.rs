@@ -58,7 +58,7 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
         faces: subject.soup.faces.len() as u64,
         vertices: surface.positions.len() as u64,
         unreferenced_vertices: ingest.unreferenced_vertices,
-        nonfinite_faces: ingest.nonfinite_faces,
+        non_finite_faces: ingest.non_finite_faces,
         unreadable_faces: subject.numbering.map_or(0, |numbering| numbering.faces_without_vertex),
         ..Measures::default()
     };
@@ -69,14 +69,14 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     it.faces_in_other_materials = analysis.faces_in_other_materials(context)?.len() as u64;
     it.edges = edges.len() as u64;
     it.parts = parts.count as u64;
-    it.nonmanifold_vertices = fans.nonmanifold_vertices;
+    it.non_manifold_vertices = fans.non_manifold_vertices;
     it.boundary_loops = count_boundary_chains(edges, fans);
     let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
     let count_degenerate =
         || (0u32..).take(surface.faces.len()).filter(|&f| analysis.is_without_area(f)).count() as u64;
     (it.degenerate_faces, it.duplicate_faces) = rayon::join(count_degenerate, count_duplicate);
     it.unshared_edges = unshared_edges(analysis).count() as u64;
-    it.near_coincident_faults = joined_faults(analysis);
+    it.near_coincident_defects = joined_faults(analysis);
     context.check()?;
     let mut balanced = true;
     it.consistent = true;
@@ -85,14 +85,14 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
         match half_edges.len() {
             1 => it.boundary_edges += 1,
             2 => it.misoriented_edges += u64::from(forward != 1),
-            _ => it.nonmanifold_edges += 1,
+            _ => it.non_manifold_edges += 1,
         }
         balanced &= 2 * forward == half_edges.len();
         it.consistent &= forward <= 1 && half_edges.len() - forward <= 1;
     }
     // Faces with a repeated vertex have no edges; a mesh of nothing else is not closed.
     it.closed = it.boundary_edges == 0 && !edges.is_empty();
-    it.manifold = it.nonmanifold_edges == 0 && it.nonmanifold_vertices == 0;
+    it.manifold = it.non_manifold_edges == 0 && it.non_manifold_vertices == 0;
     let negative: Vec<bool> = solids.iter().map(|s| s.volume < 0.0).collect();
     let depths = nesting_depths(surface, parts, solids, &negative, context)?;
     it.inverted_parts = depths.iter().filter(|d| d.is_some_and(|d| d % 2 == 0)).count() as u64;

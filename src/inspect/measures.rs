@@ -20,9 +20,9 @@ pub struct Measures {
     /// Closed chains of boundary edges.
     pub boundary_loops: u64,
     /// Edges that more than two faces use.
-    pub nonmanifold_edges: u64,
+    pub non_manifold_edges: u64,
     /// Vertices whose faces form more than one fan.
-    pub nonmanifold_vertices: u64,
+    pub non_manifold_vertices: u64,
     /// Edges of two faces that both run along it in the same direction.
     pub misoriented_edges: u64,
     /// Faces without area: a repeated vertex, or corners on a line, or so near one that f64 finds no area.
@@ -32,7 +32,7 @@ pub struct Measures {
     /// Vertices of the file that no face uses.
     pub unreferenced_vertices: u64,
     /// Faces with a corner that is not a finite number; they are left out of every other count.
-    pub nonfinite_faces: u64,
+    pub non_finite_faces: u64,
     /// Edges of two faces that are joined by position only: in the file each of the two faces has vertices of its own there. A reader
     /// that takes vertices by index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
     #[serde(default)]
@@ -43,7 +43,7 @@ pub struct Measures {
     /// Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
     /// or to 1e-7 of the diagonal where that is finer.
     #[serde(default)]
-    pub near_coincident_faults: u64,
+    pub near_coincident_defects: u64,
     /// Closed parts that are turned inside out: not within another part, and of negative volume.
     pub inverted_parts: u64,
     /// Materials of an assembly of bodies, such as a 3MF file for a print of several materials. Bodies of one material are judged
@@ -90,10 +90,10 @@ impl Measures {
             && self.consistent
             && self.outward
             && self.faces > 0
-            && self.nonfinite_faces == 0
+            && self.non_finite_faces == 0
             && self.unreadable_faces == 0
             && self.unshared_edges == 0
-            && self.near_coincident_faults == 0
+            && self.near_coincident_defects == 0
             && self.degenerate_faces == 0
             && self.duplicate_faces == 0
             && self.faces_in_other_materials == 0
@@ -118,8 +118,8 @@ impl Measures {
 
     /// What was left out of every count, as a sentence for the person who sent the file.
     #[must_use]
-    pub fn left_out(&self) -> Option<String> {
-        let faces = self.nonfinite_faces;
+    pub fn omitted(&self) -> Option<String> {
+        let faces = self.non_finite_faces;
         (faces > 0).then(|| format!("{faces} faces have a corner that is not a finite number; they were left out"))
     }
 
@@ -127,15 +127,15 @@ impl Measures {
     #[must_use]
     pub fn defects(&self) -> u64 {
         self.boundary_edges
-            + self.nonmanifold_edges
-            + self.nonmanifold_vertices
+            + self.non_manifold_edges
+            + self.non_manifold_vertices
             + self.misoriented_edges
             + self.degenerate_faces
             + self.duplicate_faces
-            + self.nonfinite_faces
+            + self.non_finite_faces
             + self.unreadable_faces
             + self.unshared_edges
-            + self.near_coincident_faults
+            + self.near_coincident_defects
             + self.inverted_parts
             + self.faces_in_other_materials
             + self.self_intersections.pairs.unwrap_or(0)
@@ -145,8 +145,8 @@ impl Measures {
     #[must_use]
     pub fn faults(&self) -> Vec<String> {
         let counts = [
-            (self.nonmanifold_edges, "non-manifold edge", "non-manifold edges"),
-            (self.nonmanifold_vertices, "non-manifold vertex", "non-manifold vertices"),
+            (self.non_manifold_edges, "non-manifold edge", "non-manifold edges"),
+            (self.non_manifold_vertices, "non-manifold vertex", "non-manifold vertices"),
             (
                 self.misoriented_edges,
                 "edge between faces of opposite winding",
@@ -154,7 +154,7 @@ impl Measures {
             ),
             (self.degenerate_faces, "face without area", "faces without area"),
             (self.duplicate_faces, "duplicate face", "duplicate faces"),
-            (self.nonfinite_faces, "face that is not finite", "faces that are not finite"),
+            (self.non_finite_faces, "face that is not finite", "faces that are not finite"),
             (
                 self.faces_in_other_materials,
                 "face inside a body of another material",
@@ -167,7 +167,7 @@ impl Measures {
                 "edges whose two faces do not share their vertices",
             ),
             (
-                self.near_coincident_faults,
+                self.near_coincident_defects,
                 "face or edge that breaks when positions are rounded to eight decimals",
                 "faces and edges that break when positions are rounded to eight decimals",
             ),

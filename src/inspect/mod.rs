@@ -25,8 +25,9 @@ mod statistics;
 pub use analysis::{Analysis, Subject};
 pub use check::{CheckRule, CheckVerdict};
 pub use compare::{
-    COMPARISON_VERSION, Certificate, Changes, CompareOptions, ComparedMesh, Comparison, Deviation, Dispensable, Fate,
-    Fates, InsideAgreement, Ledger, LostPart, Original, PartCertificate, Spread, SurfaceShare, SurfaceShares, compare,
+    AccountedPart, COMPARISON_VERSION, Changes, CompareOptions, ComparedMesh, Comparison, Deviation, Dispensable,
+    InsideAgreement, LostPart, Original, PartAccounting, PartReason, Provenance, Spread, SurfaceProvenance,
+    SurfaceShare, SurfaceShares, compare,
 };
 pub use defects::find_defects;
 use distribution::finite;
@@ -42,7 +43,7 @@ pub use measure::{Decimals, joined_by_decimals, measure, measure_analysis, measu
 pub use measures::{BoundingBox, IntersectingPair, Intersections, Measures, SelfIntersections, Volume};
 pub use options::{InspectOptions, Level, OptionsError, Tolerance, ToleranceError, Tolerances, changed_fields};
 pub use print::{
-    Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
+    Fit, NoWallReason, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
 };
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing, Spacing, spacing};
 pub use shells::{Answer, Attributes, Shell, Shells, Turning, Unmeasurable, shells};

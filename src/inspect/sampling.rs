@@ -194,12 +194,12 @@ pub(super) fn visible(
 }
 
 /// Tells what is inside a mesh.
-pub(super) struct Inside<'a> {
+pub(super) struct InsideTest<'a> {
     analysis: &'a Analysis<'a>,
     dipoles: &'a Dipoles,
 }
 
-impl<'a> Inside<'a> {
+impl<'a> InsideTest<'a> {
     /// Sums the faces, unless that was done for the same mesh before.
     pub fn new(analysis: &'a Analysis<'a>) -> Self {
         Self { analysis, dipoles: analysis.dipoles() }

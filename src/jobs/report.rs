@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use super::job::{JobOutcome, JobProblem, ProblemKind, StoredReport};
 use crate::analyze::{AnalysisReport, FileAnalysis};
 use crate::format::Format;
-use crate::repair::{AssumptionKind, HandedOut, Outcome, RedFlagCode, Report, Step};
+use crate::repair::{AssumptionKind, OfferedFile, Outcome, RedFlagCode, Report, Step};
 use crate::scene::{Unit, UnitSource};
 
 /// Most bytes of an abridged report.
@@ -99,10 +99,10 @@ impl JobReport {
 
     /// The file that the job hands out, with the format that a model has.
     #[must_use]
-    pub fn handed_out(&self) -> (HandedOut, Option<Format>) {
+    pub fn offered_file(&self) -> (OfferedFile, Option<Format>) {
         match self {
             Self::Repair(report) => (report.verdict.file, report.output.as_ref().map(|output| output.format)),
-            Self::Analyze(_) => (HandedOut::None, None),
+            Self::Analyze(_) => (OfferedFile::None, None),
         }
     }
 

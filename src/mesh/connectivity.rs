@@ -142,7 +142,7 @@ pub struct Fans {
     /// For each corner `3 * face + i` the smallest corner of its fan.
     pub of_corner: Vec<u32>,
     /// Vertices with more than one fan.
-    pub nonmanifold_vertices: u64,
+    pub non_manifold_vertices: u64,
 }
 
 impl Fans {
@@ -173,7 +173,7 @@ impl Fans {
                 *count = count.saturating_add(1);
             }
         }
-        Self { of_corner, nonmanifold_vertices: fans_at.iter().filter(|&&n| n > 1).count() as u64 }
+        Self { of_corner, non_manifold_vertices: fans_at.iter().filter(|&&n| n > 1).count() as u64 }
     }
 }
 
@@ -207,14 +207,14 @@ mod tests {
     #[test]
     fn two_faces_that_touch_in_a_vertex_are_two_fans() {
         let it = fans(vec![[0, 1, 2], [0, 3, 4]]);
-        assert_eq!(it.nonmanifold_vertices, 1);
+        assert_eq!(it.non_manifold_vertices, 1);
         assert_ne!(it.of_corner[0], it.of_corner[3]);
     }
 
     #[test]
     fn faces_around_a_vertex_are_one_fan() {
         let it = fans(vec![[0, 1, 2], [0, 2, 3], [0, 3, 1]]);
-        assert_eq!(it.nonmanifold_vertices, 0);
+        assert_eq!(it.non_manifold_vertices, 0);
         assert_eq!(it.of_corner[3], it.of_corner[6]);
     }
 }

@@ -74,7 +74,7 @@ pub struct Numbering {
     /// Faces that name such a vertex; they are not in the soup.
     pub faces_without_vertex: u64,
     /// The first of those faces, in the order of the file.
-    pub left_out: Vec<LeftOutFace>,
+    pub omitted: Vec<LeftOutFace>,
     /// The first of the missing vertex numbers, ascending.
     pub missing: Vec<u32>,
     /// The number of each vertex of the soup; empty where they are 1, 2, 3 and so on.

@@ -42,7 +42,7 @@ pub struct Surface {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Ingest {
     /// Faces with a corner that is not finite or whose index has no vertex.
-    pub nonfinite_faces: u64,
+    pub non_finite_faces: u64,
     /// Vertices that no face uses, the non-finite faces counting as faces.
     pub unreferenced_vertices: u64,
     /// Used vertices that stand at the position of another one.

@@ -217,7 +217,7 @@ impl Surface {
                     source.push(index);
                 } else {
                     face.iter().for_each(|&v| welder.leave_out(v));
-                    ingest.nonfinite_faces += 1;
+                    ingest.non_finite_faces += 1;
                 }
             }
             welder.number(&mut faces[begin..]);
@@ -258,7 +258,7 @@ impl Surface {
             }
             vertices.into_iter().for_each(|v| slots[v as usize] = u32::MAX);
             let (part, found) = Self::from_soup(&part);
-            ingest.nonfinite_faces += found.nonfinite_faces;
+            ingest.non_finite_faces += found.non_finite_faces;
             ingest.merged_vertices += found.merged_vertices;
             #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
             let first = whole.positions.len() as u32;
@@ -315,7 +315,7 @@ mod tests {
     fn faces_that_are_not_finite_are_dropped_and_counted() {
         let (surface, ingest) = Surface::from_soup(&soup());
         assert_eq!(surface.source, [0, 1]);
-        assert_eq!(ingest.nonfinite_faces, 1);
+        assert_eq!(ingest.non_finite_faces, 1);
         assert_eq!(ingest.unreferenced_vertices, 1);
     }
 
@@ -323,7 +323,7 @@ mod tests {
     fn an_index_out_of_range_does_not_panic() {
         let soup = Soup { positions: vec![DVec3::ZERO], faces: vec![[0, 7, 0]] };
         let (_, ingest) = Surface::from_soup(&soup);
-        assert_eq!((ingest.nonfinite_faces, ingest.unreferenced_vertices), (1, 0));
+        assert_eq!((ingest.non_finite_faces, ingest.unreferenced_vertices), (1, 0));
     }
 
     #[test]

@@ -19,12 +19,12 @@ const STEPS: u64 = 2_000_000_000;
 
 /// What of the space is inside, by its winding number `w`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Inside {
+pub enum WindingRule {
     /// `w > 1/2`: what the surface winds around outward.
     #[default]
-    Outward,
+    Positive,
     /// `|w| > 1/2`: parts that are inside out are solid as well.
-    EitherWay,
+    Nonzero,
     /// `|w|` nearer to an odd number than to an even one: what is wound around twice is outside again.
     Odd,
 }
@@ -51,7 +51,7 @@ pub(super) struct Field<'a> {
     faces: &'a [[u32; 3]],
     tree: Tree,
     dipoles: Dipoles,
-    inside: Inside,
+    winding_rule: WindingRule,
 }
 
 /// A triangle on a segment.
@@ -64,10 +64,10 @@ pub(super) struct Hit {
 
 impl<'a> Field<'a> {
     /// Builds the tree over triangles in unit coordinates.
-    pub fn new(points: &'a [DVec3], faces: &'a [[u32; 3]], inside: Inside) -> Self {
+    pub fn new(points: &'a [DVec3], faces: &'a [[u32; 3]], winding_rule: WindingRule) -> Self {
         let tree = Tree::new(points, faces);
         let dipoles = tree.dipoles(|f| faces[f as usize].map(|v| points[v as usize]));
-        Self { points, faces, tree, dipoles, inside }
+        Self { points, faces, tree, dipoles, winding_rule }
     }
 
     pub fn corners(&self, face: u32) -> [DVec3; 3] {
@@ -104,11 +104,11 @@ impl<'a> Field<'a> {
 
     /// How much a point is inside that the triangles wind around so often.
     pub fn read(&self, winding: f64) -> f64 {
-        match self.inside {
-            Inside::Outward => winding,
-            Inside::EitherWay => winding.abs(),
+        match self.winding_rule {
+            WindingRule::Positive => winding,
+            WindingRule::Nonzero => winding.abs(),
             // 0 at even numbers and 1 at odd ones.
-            Inside::Odd => 1.0 - (winding.abs().rem_euclid(2.0) - 1.0).abs(),
+            WindingRule::Odd => 1.0 - (winding.abs().rem_euclid(2.0) - 1.0).abs(),
         }
     }
 

@@ -23,7 +23,7 @@ use band::{Limits, Sampling, cells_met};
 use field::{Field, Stop, deviation};
 use grid::{Grid, Place, Samples};
 
-pub use field::{Deviation, Distances, Inside};
+pub use field::{Deviation, Distances, WindingRule};
 
 /// Makes a surface anew, from what is inside of it.
 #[derive(Debug, Clone, Copy)]
@@ -36,7 +36,7 @@ pub struct Remesh {
     /// Most bytes that the samples may take.
     pub max_memory: u64,
     /// What is inside.
-    pub inside: Inside,
+    pub winding_rule: WindingRule,
     /// Whether positions are to be those that an STL file can hold.
     pub precision: Precision,
 }
@@ -47,7 +47,7 @@ impl Default for Remesh {
             cell: None,
             max_faces: 1_000_000,
             max_memory: 1 << 30,
-            inside: Inside::Outward,
+            winding_rule: WindingRule::Positive,
             precision: Precision::F32,
         }
     }
@@ -112,7 +112,7 @@ impl Remesh {
             return Err(RemeshError::Empty);
         }
         context.check()?;
-        let field = Field::new(&points, &faces, self.inside);
+        let field = Field::new(&points, &faces, self.winding_rule);
         let input = Input { field, bounds, rounding: Rounding { scale, precision: self.precision } };
         let wanted = self.cell.map_or(diagonal / RESOLUTION, |cell| cell * scale);
         let wanted = wanted.clamp(diagonal / FINEST, diagonal / COARSEST);

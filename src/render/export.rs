@@ -28,7 +28,7 @@ const TUBE: f64 = 0.005;
 const DOT: f64 = 0.012;
 
 /// Writes the mesh as glTF 2.0 binary: a node `sound` and one node for each kind of defect that can be shown, named by
-/// the kind, with its own material; lines are `LINES`, dots are `POINTS`. Of a change it has one node for each fate. The
+/// the kind, with its own material; lines are `LINES`, dots are `POINTS`. Of a change it has one node for each provenance. The
 /// legend is in the scene's `extras`.
 ///
 /// The root node turns z up into y up, and moves the model to its place where its coordinates are large for its
@@ -253,7 +253,7 @@ fn assemble(text: &[u8], bytes: &[u8]) -> Result<Vec<u8>, RenderError> {
 ///
 /// Lines and dots are small tubes and octahedra after the mesh's own faces, because few programs draw PLY's edges. The
 /// face property `defect` is 0 for sound surface, otherwise 1 and the kind's number; 255 marks tubes and octahedra. Of a
-/// change it is `fate`: 0 kept, 1 moved, 2 added, 3 removed.
+/// change it is `provenance`: 0 kept, 1 moved, 2 added, 3 removed.
 /// The legend is in the comments. Positions are `float` where that loses nothing, else `double`.
 ///
 /// # Errors
@@ -288,7 +288,7 @@ fn ply_header(scene: &Scene, body: &PlyBody, own: u64) -> String {
     let mut text = format!("ply\nformat binary_little_endian 1.0\ncomment {}\n", crate::ENGINE);
     let property = match scene.shows {
         Shows::Defects => "defect",
-        Shows::Change => "fate",
+        Shows::Change => "provenance",
     };
     if scene.shows == Shows::Defects {
         let _ = writeln!(text, "comment legend sound {SOUND}");

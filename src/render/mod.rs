@@ -17,7 +17,7 @@ pub use picture::write_picture;
 pub use scene::{Dot, Frame, RenderError, Scene, Segment, Shows};
 
 use crate::context::Context;
-use crate::inspect::{Fates, Findings};
+use crate::inspect::{Findings, SurfaceProvenance};
 use crate::mesh::Soup;
 
 /// A mesh of more faces gets a coarse preview too, of at most so many.
@@ -84,8 +84,12 @@ pub fn draw_remaining(after: Marked<'_>, context: &Context<'_>) -> Result<Drawin
 ///
 /// # Errors
 /// The first [`RenderError`].
-pub fn draw_change(after: &Soup, fates: &Fates, context: &Context<'_>) -> Result<Vec<Drawing>, RenderError> {
-    let scene = Scene::of_change(after, fates, context)?;
+pub fn draw_change(
+    after: &Soup,
+    provenance: &SurfaceProvenance,
+    context: &Context<'_>,
+) -> Result<Vec<Drawing>, RenderError> {
+    let scene = Scene::of_change(after, provenance, context)?;
     let mut drawings = vec![
         Drawing { name: "change.png", bytes: write_picture(&scene, "change", context)? },
         Drawing { name: "change.glb", bytes: write_glb(&scene, context)? },

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use crate::inspect::{DefectKind, Fate, Findings, SurfaceShares};
+use crate::inspect::{DefectKind, Findings, Provenance, SurfaceShares};
 
 /// A colour in sRGB.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -171,19 +171,19 @@ pub fn id(kind: DefectKind) -> String {
 
 /// The colour of surface by what became of it: four of the colours of defects, so that the same test holds them apart.
 #[must_use]
-pub fn fate_colour(fate: Fate) -> Colour {
-    match fate {
-        Fate::Kept => SOUND,
-        Fate::Moved => colour(DefectKind::Hole),
-        Fate::Added => colour(DefectKind::MisorientedEdge),
-        Fate::Removed => colour(DefectKind::SelfIntersection),
+pub fn provenance_colour(provenance: Provenance) -> Colour {
+    match provenance {
+        Provenance::Kept => SOUND,
+        Provenance::Moved => colour(DefectKind::Hole),
+        Provenance::Added => colour(DefectKind::MisorientedEdge),
+        Provenance::Removed => colour(DefectKind::SelfIntersection),
     }
 }
 
-/// The name of a fate as in reports, such as `kept`.
+/// The name of a provenance as in reports, such as `kept`.
 #[must_use]
-pub fn fate_id(fate: Fate) -> String {
-    serde_json::to_value(fate).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+pub fn provenance_id(provenance: Provenance) -> String {
+    serde_json::to_value(provenance).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
 /// The colour of a face: of its kind, or a tint of it where the kind is a line or a point.
@@ -212,7 +212,7 @@ pub enum Paint {
     /// Part of a defect.
     Defect(DefectKind),
     /// Surface of a comparison, by what happened to it.
-    Fate(Fate),
+    Provenance(Provenance),
 }
 
 impl Paint {
@@ -222,7 +222,7 @@ impl Paint {
         match self {
             Self::Sound => SOUND,
             Self::Defect(kind) => face_colour(kind),
-            Self::Fate(fate) => fate_colour(fate),
+            Self::Provenance(provenance) => provenance_colour(provenance),
         }
     }
 
@@ -232,23 +232,23 @@ impl Paint {
         match self {
             Self::Sound => "sound".to_owned(),
             Self::Defect(kind) => id(kind),
-            Self::Fate(fate) => fate_id(fate),
+            Self::Provenance(provenance) => provenance_id(provenance),
         }
     }
 
     /// Whether it marks unchanged or sound surface, which is most of it; a sample of such faces is enough.
     #[must_use]
     pub fn is_plain(self) -> bool {
-        matches!(self, Self::Sound | Self::Fate(Fate::Kept))
+        matches!(self, Self::Sound | Self::Provenance(Provenance::Kept))
     }
 
-    /// Its number in files: 0 for sound surface and from 1 for the kinds of defect; in a comparison, from 0 for each [`Fate`].
+    /// Its number in files: 0 for sound surface and from 1 for the kinds of defect; in a comparison, from 0 for each [`Provenance`].
     #[must_use]
     pub fn number(self) -> u8 {
         match self {
             Self::Sound => 0,
             Self::Defect(kind) => 1 + kind as u8,
-            Self::Fate(fate) => fate as u8,
+            Self::Provenance(provenance) => provenance as u8,
         }
     }
 }
@@ -262,7 +262,7 @@ impl Serialize for Paint {
 /// One line of a legend.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LegendEntry {
-    /// Which kind, or which fate, by its name in reports.
+    /// Which kind, or which provenance, by its name in reports.
     pub kind: Paint,
     /// Its name in words.
     pub name: &'static str,
@@ -293,25 +293,25 @@ pub fn legend(findings: &Findings) -> Vec<LegendEntry> {
         .collect()
 }
 
-/// All four fates, also those of no surface, so that the colours can be read.
+/// All four provenance, also those of no surface, so that the colours can be read.
 #[must_use]
 pub fn legend_of_change(shares: &SurfaceShares) -> Vec<LegendEntry> {
-    let entry = |fate| {
-        let (share, name) = match fate {
-            Fate::Kept => (shares.kept, "faces kept"),
-            Fate::Moved => (shares.moved, "faces moved"),
-            Fate::Added => (shares.added, "faces added"),
-            Fate::Removed => (shares.removed, "faces removed, in part or whole"),
+    let entry = |provenance| {
+        let (share, name) = match provenance {
+            Provenance::Kept => (shares.kept, "faces kept"),
+            Provenance::Moved => (shares.moved, "faces moved"),
+            Provenance::Added => (shares.added, "faces added"),
+            Provenance::Removed => (shares.removed, "faces removed, in part or whole"),
         };
         LegendEntry {
-            kind: Paint::Fate(fate),
+            kind: Paint::Provenance(provenance),
             name,
-            colour: fate_colour(fate),
+            colour: provenance_colour(provenance),
             count: share.faces,
             area: Some(share.area),
         }
     };
-    Fate::ALL.map(entry).to_vec()
+    Provenance::ALL.map(entry).to_vec()
 }
 
 #[cfg(test)]

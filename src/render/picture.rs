@@ -7,7 +7,7 @@ use super::palette::{Colour, INSIDE, Paint};
 use super::raster::{Faces, Raster, Seen};
 use super::scene::{RenderError, Scene, Shows};
 use crate::context::Context;
-use crate::inspect::Fate;
+use crate::inspect::Provenance;
 
 /// Width and height of a picture in pixels.
 const SIZE: [usize; 2] = [960, 720];
@@ -129,7 +129,10 @@ fn header(canvas: &mut Canvas, scene: &Scene, title: &str, every: usize) {
         }
         // The faces drawn are those of the result and what was removed.
         Shows::Change
-            if scene.legend.iter().any(|entry| entry.kind == Paint::Fate(Fate::Removed) && entry.count > 0) =>
+            if scene
+                .legend
+                .iter()
+                .any(|entry| entry.kind == Paint::Provenance(Provenance::Removed) && entry.count > 0) =>
         {
             ", removed ones among them".to_owned()
         }

@@ -151,7 +151,7 @@ impl<'a> Faces<'a> {
         let lift = match paint {
             Paint::Sound => 0.0,
             Paint::Defect(kind) => self.lifts[kind as usize],
-            Paint::Fate(fate) => f32::from(fate as u8) * LIFT,
+            Paint::Provenance(provenance) => f32::from(provenance as u8) * LIFT,
         };
         let lift = if outer { lift } else { lift - DROP };
         let placed = vertices.map(|v| {

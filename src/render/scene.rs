@@ -5,7 +5,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::palette::{BY_GRAVITY, LegendEntry, Paint, Shape, gravest, legend, legend_of_change, shape};
 use crate::context::Context;
-use crate::inspect::{Defect, DefectKind, Fate, Fates, Findings};
+use crate::inspect::{Defect, DefectKind, Findings, Provenance, SurfaceProvenance};
 use crate::math::{Box3, to_unit_range};
 use crate::mesh::{NO_SOURCE, Soup, Surface};
 
@@ -166,24 +166,26 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Lays out what became of a mesh: the faces of `after` by their fate, and what was removed. O(n log n).
+    /// Lays out what became of a mesh: the faces of `after` by their provenance, and what was removed. O(n log n).
     ///
     /// # Errors
     /// [`RenderError::Cancelled`] when the work should stop, [`RenderError::TooLarge`] beyond 2^32 vertices.
-    pub fn of_change(after: &Soup, fates: &Fates, context: &Context<'_>) -> Result<Self, RenderError> {
+    pub fn of_change(after: &Soup, provenance: &SurfaceProvenance, context: &Context<'_>) -> Result<Self, RenderError> {
         let mut both = after.clone();
-        for corners in &fates.removed {
+        for corners in &provenance.removed {
             let first = u32::try_from(both.positions.len() + 2).map_err(|_| RenderError::TooLarge)? - 2;
             both.positions.extend(corners);
             both.faces.push([first, first + 1, first + 2]);
         }
         let (surface, _) = Surface::from_soup(&both);
         context.check()?;
-        let fate =
-            |source: u32| fates.of_face.get(source as usize).map_or(Fate::Removed, |fate| fate.unwrap_or(Fate::Kept));
-        let paint = surface.source.iter().map(|&source| Paint::Fate(fate(source))).collect();
+        let of_source = |source: u32| {
+            let of_face = provenance.of_face.get(source as usize);
+            of_face.map_or(Provenance::Removed, |kind| kind.unwrap_or(Provenance::Kept))
+        };
+        let paint = surface.source.iter().map(|&source| Paint::Provenance(of_source(source))).collect();
         let frame = Frame::new(surface.bounds());
-        let legend = legend_of_change(&fates.shares);
+        let legend = legend_of_change(&provenance.shares);
         let (segments, dots) = (Vec::new(), Vec::new());
         Ok(Self { surface, paint, segments, dots, frame, legend, shows: Shows::Change })
     }
@@ -228,12 +230,12 @@ impl Scene {
         }
     }
 
-    /// The faces grouped by what they are shown as: sound ones first, then by kind, or by fate; no group is empty.
+    /// The faces grouped by what they are shown as: sound ones first, then by kind, or by provenance; no group is empty.
     #[must_use]
     pub fn groups(&self) -> Vec<(Paint, Vec<u32>)> {
         let paints: Vec<Paint> = match self.shows {
             Shows::Defects => std::iter::once(Paint::Sound).chain(DefectKind::ALL.map(Paint::Defect)).collect(),
-            Shows::Change => Fate::ALL.map(Paint::Fate).to_vec(),
+            Shows::Change => Provenance::ALL.map(Paint::Provenance).to_vec(),
         };
         let mut groups = vec![Vec::new(); paints.len()];
         for (paint, f) in self.paint.iter().zip(0u32..) {

@@ -6,10 +6,10 @@ use super::input::Input;
 use super::options::{Category, Options};
 use super::options_not_applied::limited_options;
 use super::report::{
-    Assumption, Candidate, FileSummary, LeftOut, NotAppliedCause, ObjectReport, OptionNotApplied, Outcome, Plan,
+    Assumption, Candidate, FileSummary, NotAppliedCause, ObjectReport, OmittedSection, OptionNotApplied, Outcome, Plan,
     REPORT_VERSION, RedFlag, RedFlagCode, Report, Step, Verdict,
 };
-use crate::inspect::{Changes, Inspection, InstanceContact, Ledger};
+use crate::inspect::{Changes, Inspection, InstanceContact, PartAccounting};
 
 /// What was done to one body, or to all bodies of a file, and what became of it.
 pub(super) struct Account {
@@ -17,14 +17,14 @@ pub(super) struct Account {
     pub summary: String,
     pub after: Option<Inspection>,
     pub changes: Option<Changes>,
-    pub ledger: Option<Ledger>,
+    pub part_accounting: Option<PartAccounting>,
     pub plan: Plan,
     pub steps: Vec<Step>,
     pub candidates: Vec<Candidate>,
     pub red_flags: Vec<RedFlag>,
     pub assumptions: Vec<Assumption>,
     pub options_not_applied: Vec<OptionNotApplied>,
-    pub left_out: Vec<LeftOut>,
+    pub omitted: Vec<OmittedSection>,
     /// Warnings about the repair; those about the input are [`Input::warnings`].
     pub warnings: Vec<String>,
 }
@@ -52,14 +52,14 @@ impl Account {
             summary: String::new(),
             after: None,
             changes: None,
-            ledger: None,
+            part_accounting: None,
             plan,
             steps: Vec::new(),
             candidates: Vec::new(),
             red_flags: Vec::new(),
             assumptions: Vec::new(),
             options_not_applied: Vec::new(),
-            left_out: Vec::new(),
+            omitted: Vec::new(),
             warnings: Vec::new(),
         }
     }
@@ -82,7 +82,7 @@ impl Account {
             verified_from_output_bytes: self.after.is_some(),
             after: self.after,
             changes: self.changes,
-            ledger: self.ledger,
+            part_accounting: self.part_accounting,
             plan: self.plan,
             steps: self.steps,
             candidates: self.candidates,
@@ -90,7 +90,7 @@ impl Account {
             assumptions: [file.assumptions, self.assumptions].concat(),
             options_not_applied: file.options_not_applied.into_iter().chain(self.options_not_applied).collect(),
             objects: file.objects,
-            left_out: self.left_out,
+            omitted: self.omitted,
             warnings: [file.input.warnings(), file.warnings, self.warnings].concat(),
             milliseconds: 0.0,
         };
@@ -116,7 +116,7 @@ impl Account {
             whole.warnings.extend(section.warnings.iter().map(|warning| titled(warning)));
             let assumed = section.assumptions.iter();
             whole.assumptions.extend(assumed.map(|it| Assumption { detail: titled(&it.detail), ..it.clone() }));
-            whole.left_out.extend(&section.left_out);
+            whole.omitted.extend(&section.omitted);
         }
         match sections {
             [] => {}
@@ -124,7 +124,7 @@ impl Account {
                 whole.summary.clone_from(&only.summary);
                 (whole.plan, whole.steps, whole.candidates) =
                     (only.plan.clone(), only.steps.clone(), only.candidates.clone());
-                (whole.changes, whole.ledger) = (only.changes, only.ledger.clone());
+                (whole.changes, whole.part_accounting) = (only.changes, only.part_accounting.clone());
             }
             several => {
                 whole.summary = objects_in_words(several);
@@ -170,14 +170,14 @@ impl ObjectReport {
             before,
             after,
             changes: account.changes,
-            ledger: account.ledger,
+            part_accounting: account.part_accounting,
             plan: account.plan,
             steps: account.steps,
             candidates: account.candidates,
             red_flags: account.red_flags,
             assumptions: account.assumptions,
             options_not_applied: account.options_not_applied,
-            left_out: account.left_out,
+            omitted: account.omitted,
             warnings: [input.warnings(), account.warnings].concat(),
             milliseconds: time.as_secs_f64() * 1e3,
         }

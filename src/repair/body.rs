@@ -11,7 +11,7 @@ use super::options_not_applied::{Ending, options_not_applied};
 use super::plan::{categorise, make_plan};
 use super::prefix_cache::PrefixCache;
 use super::presets::ask_of_printable;
-use super::report::{Candidate, LeftOut, ObjectReport, Outcome, Plan};
+use super::report::{Candidate, ObjectReport, OmittedSection, Outcome, Plan};
 use super::runner::Runner;
 use crate::context::{Context, Progress, Stage};
 use crate::format::{Format, ReadFile};
@@ -33,7 +33,7 @@ pub(super) fn repair_body(
         ended.account.options_not_applied = options_not_applied(options, &[], &Ending::Untouched);
         ended
     } else if context.is_late() {
-        input.time.leave_out(LeftOut::Repair);
+        input.time.leave_out(OmittedSection::Repair);
         let judged = input.handed_back(format, options, context)?;
         let mut ended = Ended::with_input(judged, "the time was over before a plan could be made");
         ended.account.warnings = to_beat.warnings;
@@ -91,7 +91,7 @@ fn attempt(input: &Input<'_>, to_beat: ToBeat, runner: Runner<'_>, cache: Prefix
     let category = options.category.filter(|_| options.preset == Preset::Auto).unwrap_or(found);
     let plan = make_plan(&measures, category, options);
     context.log(&format!("plan: {} because {}", plan.preset.as_str(), plan.reason));
-    let Attempts { steps, mut candidates, best } = escalation.run(&plan.rungs)?;
+    let Attempts { steps, mut candidates, best } = escalation.run(&plan.strategies)?;
 
     let is_better = |best: &Judged| match &printable {
         Some(_) if fewer && best.measures.printable() && best.measures.faces < measures.faces => true,
@@ -100,7 +100,7 @@ fn attempt(input: &Input<'_>, to_beat: ToBeat, runner: Runner<'_>, cache: Prefix
     };
     let best = best.map(|(index, judged)| Best {
         index,
-        strategy: candidates[index].rung.unwrap_or_default(),
+        strategy: candidates[index].strategy.unwrap_or_default(),
         is_result: is_better(&judged),
         judged,
     });
@@ -148,13 +148,13 @@ struct Best {
 impl Best {
     /// How the repair ends by this result, for the account of the options.
     fn ending<'a>(&self, plan: &Plan, why: &'a str) -> Ending<'a> {
-        let (rung, preset) = (self.strategy, plan.rungs[self.strategy as usize].preset);
+        let (strategy, preset) = (self.strategy, plan.strategies[self.strategy as usize].preset);
         if self.is_result {
-            Ending::Result { rung, preset }
+            Ending::Result { strategy, preset }
         } else if self.judged.is_good() {
-            Ending::Unchanged { rung, preset }
+            Ending::Unchanged { strategy, preset }
         } else {
-            Ending::InputKept { best: Some(rung), why }
+            Ending::InputKept { best: Some(strategy), why }
         }
     }
 }

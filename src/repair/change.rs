@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Change {
     /// What was changed, as a name for programs.
     #[cfg_attr(feature = "openapi", schema(value_type = String))]
-    pub what: ChangeKind,
+    pub kind: ChangeKind,
     /// How many.
     pub count: u64,
 }
@@ -17,7 +17,7 @@ impl Change {
     /// A list of the given changes without those that count nothing.
     pub(super) fn list<const N: usize>(changes: [(ChangeKind, u64); N]) -> Vec<Self> {
         let some = changes.into_iter().filter(|&(_, count)| count > 0);
-        some.map(|(what, count)| Self { what, count }).collect()
+        some.map(|(kind, count)| Self { kind, count }).collect()
     }
 }
 
@@ -46,7 +46,7 @@ change_kinds! {
     /// Bases added.
     BasesAdded = "bases_added",
     /// Open parts turned.
-    OpenPartsTurned = "open_parts_turned",
+    OpenPartsFlipped = "open_parts_flipped",
     /// Places patched.
     PlacesPatched = "places_patched",
     /// Faces removed.
@@ -54,11 +54,11 @@ change_kinds! {
     /// Faces added.
     FacesAdded = "faces_added",
     /// Defects gone.
-    DefectsGone = "defects_gone",
+    DefectsRemoved = "defects_removed",
     /// Non manifold edges cut.
-    NonManifoldEdgesCut = "non_manifold_edges_cut",
+    NonManifoldEdgesSplit = "non_manifold_edges_split",
     /// Vertices copied.
-    VerticesCopied = "vertices_copied",
+    VerticesDuplicated = "vertices_duplicated",
     /// Faces without partner.
     FacesWithoutPartner = "faces_without_partner",
     /// Debris parts removed.
@@ -80,7 +80,7 @@ change_kinds! {
     /// Canceling faces removed.
     CancellingFacesRemoved = "cancelling_faces_removed",
     /// Fins freed.
-    FinsFreed = "fins_freed",
+    FinsDetached = "fins_detached",
     /// Folds flipped.
     FoldsFlipped = "folds_flipped",
     /// Holes closed.
@@ -98,13 +98,13 @@ change_kinds! {
     /// Parts joined.
     PartsJoined = "parts_joined",
     /// Membranes removed.
-    MembranesRemoved = "membranes_removed",
+    InternalWallsRemoved = "internal_walls_removed",
     /// Membrane faces removed.
-    MembraneFacesRemoved = "membrane_faces_removed",
+    InternalFacesRemoved = "internal_faces_removed",
     /// Vertices merged.
     VerticesMerged = "vertices_merged",
     /// One sided parts cut.
-    OneSidedPartsCut = "one_sided_parts_cut",
+    NonOrientablePartsCut = "non_orientable_parts_cut",
     /// Edges cut.
     EdgesCut = "edges_cut",
     /// Coincident vertices left.
@@ -112,9 +112,9 @@ change_kinds! {
     /// Orientation conflicts left.
     OrientationConflictsLeft = "orientation_conflicts_left",
     /// Faces turned.
-    FacesTurned = "faces_turned",
+    FacesFlipped = "faces_flipped",
     /// Closed parts turned.
-    ClosedPartsTurned = "closed_parts_turned",
+    ClosedPartsFlipped = "closed_parts_flipped",
     /// Cavities kept.
     CavitiesKept = "cavities_kept",
     /// Solids inside solids.
@@ -124,7 +124,7 @@ change_kinds! {
     /// Dangling faces removed.
     DanglingFacesRemoved = "dangling_faces_removed",
     /// Faces made.
-    FacesMade = "faces_made",
+    FacesCreated = "faces_created",
     /// Thin places thickened.
     ThinPlacesThickened = "thin_places_thickened",
     /// Parts united.
@@ -138,7 +138,7 @@ change_kinds! {
     /// Faces without thickness thickened.
     FacesWithoutThicknessThickened = "faces_without_thickness_thickened",
     /// Faces around open rooms thickened.
-    FacesAroundOpenRoomsThickened = "faces_around_open_rooms_thickened",
+    FacesAroundOpenRegionsThickened = "faces_around_open_regions_thickened",
     /// Vertices rounded to f32.
     VerticesRoundedToF32 = "vertices_rounded_to_f32",
     /// Near coincident vertices merged.
@@ -146,11 +146,11 @@ change_kinds! {
     /// Doubled edges split.
     DoubledEdgesSplit = "doubled_edges_split",
     /// Coincident vertices separated.
-    CoincidentVerticesSeparated = "coincident_vertices_separated",
+    CoincidentVerticesPerturbed = "coincident_vertices_perturbed",
     /// Boundary vertices sewn.
     BoundaryVerticesSewn = "boundary_vertices_sewn",
     /// Sheets within removed.
-    SheetsWithinRemoved = "sheets_within_removed",
+    InternalSheetsRemoved = "internal_sheets_removed",
     /// Sheet faces removed.
     SheetFacesRemoved = "sheet_faces_removed",
     /// Short edges collapsed.
@@ -205,7 +205,7 @@ impl ChangeKind {
             Self::SheetsThickened
                 | Self::ThinPlacesThickened
                 | Self::FacesWithoutThicknessThickened
-                | Self::FacesAroundOpenRoomsThickened
+                | Self::FacesAroundOpenRegionsThickened
                 | Self::BasesAdded
         )
     }
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn kinds_of_change_keep_their_names_in_json() {
-        let change = Change { what: ChangeKind::TJunctionsSplit, count: 3 };
+        let change = Change { kind: ChangeKind::TJunctionsSplit, count: 3 };
         let json = serde_json::json!({"what": "t_junctions_split", "count": 3});
         assert_eq!(serde_json::to_value(change).ok(), Some(json.clone()));
         assert_eq!(serde_json::from_value::<Change>(json).ok(), Some(change));

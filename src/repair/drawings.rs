@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use super::judge::inspect_measured;
 use super::options::Options;
-use super::report::{HandedOut, Report};
+use super::report::{OfferedFile, Report};
 use crate::analyze::{DrawError, subject};
 use crate::context::Context;
 use crate::format::{self, Limits, ReadOptions};
@@ -13,14 +13,14 @@ impl Report {
     /// The names of the drawings that [`draw`] makes of the input and the file that is handed out.
     #[must_use]
     pub fn drawings(&self) -> Vec<&'static str> {
-        let handed_out = match self.verdict.file {
-            HandedOut::Model => self.after.as_ref(),
-            HandedOut::Original => Some(self.after.as_ref().unwrap_or(&self.before)),
-            HandedOut::None => None,
+        let offered_file = match self.verdict.file {
+            OfferedFile::Model => self.after.as_ref(),
+            OfferedFile::Original => Some(self.after.as_ref().unwrap_or(&self.before)),
+            OfferedFile::None => None,
         };
         let mut names =
-            render::names_of_repair(self.before.measures.faces, handed_out.map(|after| after.measures.faces));
-        if handed_out.is_some() && !self.verdict.passes {
+            render::names_of_repair(self.before.measures.faces, offered_file.map(|after| after.measures.faces));
+        if offered_file.is_some() && !self.verdict.passes {
             names.push(render::REMAINING);
         }
         names
@@ -50,7 +50,7 @@ pub fn draw(
     let original = Original::new(&analysis, &inspection.measures, CompareOptions::BRIEF);
     let draw_both = |after: &Analysis<'_>, found: Marked<'_>, is_printable: bool| {
         let mut drawings = draw_repaired(before, Some(found), context)?;
-        drawings.extend(draw_change(found.soup, &original.fates(after, context)?, context)?);
+        drawings.extend(draw_change(found.soup, &original.provenance(after, context)?, context)?);
         if !is_printable {
             drawings.push(draw_remaining(found, context)?);
         }

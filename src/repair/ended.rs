@@ -5,12 +5,12 @@ use super::change::ChangeKind;
 use super::input::{Input, RepairError};
 use super::judge::Judged;
 use super::operators::thicken::THICKNESS;
-use super::options::{Category, InsideRule, Operator, Options};
+use super::options::{Category, Operator, Options, WindingRuleChoice};
 use super::presets::ask_of_printable;
-use super::report::{Assumption, AssumptionKind, Candidate, LeftOut, Outcome, Plan, Rung, Step, StepStatus};
+use super::report::{Assumption, AssumptionKind, Candidate, OmittedSection, Outcome, Plan, Step, StepStatus, Strategy};
 use super::tasks::takes_inverted_for_solid;
 use crate::context::Context;
-use crate::inspect::{Analysis, Certificate, Changes, DefectKind, Inspection, Ledger, Level, Measures, Solid};
+use crate::inspect::{Analysis, Changes, DefectKind, Inspection, Level, Measures, PartAccounting, PartReason, Solid};
 
 /// How the attempts on one body ended, before its result was inspected.
 pub(super) struct Ended {
@@ -49,22 +49,23 @@ impl RepairedBody {
         let guesses = guesses.map(|judged| assumptions(&ended, judged, input, options)).unwrap_or_default();
         let mut account = Account { summary, assumptions: guesses, ..ended.account };
         let Some(mut judged) = ended.judged else {
-            account.left_out = input.time.left_out();
+            account.omitted = input.time.omitted();
             return Ok(Self { account, bytes: Vec::new(), dialect: String::new(), source: Vec::new() });
         };
         let after = input.after(&mut judged, context)?;
         if after.level == Level::None {
-            input.time.leave_out(LeftOut::ResultDetails);
+            input.time.leave_out(OmittedSection::ResultDetails);
         }
         if judged.details.surface.is_none() {
-            input.time.leave_out(LeftOut::SurfaceChanges);
+            input.time.leave_out(OmittedSection::SurfaceChanges);
         }
-        account.left_out = input.time.left_out();
+        account.omitted = input.time.omitted();
         account.summary.push_str(&what_remains(&after));
         account.after = Some(after);
         account.changes = Some(Changes { surface: judged.details.surface, ..judged.changes });
         // The reasons part by part are for the program alone.
-        account.ledger = judged.ledger.map(|ledger| Ledger { certified: Vec::new(), ..ledger });
+        account.part_accounting =
+            judged.part_accounting.map(|part_accounting| PartAccounting { certified: Vec::new(), ..part_accounting });
         account.red_flags = judged.red_flags;
         Ok(Self { account, bytes: judged.bytes, dialect: judged.dialect, source: judged.source })
     }
@@ -89,7 +90,7 @@ fn what_remains(after: &Inspection) -> String {
 
 /// The outcome in words, with what to do next where it is not good.
 fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> String {
-    let out_of_time = input.time.left_out();
+    let out_of_time = input.time.omitted();
     let is_left_out = |what| out_of_time.contains(&what);
     let deadline = options.deadline_s;
     let mut text = match outcome_in_words(ended, input, options) {
@@ -104,7 +105,7 @@ fn in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> String {
     if let Some(left) = left_open_by_options(&ended.account.steps) {
         text.push_str(&left);
     }
-    if is_left_out(LeftOut::Repair) || is_left_out(LeftOut::Verification) {
+    if is_left_out(OmittedSection::Repair) || is_left_out(OmittedSection::Verification) {
         text.push_str(&format!(" The deadline of {deadline} s came before everything was tried: raise deadline_s."));
     }
     let skipped = ended.account.steps.iter().any(|s| s.tier == 3 && s.status == StepStatus::Skipped);
@@ -144,20 +145,20 @@ fn outcome_in_words(ended: &Ended, input: &Input<'_>, options: &Options) -> Word
         Outcome::PartiallyRepaired => {
             Words::First(format!("The model is better than it was, but not printable: {left}."))
         }
-        Outcome::Unrepairable => unrepairable_in_words(ended, &input.time.left_out(), options.deadline_s, &left),
+        Outcome::Unrepairable => unrepairable_in_words(ended, &input.time.omitted(), options.deadline_s, &left),
     }
 }
 
-fn unrepairable_in_words(ended: &Ended, left_out: &[LeftOut], deadline: f64, left: &str) -> Words {
+fn unrepairable_in_words(ended: &Ended, omitted: &[OmittedSection], deadline: f64, left: &str) -> Words {
     let is_handed_out = ended.judged.is_some();
-    let is_left_out = |what| left_out.contains(&what);
-    if is_left_out(LeftOut::InputVerification) {
+    let is_left_out = |what| omitted.contains(&what);
+    if is_left_out(OmittedSection::InputVerification) {
         Words::All(format!(
             "The deadline of {deadline} s came before the model was inspected, so it is not known whether it is printable; it is {}. \
              Raise deadline_s.",
             if is_handed_out { "handed back unchanged" } else { "not handed out" }
         ))
-    } else if !is_handed_out && is_left_out(LeftOut::Verification) {
+    } else if !is_handed_out && is_left_out(OmittedSection::Verification) {
         Words::All(format!(
             "The deadline of {deadline} s came before a result was verified, so nothing is handed out. Raise deadline_s."
         ))
@@ -171,7 +172,7 @@ fn unrepairable_in_words(ended: &Ended, left_out: &[LeftOut], deadline: f64, lef
              back unchanged. Ask for open_sheets thicken or base to have it made solid."
                 .to_owned(),
         )
-    } else if is_left_out(LeftOut::Repair) {
+    } else if is_left_out(OmittedSection::Repair) {
         Words::First(format!(
             "Nothing made the model better in the time there was; it is handed back unchanged: {left}."
         ))
@@ -183,7 +184,7 @@ fn unrepairable_in_words(ended: &Ended, left_out: &[LeftOut], deadline: f64, lef
 /// The holes that the options leave open, with what to do.
 fn left_open_by_options(steps: &[Step]) -> Option<String> {
     let changes = steps.iter().filter(|step| step.status == StepStatus::Done).flat_map(|step| &step.changed);
-    let most = changes.filter(|it| it.what == ChangeKind::HolesOverLimit).map(|it| it.count).max()?;
+    let most = changes.filter(|it| it.kind == ChangeKind::HolesOverLimit).map(|it| it.count).max()?;
     let plural = if most == 1 { "hole was" } else { "holes were" };
     Some(format!(
         " {most} {plural} left open by max_hole_edges, max_hole_size or max_holes: raise them, or set open_sheets=thicken for a \
@@ -199,7 +200,7 @@ pub(super) fn why_no_face_went(steps: &[Step]) -> Option<String> {
 
 /// The assumptions behind the result of a strategy.
 fn assumptions(ended: &Ended, judged: &Judged, input: &Input<'_>, options: &Options) -> Vec<Assumption> {
-    let of_strategy = |step: &&Step| Some(step.rung) == ended.strategy && step.status == StepStatus::Done;
+    let of_strategy = |step: &&Step| Some(step.strategy) == ended.strategy && step.status == StepStatus::Done;
     let steps: Vec<&Step> = ended.account.steps.iter().filter(of_strategy).collect();
     let (before, input) = (&input.before.measures, input.analysis);
     let diagonal = input.surface.bounds().diagonal();
@@ -207,7 +208,7 @@ fn assumptions(ended: &Ended, judged: &Judged, input: &Input<'_>, options: &Opti
     all.extend(small_parts_dropped(&steps, judged, input));
     all.extend(invented(&steps, judged, options, diagonal));
     all.extend(large_holes(judged, diagonal));
-    let strategy = ended.strategy.and_then(|index| ended.account.plan.rungs.get(index as usize));
+    let strategy = ended.strategy.and_then(|index| ended.account.plan.strategies.get(index as usize));
     all.extend(strategy.and_then(|strategy| winding_rule(&steps, strategy, before, options)));
     all.extend(pieces_dropped(judged, input));
     all.extend(cavities(judged, input));
@@ -215,9 +216,9 @@ fn assumptions(ended: &Ended, judged: &Judged, input: &Input<'_>, options: &Opti
 }
 
 /// How much of one kind the operator changed.
-fn changed(steps: &[&Step], operator: Operator, what: ChangeKind) -> u64 {
+fn changed(steps: &[&Step], operator: Operator, kind: ChangeKind) -> u64 {
     let of_operator = steps.iter().filter(|step| step.operator == Some(operator));
-    of_operator.flat_map(|step| &step.changed).filter(|change| change.what == what).map(|change| change.count).sum()
+    of_operator.flat_map(|step| &step.changed).filter(|change| change.kind == kind).map(|change| change.count).sum()
 }
 
 /// "One" and the singular, or the count and the plural.
@@ -240,7 +241,7 @@ fn invented(steps: &[&Step], judged: &Judged, options: &Options, diagonal: f64) 
     let what = counted(sheets, "open sheet that encloses nothing was", "open sheets that enclose nothing were");
     let what = format!("{what} given a thickness of {thickness:.4}");
     note(AssumptionKind::SheetsThickened, sheets, it.skins, what);
-    let faces = changed(steps, Operator::Resolve, ChangeKind::FacesAroundOpenRoomsThickened);
+    let faces = changed(steps, Operator::SelfUnion, ChangeKind::FacesAroundOpenRegionsThickened);
     let what = format!(
         "{} around regions into which one can look through holes given a thickness of {thickness:.4}, and the regions were left \
          open",
@@ -276,37 +277,38 @@ fn large_holes(judged: &Judged, diagonal: f64) -> Option<Assumption> {
 }
 
 /// The winding rule that `auto` chose, where intersecting surface looks in different ways.
-fn winding_rule(steps: &[&Step], strategy: &Rung, before: &Measures, options: &Options) -> Option<Assumption> {
-    let resolved = steps.iter().any(|step| step.operator == Some(Operator::Resolve) && !step.changed.is_empty());
+fn winding_rule(steps: &[&Step], strategy: &Strategy, before: &Measures, options: &Options) -> Option<Assumption> {
+    let resolved = steps.iter().any(|step| step.operator == Some(Operator::SelfUnion) && !step.changed.is_empty());
     let is_open_question = before.inverted_parts > 0 || before.misoriented_edges > 0;
-    if options.inside != InsideRule::Auto || !resolved || !is_open_question {
+    if options.winding_rule != WindingRuleChoice::Auto || !resolved || !is_open_question {
         return None;
     }
     let (detail, other) = match takes_inverted_for_solid(strategy, options) {
-        true => ("Where faces intersect, parts that are inside out were taken for solid too.", "inside=positive"),
-        false => {
-            ("Where faces intersect, only what the surface winds around outward was taken for solid.", "inside=nonzero")
-        }
+        true => ("Where faces intersect, parts that are inside out were taken for solid too.", "winding_rule=positive"),
+        false => (
+            "Where faces intersect, only what the surface winds around outward was taken for solid.",
+            "winding_rule=nonzero",
+        ),
     };
     Some(Assumption::new(AssumptionKind::WindingRule, 1, detail).unless(other))
 }
 
-/// The input's parts with one of these certificates.
+/// The input's parts with one of these reasons.
 fn certified<'a>(
     judged: &'a Judged,
     input: &'a Analysis<'_>,
-    is_one: impl Fn(Certificate) -> bool + 'a,
+    is_one: impl Fn(PartReason) -> bool + 'a,
 ) -> Vec<&'a Solid> {
-    let certificates = judged.ledger.iter().flat_map(|ledger| &ledger.certificates);
-    certificates.filter(|it| is_one(it.certificate)).filter_map(|it| input.solids.get(it.part as usize)).collect()
+    let reasons = judged.part_accounting.iter().flat_map(|part_accounting| &part_accounting.reasons);
+    reasons.filter(|it| is_one(it.reason)).filter_map(|it| input.solids.get(it.part as usize)).collect()
 }
 
 /// The pieces that were dropped as the options ask, with the area of the input's parts among them.
 fn small_parts_dropped(steps: &[&Step], judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
     let count = changed(steps, Operator::DropSmallParts, ChangeKind::SmallPartsDropped);
     let words = if count == 1 { "1 closed part was".to_owned() } else { format!("{count} closed parts were") };
-    let certified = judged.ledger.iter().flat_map(|ledger| &ledger.certified);
-    let dropped = certified.filter(|(_, certificate)| *certificate == Certificate::Dropped);
+    let certified = judged.part_accounting.iter().flat_map(|part_accounting| &part_accounting.certified);
+    let dropped = certified.filter(|(_, reason)| *reason == PartReason::Dropped);
     let area: f64 = dropped.map(|(part, _)| input.solids[*part as usize].area).sum();
     let detail = format!("{words} dropped: smaller than `min_part_volume_pct`.");
     (count > 0).then(|| {
@@ -318,18 +320,18 @@ fn small_parts_dropped(steps: &[&Step], judged: &Judged, input: &Analysis<'_>) -
 }
 
 fn pieces_dropped(judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
-    let ledger = judged.ledger.as_ref()?;
-    let count = ledger.debris + ledger.no_volume;
+    let part_accounting = judged.part_accounting.as_ref()?;
+    let count = part_accounting.debris + part_accounting.no_volume;
     if count == 0 {
         return None;
     }
-    let pieces = certified(judged, input, |it| matches!(it, Certificate::Debris | Certificate::NoVolume));
+    let pieces = certified(judged, input, |it| matches!(it, PartReason::Debris | PartReason::NoVolume));
     let area: f64 = pieces.iter().map(|piece| piece.area).sum();
     let detail = format!(
         "{} dropped: nothing is enclosed, or too little to print.",
         counted(count, "stray piece was", "stray pieces were")
     );
-    let option = if ledger.debris > 0 { "without=remove_debris" } else { "open_sheets=thicken" };
+    let option = if part_accounting.debris > 0 { "without=remove_debris" } else { "open_sheets=thicken" };
     let assumption = Assumption::new(AssumptionKind::PiecesDropped, count, detail).with_amount(area);
     Some(assumption.at(pieces.iter().map(|piece| piece.bounds.centre().to_array())).unless(option))
 }
@@ -343,13 +345,13 @@ fn cavities(judged: &Judged, input: &Analysis<'_>) -> Vec<Assumption> {
         let assumption = Assumption::new(AssumptionKind::CavitiesKept, count, detail).with_amount(volume);
         all.push(assumption.at(judged.cavities.iter().map(|it| it.1)));
     }
-    let mut filled = certified(judged, input, |it| it == Certificate::InsideAnother);
+    let mut filled = certified(judged, input, |it| it == PartReason::InsideAnother);
     filled.retain(|part| part.closed && part.volume < 0.0);
     if !filled.is_empty() {
         let (count, volume) = (filled.len() as u64, filled.iter().map(|it| it.volume.abs()).sum());
         let detail = format!("{} filled.", counted(count, "sealed cavity was", "sealed cavities were"));
         let assumption = Assumption::new(AssumptionKind::CavitiesFilled, count, detail).with_amount(volume);
-        all.push(assumption.at(filled.iter().map(|it| it.bounds.centre().to_array())).unless("inside=odd"));
+        all.push(assumption.at(filled.iter().map(|it| it.bounds.centre().to_array())).unless("winding_rule=odd"));
     }
     all
 }

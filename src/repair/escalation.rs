@@ -10,10 +10,12 @@ use super::options::{Operator, Preset};
 use super::prefix_cache::{Known, PrefixCache, START, shared_prefixes};
 use super::presets::{planned, remesh_action, remesh_of, tier_of};
 use super::remesher::Remesher;
-use super::report::{Action, Candidate, LeftOut, PlannedAction, RedFlag, RedFlagCode, Rung, Step, StepStatus, When};
+use super::report::{
+    Action, Candidate, OmittedSection, PlannedAction, RedFlag, RedFlagCode, Step, StepStatus, Strategy, When,
+};
 use super::runner::{End, Runner, TaskRun};
 use super::sheets::{SHEET_SHARE, open_sheet_share};
-use super::tasks::{Crossings, ExecutedStep, State, Strategy, Task};
+use super::tasks::{Crossings, ExecutedStep, IndexedStrategy, State, Task};
 use crate::context::{Cancelled, Context, Stage};
 use crate::mesh::Surface;
 
@@ -98,10 +100,12 @@ impl<'a> Escalation<'a> {
             return Ok(share);
         }
         let actions = vec![planned(Action::Stitch, self.runner.options)];
-        let rung = Rung { when: When::NothingGood, tier: 2, preset: Preset::FullRepair, actions };
+        let strategy = Strategy { when: When::NothingAcceptable, tier: 2, preset: Preset::FullRepair, actions };
         let mut state = self.opening.state.clone();
-        for task in Task::of(&rung, 0) {
-            if self.runner.run(Strategy { index: 0, rung: &rung }, task, 15, &mut state)?.end != End::Finished {
+        for task in Task::of(&strategy, 0) {
+            if self.runner.run(IndexedStrategy { index: 0, strategy: &strategy }, task, 15, &mut state)?.end
+                != End::Finished
+            {
                 return Ok(share);
             }
         }
@@ -109,10 +113,10 @@ impl<'a> Escalation<'a> {
     }
 
     /// Runs strategies until a result is good.
-    pub fn run(mut self, rungs: &[Rung]) -> Result<Attempts, Cancelled> {
-        for (index, rung) in (0u32..).zip(rungs) {
-            let later = &rungs[index as usize + 1..];
-            let strategy = Strategy { index, rung };
+    pub fn run(mut self, strategies: &[Strategy]) -> Result<Attempts, Cancelled> {
+        for (index, strategy) in (0u32..).zip(strategies) {
+            let later = &strategies[index as usize + 1..];
+            let strategy = IndexedStrategy { index, strategy };
             let step = self.out_of_time(strategy).or_else(|| self.needless(strategy));
             // Last, since it starts Blender to learn its version.
             if let Some(step) = step.or_else(|| not_runnable(strategy, self.runner.remesher)) {
@@ -135,48 +139,50 @@ impl<'a> Escalation<'a> {
     }
 
     /// The step that says that a strategy is passed over, where there is no time to run it and to verify what it makes.
-    fn out_of_time(&self, Strategy { index, rung }: Strategy<'_>) -> Option<Step> {
+    fn out_of_time(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
         let Runner { context, time, .. } = self.runner;
         let faces = self.opening.state.surface.faces.len();
         if !time.for_operators(faces, context).is_late() {
             return None;
         }
-        time.leave_out(LeftOut::Repair);
+        time.leave_out(OmittedSection::Repair);
         // What the opening brought is better than nothing.
         let opened = self.attempts.candidates.is_empty()
             && self.opening.state.surface.faces != self.input.analysis.surface.faces;
-        if opened && remesh_of(rung).is_none() && time.can_verify(faces, context) {
+        if opened && remesh_of(strategy).is_none() && time.can_verify(faces, context) {
             return None;
         }
-        let last = rung.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
+        let last = strategy.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
         let note = Some("the time was over before it could start".to_owned());
-        Some(Step { status: StepStatus::Skipped, note, ..Step::new(index, rung.tier, last, None) })
+        Some(Step { status: StepStatus::Skipped, note, ..Step::new(index, strategy.tier, last, None) })
     }
 
     /// The step that says why a strategy is passed over, where what came before it makes it needless.
-    fn needless(&self, Strategy { index, rung }: Strategy<'_>) -> Option<Step> {
+    fn needless(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
         let whole = || self.attempts.best.as_ref().is_some_and(|(_, best)| best.is_whole());
-        let why = match rung.when {
-            When::SheetsLeft if !self.attempts.candidates.is_empty() && !self.left_sheets => {
-                "the rungs before it left nothing open and lost no surface"
+        let why = match strategy.when {
+            When::OpenSheetsRemain if !self.attempts.candidates.is_empty() && !self.left_sheets => {
+                "the strategies before it left nothing open and lost no surface"
             }
-            When::NothingWhole if whole() => "the best result before it is closed and whole",
-            _ if self.methods_agree && Method::of(rung) == Some(Method::Blender) => {
+            When::NothingClosed if whole() => "the best result before it is closed and whole",
+            _ if self.methods_agree && Method::of(strategy) == Some(Method::Blender) => {
                 "methods of different kind agree on the red flags, so the input is their cause"
             }
-            _ if remesh_of(rung) == Some(Action::VoxelRemesh) && self.has_printable_remesh => {
+            _ if remesh_of(strategy) == Some(Action::VoxelRemesh) && self.has_printable_remesh => {
                 "the native remesh made a printable solid of the same inside, so its red flags would come back"
             }
-            _ if remesh_of(rung) == Some(Action::BooleanUnion) && has_boundary(&self.opening.state.surface) => {
+            _ if remesh_of(strategy) == Some(Action::BooleanUnion) && has_boundary(&self.opening.state.surface) => {
                 "parts with holes enclose nothing that could be united"
             }
-            _ if self.encloses_other_volume() && matches!(Method::of(rung), Some(Method::Grid | Method::Blender)) => {
+            _ if self.encloses_other_volume()
+                && matches!(Method::of(strategy), Some(Method::Grid | Method::Blender)) =>
+            {
                 "it starts from the same closed holes, so it encloses the same room"
             }
             _ => return None,
         };
-        let last = rung.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
-        let skipped = Step::new(index, rung.tier, last, None);
+        let last = strategy.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
+        let skipped = Step::new(index, strategy.tier, last, None);
         Some(Step { status: StepStatus::Skipped, note: Some(why.to_owned()), ..skipped })
     }
 
@@ -190,17 +196,17 @@ impl<'a> Escalation<'a> {
     }
 
     /// What a strategy makes. What strategies before it did is reused.
-    fn make(&mut self, strategy: Strategy<'_>, later: &[Rung]) -> Result<Made, Cancelled> {
-        let Strategy { index, rung } = strategy;
+    fn make(&mut self, indexed: IndexedStrategy<'_>, later: &[Strategy]) -> Result<Made, Cancelled> {
+        let IndexedStrategy { index, strategy } = indexed;
         if index > 0 {
             let opening = self.opening.steps.iter().map(|step| ExecutedStep::reused(step, index, step.action));
             self.attempts.steps.extend(opening);
         }
-        let tasks = Task::of(rung, OPENING.len());
-        let mut prefix = self.known_prefix(rung, &tasks);
+        let tasks = Task::of(strategy, OPENING.len());
+        let mut prefix = self.known_prefix(strategy, &tasks);
         let comes_to = |prefix: &[Reused]| prefix.last().map_or(START, |it| it.surface);
         let number = comes_to(&prefix);
-        let is_same = |it: &Validation| it.surface == number && it.patches == patches_of(rung);
+        let is_same = |it: &Validation| it.surface == number && it.patches == patches_of(strategy);
         let validation = self.validations.iter().position(is_same).filter(|_| prefix.len() == tasks.len());
         if validation.is_none() {
             // On from the last surface that is at hand.
@@ -215,19 +221,19 @@ impl<'a> Escalation<'a> {
         }
         match validation {
             Some(validation) => Ok(Made::Judged(validation)),
-            None => self.run_from(strategy, &tasks, &prefix, later),
+            None => self.run_from(indexed, &tasks, &prefix, later),
         }
     }
 
     /// Runs the tasks of a strategy after those of its prefix that are known, of which the surface is at hand.
     fn run_from(
         &mut self,
-        strategy: Strategy<'_>,
+        indexed: IndexedStrategy<'_>,
         tasks: &[Task],
         prefix: &[Reused],
-        later: &[Rung],
+        later: &[Strategy],
     ) -> Result<Made, Cancelled> {
-        let Strategy { index, rung } = strategy;
+        let IndexedStrategy { index, strategy } = indexed;
         let options = self.runner.options;
         let mut number = prefix.last().map_or(START, |it| it.surface);
         let mut end = self.opening.end;
@@ -237,18 +243,18 @@ impl<'a> Escalation<'a> {
             crossings = crossings.after(step, failure.as_ref());
             state.note_holes(step);
         }
-        let turn_offs = shared_prefixes(rung, later, OPENING.len(), options);
+        let turn_offs = shared_prefixes(strategy, later, OPENING.len(), options);
         for (at, &task) in tasks.iter().enumerate().skip(prefix.len()) {
             if end != End::Finished {
                 break;
             }
             if !crossings.make_needless(task) {
                 let percent = percent(&span(index), at, tasks.len());
-                let run = self.runner.run(strategy, task, percent, &mut state)?;
+                let run = self.runner.run(indexed, task, percent, &mut state)?;
                 let TaskRun { step, failure, has_changed, .. } = run;
                 end = run.end;
                 crossings = crossings.after(&step, failure.as_ref());
-                number = match task.key(rung, options).filter(|_| end == End::Finished) {
+                number = match task.key(strategy, options).filter(|_| end == End::Finished) {
                     Some(key) => self.cache.learn(number, key, has_changed, (&step, failure.as_ref())),
                     None if has_changed => self.cache.new_number(),
                     None => number,
@@ -264,13 +270,13 @@ impl<'a> Escalation<'a> {
     }
 
     /// How far it is known what a strategy does.
-    fn known_prefix(&self, rung: &Rung, tasks: &[Task]) -> Vec<Reused> {
+    fn known_prefix(&self, strategy: &Strategy, tasks: &[Task]) -> Vec<Reused> {
         let (mut surface, mut crossings) = (START, Crossings::Unknown);
         let mut prefix = Vec::new();
         for &task in tasks {
             let mut known = None;
             if !crossings.make_needless(task) {
-                let found = task.key(rung, self.runner.options).and_then(|key| self.cache.known(surface, key));
+                let found = task.key(strategy, self.runner.options).and_then(|key| self.cache.known(surface, key));
                 let Some(found) = found else { break };
                 surface = found.surface;
                 crossings = crossings.after(&found.step, found.failure.as_ref());
@@ -286,17 +292,17 @@ impl<'a> Escalation<'a> {
         let Validation { candidate, step, .. } = &self.validations[validation];
         let candidate = self.attempts.candidates[*candidate].clone();
         let step = ExecutedStep::reused(step, index, Action::Validate);
-        self.attempts.candidates.push(Candidate { rung: Some(index), ..candidate });
+        self.attempts.candidates.push(Candidate { strategy: Some(index), ..candidate });
         self.note(step);
     }
 
     /// Judges a result and keeps it if it is the best so far. Whether it is good.
-    fn judge(&mut self, strategy: Strategy<'_>, number: u32, result: &State) -> Result<bool, Cancelled> {
-        let Strategy { index, rung } = strategy;
+    fn judge(&mut self, indexed: IndexedStrategy<'_>, number: u32, result: &State) -> Result<bool, Cancelled> {
+        let IndexedStrategy { index, strategy } = indexed;
         let Runner { options, format, context, time, .. } = self.runner;
-        context.report(Stage::Verify, Some(rung.tier), span(index).end);
+        context.report(Stage::Verify, Some(strategy.tier), span(index).end);
         let start = context.now();
-        let patches = patches_of(rung);
+        let patches = patches_of(strategy);
         let verdict = if time.can_verify(result.surface.faces.len(), context) {
             let judging = Judging { format, input: self.input.original, options, context };
             judging.judge(&result.surface, patches, result.invented.as_ref())
@@ -308,13 +314,13 @@ impl<'a> Escalation<'a> {
         match verdict {
             Ok(judged) => {
                 time.note_verification(result.surface.faces.len(), context.now().saturating_sub(start));
-                is_good = self.compare(strategy, judged, &mut step);
+                is_good = self.compare(indexed, judged, &mut step);
                 let candidate = self.attempts.candidates.len() - 1;
                 self.validations.push(Validation { surface: number, patches, candidate, step: step.clone() });
             }
             Err(JudgeError::Cancelled(stop)) if context.is_cancelled() => return Err(stop),
             Err(JudgeError::Cancelled(_)) => {
-                time.leave_out(LeftOut::Verification);
+                time.leave_out(OmittedSection::Verification);
                 step.status = StepStatus::Failed;
                 step.note = Some("the time was over before it was verified, so it is not handed out".to_owned());
             }
@@ -328,9 +334,14 @@ impl<'a> Escalation<'a> {
     }
 
     /// Compares a judged result with those before it, and keeps it if it is the best. Whether it is good, or the best before it.
-    fn compare(&mut self, Strategy { index, rung }: Strategy<'_>, mut judged: Judged, step: &mut Step) -> bool {
-        self.compare_methods(rung, &mut judged);
-        self.has_printable_remesh |= Method::of(rung) == Some(Method::Grid) && judged.measures.printable();
+    fn compare(
+        &mut self,
+        IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
+        mut judged: Judged,
+        step: &mut Step,
+    ) -> bool {
+        self.compare_methods(strategy, &mut judged);
+        self.has_printable_remesh |= Method::of(strategy) == Some(Method::Grid) && judged.measures.printable();
         step.note = Some(verdict_in_words(&judged));
         self.attempts.candidates.push(Candidate::new(Some(index), &judged, false));
         let lost = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::SurfaceLost);
@@ -344,8 +355,8 @@ impl<'a> Escalation<'a> {
     }
 
     /// Looks whether a method of another kind found the same wrong with its result. If so, that is a property of the input.
-    fn compare_methods(&mut self, rung: &Rung, judged: &mut Judged) {
-        let Some(own) = Finding::of(rung, judged) else { return };
+    fn compare_methods(&mut self, strategy: &Strategy, judged: &mut Judged) {
+        let Some(own) = Finding::of(strategy, judged) else { return };
         if self.findings.iter().any(|other| own.agrees_with(other)) {
             self.methods_agree = true;
             explain_by_agreement(judged);
@@ -369,13 +380,14 @@ impl<'a> Escalation<'a> {
 impl Opening {
     fn run(input: &Input<'_>, runner: &Runner<'_>) -> Result<Self, Cancelled> {
         let actions = OPENING.map(|action| planned(action, runner.options)).to_vec();
-        let rung = Rung { when: When::NothingGood, tier: 1, preset: Preset::BasicCleanup, actions };
+        let strategy = Strategy { when: When::NothingAcceptable, tier: 1, preset: Preset::BasicCleanup, actions };
         let mut opening =
             Self { state: State::new(input.analysis.surface.clone()), end: End::Finished, steps: Vec::new() };
-        let tasks = Task::of(&rung, 0);
+        let tasks = Task::of(&strategy, 0);
         for (at, &task) in tasks.iter().enumerate() {
             let percent = percent(&(5..15), at, tasks.len());
-            let run = runner.run(Strategy { index: 0, rung: &rung }, task, percent, &mut opening.state)?;
+            let run =
+                runner.run(IndexedStrategy { index: 0, strategy: &strategy }, task, percent, &mut opening.state)?;
             opening.steps.push(run.step);
             opening.end = run.end;
             if opening.end != End::Finished {
@@ -395,8 +407,11 @@ struct Reused {
 }
 
 /// The step that says why a strategy is passed over, if it is.
-fn not_runnable(Strategy { index, rung }: Strategy<'_>, remesher: Option<&dyn Remesher>) -> Option<Step> {
-    let action = remesh_of(rung)?;
+fn not_runnable(
+    IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
+    remesher: Option<&dyn Remesher>,
+) -> Option<Step> {
+    let action = remesh_of(strategy)?;
     let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
     let why = format!("{missing}; the best result without tier 3 is handed out");
     Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
@@ -406,16 +421,16 @@ fn has_boundary(surface: &Surface) -> bool {
     Counts::of(surface).get(Counter::BoundaryEdges) > 0
 }
 
-fn patches_of(rung: &Rung) -> Patches {
+fn patches_of(strategy: &Strategy) -> Patches {
     let remeshes = |planned: &PlannedAction| {
         remesh_action(planned.action).is_some() || planned.operators.contains(&Operator::Remesh)
     };
-    if rung.actions.iter().any(remeshes) { Patches::None } else { Patches::BySource }
+    if strategy.actions.iter().any(remeshes) { Patches::None } else { Patches::BySource }
 }
 
-fn validation(rung: u32, start: Duration, context: &Context<'_>) -> Step {
+fn validation(strategy: u32, start: Duration, context: &Context<'_>) -> Step {
     let milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
-    Step { milliseconds, ..Step::new(rung, 0, Action::Validate, None) }
+    Step { milliseconds, ..Step::new(strategy, 0, Action::Validate, None) }
 }
 
 /// The share of the whole repair, in percent, that a strategy is taken to be: each is half of what is left, since later ones

@@ -6,7 +6,7 @@ use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
 use super::ended::RepairedBody;
 use super::input::{Input, RepairError};
 use super::judge::read_own;
-use super::report::LeftOut;
+use super::report::OmittedSection;
 use crate::context::Context;
 use crate::format::{self, Format, Limits, ReadFile, ReadMesh, ReadOptions, WriteError};
 use crate::mesh::{Soup, Surface, position_key};
@@ -49,8 +49,8 @@ pub(super) fn export_one(
     let result = CutSoup { soup: &soup, source: &body.source };
     let paint = transfer_paint(painted, result, &mut scene.palettes, verification);
     let paint = verification.unless_late(paint)?.unwrap_or_else(|| {
-        input.time.leave_out(LeftOut::Attributes);
-        body.account.left_out = input.time.left_out();
+        input.time.leave_out(OmittedSection::Attributes);
+        body.account.omitted = input.time.omitted();
         Vec::new()
     });
     scene.objects = vec![Object::of_mesh(file.only_name(), PaintedMesh { soup, paint })];

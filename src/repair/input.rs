@@ -10,7 +10,7 @@ use super::operators::orient::Orient;
 use super::options::{Nested, Options};
 use super::red_flags::Invented;
 use super::remesher::Remesher;
-use super::report::LeftOut;
+use super::report::OmittedSection;
 use super::time_budget::{TimeBudget, for_details};
 use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
@@ -105,7 +105,7 @@ impl Input<'_> {
         }
         let same = self.converted(format, context)?;
         if same.is_none() {
-            self.time.leave_out(LeftOut::Verification);
+            self.time.leave_out(OmittedSection::Verification);
         }
         Ok(same)
     }
@@ -124,7 +124,7 @@ impl Input<'_> {
         let faces = surface.faces.len() as u64;
         let measures = Measures {
             faces,
-            nonfinite_faces: 0,
+            non_finite_faces: 0,
             unreferenced_vertices: 0,
             unreadable_faces: 0,
             unshared_edges: 0,
@@ -154,7 +154,7 @@ impl Input<'_> {
                 ..Details::default()
             },
             measures,
-            ledger: None,
+            part_accounting: None,
             assumptions: Vec::new(),
             cavities: Vec::new(),
             invented: Invented::default(),
@@ -189,7 +189,7 @@ impl Input<'_> {
                 Ok(inspection)
             }
             Err(RepairError::Cancelled(_)) if !context.is_cancelled() => {
-                self.time.leave_out(LeftOut::ResultDetails);
+                self.time.leave_out(OmittedSection::ResultDetails);
                 let counts = judged.details.counts.take().unwrap_or_else(|| self.before.clone());
                 Ok(Inspection { measures: judged.measures.clone(), ..counts })
             }
@@ -200,7 +200,7 @@ impl Input<'_> {
     /// What a person should know of the input.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = self.mesh.warnings.clone();
-        warnings.extend(self.before.measures.left_out());
+        warnings.extend(self.before.measures.omitted());
         let bad = self.bad_normals();
         if bad > 0 {
             warnings.push(format!(
@@ -256,11 +256,11 @@ fn inspect_input(
             &for_details(context),
         )?
     } else {
-        time.leave_out(LeftOut::InputVerification);
+        time.leave_out(OmittedSection::InputVerification);
         inspect_counts(analysis, &context.for_verification())?
     };
     if inspection.level == Level::None {
-        time.leave_out(LeftOut::InputDetails);
+        time.leave_out(OmittedSection::InputDetails);
     }
     Ok((inspection, time))
 }

@@ -1,15 +1,15 @@
 //! The judging of results: by their own bytes, read back, and by whether methods of different kind agree on them.
 
 use super::options::{Operator, Options, OutputFormat};
-use super::part_accounting::{ledger, parts_dropped, standing};
+use super::part_accounting::{part_accounting, parts_dropped, standing};
 use super::presets::remesh_of;
 use super::red_flags::{Compared, Invented, part_lost, red_flags, surface_invented};
-use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode, Rung};
+use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode, Strategy};
 use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, WriteError};
 use crate::inspect::{
-    Analysis, Changes, ComparedMesh, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original,
+    Analysis, Changes, ComparedMesh, Findings, InspectOptions, Inspection, Level, Measures, Original, PartAccounting,
     SurfaceShares, inspect_analysis, measure_analysis,
 };
 use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_made};
@@ -30,7 +30,7 @@ pub(super) struct Judged {
     /// For each face of it the input's face that it was cut from; empty for the input itself.
     pub source: Vec<u32>,
     /// What became of the input's parts; none of the input itself.
-    pub ledger: Option<Ledger>,
+    pub part_accounting: Option<PartAccounting>,
     /// Volume and centre of each sealed cavity.
     pub cavities: Vec<(f64, [f64; 3])>,
     /// What of its surface was invented.
@@ -97,21 +97,21 @@ impl Judging<'_, '_> {
         let unit = input.analysis().subject.unit.map(|unit| unit_for_readers(unit, options.output));
         let analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
         let measures = measure_analysis(&analysis, verification)?;
-        let ledger = ledger(input, &analysis, options, verification)?;
+        let part_accounting = part_accounting(input, &analysis, options, verification)?;
         // Faces are written and read in their order.
         let patches: Vec<bool> = match patches {
             Patches::BySource => surface.source.iter().map(|&source| is_made(source)).collect(),
             Patches::None => Vec::new(),
         };
-        let dropped = parts_dropped(&ledger, input.analysis().parts.count);
+        let dropped = parts_dropped(&part_accounting, input.analysis().parts.count);
         let after = ComparedMesh { analysis: &analysis, measures: &measures, patches: Some(&patches), gone: &dropped };
         let mut changes = input.changes_but_for(&after, verification)?;
         // What was taken for inside was opened on purpose: it can be seen through a hole.
         if !input.measures().closed && surface.source.contains(&OPENED_SKIN_SOURCE) {
-            changes.inside_overlap_pct = None;
+            changes.volume_overlap_pct = None;
         }
         let invented = before_remesh.map_or_else(|| Invented::of(surface), |it| it.in_remesh(measures.area));
-        let standing = standing(surface, input.analysis(), &ledger);
+        let standing = standing(surface, input.analysis(), &part_accounting);
         let compared = Compared {
             before: input.measures(),
             settled: input.settled_volume(verification)?,
@@ -120,7 +120,7 @@ impl Judging<'_, '_> {
             standing,
         };
         let mut red_flags = red_flags(&compared, options);
-        red_flags.extend(part_lost(&ledger, context));
+        red_flags.extend(part_lost(&part_accounting, context));
         red_flags.extend(surface_invented(&invented, options));
         let details = self.details(&analysis, is_final(&measures, &red_flags))?;
         let mut judged = Judged {
@@ -132,7 +132,7 @@ impl Judging<'_, '_> {
             red_flags,
             assumptions: Vec::new(),
             source: surface.source.clone(),
-            ledger: Some(ledger),
+            part_accounting: Some(part_accounting),
             invented,
             details,
         };
@@ -211,7 +211,8 @@ impl Judged {
         let raised = |code| self.red_flags.iter().find(|flag| flag.code == code).map(|flag| flag.value);
         let lost = raised(RedFlagCode::SurfaceLost);
         let parts_lost = raised(RedFlagCode::PartLost).is_some();
-        let destroyed = raised(RedFlagCode::BoxChange).is_some() || lost.is_some_and(|lost| lost > MOST_LOST_PCT);
+        let destroyed =
+            raised(RedFlagCode::BoundingBoxChange).is_some() || lost.is_some_and(|lost| lost > MOST_LOST_PCT);
         let class = match self.measures.printable() {
             _ if destroyed => Class::Destroyed,
             true if self.red_flags.is_empty() => Class::Good,
@@ -271,9 +272,9 @@ fn class_of_unprintable(m: &Measures) -> Class {
 
 impl Candidate {
     /// A result, and the index of the strategy that made it.
-    pub(super) fn new(rung: Option<u32>, judged: &Judged, chosen: bool) -> Self {
+    pub(super) fn new(strategy: Option<u32>, judged: &Judged, chosen: bool) -> Self {
         Self {
-            rung,
+            strategy,
             printable: judged.measures.printable(),
             defects: judged.measures.defects(),
             faces: judged.measures.faces,
@@ -286,7 +287,7 @@ impl Candidate {
 /// The assumption for a volume that would raise a flag by its figure, while winding numbers find the same inside before and after.
 pub(super) fn same_inside(judged: &Judged, most_pct: f64) -> Option<Assumption> {
     let change = judged.changes.volume_change_pct.filter(|change| change.abs() > most_pct)?;
-    let overlap = judged.changes.inside_overlap_pct?;
+    let overlap = judged.changes.volume_overlap_pct?;
     let flagged = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::VolumeChange);
     (!flagged).then(|| {
         let detail = format!(
@@ -314,14 +315,14 @@ pub(super) enum Method {
 
 impl Method {
     /// The method of a strategy; none where it decides nothing of the kind.
-    pub fn of(strategy: &Rung) -> Option<Self> {
+    pub fn of(strategy: &Strategy) -> Option<Self> {
         let runs = |operator| strategy.actions.iter().any(|planned| planned.operators.contains(&operator));
         if remesh_of(strategy).is_some() {
             Some(Self::Blender)
         } else if runs(Operator::Remesh) {
             Some(Self::Grid)
         } else {
-            runs(Operator::Resolve).then_some(Self::Arrangement)
+            runs(Operator::SelfUnion).then_some(Self::Arrangement)
         }
     }
 }
@@ -335,7 +336,7 @@ pub(super) struct Finding {
 
 impl Finding {
     /// The flags of a result, where it is printable and they are of a kind on which methods may agree.
-    pub fn of(strategy: &Rung, judged: &Judged) -> Option<Self> {
+    pub fn of(strategy: &Strategy, judged: &Judged) -> Option<Self> {
         let flags = measured(judged);
         let comparable = !flags.is_empty() && flags.iter().all(|&(code, _)| tolerance(code).is_some());
         let method = Method::of(strategy).filter(|_| comparable && judged.measures.printable())?;
@@ -403,7 +404,7 @@ pub(super) fn surface_shares(
     result: &Analysis<'_>,
     context: &Context<'_>,
 ) -> Result<Option<SurfaceShares>, Cancelled> {
-    Ok(context.unless_late(input.fates(result, context))?.map(|fates| fates.shares))
+    Ok(context.unless_late(input.provenance(result, context))?.map(|provenance| provenance.shares))
 }
 
 /// Reads what we have written, however large it is.

@@ -32,22 +32,22 @@ mod time_budget;
 mod unite;
 
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
-pub use crate::inspect::{Certificate, Changes, Ledger, LostPart, OptionsError, PartCertificate};
+pub use crate::inspect::{AccountedPart, Changes, LostPart, OptionsError, PartAccounting, PartReason};
 pub use change::{Change, ChangeKind};
 pub use drawings::draw;
 pub use input::RepairError;
 pub use options::{
-    Category, InsideRule, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, Require,
+    Category, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, Require, WindingRuleChoice,
 };
 pub use options_not_applied::options_accounted_for;
-pub use part_accounting::ledger;
+pub use part_accounting::part_accounting;
 pub use pipeline::{Repaired, repair};
 pub use plan::{categorise, make_plan};
 pub use red_flags::{Compared, Standing, red_flags};
 pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};
 pub use report::{
-    Action, Assumption, AssumptionKind, Candidate, FileSummary, HandedOut, LeftOut, NotAppliedCause, ObjectReport,
-    OptionNotApplied, Outcome, Plan, PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode, Report,
-    ReportedOptions, Rung, Step, StepStatus, UnfixedFaces, Verdict, When,
+    Action, Assumption, AssumptionKind, Candidate, FileSummary, NotAppliedCause, ObjectReport, OfferedFile,
+    OmittedSection, OptionNotApplied, Outcome, Plan, PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode,
+    Report, ReportedOptions, Step, StepStatus, Strategy, UnfixedFaces, Verdict, When,
 };
 pub use time_budget::promised_overrun;

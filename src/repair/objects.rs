@@ -347,12 +347,12 @@ impl ObjectsRepair<'_> {
         let sections: Vec<ObjectReport> = results.into_iter().flatten().map(|result| result.section).collect();
         let mut account = Account::of_objects(&sections);
         account.outcome = outcome_of(&sections, after.measures.printable(), united.is_changed);
-        account.warnings.splice(0..0, left_out(&united.scene));
+        account.warnings.splice(0..0, omitted(&united.scene));
         account.assumptions = [cuts, account.assumptions, unions].concat();
         account.changes = changes.or(account.changes);
-        account.left_out.extend(self.input.time.left_out());
-        account.left_out.sort_unstable();
-        account.left_out.dedup();
+        account.omitted.extend(self.input.time.omitted());
+        account.omitted.sort_unstable();
+        account.omitted.dedup();
         if let Some(flag) = objects_intersect(&contacts, &contained) {
             if sections.iter().all(|section| section.outcome.is_printable()) {
                 let advice = match self.request.options.merge {
@@ -419,7 +419,7 @@ fn printed_objects(scene: &Scene, places: &[u64]) -> Vec<usize> {
 }
 
 /// The warning about objects that were not looked at.
-fn left_out(scene: &Scene) -> Option<String> {
+fn omitted(scene: &Scene) -> Option<String> {
     let with_faces = scene.objects.iter().filter(|object| object.has_faces()).count();
     let count = with_faces - printed_objects(scene, &scene.places()).len();
     let plural = if count == 1 {

@@ -5,7 +5,7 @@ mod choices;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-pub use self::choices::{Category, InsideRule, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require};
+pub use self::choices::{Category, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require, WindingRuleChoice};
 pub use super::operators::Operator;
 pub use super::operators::holes::HoleFilling;
 pub use super::operators::orient::Nested;
@@ -64,7 +64,7 @@ pub struct Options {
     #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 3))]
     pub max_tier: u8,
     /// Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
-    /// fails where there was not even time to inspect the input; `left_out` in the report says what there was no time for.
+    /// fails where there was not even time to inspect the input; `omitted` in the report says what there was no time for.
     #[cfg_attr(feature = "openapi", schema(minimum = 1.0, maximum = 3600.0))]
     pub deadline_s: f64,
     /// Red flag: share of the faces lost, in percent.
@@ -75,7 +75,7 @@ pub struct Options {
     pub max_vertex_loss_pct: f64,
     /// Red flag: change of the bounding box's diagonal, in percent.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1000.0))]
-    pub max_box_change_pct: f64,
+    pub max_bounding_box_change_pct: f64,
     /// Red flag: change of the volume, in percent; judged only where the input's volume is reliable.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1000.0))]
     pub max_volume_change_pct: f64,
@@ -137,7 +137,7 @@ pub struct Options {
     /// What becomes of parts that overlap.
     pub overlaps: Overlaps,
     /// What is solid where faces intersect.
-    pub inside: InsideRule,
+    pub winding_rule: WindingRuleChoice,
     /// What becomes of open sheets.
     pub open_sheets: OpenSheets,
     /// Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
@@ -191,7 +191,7 @@ impl Default for Options {
             deadline_s: 300.0,
             max_face_loss_pct: 40.0,
             max_vertex_loss_pct: 40.0,
-            max_box_change_pct: 30.0,
+            max_bounding_box_change_pct: 30.0,
             max_volume_change_pct: 30.0,
             max_surface_lost_pct: 1.0,
             max_surface_added_pct: 10.0,
@@ -209,7 +209,7 @@ impl Default for Options {
             min_part_volume_pct: 0.0,
             nested: Nested::Keep,
             overlaps: Overlaps::Union,
-            inside: InsideRule::Auto,
+            winding_rule: WindingRuleChoice::Auto,
             open_sheets: OpenSheets::Auto,
             thickness: None,
             max_hole_size: 1.0,
@@ -255,7 +255,13 @@ impl Options {
         number("deadline_s", self.deadline_s, 1.0, 3600.0, "between 1 and 3600 seconds")?;
         number("max_face_loss_pct", self.max_face_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("max_vertex_loss_pct", self.max_vertex_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;
-        number("max_box_change_pct", self.max_box_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
+        number(
+            "max_bounding_box_change_pct",
+            self.max_bounding_box_change_pct,
+            0.0,
+            1000.0,
+            "between 0 and 1000 percent",
+        )?;
         number("max_volume_change_pct", self.max_volume_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
         number("max_surface_lost_pct", self.max_surface_lost_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("max_surface_added_pct", self.max_surface_added_pct, 0.0, 100.0, "between 0 and 100 percent")?;

@@ -69,7 +69,7 @@ const RULES: &[(&str, Rule)] = {
         ("deadline_s", Always),
         ("max_face_loss_pct", Always),
         ("max_vertex_loss_pct", Always),
-        ("max_box_change_pct", Always),
+        ("max_bounding_box_change_pct", Always),
         ("max_volume_change_pct", Always),
         ("max_surface_lost_pct", Always),
         ("max_surface_added_pct", Always),
@@ -94,11 +94,14 @@ const RULES: &[(&str, Rule)] = {
         ("min_part_volume_pct", Operators(By::Plain, &[O::DropSmallParts], "no closed part is smaller")),
         ("nested", Operators(By::Plain, &[O::Orient], "no part had to be turned")),
         ("overlaps", Rule::Own(Own::Overlaps)),
-        ("inside", Operators(By::Plain, &[O::Resolve, O::Remesh], "no faces intersect, and every solid is as it says")),
+        (
+            "winding_rule",
+            Operators(By::Plain, &[O::SelfUnion, O::Remesh], "no faces intersect, and every solid is as it says"),
+        ),
         ("open_sheets", Operators(By::OpenSheets, &[O::ThickenSheets, O::AddBase], "the model has no open sheet")),
         (
             "thickness",
-            Operators(By::Thickness, &[O::ThickenSheets, O::AddBase, O::Resolve], "nothing was given a thickness"),
+            Operators(By::Thickness, &[O::ThickenSheets, O::AddBase, O::SelfUnion], "nothing was given a thickness"),
         ),
         ("max_hole_size", Rule::Own(Own::MaxHoleSize)),
         ("max_holes", Rule::Own(Own::MaxHoles)),
@@ -125,9 +128,9 @@ pub(super) enum Ending<'a> {
     /// The input is handed out, since the best result is worse for this reason, or there is none.
     InputKept { best: Option<u32>, why: &'a str },
     /// The input is handed out, since the strategies left it as it is.
-    Unchanged { rung: u32, preset: Preset },
+    Unchanged { strategy: u32, preset: Preset },
     /// The result of a strategy is handed out.
-    Result { rung: u32, preset: Preset },
+    Result { strategy: u32, preset: Preset },
 }
 
 /// The options that were set and that the result does not follow, in the order of [`Options`].
@@ -210,17 +213,17 @@ struct Account<'a> {
 
 impl Account<'_> {
     /// The strategy of which the steps count.
-    fn rung(&self) -> Option<u32> {
+    fn strategy(&self) -> Option<u32> {
         match *self.ending {
             Ending::Untouched => None,
             Ending::InputKept { best, .. } => best,
-            Ending::Unchanged { rung, .. } | Ending::Result { rung, .. } => Some(rung),
+            Ending::Unchanged { strategy, .. } | Ending::Result { strategy, .. } => Some(strategy),
         }
     }
 
     fn executed(&self) -> impl Iterator<Item = &ExecutedStep> {
-        let rung = self.rung();
-        self.steps.iter().filter(move |it| Some(it.step.rung) == rung)
+        let strategy = self.strategy();
+        self.steps.iter().filter(move |it| Some(it.step.strategy) == strategy)
     }
 
     fn steps(&self) -> impl Iterator<Item = &Step> {
@@ -249,7 +252,7 @@ impl Account<'_> {
         if let Ending::InputKept { best: None, why } = self.ending {
             return Some((NotAppliedCause::Unavailable, (*why).to_owned()));
         }
-        let broken = own().filter(|step| matches!(step.status, StepStatus::Undone | StepStatus::Failed)).last();
+        let broken = own().filter(|step| matches!(step.status, StepStatus::Reverted | StepStatus::Failed)).last();
         if let Some(step) = broken {
             let why = step.note.clone().unwrap_or_else(|| "it failed".to_owned());
             return Some((NotAppliedCause::Unavailable, why));
@@ -257,7 +260,7 @@ impl Account<'_> {
         if let Some(left) = left {
             return Some((NotAppliedCause::Unavailable, left.to_owned()));
         }
-        let needs_tier_2 = own().next().is_none() && self.rung().is_some() && self.options.max_tier < 2;
+        let needs_tier_2 = own().next().is_none() && self.strategy().is_some() && self.options.max_tier < 2;
         if needs_tier_2 {
             return Some((NotAppliedCause::Excluded, "`max_tier=1` leaves out what it acts through".to_owned()));
         }
@@ -322,7 +325,7 @@ impl Account<'_> {
                     return Some((NotAppliedCause::Excluded, reason));
                 }
                 let steps = self.steps.iter().map(|it| &it.step);
-                let skipped = steps.filter(|step| step.rung == 0).find(|step| step.status == StepStatus::Skipped);
+                let skipped = steps.filter(|step| step.strategy == 0).find(|step| step.status == StepStatus::Skipped);
                 let why = skipped.and_then(|step| step.note.clone());
                 let cause = if why.is_some() { NotAppliedCause::Unavailable } else { NotAppliedCause::Limited };
                 let why = why.unwrap_or_else(|| "its result was not good".to_owned());
@@ -358,8 +361,8 @@ impl Account<'_> {
 /// Whether a step changed something for an option.
 fn has_acted(step: &Step, by: By) -> bool {
     step.changed.iter().any(|change| match by {
-        By::Thickness => change.what.gives_thickness(),
-        _ => !change.what.is_only_counted(),
+        By::Thickness => change.kind.gives_thickness(),
+        _ => !change.kind.is_only_counted(),
     })
 }
 
@@ -405,8 +408,8 @@ fn larger_voxels(
     before: &Inspection,
 ) -> Option<OptionNotApplied> {
     let asked = report.options.voxel_size?;
-    let rung = candidates.iter().find(|candidate| candidate.chosen)?.rung?;
-    let step = steps.iter().rev().find(|step| step.rung == rung && step.voxel_size.is_some())?;
+    let strategy = candidates.iter().find(|candidate| candidate.chosen)?.strategy?;
+    let step = steps.iter().rev().find(|step| step.strategy == strategy && step.voxel_size.is_some())?;
     let used = step.voxel_size?;
     if used <= asked * SAME_SIZE && asked <= used * SAME_SIZE {
         return None;

@@ -7,7 +7,7 @@ use super::options::Options;
 use super::red_flags::Standing;
 use super::sheets::open_sheets;
 use crate::context::{Cancelled, Context};
-use crate::inspect::{Analysis, Certificate, Dispensable, Ledger, Original, solids};
+use crate::inspect::{Analysis, Dispensable, Original, PartAccounting, PartReason, solids};
 use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, is_made};
 
 /// Mean thickness of a closed part up to which it encloses nothing, as a share of its own diagonal, and of the model's largest
@@ -21,13 +21,13 @@ const MARGIN: f64 = 1.05;
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
-pub fn ledger(
+pub fn part_accounting(
     input: &Original<'_>,
     result: &Analysis<'_>,
     options: &Options,
     context: &Context<'_>,
-) -> Result<Ledger, Cancelled> {
-    input.ledger(result, |missed| dispensable(input.analysis(), result, missed, options, context), context)
+) -> Result<PartAccounting, Cancelled> {
+    input.part_accounting(result, |missed| dispensable(input.analysis(), result, missed, options, context), context)
 }
 
 /// Which of the parts that are not in a result enclose nothing, or are too small to print.
@@ -106,7 +106,7 @@ fn volumes_enclosed(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>)
 }
 
 /// What of the input is in a surface. Where every part is accounted for, none is gone by becoming one with others.
-pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, ledger: &Ledger) -> Standing {
+pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, part_accounting: &PartAccounting) -> Standing {
     let mut stands = vec![false; input.subject.soup.faces.len()];
     for &source in surface.source.iter().filter(|&&source| !is_made(source)) {
         if let Some(stands) = stands.get_mut(source as usize) {
@@ -120,30 +120,30 @@ pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, ledger: &Ledger)
         }
     }
     let count = |marks: &[bool]| marks.iter().filter(|&&it| it).count() as u64;
-    let parts_gone = if ledger.lost == 0 { 0 } else { count(&gone) };
-    let [vertices, vertices_before] = vertices_standing(input, &stands, ledger);
-    let dropped = parts_dropped(ledger, input.parts.count);
+    let parts_gone = if part_accounting.lost == 0 { 0 } else { count(&gone) };
+    let [vertices, vertices_before] = vertices_standing(input, &stands, part_accounting);
+    let dropped = parts_dropped(part_accounting, input.parts.count);
     let is_dropped = |part: &&u32| dropped.get(**part as usize) == Some(&true);
     let faces_dropped = input.parts.of_face.iter().filter(is_dropped).count() as u64;
     Standing { faces: count(&stands), parts_gone, vertices, vertices_before, faces_dropped }
 }
 
 /// Of each part whether it was dropped as the options ask; empty where none was.
-pub(super) fn parts_dropped(ledger: &Ledger, parts: usize) -> Vec<bool> {
-    if ledger.dropped == 0 {
+pub(super) fn parts_dropped(part_accounting: &PartAccounting, parts: usize) -> Vec<bool> {
+    if part_accounting.dropped == 0 {
         return Vec::new();
     }
     let mut dropped = vec![false; parts];
-    for (part, _) in ledger.certified.iter().filter(|(_, certificate)| *certificate == Certificate::Dropped) {
+    for (part, _) in part_accounting.certified.iter().filter(|(_, reason)| *reason == PartReason::Dropped) {
         dropped[*part as usize] = true;
     }
     dropped
 }
 
 /// The vertices at faces that stand, and those at any face that has an area and is no part that may go.
-fn vertices_standing(input: &Analysis<'_>, stands: &[bool], ledger: &Ledger) -> [u64; 2] {
+fn vertices_standing(input: &Analysis<'_>, stands: &[bool], part_accounting: &PartAccounting) -> [u64; 2] {
     let mut may_go = vec![false; input.parts.count];
-    ledger.certified.iter().for_each(|(part, _)| may_go[*part as usize] = true);
+    part_accounting.certified.iter().for_each(|(part, _)| may_go[*part as usize] = true);
     let mut vertices = vec![[false; 2]; input.surface.positions.len()];
     let faces = input.surface.faces.iter().zip(&input.surface.source).zip(&input.parts.of_face).zip(input.flat());
     for (((face, &source), &part), &flat) in faces {

@@ -12,7 +12,7 @@ use super::objects::{Assembled, ObjectsRepair, keeps_apart};
 use super::options::Options;
 use super::options_not_applied::of_file;
 use super::remesher::Remesher;
-use super::report::{Assumption, FileSummary, LeftOut, Report};
+use super::report::{Assumption, FileSummary, OmittedSection, Report};
 use super::time_budget::with_overrun;
 use crate::context::{Context, Stage};
 use crate::format::{self, Format, Limits, ReadFile, ReadOptions};
@@ -145,8 +145,8 @@ impl Opened {
         let request = Request { context: until, ..*request };
         match (ObjectsRepair { file, input, format, as_it_is, request, whole }).run(scene, bytes) {
             Err(RepairError::Cancelled(_)) if !whole.is_cancelled() && input.bytes.is_some() => {
-                input.time.leave_out(LeftOut::Repair);
-                input.time.leave_out(LeftOut::Verification);
+                input.time.leave_out(OmittedSection::Repair);
+                input.time.leave_out(OmittedSection::Verification);
                 let untouched = input.handed_back(format, options, whole)?;
                 let mut ended = Ended::with_input(untouched, "");
                 ended.account.candidates.clear();
@@ -215,13 +215,13 @@ mod tests {
         assert_eq!(with.bytes, without.bytes);
         assert_eq!(with.report.candidates, without.report.candidates);
         let facts = |it: &Repaired| -> Vec<_> {
-            let fact = |it: &Step| (it.rung, it.action, it.operator, it.status, it.changed.clone(), it.moved);
+            let fact = |it: &Step| (it.strategy, it.action, it.operator, it.status, it.changed.clone(), it.moved);
             it.report.steps.iter().map(fact).collect()
         };
         assert_eq!(facts(&with), facts(&without));
         // The opening is shared in any case, and what comes behind it only with the cache.
         let reused = |it: &Repaired| {
-            let later = it.report.steps.iter().filter(|step| step.rung > 0 && step.milliseconds == 0.0);
+            let later = it.report.steps.iter().filter(|step| step.strategy > 0 && step.milliseconds == 0.0);
             later.filter(|step| step.operator == Some(Operator::FillHoles)).count()
         };
         assert!(reused(&with) > 0 && reused(&without) == 0, "{} and {}", reused(&with), reused(&without));

@@ -2,7 +2,7 @@
 
 use super::options::{Category, OpenSheets, Operator, Options, Overlaps, Preset};
 use super::presets::{RECIPES, planned, preset_for, tier_of, with_requests};
-use super::report::{Action, Plan, PlannedAction, Rung, When};
+use super::report::{Action, Plan, PlannedAction, Strategy, When};
 use super::sheets::SHEET_SHARE;
 use crate::inspect::Measures;
 
@@ -50,7 +50,7 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         let cleaned = first.clone().map(|first| cleaning(first, options));
         if options.open_sheets == OpenSheets::Auto {
             let closed = both.into_iter().flatten().map(|it| with_sheets_closed(it, options));
-            strategies.extend(closed.map(|it| Rung { when: When::SheetsLeft, ..it }));
+            strategies.extend(closed.map(|it| Strategy { when: When::OpenSheetsRemain, ..it }));
             first = first.map(|first| with_sheets_closed(first, options));
         }
         strategies.extend(cleaned);
@@ -65,7 +65,7 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
     }
     strategies.extend(whole);
     if remesh && options.max_tier >= 3 {
-        let union = before.parts > 1 || before.nonmanifold_edges > 0;
+        let union = before.parts > 1 || before.non_manifold_edges > 0;
         if union && preset != Preset::BlenderRemesh {
             strategies.extend(strategy(Preset::BlenderRemesh, options, 3, Some(Action::BooleanUnion)));
         }
@@ -75,12 +75,12 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         // Blender may be missing, not allowed, or fail; what tier 1 can do is better than nothing.
         strategies.extend(strategy(Preset::FillHoles, options, 1, None));
     }
-    let rungs = strategies.into_iter().map(|it| with_requests(it, options)).collect();
-    Plan { category, preset, reason, rungs }
+    let strategies = strategies.into_iter().map(|it| with_requests(it, options)).collect();
+    Plan { category, preset, reason, strategies }
 }
 
 /// The preset's actions up to a tier, the remesh being replaced where asked, and at last fewer faces where asked.
-fn strategy(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Rung> {
+fn strategy(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Strategy> {
     let recipe = RECIPES.iter().find(|r| r.preset == preset)?;
     let actions: Vec<Action> = recipe
         .actions
@@ -94,7 +94,7 @@ fn strategy(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: 
         let at = actions.iter().position(|it| it.action == Action::Validate).unwrap_or(actions.len());
         actions.insert(at, planned(Action::Simplify, options));
     }
-    let strategy = Rung { when: When::NothingGood, tier, preset, actions };
+    let strategy = Strategy { when: When::NothingAcceptable, tier, preset, actions };
     Some(if asks_for_solids(options) && max_tier >= 2 { with_sheets_closed(strategy, options) } else { strategy })
 }
 
@@ -104,9 +104,10 @@ fn asks_for_solids(options: &Options) -> bool {
 }
 
 /// The strategy with open sheets made solid before what needs closed surface: the resolving of intersections, a remesh.
-fn with_sheets_closed(mut strategy: Rung, options: &Options) -> Rung {
-    let needs_solids =
-        |action| matches!(action, Action::Resolve | Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion);
+fn with_sheets_closed(mut strategy: Strategy, options: &Options) -> Strategy {
+    let needs_solids = |action| {
+        matches!(action, Action::SelfUnion | Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion)
+    };
     let at = strategy.actions.iter().position(|it| needs_solids(it.action) || it.action == Action::Validate);
     strategy.actions.insert(at.unwrap_or(strategy.actions.len()), planned(Action::CloseSheets, options));
     strategy.tier = strategy.tier.max(tier_of(Action::CloseSheets));
@@ -114,17 +115,17 @@ fn with_sheets_closed(mut strategy: Rung, options: &Options) -> Rung {
 }
 
 /// The strategy with what is bad removed and closed again, before what intersects is resolved.
-fn cleaning(mut strategy: Rung, options: &Options) -> Rung {
-    let at = strategy.actions.iter().position(|a| a.action == Action::Resolve).unwrap_or(strategy.actions.len());
+fn cleaning(mut strategy: Strategy, options: &Options) -> Strategy {
+    let at = strategy.actions.iter().position(|a| a.action == Action::SelfUnion).unwrap_or(strategy.actions.len());
     strategy.actions.insert(at, planned(Action::CleanAndPatch, options));
     strategy
 }
 
 /// The strategy with the surface made anew in place of resolving what intersects.
-fn remeshing(mut strategy: Rung, options: &Options) -> Rung {
-    strategy.actions.retain(|it| it.action != Action::Separate);
+fn remeshing(mut strategy: Strategy, options: &Options) -> Strategy {
+    strategy.actions.retain(|it| it.action != Action::Perturb);
     for action in &mut strategy.actions {
-        if action.action == Action::Resolve {
+        if action.action == Action::SelfUnion {
             *action = planned(Action::NativeRemesh, options);
         }
     }
@@ -132,11 +133,11 @@ fn remeshing(mut strategy: Rung, options: &Options) -> Rung {
 }
 
 /// The strategy with what overlaps kept as it is: closed, but not printable.
-fn without_resolving(mut strategy: Rung) -> Rung {
+fn without_resolving(mut strategy: Strategy) -> Strategy {
     for planned in &mut strategy.actions {
-        planned.operators.retain(|&operator| operator != Operator::Resolve);
+        planned.operators.retain(|&operator| operator != Operator::SelfUnion);
     }
-    Rung { when: When::NothingWhole, ..strategy }
+    Strategy { when: When::NothingClosed, ..strategy }
 }
 
 /// The highest tier of a preset's actions.
@@ -178,15 +179,15 @@ pub fn categorise(m: &Measures, sheet_share: f64) -> Category {
     if m.parts >= t.fragments && (small || open) {
         return Category::Fragmented;
     }
-    let nonmanifold = m.nonmanifold_edges > 0 || m.nonmanifold_vertices > 0;
+    let nonmanifold = m.non_manifold_edges > 0 || m.non_manifold_vertices > 0;
     let holes = m.boundary_edges > 0;
     let turned = m.misoriented_edges > 0 || m.inverted_parts > 0 || m.volume.value < 0.0;
     let faces = m.degenerate_faces > 0
         || m.duplicate_faces > 0
-        || m.nonfinite_faces > 0
+        || m.non_finite_faces > 0
         || m.unreadable_faces > 0
         || m.unshared_edges > 0
-        || m.near_coincident_faults > 0;
+        || m.near_coincident_defects > 0;
     let crossed = m.self_intersections.checked && !m.self_intersections.proven_none();
     match (nonmanifold, holes, crossed) {
         (false, false, false) if turned => Category::Orientation,

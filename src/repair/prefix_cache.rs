@@ -6,7 +6,7 @@ use rustc_hash::FxHashMap;
 
 use super::operators::Failure;
 use super::options::Options;
-use super::report::{Rung, Step};
+use super::report::{Step, Strategy};
 use super::tasks::{Key, State, Task};
 
 /// Surfaces that are kept, beside the one that every strategy starts from.
@@ -101,11 +101,11 @@ impl PrefixCache {
 }
 
 /// How many of a strategy's first tasks each later strategy has in common with it; the first `from` actions, which all share, left out.
-pub(super) fn shared_prefixes(rung: &Rung, later: &[Rung], from: usize, options: &Options) -> Vec<usize> {
-    let keys = |rung: &Rung| -> Vec<Option<Key>> {
-        Task::of(rung, from).into_iter().map(|task| task.key(rung, options)).collect()
+pub(super) fn shared_prefixes(strategy: &Strategy, later: &[Strategy], from: usize, options: &Options) -> Vec<usize> {
+    let keys = |strategy: &Strategy| -> Vec<Option<Key>> {
+        Task::of(strategy, from).into_iter().map(|task| task.key(strategy, options)).collect()
     };
-    let own = keys(rung);
-    let shared = |other: &Rung| own.iter().zip(keys(other)).take_while(|(a, b)| a.is_some() && *a == b).count();
+    let own = keys(strategy);
+    let shared = |other: &Strategy| own.iter().zip(keys(other)).take_while(|(a, b)| a.is_some() && *a == b).count();
     later.iter().map(shared).collect()
 }

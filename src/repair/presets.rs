@@ -1,8 +1,8 @@
 //! What presets and actions consist of, and what the options ask for beside a printable result.
 
-use super::options::{Category, InsideRule, Nested, OpenSheets, Operator, Options, Preset};
+use super::options::{Category, Nested, OpenSheets, Operator, Options, Preset, WindingRuleChoice};
 use super::remesher::RemeshAction;
-use super::report::{Action, PlannedAction, Rung, When};
+use super::report::{Action, PlannedAction, Strategy, When};
 
 /// What a preset does, in order, and what runs after it when the result is not good enough.
 pub(super) struct Recipe {
@@ -20,8 +20,8 @@ pub(super) const RECIPES: [Recipe; 6] = {
     [
         Recipe { preset: Preset::BasicCleanup, actions: &[BasicCleanup, FixNormals, Validate] },
         Recipe { preset: Preset::FillHoles, actions: &[BasicCleanup, FixNormals, FillHoles, FixNormals, Validate] },
-        Recipe { preset: Preset::FullRepair, actions: &mending(Action::Mend) },
-        Recipe { preset: Preset::ConservativeRepair, actions: &mending(Action::MendConservative) },
+        Recipe { preset: Preset::FullRepair, actions: &mending(Action::FullRepair) },
+        Recipe { preset: Preset::ConservativeRepair, actions: &mending(Action::ConservativeRepair) },
         Recipe { preset: Preset::ManifoldRepair, actions: &mending(Action::MakeManifold) },
         // A voxel remesh keeps only what is enclosed, so holes are closed before it.
         Recipe {
@@ -44,8 +44,8 @@ pub(super) const RECIPES: [Recipe; 6] = {
 
 /// The actions of the presets that mend, which differ in how.
 const fn mending(mend: Action) -> [Action; 9] {
-    use Action::{BasicCleanup, FillHoles, FixNormals, Resolve, Separate, Stitch, Validate};
-    [BasicCleanup, FixNormals, Stitch, mend, FillHoles, FixNormals, Resolve, Separate, Validate]
+    use Action::{BasicCleanup, FillHoles, FixNormals, Perturb, SelfUnion, Stitch, Validate};
+    [BasicCleanup, FixNormals, Stitch, mend, FillHoles, FixNormals, SelfUnion, Perturb, Validate]
 }
 
 /// What an action comes to, in order, before the options switch operators off.
@@ -60,31 +60,31 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
             O::RemoveDuplicates,
             O::RemoveCaps,
         ],
-        Action::FixNormals => &[O::Orient, O::CutOneSided],
+        Action::FixNormals => &[O::Orient, O::CutNonOrientable],
         Action::FillHoles => &[O::JoinParts, O::FillHoles, O::RemoveCaps],
         // What is exact first: it moves nothing, and what is then closed can't be merged amiss.
         Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch, O::RemoveSlivers],
         // What is open and no part of the model would leave it without an inside.
-        Action::Resolve => &[O::RemoveDebris, O::Resolve],
+        Action::SelfUnion => &[O::RemoveDebris, O::SelfUnion],
         // A vertex that is moved aside may be moved into another face.
-        Action::Separate => &[O::Separate, O::Resolve],
+        Action::Perturb => &[O::Perturb, O::SelfUnion],
         // One of the two ways of `auto` leaves sheets that lie within a solid, since they may be seen through a hole of it.
-        Action::Mend => &[
+        Action::FullRepair => &[
             O::UnfoldFoldovers,
             O::RemoveOverlappingNeighbours,
-            O::RemoveMembranes,
-            O::CutApart,
-            O::FreeFins,
-            O::CutOneSided,
+            O::RemoveInternalFaces,
+            O::SplitNonManifold,
+            O::DetachFins,
+            O::CutNonOrientable,
         ],
-        Action::MendConservative | Action::MakeManifold => &[
+        Action::ConservativeRepair | Action::MakeManifold => &[
             O::UnfoldFoldovers,
             O::RemoveOverlappingNeighbours,
-            O::RemoveSheetsWithin,
-            O::RemoveMembranes,
-            O::CutApart,
-            O::FreeFins,
-            O::CutOneSided,
+            O::RemoveInternalSheets,
+            O::RemoveInternalFaces,
+            O::SplitNonManifold,
+            O::DetachFins,
+            O::CutNonOrientable,
         ],
         Action::CleanAndPatch => &[O::CleanAndPatch],
         Action::DropSmallParts => &[O::DropSmallParts],
@@ -147,12 +147,12 @@ pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
         Action::BasicCleanup | Action::FixNormals | Action::FillHoles | Action::DropSmallParts | Action::Simplify => 1,
-        Action::Mend
-        | Action::MendConservative
+        Action::FullRepair
+        | Action::ConservativeRepair
         | Action::MakeManifold
         | Action::CloseSheets
-        | Action::Resolve
-        | Action::Separate
+        | Action::SelfUnion
+        | Action::Perturb
         | Action::NativeRemesh => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
         _ => 2,
@@ -173,16 +173,16 @@ const ORDER: [Action; 16] = [
     Action::BasicCleanup,
     Action::FixNormals,
     Action::Stitch,
-    Action::Mend,
-    Action::MendConservative,
+    Action::FullRepair,
+    Action::ConservativeRepair,
     Action::MakeManifold,
     Action::FillHoles,
     Action::CleanAndPatch,
     Action::CloseSheets,
-    Action::Resolve,
+    Action::SelfUnion,
     Action::NativeRemesh,
     Action::VoxelRemesh,
-    Action::Separate,
+    Action::Perturb,
     Action::DropSmallParts,
     Action::Simplify,
     Action::Validate,
@@ -204,7 +204,7 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
     let is_raised = options.degenerate_tolerance > usual.degenerate_tolerance;
     let asked = [
         (options.nested == Nested::Alternate, Operator::Orient),
-        (options.inside != InsideRule::Auto, Operator::Resolve),
+        (options.winding_rule != WindingRuleChoice::Auto, Operator::SelfUnion),
         (is_raised, Operator::RemoveSlivers),
         (is_raised, Operator::UnfoldFoldovers),
         (above_zero(options.merge_distance), Operator::MergeVertices),
@@ -225,16 +225,16 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
 }
 
 /// The strategy with every operator that the options ask for and that it lacks, as far as `max_tier` allows.
-pub(super) fn with_requests(mut strategy: Rung, options: &Options) -> Rung {
+pub(super) fn with_requests(mut strategy: Strategy, options: &Options) -> Strategy {
     let remeshes = |it: &PlannedAction| {
         matches!(it.action, Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion)
             || it.operators.contains(&Operator::Remesh)
     };
-    let decides_inside = strategy.when == When::NothingWhole || strategy.actions.iter().any(remeshes);
+    let decides_inside = strategy.when == When::NothingClosed || strategy.actions.iter().any(remeshes);
     for operator in operators_asked_for(options) {
         let runs = strategy.actions.iter().any(|it| it.operators.contains(&operator));
         let home = home_of(operator);
-        let needless = operator == Operator::Resolve && decides_inside;
+        let needless = operator == Operator::SelfUnion && decides_inside;
         if runs || needless || tier_of(home) > options.max_tier {
             continue;
         }
@@ -262,26 +262,26 @@ fn home_of(operator: Operator) -> Action {
         | O::Weld
         | O::RemoveDuplicates
         | O::RemoveCaps => Action::BasicCleanup,
-        O::Orient | O::CutOneSided => Action::FixNormals,
+        O::Orient | O::CutNonOrientable => Action::FixNormals,
         O::SplitTJunctions | O::Sew | O::Stitch | O::RemoveSlivers => Action::Stitch,
         O::UnfoldFoldovers
         | O::RemoveOverlappingNeighbours
-        | O::RemoveSheetsWithin
-        | O::RemoveMembranes
-        | O::CutApart
-        | O::FreeFins => Action::MakeManifold,
+        | O::RemoveInternalSheets
+        | O::RemoveInternalFaces
+        | O::SplitNonManifold
+        | O::DetachFins => Action::MakeManifold,
         O::JoinParts | O::FillHoles => Action::FillHoles,
         O::CleanAndPatch => Action::CleanAndPatch,
         O::ThickenSheets | O::AddBase => Action::CloseSheets,
-        O::Resolve | O::RemoveDebris => Action::Resolve,
+        O::SelfUnion | O::RemoveDebris => Action::SelfUnion,
         O::Remesh => Action::NativeRemesh,
-        O::Separate => Action::Separate,
+        O::Perturb => Action::Perturb,
         O::DropSmallParts => Action::DropSmallParts,
         O::Simplify => Action::Simplify,
     }
 }
 
 /// The action of a strategy that Blender does, if there is one.
-pub(super) fn remesh_of(strategy: &Rung) -> Option<Action> {
+pub(super) fn remesh_of(strategy: &Strategy) -> Option<Action> {
     strategy.actions.iter().map(|planned| planned.action).find(|&action| remesh_action(action).is_some())
 }

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use super::options::{InsideRule, Nested, OpenSheets, Options};
+use super::options::{Nested, OpenSheets, Options, WindingRuleChoice};
 use super::report::{RedFlag, RedFlagCode};
 use crate::context::Context;
-use crate::inspect::{Changes, Ledger, LostPart, Measures, Volume, percent};
+use crate::inspect::{Changes, LostPart, Measures, PartAccounting, Volume, percent};
 use crate::math::Box3;
 use crate::mesh::{BASE_SOURCE, Edges, NO_SOURCE, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, UnionFind, is_made};
 
@@ -57,7 +57,7 @@ pub struct Compared<'a> {
 /// were inside out count like the others.
 #[must_use]
 pub fn red_flags(compared: &Compared<'_>, options: &Options) -> Vec<RedFlag> {
-    let of_size = [compared.face_loss(options), compared.vertex_loss(options), compared.box_change(options)];
+    let of_size = [compared.face_loss(options), compared.vertex_loss(options), compared.bounding_box_change(options)];
     let of_shape = [compared.volume_change(options), compared.surface_lost(options), compared.deviation(options)];
     let all = of_size.into_iter().chain(of_shape).chain([compared.parts_merged(options)]);
     all.flatten().filter(|flag| flag.value > flag.threshold).collect()
@@ -76,7 +76,7 @@ impl Compared<'_> {
     /// Faces of the input that have an area and are there once, but for those of parts that were dropped as the options ask.
     fn sound_faces(&self) -> u64 {
         let before = self.before;
-        let unsound = before.degenerate_faces + before.duplicate_faces + before.nonfinite_faces;
+        let unsound = before.degenerate_faces + before.duplicate_faces + before.non_finite_faces;
         before.faces.saturating_sub(unsound + self.standing.faces_dropped)
     }
 
@@ -85,7 +85,7 @@ impl Compared<'_> {
         let sound = self.sound_faces();
         // What the result has not as it was, and has around itself on both sides, was an inner wall.
         let gone = before.faces as f64 * (100.0 - changes.faces_kept_pct) / 100.0;
-        let buried = gone * changes.faces_buried_pct.unwrap_or(0.0) / 100.0;
+        let buried = gone * changes.enclosed_faces_pct.unwrap_or(0.0) / 100.0;
         let lost = percent(sound as f64 - buried - after.faces as f64, sound as f64).unwrap_or(0.0).max(0.0);
         let detail = format!(
             "{lost:.1} % of the faces were lost: {sound} sound faces before, {buried:.0} of them inside the result, {} after",
@@ -106,19 +106,19 @@ impl Compared<'_> {
         flag(RedFlagCode::VertexLoss, value, options.max_vertex_loss_pct, detail)
     }
 
-    fn box_change(&self, options: &Options) -> Option<RedFlag> {
-        let moved = self.changes.box_change_pct.unwrap_or(0.0);
+    fn bounding_box_change(&self, options: &Options) -> Option<RedFlag> {
+        let moved = self.changes.bounding_box_change_pct.unwrap_or(0.0);
         let detail = format!("a side of the bounding box moved by {moved:.1} % of its diagonal");
-        flag(RedFlagCode::BoxChange, moved, options.max_box_change_pct, detail)
+        flag(RedFlagCode::BoundingBoxChange, moved, options.max_bounding_box_change_pct, detail)
     }
 
     fn volume_change(&self, options: &Options) -> Option<RedFlag> {
         let &Self { before, settled, after, changes, .. } = self;
         // Where the options say what is solid, the volume of the input as it is wound says nothing.
-        let is_redefined = options.nested == Nested::Alternate || options.inside != InsideRule::Auto;
+        let is_redefined = options.nested == Nested::Alternate || options.winding_rule != WindingRuleChoice::Auto;
         // Whoever asks for sheets to be made solid says what is to be inside.
         let asked_for_shell = matches!(options.open_sheets, OpenSheets::Thicken | OpenSheets::Base) && !before.closed;
-        let (value, detail) = match changes.inside_overlap_pct.filter(|_| !is_redefined) {
+        let (value, detail) = match changes.volume_overlap_pct.filter(|_| !is_redefined) {
             Some(_) if asked_for_shell => return None,
             Some(overlap) if !before.closed => (
                 100.0 - overlap,
@@ -179,23 +179,29 @@ impl Compared<'_> {
 fn vertices_lost_pct(after: &Measures, changes: &Changes, standing: Standing) -> f64 {
     let before = standing.vertices_before as f64;
     let gone = before - standing.vertices as f64;
-    let sunk = gone * changes.faces_buried_pct.unwrap_or(0.0) / 100.0;
+    let sunk = gone * changes.enclosed_faces_pct.unwrap_or(0.0) / 100.0;
     let lost = (gone - sunk).min(before - sunk - after.vertices as f64);
     percent(lost, before).unwrap_or(0.0).max(0.0)
 }
 
 /// The flag for parts that are neither in the result nor certified, which the log tells too, since it is an error of the
 /// program.
-pub(super) fn part_lost(ledger: &Ledger, context: &Context<'_>) -> Option<RedFlag> {
-    let first = ledger.lost_parts.first()?;
+pub(super) fn part_lost(part_accounting: &PartAccounting, context: &Context<'_>) -> Option<RedFlag> {
+    let first = part_accounting.lost_parts.first()?;
     let LostPart { part, first_face, faces, .. } = first;
     let detail = format!(
         "{} of {} parts are neither in the result nor duplicates, without volume, or inside another; the first is part {part} \
          of {faces} faces from face {first_face} on",
-        ledger.lost, ledger.parts
+        part_accounting.lost, part_accounting.parts
     );
     context.log(&format!("part lost: {detail}"));
-    Some(RedFlag { code: RedFlagCode::PartLost, value: ledger.lost as f64, threshold: 0.0, detail, places: Vec::new() })
+    Some(RedFlag {
+        code: RedFlagCode::PartLost,
+        value: part_accounting.lost as f64,
+        threshold: 0.0,
+        detail,
+        places: Vec::new(),
+    })
 }
 
 fn largest_coordinate(measures: &Measures) -> f64 {

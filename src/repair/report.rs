@@ -7,18 +7,19 @@ mod steps;
 use serde::{Deserialize, Serialize};
 
 pub use self::findings::{
-    Assumption, AssumptionKind, LeftOut, NotAppliedCause, OptionNotApplied, RedFlag, RedFlagCode, ReportedOptions,
+    Assumption, AssumptionKind, NotAppliedCause, OmittedSection, OptionNotApplied, RedFlag, RedFlagCode,
+    ReportedOptions,
 };
-pub use self::outcome::{HandedOut, Outcome, Property, Verdict};
-pub use self::steps::{Action, Candidate, Plan, PlannedAction, Rung, Step, StepStatus, UnfixedFaces, When};
+pub use self::outcome::{OfferedFile, Outcome, Property, Verdict};
+pub use self::steps::{Action, Candidate, Plan, PlannedAction, Step, StepStatus, Strategy, UnfixedFaces, When};
 use self::steps::{abridge_candidates, abridge_steps};
 use crate::format::Format;
-use crate::inspect::{Changes, Inspection, Ledger, Measures};
+use crate::inspect::{Changes, Inspection, Measures, PartAccounting};
 use crate::scene::LengthUnit;
 
 /// The version of [`Report`]'s structure. 2: `before` and `after` are inspections, which add `version`, `level` and
 /// `defects` to the measures of version 1. 3: a plan's actions list their operators, and a step is one operator. 4:
-/// adds `ledger`, `changes.surface` and the red flag `part_lost`. 5: adds `unit` and `objects`.
+/// adds `part_accounting`, `changes.surface` and the red flag `part_lost`. 5: adds `unit` and `objects`.
 /// 6: adds `verdict`, `assumptions`, `options_not_applied`, `steps[].unfixed` and the red flags `surface_invented`, `objects_intersect` and `vertex_loss`.
 /// 7: adds `abridged`, and `operators` of a planned action may be left out.
 pub const REPORT_VERSION: u32 = 7;
@@ -65,7 +66,7 @@ pub struct Report {
     pub changes: Option<Changes>,
     /// What became of each part of the input; none where the input itself is handed out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ledger: Option<Ledger>,
+    pub part_accounting: Option<PartAccounting>,
     /// What was going to be done, and why.
     pub plan: Plan,
     /// What was done, in order.
@@ -85,7 +86,7 @@ pub struct Report {
     pub objects: Vec<ObjectReport>,
     /// What the deadline left no time for, in the order of a repair; empty where there was time for everything.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub left_out: Vec<LeftOut>,
+    pub omitted: Vec<OmittedSection>,
     /// What a person should know.
     pub warnings: Vec<String>,
     /// Time from first byte read to last byte written, in milliseconds.
@@ -134,7 +135,7 @@ pub struct ObjectReport {
     pub changes: Option<Changes>,
     /// What became of each of its parts; none where it is as it was.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ledger: Option<Ledger>,
+    pub part_accounting: Option<PartAccounting>,
     /// What was going to be done, and why.
     pub plan: Plan,
     /// What was done, in order.
@@ -151,7 +152,7 @@ pub struct ObjectReport {
     pub options_not_applied: Vec<OptionNotApplied>,
     /// What the deadline left no time for, in the order of a repair.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub left_out: Vec<LeftOut>,
+    pub omitted: Vec<OmittedSection>,
     /// What a person should know.
     pub warnings: Vec<String>,
     /// Time that it took, in milliseconds.
@@ -171,9 +172,9 @@ impl Verdict {
     pub(super) fn of(report: &Report) -> Self {
         let after = report.after.as_ref().filter(|_| report.verified_from_output_bytes).map(|after| &after.measures);
         let file = match report.outcome {
-            _ if report.after.is_none() || !report.options.require.is_met_by(report.outcome) => HandedOut::None,
-            Outcome::Unrepairable => HandedOut::Original,
-            _ => HandedOut::Model,
+            _ if report.after.is_none() || !report.options.require.is_met_by(report.outcome) => OfferedFile::None,
+            Outcome::Unrepairable => OfferedFile::Original,
+            _ => OfferedFile::Model,
         };
         Self {
             printable: report.outcome.is_printable(),
@@ -208,10 +209,10 @@ impl Report {
             && let Some(print) = &mut self.before.print
         {
             print.thinnest_wall = None;
-            print.overhang.beyond.clear();
+            print.overhang.areas.clear();
         }
         self.after.iter_mut().for_each(|after| after.abridge(most));
-        self.ledger.iter_mut().for_each(|ledger| abridge_ledger(ledger, most));
+        self.part_accounting.iter_mut().for_each(|part_accounting| abridge_ledger(part_accounting, most));
         self.plan.abridge(&self.steps);
         abridge_steps(&mut self.steps, most);
         abridge_candidates(&mut self.candidates, most);
@@ -219,7 +220,7 @@ impl Report {
         for object in &mut self.objects {
             object.before.abridge(most);
             object.after.iter_mut().for_each(|after| after.abridge(most));
-            object.ledger.iter_mut().for_each(|ledger| abridge_ledger(ledger, most));
+            object.part_accounting.iter_mut().for_each(|part_accounting| abridge_ledger(part_accounting, most));
             object.plan.abridge(&object.steps);
             abridge_steps(&mut object.steps, most);
             abridge_candidates(&mut object.candidates, most);
@@ -227,7 +228,7 @@ impl Report {
     }
 }
 
-fn abridge_ledger(ledger: &mut Ledger, most: usize) {
-    ledger.certificates.truncate(most);
-    ledger.lost_parts.truncate(most);
+fn abridge_ledger(part_accounting: &mut PartAccounting, most: usize) {
+    part_accounting.reasons.truncate(most);
+    part_accounting.lost_parts.truncate(most);
 }

@@ -9,8 +9,10 @@ use super::options::{Operator, Options};
 use super::presets::{remesh_action, tier_of};
 use super::red_flags::Invented;
 use super::remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher};
-use super::report::{Action, LeftOut, NotAppliedCause, OptionNotApplied, Rung, Step, StepStatus, UnfixedFaces};
-use super::tasks::{State, Strategy, Task, closes_sheets, ways_of};
+use super::report::{
+    Action, NotAppliedCause, OmittedSection, OptionNotApplied, Step, StepStatus, Strategy, UnfixedFaces,
+};
+use super::tasks::{IndexedStrategy, State, Task, closes_sheets, ways_of};
 use super::time_budget::TimeBudget;
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::Format;
@@ -68,18 +70,18 @@ impl Runner<'_> {
     /// [`Cancelled`] when the job was canceled; the end of time is no error here.
     pub fn run(
         &self,
-        Strategy { index, rung }: Strategy<'_>,
+        IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
         Task { action, operator }: Task,
         percent: u8,
         state: &mut State,
     ) -> Result<TaskRun, Cancelled> {
         let start = self.context.now();
-        self.context.report(Stage::Repair, Some(rung.tier), percent);
+        self.context.report(Stage::Repair, Some(strategy.tier), percent);
         let step = Step::new(index, tier_of(action), action, operator);
         let mut run = TaskRun { step, failure: None, end: End::Finished, has_changed: false };
         let ended = match operator {
             Some(operator) => {
-                let ended = self.operate(operator, rung, state, &mut run);
+                let ended = self.operate(operator, strategy, state, &mut run);
                 state.note_holes(&run.step);
                 ended
             }
@@ -90,7 +92,7 @@ impl Runner<'_> {
             Ok(()) => {}
             Err(Cancelled) if self.context.is_cancelled() => return Err(Cancelled),
             Err(Cancelled) => {
-                self.time.leave_out(LeftOut::Repair);
+                self.time.leave_out(OmittedSection::Repair);
                 run.fail("the time was over", End::OutOfTime);
                 run.has_changed = false;
             }
@@ -103,13 +105,13 @@ impl Runner<'_> {
     pub fn log(&self, step: &Step) {
         let status = match step.status {
             StepStatus::Done => "done",
-            StepStatus::Undone => "undone",
+            StepStatus::Reverted => "undone",
             StepStatus::Failed => "failed",
             StepStatus::Skipped => "skipped",
         };
         let what = step.operator.map_or_else(|| format!("{:?}", step.action), |o| format!("{:?}/{o:?}", step.action));
-        let mut line = format!("rung {} {what}: {status} in {:.1} ms", step.rung, step.milliseconds);
-        for Change { what, count } in &step.changed {
+        let mut line = format!("strategy {} {what}: {status} in {:.1} ms", step.strategy, step.milliseconds);
+        for Change { kind: what, count } in &step.changed {
             line.push_str(&format!(", {what} {count}"));
         }
         if let Some(note) = &step.note {
@@ -119,10 +121,16 @@ impl Runner<'_> {
     }
 
     /// Runs one operator, and takes it back where it broke its claim.
-    fn operate(&self, operator: Operator, rung: &Rung, state: &mut State, run: &mut TaskRun) -> Result<(), Cancelled> {
+    fn operate(
+        &self,
+        operator: Operator,
+        strategy: &Strategy,
+        state: &mut State,
+        run: &mut TaskRun,
+    ) -> Result<(), Cancelled> {
         let context = &self.time.for_operators(state.surface.faces.len(), self.context);
         context.check()?;
-        let scope = self.scope(rung, state.moved);
+        let scope = self.scope(strategy, state.moved);
         if let Some(why) = state.why_left_open().filter(|_| operator == Operator::Remesh) {
             run.fail(why, End::Nothing);
             return Ok(());
@@ -147,7 +155,7 @@ impl Runner<'_> {
             surface.drop_unreferenced();
             let after = Counts::of(surface);
             if let Some((counter, was, is)) = operator.broken_claim(&before, &after) {
-                run.step.status = StepStatus::Undone;
+                run.step.status = StepStatus::Reverted;
                 run.step.note = Some(format!("undone: it would have made {} out of {was} {}", is, counter.in_words()));
                 *surface = kept;
                 run.has_changed = false;
@@ -174,20 +182,20 @@ impl Runner<'_> {
         (step.changed, step.moved, step.note, step.voxel_size) = (changes, moved, left, voxel_size);
         run.failure = failed;
         if is_late {
-            self.time.leave_out(LeftOut::Repair);
+            self.time.leave_out(OmittedSection::Repair);
         }
     }
 
     /// What the parameters of a strategy's operators follow from, where vertices were moved so far already.
-    fn scope(&self, rung: &Rung, moved: f64) -> Scope<'_> {
-        let (pairing, inside) = ways_of(rung, self.options);
+    fn scope(&self, strategy: &Strategy, moved: f64) -> Scope<'_> {
+        let (pairing, winding_rule) = ways_of(strategy, self.options);
         let max_deviation = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - moved).max(0.0));
         Scope {
             options: self.options,
             format: self.format,
             pairing,
-            inside,
-            closes_sheets: closes_sheets(rung),
+            winding_rule,
+            closes_sheets: closes_sheets(strategy),
             max_deviation,
         }
     }
@@ -256,7 +264,7 @@ impl Runner<'_> {
         made.source.fill(NO_SOURCE);
         step.voxel_size = remeshed.voxel_size.or(step.voxel_size);
         step.note = remeshed.note;
-        step.changed = Change::list([(ChangeKind::FacesMade, made.faces.len() as u64)]);
+        step.changed = Change::list([(ChangeKind::FacesCreated, made.faces.len() as u64)]);
         let Some(voxel) = step.voxel_size.filter(|_| !self.options.without.contains(&Operator::Simplify)) else {
             return Ok(());
         };
@@ -265,7 +273,7 @@ impl Runner<'_> {
         step.changed.extend(reduced.changes);
         step.note = step.note.take().into_iter().chain(reduced.left).reduce(|a, b| format!("{a}; {b}"));
         if reduced.is_late {
-            self.time.leave_out(LeftOut::Repair);
+            self.time.leave_out(OmittedSection::Repair);
         }
         Ok(())
     }

@@ -3,18 +3,18 @@
 use super::change::ChangeKind;
 use super::operators::split_non_manifold::Pairing;
 use super::operators::{Counts, Failure};
-use super::options::{InsideRule, Operator, Options};
+use super::options::{Operator, Options, WindingRuleChoice};
 use super::presets::{remesh_action, tier_of};
 use super::red_flags::Invented;
-use super::report::{Action, Rung, Step, StepStatus};
-use crate::arrange::{ArrangeError, Inside};
+use super::report::{Action, Step, StepStatus, Strategy};
+use crate::arrange::{ArrangeError, WindingRule};
 use crate::mesh::Surface;
 
 /// A strategy of a plan, and its index in it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Strategy<'a> {
+pub(super) struct IndexedStrategy<'a> {
     pub index: u32,
-    pub rung: &'a Rung,
+    pub strategy: &'a Strategy,
 }
 
 /// An operator of an action, or the action's remesh.
@@ -30,7 +30,7 @@ pub(super) struct Task {
 pub(super) struct Key {
     operator: Operator,
     pairing: Option<Pairing>,
-    inside: Option<Inside>,
+    winding_rule: Option<WindingRule>,
     closes_sheets: Option<bool>,
 }
 
@@ -58,7 +58,7 @@ impl State {
     pub fn note_holes(&mut self, step: &Step) {
         if step.operator == Some(Operator::FillHoles) {
             self.over_limit =
-                step.changed.iter().find(|it| it.what == ChangeKind::HolesOverLimit).map_or(0, |it| it.count);
+                step.changed.iter().find(|it| it.kind == ChangeKind::HolesOverLimit).map_or(0, |it| it.count);
         }
     }
 
@@ -75,8 +75,8 @@ impl State {
 
 impl Task {
     /// What a strategy does, but for `Validate`, in order; its first `from` actions left out.
-    pub fn of(rung: &Rung, from: usize) -> Vec<Self> {
-        let tasks = rung.actions.get(from..).unwrap_or_default().iter().flat_map(|planned| {
+    pub fn of(strategy: &Strategy, from: usize) -> Vec<Self> {
+        let tasks = strategy.actions.get(from..).unwrap_or_default().iter().flat_map(|planned| {
             let remesh = remesh_action(planned.action).map(|_| None);
             let operators = planned.operators.iter().map(|&o| Some(o)).chain(remesh);
             operators.map(|operator| Self { action: planned.action, operator })
@@ -85,41 +85,41 @@ impl Task {
     }
 
     /// Its operator and parameters in a strategy; none for a remesh.
-    pub fn key(self, rung: &Rung, options: &Options) -> Option<Key> {
+    pub fn key(self, strategy: &Strategy, options: &Options) -> Option<Key> {
         let operator = self.operator?;
-        let (pairing, inside) = ways_of(rung, options);
+        let (pairing, winding_rule) = ways_of(strategy, options);
         Some(Key {
             operator,
-            pairing: (operator == Operator::CutApart).then_some(pairing),
-            inside: matches!(operator, Operator::Resolve | Operator::Remesh).then_some(inside),
-            closes_sheets: (operator == Operator::Resolve).then(|| closes_sheets(rung)),
+            pairing: (operator == Operator::SplitNonManifold).then_some(pairing),
+            winding_rule: matches!(operator, Operator::SelfUnion | Operator::Remesh).then_some(winding_rule),
+            closes_sheets: (operator == Operator::SelfUnion).then(|| closes_sheets(strategy)),
         })
     }
 }
 
 /// The two ways of `auto` differ in how faces are paired around edges, and in what is turned inside out: one keeps it, the
 /// other drops it, unless the options say what is inside.
-pub(super) fn ways_of(rung: &Rung, options: &Options) -> (Pairing, Inside) {
-    let mends = rung.actions.iter().any(|planned| planned.action == Action::Mend);
-    let (pairing, inside) =
-        if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) };
-    let inside = match options.inside {
-        InsideRule::Auto => inside,
-        InsideRule::Positive => Inside::Positive,
-        InsideRule::Nonzero => Inside::Nonzero,
-        InsideRule::Odd => Inside::Odd,
+pub(super) fn ways_of(strategy: &Strategy, options: &Options) -> (Pairing, WindingRule) {
+    let mends = strategy.actions.iter().any(|planned| planned.action == Action::FullRepair);
+    let (pairing, winding_rule) =
+        if mends { (Pairing::Angular, WindingRule::Nonzero) } else { (Pairing::FinsLast, WindingRule::Positive) };
+    let winding_rule = match options.winding_rule {
+        WindingRuleChoice::Auto => winding_rule,
+        WindingRuleChoice::Positive => WindingRule::Positive,
+        WindingRuleChoice::Nonzero => WindingRule::Nonzero,
+        WindingRuleChoice::Odd => WindingRule::Odd,
     };
-    (pairing, inside)
+    (pairing, winding_rule)
 }
 
 /// Whether a strategy takes parts that are inside out for solid.
-pub(super) fn takes_inverted_for_solid(rung: &Rung, options: &Options) -> bool {
-    ways_of(rung, options).1 != Inside::Positive
+pub(super) fn takes_inverted_for_solid(strategy: &Strategy, options: &Options) -> bool {
+    ways_of(strategy, options).1 != WindingRule::Positive
 }
 
 /// Whether a strategy makes open sheets solid.
-pub(super) fn closes_sheets(rung: &Rung) -> bool {
-    rung.actions.iter().any(|planned| planned.action == Action::CloseSheets)
+pub(super) fn closes_sheets(strategy: &Strategy) -> bool {
+    strategy.actions.iter().any(|planned| planned.action == Action::CloseSheets)
 }
 
 /// A step, and whether its note is its own.
@@ -130,13 +130,13 @@ pub(super) struct ExecutedStep {
 }
 
 /// The note of a step that was not run again, where it has none of its own.
-const REUSED: &str = "its result was taken over from an earlier rung";
+const REUSED: &str = "its result was taken over from an earlier strategy";
 
 impl ExecutedStep {
     /// A step of an earlier strategy of which the result is reused by a later one, as part of an action of that.
-    pub fn reused(step: &Step, rung: u32, action: Action) -> Self {
+    pub fn reused(step: &Step, strategy: u32, action: Action) -> Self {
         let note = Some(step.note.clone().unwrap_or_else(|| REUSED.to_owned()));
-        let reused = Step { rung, action, tier: tier_of(action), milliseconds: 0.0, note, ..step.clone() };
+        let reused = Step { strategy, action, tier: tier_of(action), milliseconds: 0.0, note, ..step.clone() };
         Self { step: reused, has_reuse_note: step.note.is_none() }
     }
 }
@@ -160,13 +160,13 @@ pub(super) enum Crossings {
 impl Crossings {
     pub fn after(self, step: &Step, failure: Option<&Failure>) -> Self {
         match step.operator {
-            Some(Operator::Resolve) => {
+            Some(Operator::SelfUnion) => {
                 let failed = step.status == StepStatus::Failed;
                 // Sheets that are cut apart may be closed.
                 let open = matches!(failure, Some(Failure::Arrange(ArrangeError::NotClosed(_))));
                 if failed && !open { Self::Given } else { Self::Resolved }
             }
-            Some(Operator::Separate) if self == Self::Given => self,
+            Some(Operator::Perturb) if self == Self::Given => self,
             _ if step.changed.is_empty() => self,
             _ => Self::Unknown,
         }
@@ -174,6 +174,6 @@ impl Crossings {
 
     /// Whether a task can be left out.
     pub fn make_needless(self, task: Task) -> bool {
-        self != Self::Unknown && task.operator == Some(Operator::Resolve)
+        self != Self::Unknown && task.operator == Some(Operator::SelfUnion)
     }
 }

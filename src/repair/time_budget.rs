@@ -7,7 +7,7 @@
 use std::cell::{Cell, RefCell};
 use std::time::Duration;
 
-use super::report::LeftOut;
+use super::report::OmittedSection;
 use crate::context::Context;
 
 /// How far verification may go beyond the deadline: so many seconds, and such a share of the time there is. Both are below the
@@ -46,7 +46,7 @@ pub(super) struct TimeBudget {
     /// Seconds that a verification takes for each face of the input and of the result together.
     seconds_per_face: Cell<f64>,
     input_faces: usize,
-    left_out: RefCell<Vec<LeftOut>>,
+    omitted: RefCell<Vec<OmittedSection>>,
 }
 
 impl TimeBudget {
@@ -54,7 +54,7 @@ impl TimeBudget {
     pub fn new(input_faces: usize, measuring: Duration) -> Self {
         let seconds = TIMES_MEASURING * measuring.as_secs_f64();
         let seconds_per_face = Cell::new(seconds / (2 * input_faces).max(1) as f64);
-        Self { seconds_per_face, input_faces, left_out: RefCell::default() }
+        Self { seconds_per_face, input_faces, omitted: RefCell::default() }
     }
 
     /// How long the verification of a result of so many faces takes, about.
@@ -80,16 +80,16 @@ impl TimeBudget {
     }
 
     /// Notes what there was no time for.
-    pub fn leave_out(&self, what: LeftOut) {
-        let mut all = self.left_out.borrow_mut();
+    pub fn leave_out(&self, what: OmittedSection) {
+        let mut all = self.omitted.borrow_mut();
         if let Err(at) = all.binary_search(&what) {
             all.insert(at, what);
         }
     }
 
     /// What there was no time for.
-    pub fn left_out(&self) -> Vec<LeftOut> {
-        self.left_out.borrow().clone()
+    pub fn omitted(&self) -> Vec<OmittedSection> {
+        self.omitted.borrow().clone()
     }
 }
 

@@ -3,8 +3,8 @@
 use glam::DAffine3;
 
 use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
-use super::operators::resolve::Resolve;
-use crate::arrange::{Exact, Inside};
+use super::operators::self_union::SelfUnionRounds;
+use crate::arrange::{Exact, WindingRule};
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Analysis, InstanceContact, Solid, instance_contacts, measure_analysis, solids};
 use crate::math::Box3;
@@ -242,7 +242,12 @@ pub(super) fn cut_body(
     }
     let mut surface = Surface::from_soup(&whole).0;
     // The turned bodies count against this one, so that only what is in no other counts as inside.
-    let resolve = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: true };
+    let resolve = SelfUnionRounds {
+        winding_rule: WindingRule::Positive,
+        max_deviation: f64::INFINITY,
+        sheets: None,
+        always: true,
+    };
     let resolved = resolve.apply(&mut surface, &Exact, context)?;
     if resolved.error.is_some() || resolved.pairs_left > 0 || surface.faces.is_empty() {
         return Ok(None);

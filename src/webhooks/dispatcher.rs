@@ -214,8 +214,8 @@ pub fn new_secret(random: &dyn Random) -> SigningSecret {
 /// that is in force then.
 fn signatures(secrets: &Secrets, message: &str, timestamp: i64, payload: &str) -> String {
     let previous = secrets.previous.as_ref().filter(|(_, until)| until.unix_timestamp() > timestamp);
-    let in_force = std::iter::once(&secrets.current).chain(previous.map(|(secret, _)| secret));
-    let signatures: Vec<String> = in_force.map(|secret| signature(secret, message, timestamp, payload)).collect();
+    let enforced = std::iter::once(&secrets.current).chain(previous.map(|(secret, _)| secret));
+    let signatures: Vec<String> = enforced.map(|secret| signature(secret, message, timestamp, payload)).collect();
     signatures.join(" ")
 }
 

@@ -11,4 +11,4 @@ mod target;
 
 pub use dispatcher::{Dispatcher, DispatcherConfig, Random, Schedule, ScheduleError, SystemRandom, new_secret};
 pub use post::{Poster, PosterError};
-pub use target::{Reach, TargetError};
+pub use target::{TargetError, TargetPolicy};

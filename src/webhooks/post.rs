@@ -10,7 +10,7 @@ use reqwest::dns::{Addrs, Name, Resolve, Resolving};
 use reqwest::redirect::Policy;
 use reqwest::{Client, header};
 
-use super::target::{Reach, TargetError};
+use super::target::{TargetError, TargetPolicy};
 use crate::tls::use_ring;
 
 /// Longest time for a connection to be made; never more than the time for everything.
@@ -49,7 +49,7 @@ pub(super) struct Envelope<'a> {
 #[derive(Clone)]
 pub struct Poster {
     client: Client,
-    reach: Reach,
+    reach: TargetPolicy,
     timeout: Duration,
 }
 
@@ -57,13 +57,13 @@ impl Poster {
     /// `timeout` is for all of a message's sending, from the look-up of the name to the answer.
     ///
     /// # Errors
-    /// When the system's certificates can't be read.
-    pub fn new(reach: Reach, timeout: Duration) -> Result<Self, PosterError> {
+    /// When the system's reasons can't be read.
+    pub fn new(reach: TargetPolicy, timeout: Duration) -> Result<Self, PosterError> {
         Self::with_lookup(reach, timeout, |name| async move { Ok(tokio::net::lookup_host((name, 0)).await?.collect()) })
     }
 
     fn with_lookup<F>(
-        reach: Reach,
+        reach: TargetPolicy,
         timeout: Duration,
         lookup: impl Fn(String) -> F + Send + Sync + 'static,
     ) -> Result<Self, PosterError>
@@ -141,7 +141,7 @@ type Found = Pin<Box<dyn Future<Output = io::Result<Vec<SocketAddr>>> + Send>>;
 
 /// Looks names up for the client, which connects to the addresses it gets from here and to no others.
 struct Guard {
-    reach: Reach,
+    reach: TargetPolicy,
     lookup: Box<dyn Fn(String) -> Found + Send + Sync>,
 }
 
@@ -201,7 +201,7 @@ mod tests {
         let asked = Arc::new(AtomicUsize::new(0));
         let counter = Arc::clone(&asked);
         // A name server that answers otherwise the second time.
-        let poster = Poster::with_lookup(Reach::Anything, SHORT, move |_| {
+        let poster = Poster::with_lookup(TargetPolicy::Anything, SHORT, move |_| {
             let address = if counter.fetch_add(1, Ordering::SeqCst) == 0 { [127, 0, 0, 1] } else { [127, 0, 0, 99] };
             async move { Ok(vec![SocketAddr::from((address, 0))]) }
         });
@@ -223,7 +223,7 @@ mod tests {
             vec![public, SocketAddr::from(([127, 0, 0, 1], 0))],
             vec!["[::ffff:127.0.0.1]:0".parse().expect("an address")],
         ] {
-            let poster = Poster::with_lookup(Reach::Public, SHORT, move |_| {
+            let poster = Poster::with_lookup(TargetPolicy::Public, SHORT, move |_| {
                 let found = found.clone();
                 async move { Ok(found) }
             });
@@ -232,7 +232,7 @@ mod tests {
             let error = answer.error.expect("an error");
             assert_eq!(error, "The address must have a host on the public internet.");
         }
-        let poster = Poster::with_lookup(Reach::Public, SHORT, |_| async { Ok(Vec::new()) }).expect("a client");
+        let poster = Poster::with_lookup(TargetPolicy::Public, SHORT, |_| async { Ok(Vec::new()) }).expect("a client");
         let error = poster.post(envelope("https://hooks.example/")).await.error.expect("an error");
         assert_eq!(error, "The address names a host that has no address.");
         assert_eq!(reached.load(Ordering::SeqCst), 0);
@@ -242,7 +242,7 @@ mod tests {
     async fn an_answer_that_does_not_end_or_does_not_come_costs_no_more_than_its_time() {
         let (endless, _) = receiver("HTTP/1.1 200 OK\r\ncontent-length: 100000000000\r\n\r\n{\"and\": \"so on\"").await;
         let (silent, _) = receiver("").await;
-        let poster = Poster::new(Reach::Anything, SHORT).expect("a client");
+        let poster = Poster::new(TargetPolicy::Anything, SHORT).expect("a client");
         let answer = poster.post(envelope(&format!("http://127.0.0.1:{endless}/"))).await;
         assert_eq!(answer.status, Some(200), "{answer:?}");
         let answer = poster.post(envelope(&format!("http://127.0.0.1:{silent}/"))).await;

@@ -9,7 +9,7 @@ const LONGEST: usize = 2048;
 
 /// What may be reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reach {
+pub enum TargetPolicy {
     /// Hosts on the public internet by https, at port 443 or one that is not reserved.
     Public,
     /// Anything by http and https, this machine among it.
@@ -39,7 +39,7 @@ pub enum TargetError {
     Nowhere,
 }
 
-impl Reach {
+impl TargetPolicy {
     /// Reads an address that may be reached as far as can be told without looking its host up.
     ///
     /// # Errors
@@ -139,7 +139,7 @@ mod tests {
             "https://[2606:4700::1111]/",
             "https://LOCALHOST.shop.example/",
         ] {
-            assert!(Reach::Public.read(fine).is_ok(), "{fine}");
+            assert!(TargetPolicy::Public.read(fine).is_ok(), "{fine}");
         }
         let long = format!("https://shop.example/{}", "x".repeat(2048));
         for (text, why) in [
@@ -163,7 +163,7 @@ mod tests {
             ("https://db.internal/", TargetError::Private),
             ("https://printer.local/", TargetError::Private),
         ] {
-            assert_eq!(Reach::Public.read(text).map(|url| url.to_string()), Err(why), "{text}");
+            assert_eq!(TargetPolicy::Public.read(text).map(|url| url.to_string()), Err(why), "{text}");
         }
     }
 
@@ -196,8 +196,8 @@ mod tests {
             "169.254.169.254",
             "0xa9fea9fe",
         ] {
-            assert_eq!(Reach::Public.read(&format!("https://{host}/")), Err(TargetError::Private), "{host}");
-            assert!(Reach::Anything.read(&format!("http://{host}/")).is_ok(), "{host}");
+            assert_eq!(TargetPolicy::Public.read(&format!("https://{host}/")), Err(TargetError::Private), "{host}");
+            assert!(TargetPolicy::Anything.read(&format!("http://{host}/")).is_ok(), "{host}");
         }
     }
 

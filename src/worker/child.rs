@@ -18,7 +18,7 @@ use crate::context::{Context, Progress, Stage, monotonic_clock};
 use crate::format::{ReadError, ReadErrorKind};
 use crate::jobs::{JobOptions, JobProblem, JobProgress, JobReport, ProblemKind};
 use crate::render::Drawing;
-use crate::repair::{self, HandedOut, Options, Remesher, RepairError, repair};
+use crate::repair::{self, OfferedFile, Options, Remesher, RepairError, repair};
 
 /// Most bytes of a job's log.
 const LOG_BYTES: u64 = 1 << 20;
@@ -177,7 +177,7 @@ fn work(folder: &Path, task: &Task, context: &Context<'_>) -> Result<(), Failed>
     match (&task.options, task.draw) {
         (JobOptions::Repair(options), None) => run_repair(folder, task, options, context),
         (JobOptions::Analyze(options), None) => run_analysis(folder, task, options, context),
-        (JobOptions::Repair(options), Some(handed_out)) => draw_repair(folder, task, options, handed_out, context),
+        (JobOptions::Repair(options), Some(offered_file)) => draw_repair(folder, task, options, offered_file, context),
         (JobOptions::Analyze(options), Some(_)) => draw_files(folder, task, options, context),
     }
 }
@@ -189,7 +189,7 @@ fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'
     let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
     let bytes = fs::read(folder.join(Task::input(0)))?;
     let repaired = repair(&bytes, options, &task.limits, remesher, context)?;
-    if repaired.report.verdict.file == HandedOut::Model {
+    if repaired.report.verdict.file == OfferedFile::Model {
         fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
     }
     write_report(folder, &JobReport::Repair(Box::new(repaired.report)))
@@ -207,16 +207,16 @@ fn draw_repair(
     folder: &Path,
     task: &Task,
     options: &Options,
-    handed_out: HandedOut,
+    offered_file: OfferedFile,
     context: &Context<'_>,
 ) -> Result<(), Failed> {
     pause_at("child-draw");
     let input = fs::read(folder.join(Task::input(0)))?;
     let model;
-    let repaired = match handed_out {
-        HandedOut::None => None,
-        HandedOut::Original => Some(input.as_slice()),
-        HandedOut::Model => {
+    let repaired = match offered_file {
+        OfferedFile::None => None,
+        OfferedFile::Original => Some(input.as_slice()),
+        OfferedFile::Model => {
             model = fs::read(folder.join(Task::MODEL))?;
             Some(model.as_slice())
         }

@@ -19,7 +19,7 @@ use super::process::JobProcess;
 use super::task::{Confinement, TRIAL, WARM_UP};
 use crate::blender::{BlenderConfig, Warmth, warm_up};
 use crate::repair::RemesherInfo;
-use crate::sandbox::{SandboxMode, Trial, Walls};
+use crate::sandbox::{Protections, SandboxMode, Trial};
 
 /// Most of an answer that is read.
 const ANSWER_BYTES: u64 = 64 << 10;
@@ -82,8 +82,8 @@ struct TrialRequest {
 /// Starts a process as for a job, with its folder in `outside`, lets it try what must fail, and says what did.
 ///
 /// # Errors
-/// Where it can't be tried, and where walls are missing that are required.
-pub(super) async fn try_sandbox(program: &Path, outside: &Path, confinement: Confinement) -> io::Result<Walls> {
+/// Where it can't be tried, and where protections are missing that are required.
+pub(super) async fn try_sandbox(program: &Path, outside: &Path, confinement: Confinement) -> io::Result<Protections> {
     // Answers nobody; a connection that gets as far as its queue is one too many.
     let listener =
         TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).or_else(|_| TcpListener::bind((Ipv6Addr::LOCALHOST, 0)))?;
@@ -94,8 +94,8 @@ pub(super) async fn try_sandbox(program: &Path, outside: &Path, confinement: Con
     let required = confinement.sandbox.mode == SandboxMode::Require;
     let question = TrialRequest { confinement, trial };
     let request = ChildRequest { program, verb: TRIAL, folder: &folder, question, time_limit: TRIAL_TIME };
-    let found: Walls = request.send(&CancellationToken::new()).await?;
-    let open = [&found.network, &found.files].into_iter().find(|layer| required && !layer.in_force);
+    let found: Protections = request.send(&CancellationToken::new()).await?;
+    let open = [&found.network, &found.files].into_iter().find(|layer| required && !layer.enforced);
     if let Some(layer) = open {
         return Err(io::Error::other(layer.detail.clone().unwrap_or_default()));
     }

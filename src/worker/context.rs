@@ -18,7 +18,7 @@ use crate::blender::BlenderConfig;
 use crate::blobs::{BlobError, Blobs, Stored, free_bytes};
 use crate::format::{Format, Limits};
 use crate::jobs::{Artifact, Artifacts, Input, Job, JobReport, Lease, Store, StoreError, StoredFile};
-use crate::repair::{HandedOut, RemesherInfo, promised_overrun};
+use crate::repair::{OfferedFile, RemesherInfo, promised_overrun};
 use crate::sandbox::{Sandbox, SandboxMode, SandboxStatus};
 
 /// What counts a job's processes where the kernel does not.
@@ -130,7 +130,7 @@ impl WorkerContext {
     pub(super) async fn overrun(&self, job: &Job, folder: &Path, group: Pid) -> io::Result<Option<Excess>> {
         let model = job.artifacts.get(Task::MODEL).and_then(|model| Some(model.file.as_ref()?.bytes));
         let given = job.inputs.iter().map(|input| input.bytes).chain(model).sum();
-        let counts = self.status.as_ref().is_some_and(|it| it.walls.processes.by == [COUNTED_HERE]);
+        let counts = self.status.as_ref().is_some_and(|it| it.protections.processes.mechanisms == [COUNTED_HERE]);
         let allowance = Allowance {
             scratch_bytes: self.config.job_scratch.saturating_add(given),
             processes: counts.then_some(self.config.job_processes),
@@ -139,7 +139,7 @@ impl WorkerContext {
     }
 
     /// The task of a job's child process: to do the job, or to draw the pictures of what it handed out.
-    pub(super) fn task(&self, job: &Job, draw: Option<HandedOut>) -> Task {
+    pub(super) fn task(&self, job: &Job, draw: Option<OfferedFile>) -> Task {
         let config = &self.config;
         Task {
             inputs: job.inputs.clone(),
@@ -160,7 +160,7 @@ impl WorkerContext {
 
     /// Whether a job's processes may leave its process group.
     pub(super) fn loose(&self) -> bool {
-        self.status.as_ref().is_none_or(|it| !it.walls.system_calls.in_force)
+        self.status.as_ref().is_none_or(|it| !it.protections.system_calls.enforced)
     }
 
     /// Bytes free on the disk that has the fewest, as an error where that is too few to begin a job.
@@ -235,20 +235,20 @@ pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offer
         .into_iter()
         .filter(|(name, _)| report.is_some() || *name == Task::LOG)
         .map(|(name, media_type)| Offered::new(name.to_owned(), format!("{first}-{name}"), media_type));
-    let handed_out = report.and_then(|report| match report.handed_out() {
-        (HandedOut::Model, format) => format.map(|format| {
+    let offered_file = report.and_then(|report| match report.offered_file() {
+        (OfferedFile::Model, format) => format.map(|format| {
             let filename = format!("{first}-repaired.{}", format.extension());
             Offered::new(Task::MODEL.to_owned(), filename, media_type(format))
         }),
-        (HandedOut::Original, _) => inputs.first().map(|input| Offered {
+        (OfferedFile::Original, _) => inputs.first().map(|input| Offered {
             name: Task::ORIGINAL.to_owned(),
             source: Task::input(0),
             filename: input.name.clone(),
             media_type: media_type(input.format).to_owned(),
         }),
-        (HandedOut::None, _) => None,
+        (OfferedFile::None, _) => None,
     });
-    once.chain(handed_out).collect()
+    once.chain(offered_file).collect()
 }
 
 impl Offered {

@@ -13,7 +13,7 @@ use super::process::JobProcess;
 use super::scratch::sanitize;
 use super::task::{JOB, Task};
 use crate::jobs::{Artifacts, Claim, Job, Lease, StoreError};
-use crate::repair::HandedOut;
+use crate::repair::OfferedFile;
 
 /// Times that it is tried before the job is left without pictures.
 const TRIES: u32 = 3;
@@ -67,12 +67,12 @@ async fn try_draw(
         let path = folder.join(Task::MODEL);
         retry_with_backoff(Some(over), || context.blobs.fetch(&file.key, &file.sha256, &path)).await?;
     }
-    let handed_out = match model {
-        Some(_) => HandedOut::Model,
-        None if job.artifacts.contains_key(Task::ORIGINAL) => HandedOut::Original,
-        None => HandedOut::None,
+    let offered_file = match model {
+        Some(_) => OfferedFile::Model,
+        None if job.artifacts.contains_key(Task::ORIGINAL) => OfferedFile::Original,
+        None => OfferedFile::None,
     };
-    let task = context.task(job, Some(handed_out));
+    let task = context.task(job, Some(offered_file));
     let mut process = JobProcess::start(&context.config.program, JOB, folder, held.attempt == 1, &task)?;
     // Nobody hears how far it is, but it must be able to say so.
     if let Some(mut progress) = process.stdout() {

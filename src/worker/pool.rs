@@ -93,23 +93,23 @@ async fn sandbox_status(context: &WorkerContext) -> std::io::Result<SandboxStatu
     let config = &context.config;
     let outside = context.scratch.attempt()?;
     let confinement = context.confinement(Duration::from_secs(60));
-    let mut walls = try_sandbox(&config.program, outside.path(), confinement).await?;
-    if !walls.processes.in_force {
-        let why = walls.processes.detail.take().unwrap_or_default();
+    let mut protections = try_sandbox(&config.program, outside.path(), confinement).await?;
+    if !protections.processes.enforced {
+        let why = protections.processes.detail.take().unwrap_or_default();
         let detail = Some(format!("counted now and then; the kernel does not do it: {why}"));
-        walls.processes = Protection { in_force: true, by: vec![COUNTED_HERE.to_owned()], detail };
+        protections.processes = Protection { enforced: true, mechanisms: vec![COUNTED_HERE.to_owned()], detail };
     }
-    for (wall, Protection { in_force, by, detail }) in walls.named() {
-        let (by, detail) = (by.join(", "), detail.as_deref().unwrap_or_default());
-        if *in_force {
-            tracing::info!(wall, by, detail, "jobs are walled off");
+    for (wall, Protection { enforced, mechanisms, detail }) in protections.named() {
+        let (mechanisms, detail) = (mechanisms.join(", "), detail.as_deref().unwrap_or_default());
+        if *enforced {
+            tracing::info!(protection = wall, mechanisms, detail, "sandbox protection enforced");
         } else {
-            tracing::warn!(wall, detail, "jobs are not walled off");
+            tracing::warn!(protection = wall, detail, "sandbox protection missing");
         }
     }
     Ok(SandboxStatus {
         mode: config.sandbox,
-        walls,
+        protections,
         max_processes: config.job_processes,
         memory_bytes: config.job_memory,
         scratch_bytes: config.job_scratch,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::blender::BlenderConfig;
 use crate::format::Limits;
 use crate::jobs::{Input, JobOptions, JobProgress};
-use crate::repair::{HandedOut, RemesherInfo};
+use crate::repair::{OfferedFile, RemesherInfo};
 use crate::sandbox::Sandbox;
 
 /// What a worker starts this program for; each is followed by the scratch folder with what it needs.
@@ -28,7 +28,7 @@ pub(super) struct Task {
     pub inputs: Vec<Input>,
     pub options: JobOptions,
     /// Where the job was done before and its pictures are to be drawn: the file that it handed out.
-    pub draw: Option<HandedOut>,
+    pub draw: Option<OfferedFile>,
     pub limits: Limits,
     pub confinement: Confinement,
     pub remesher: Option<RemesherInfo>,

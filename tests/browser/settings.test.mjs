@@ -157,7 +157,7 @@ test("another decision than the assumed one is a click away", { timeout: 120_000
   await page.getByText("Where surfaces cross, the direction of the faces decided what is solid.").waitFor({ timeout: 60_000 });
   await page.getByRole("button", { name: "Decide otherwise" }).click();
   await page.waitForFunction(() => document.querySelectorAll(".file.good, .file.fair").length === 2, null, { timeout: 60_000 });
-  assert.equal((await newest()).options.inside, "nonzero");
+  assert.equal((await newest()).options.winding_rule, "nonzero");
   assert.deepEqual(faults, []);
   await close();
 });

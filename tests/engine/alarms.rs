@@ -53,7 +53,7 @@ fn stray_faces_without_area_are_no_part_of_the_box() {
     push(&mut soup, [600.0, 601.0, 602.0].map(DVec3::splat));
     let it = repaired_at_once(&soup);
     let changes = it.report.changes.unwrap();
-    assert_eq!(changes.box_change_pct, Some(0.0));
+    assert_eq!(changes.bounding_box_change_pct, Some(0.0));
     assert!((volume(&it) - 1000.0).abs() < 1e-9, "{}", volume(&it));
 }
 
@@ -70,7 +70,7 @@ fn a_face_with_an_area_that_is_gone_still_moves_the_box() {
         meshmend::repair::Context::new(&meshmend::repair::NoProgress, &cancel, &clock, std::time::Duration::MAX);
     let [a, b] = [&before, &after].map(|soup| meshmend::inspect::Analysis::new(soup.into(), &context).unwrap());
     let it = meshmend::inspect::compare(&a, &b, Default::default(), &context).unwrap();
-    assert!(it.changes.box_change_pct.unwrap() > 90.0);
+    assert!(it.changes.bounding_box_change_pct.unwrap() > 90.0);
     assert!(!it.faithful);
 }
 
@@ -163,7 +163,7 @@ fn boxes_whose_tops_are_a_step_of_f32_apart_are_repaired_at_once_for_readers_of_
     let mut wide = cube(DVec3::ZERO, 1.0, 1);
     wide.positions.iter_mut().for_each(|p| *p = over(*p));
     let it = repaired_at_once(&join(&cube(DVec3::ZERO, f64::from(top), 1), &wide));
-    assert_eq!(it.report.after.unwrap().measures.near_coincident_faults, 0);
+    assert_eq!(it.report.after.unwrap().measures.near_coincident_defects, 0);
 }
 
 #[test]

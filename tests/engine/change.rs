@@ -6,7 +6,7 @@ use std::time::Duration;
 use glam::DVec3;
 use meshmend::context::{Context, NoProgress};
 use meshmend::format::{self, Format, Limits, read};
-use meshmend::inspect::{Analysis, CompareOptions, Fate, Fates, Original, measures};
+use meshmend::inspect::{Analysis, CompareOptions, Original, Provenance, SurfaceProvenance, measures};
 use meshmend::mesh::Soup;
 use meshmend::render::{Drawing, draw_change};
 use meshmend::repair::{Options, Outcome, draw, repair};
@@ -19,17 +19,17 @@ fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
     run(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(100)))
 }
 
-fn fates(before: &Soup, after: &Soup) -> Fates {
+fn provenance(before: &Soup, after: &Soup) -> SurfaceProvenance {
     with_context(|context| {
         let [before, after] = [before, after].map(|soup| Analysis::new(soup.into(), context).unwrap());
         let measured = measures(&before, context).unwrap();
-        Original::new(&before, &measured, CompareOptions::BRIEF).fates(&after, context).unwrap()
+        Original::new(&before, &measured, CompareOptions::BRIEF).provenance(&after, context).unwrap()
     })
 }
 
 /// The areas of what was kept, moved, added and removed.
 fn areas(before: &Soup, after: &Soup) -> [f64; 4] {
-    let shares = fates(before, after).shares;
+    let shares = provenance(before, after).shares;
     assert!(shares.complete);
     [shares.kept, shares.moved, shares.added, shares.removed].map(|share| share.area)
 }
@@ -63,9 +63,9 @@ fn a_patch_is_added_however_small_the_hole_and_a_wall_that_is_gone_is_removed() 
     let fine = cube(DVec3::ZERO, 1.0, 300);
     let mut holed = fine.clone();
     let gone = holed.faces.pop().unwrap();
-    let found = fates(&holed, &fine);
-    assert_eq!(found.of_face.iter().filter(|&&fate| fate == Some(Fate::Added)).count(), 1);
-    assert_eq!(found.of_face.last(), Some(&Some(Fate::Added)), "{gone:?}");
+    let found = provenance(&holed, &fine);
+    assert_eq!(found.of_face.iter().filter(|&&provenance| provenance == Some(Provenance::Added)).count(), 1);
+    assert_eq!(found.of_face.last(), Some(&Some(Provenance::Added)), "{gone:?}");
     assert_eq!(found.shares.removed.faces, 0);
 }
 
@@ -126,7 +126,7 @@ fn meshes_of_nothing_or_of_broken_faces_are_no_trouble() {
     let mut broken = whole.clone();
     push(&mut broken, [DVec3::NAN; 3]);
     push(&mut broken, [DVec3::ZERO; 3]);
-    let found = fates(&broken, &broken);
+    let found = provenance(&broken, &broken);
     assert_eq!((found.of_face.len(), found.of_face[12]), (14, None));
     assert_eq!(found.shares.kept.area, 6.0);
 }
@@ -142,7 +142,7 @@ fn a_change_is_drawn_in_four_colours_with_the_legend_in_the_file() {
     let mut after = whole.clone();
     // One corner is moved a little.
     after.positions[0] -= DVec3::splat(0.002);
-    let found = fates(&before, &after);
+    let found = provenance(&before, &after);
     let drawings = with_context(|context| draw_change(&after, &found, context)).unwrap();
     assert!(drawing(&drawings, "change.png").starts_with(b"\x89PNG"));
 
@@ -162,7 +162,7 @@ fn a_change_is_drawn_in_four_colours_with_the_legend_in_the_file() {
     let ply = drawing(&drawings, "change.ply");
     let text = String::from_utf8_lossy(&ply[..800]);
     assert!(text.contains("comment legend removed #D1241B 80 faces removed"), "{text}");
-    assert!(text.contains("property uchar fate\n"), "{text}");
+    assert!(text.contains("property uchar provenance\n"), "{text}");
     let faces = read(ply, &Limits::default()).unwrap().soup.faces.len();
     assert_eq!(faces, after.faces.len() + found.removed.len());
 }

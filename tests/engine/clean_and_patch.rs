@@ -165,8 +165,9 @@ fn the_plan_of_auto_has_it_after_the_other_ways_and_runs_it_only_then() {
     let bytes = write(&broken.to_soup(), Format::Stl).unwrap();
     let options = Options { max_tier: 2, pictures: false, voxel_resolution: 50, ..Options::default() };
     let report = with_context(|c| repair(&bytes, &options, &Limits::default(), None, c)).unwrap().report;
-    let has = |rung: &meshmend::repair::Rung| rung.actions.iter().any(|a| a.action == Action::CleanAndPatch);
-    assert_eq!(report.plan.rungs.iter().position(has), Some(4));
-    assert_eq!(report.plan.rungs.iter().filter(|rung| has(rung)).count(), 1);
+    let has =
+        |strategy: &meshmend::repair::Strategy| strategy.actions.iter().any(|a| a.action == Action::CleanAndPatch);
+    assert_eq!(report.plan.strategies.iter().position(has), Some(4));
+    assert_eq!(report.plan.strategies.iter().filter(|strategy| has(strategy)).count(), 1);
     assert_eq!(report.outcome, Outcome::Repaired, "{}", report.summary);
 }

@@ -36,7 +36,7 @@ fn close(found: f64, expected: f64, tolerance: f64) {
 }
 
 fn deviations(it: &Comparison) -> [meshmend::inspect::Deviation; 3] {
-    [it.changes.lost.unwrap(), it.deviation.unwrap(), it.changes.made.unwrap()]
+    [it.changes.lost.unwrap(), it.deviation.unwrap(), it.changes.added.unwrap()]
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn a_shifted_cube_is_apart_by_the_shift_where_that_is_across_the_faces() {
         close(deviation.distance.p50, 0.0, 1e-12);
         close(deviation.distance.p95, 0.1, 1e-12);
     }
-    close(it.changes.box_change_pct.unwrap(), 10.0 / 3f64.sqrt(), 1e-9);
+    close(it.changes.bounding_box_change_pct.unwrap(), 10.0 / 3f64.sqrt(), 1e-9);
     close(it.changes.volume_change_pct.unwrap(), 0.0, 1e-9);
     let inside = it.inside.unwrap();
     close(inside.agree_pct, (1.0 - 0.2 / 1.1) * 100.0, 1.0);
@@ -149,7 +149,7 @@ fn huge_tiny_empty_and_broken_meshes_are_compared_without_a_number_that_is_none(
     // From a ball the size of an atom to one the size of the world, and back.
     let it = compared(&ball(1.0), &ball(1e200));
     close(it.deviation.unwrap().distance.max / 1e200, 0.95, 0.06);
-    close(it.changes.made.unwrap().distance.max / 1e200, 1.0, 1e-6);
+    close(it.changes.added.unwrap().distance.max / 1e200, 1.0, 1e-6);
 }
 
 #[test]
@@ -195,7 +195,7 @@ fn spacing_is_from_each_vertex_to_the_nearest_of_the_other_meshes() {
 #[test]
 fn faces_that_went_are_buried_where_the_result_is_around_them() {
     let inner = cube(DVec3::splat(1.0), 1.0, 4);
-    let buried = |before: &Soup, after: &Soup| compared(before, after).changes.faces_buried_pct;
+    let buried = |before: &Soup, after: &Soup| compared(before, after).changes.enclosed_faces_pct;
     let outer = cube(DVec3::ZERO, 3.0, 2);
     assert_eq!(buried(&join(&outer, &inner), &outer), Some(100.0));
     // What is gone from outside, or is cut coarser, is not.

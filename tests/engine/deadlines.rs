@@ -11,9 +11,9 @@ use meshmend::inspect::Level;
 use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{
-    Action, Context, LeftOut, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, Progress, RemeshAction,
-    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Stage, StepStatus,
-    promised_overrun, repair,
+    Action, Context, NoProgress, OmittedSection, Operator, Options, Outcome, OutputFormat, Preset, Progress,
+    RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Stage,
+    StepStatus, promised_overrun, repair,
 };
 use meshmend::simplify::Simplify;
 
@@ -96,11 +96,11 @@ fn a_repair_ends_within_two_seconds_and_a_tenth_of_its_deadline_however_slow_the
             assert!(took <= DEADLINE + promised_overrun(DEADLINE), "{tick_ms} ms a look: {took:?}");
             match result {
                 Ok(it) => {
-                    let left_out = &it.report.left_out;
-                    assert_eq!(left_out.contains(&LeftOut::Repair), it.report.summary.contains("deadline_s"));
+                    let omitted = &it.report.omitted;
+                    assert_eq!(omitted.contains(&OmittedSection::Repair), it.report.summary.contains("deadline_s"));
                     assert!(!it.bytes.is_empty() && it.report.after.is_some() && it.report.verified_from_output_bytes);
                     // Nothing is said to be printable of which that is not known.
-                    let unknown = left_out.contains(&LeftOut::InputVerification);
+                    let unknown = omitted.contains(&OmittedSection::InputVerification);
                     assert!(!(unknown && it.report.outcome.is_printable()), "{tick_ms}");
                 }
                 Err(error) => assert!(matches!(error, RepairError::OutOfTime(_)) && tick_ms > 80, "{tick_ms}: {error}"),
@@ -112,7 +112,7 @@ fn a_repair_ends_within_two_seconds_and_a_tenth_of_its_deadline_however_slow_the
 #[test]
 fn with_time_for_everything_nothing_is_left_out() {
     let it = run(&broken(), &Options::default(), None, &NoProgress, &Clock::default()).unwrap();
-    assert_eq!(it.report.left_out, []);
+    assert_eq!(it.report.omitted, []);
     assert!(!it.report.summary.contains("deadline_s"), "{}", it.report.summary);
 }
 
@@ -123,10 +123,10 @@ fn a_model_that_could_be_inspected_and_no_more_comes_back_as_it_was() {
     assert_eq!(it.report.outcome, Outcome::Unrepairable);
     assert_eq!(it.bytes, format::write(&broken(), Format::Stl).unwrap());
     assert!(it.report.before.measures.self_intersections.checked);
-    assert!(it.report.left_out.contains(&LeftOut::Repair));
+    assert!(it.report.omitted.contains(&OmittedSection::Repair));
     assert!(it.report.summary.contains("deadline_s"), "{}", it.report.summary);
     let skipped = it.report.steps.iter().filter(|step| step.status == StepStatus::Skipped).count();
-    assert_eq!(skipped, it.report.plan.rungs.len(), "each strategy says that it did not run");
+    assert_eq!(skipped, it.report.plan.strategies.len(), "each strategy says that it did not run");
 }
 
 #[test]
@@ -137,8 +137,11 @@ fn a_model_that_could_not_be_inspected_is_not_said_to_be_printable_or_broken() {
         let options = Options { output, ..Options::default() };
         let it = run(&ball, &options, None, &At(Stage::Inspect, DEADLINE, &clock), &clock).unwrap();
         assert_eq!(it.report.outcome, Outcome::Unrepairable);
-        let left_out = &it.report.left_out;
-        assert!(left_out.contains(&LeftOut::InputVerification) && left_out.contains(&LeftOut::Repair), "{left_out:?}");
+        let omitted = &it.report.omitted;
+        assert!(
+            omitted.contains(&OmittedSection::InputVerification) && omitted.contains(&OmittedSection::Repair),
+            "{omitted:?}"
+        );
         assert!(it.report.summary.contains("not known whether it is printable"), "{}", it.report.summary);
         assert_eq!((it.report.before.level, it.report.after.unwrap().level), (Level::None, Level::None));
         let read = format::read(&it.bytes, &Limits::default()).unwrap().soup;
@@ -173,7 +176,7 @@ fn a_result_that_there_was_no_time_to_verify_is_not_handed_out() {
     let late = DEADLINE + Duration::from_millis(1900);
     let it = run(&open, &Options::default(), None, &At(Stage::Verify, late, &clock), &clock).unwrap();
     assert_eq!((it.report.outcome, it.report.candidates.len()), (Outcome::Unrepairable, 1));
-    assert!(it.report.left_out.contains(&LeftOut::Verification));
+    assert!(it.report.omitted.contains(&OmittedSection::Verification));
     assert_eq!(it.bytes, format::write(&open, Format::Stl).unwrap());
 }
 
@@ -221,7 +224,7 @@ fn a_finished_remesh_is_kept_where_the_time_ends_while_its_faces_are_reduced() {
     let it = run(&cubes, &options, Some(&late), &NoProgress, &clock).unwrap();
     assert_eq!(it.report.outcome, Outcome::Repaired, "{}", it.report.summary);
     assert_eq!(it.report.after.unwrap().measures.faces, fine.faces.len() as u64);
-    assert!(it.report.left_out.contains(&LeftOut::Repair), "{:?}", it.report.left_out);
+    assert!(it.report.omitted.contains(&OmittedSection::Repair), "{:?}", it.report.omitted);
     let step = it.report.steps.iter().find(|step| step.action == Action::VoxelRemesh).unwrap();
     assert!(step.note.as_ref().unwrap().contains("time was over"), "{step:?}");
 }

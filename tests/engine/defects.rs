@@ -71,10 +71,10 @@ fn as_many_defects_are_placed_as_the_measures_count() {
         let m = &inspection.measures;
         for (kind, measured) in [
             (K::Hole, m.boundary_loops),
-            (K::NonManifoldEdge, m.nonmanifold_edges),
-            (K::NonManifoldVertex, m.nonmanifold_vertices),
+            (K::NonManifoldEdge, m.non_manifold_edges),
+            (K::NonManifoldVertex, m.non_manifold_vertices),
             (K::MisorientedEdge, m.misoriented_edges),
-            (K::Corrupt, m.nonfinite_faces),
+            (K::Corrupt, m.non_finite_faces),
             (K::InvertedPart, m.inverted_parts),
             (K::Disjoint, m.parts - 1),
         ] {

@@ -143,7 +143,7 @@ fn slivers_beside_an_edge_of_three_faces_leave_that_edge() {
     let before = measured(&mesh.to_soup());
     with_context(|c| SLIVERS.apply(&mut mesh, c)).unwrap();
     let after = measured(&mesh.to_soup());
-    assert_eq!((before.nonmanifold_edges, after.nonmanifold_edges), (1, 1));
+    assert_eq!((before.non_manifold_edges, after.non_manifold_edges), (1, 1));
     assert_eq!((after.boundary_edges, after.faces), (2, 13));
     assert!(mesh.positions.contains(&DVec3::ZERO), "the end of that edge stays where it was");
 }
@@ -357,7 +357,7 @@ fn operators_that_are_switched_off_do_not_run() {
     mesh.source.remove(3);
     let ran = |options: &Options| {
         let steps = mended(&mesh.to_soup(), options).report.steps;
-        steps.iter().flat_map(|s| s.changed.clone()).any(|c| c.what == ChangeKind::ShortEdgesCollapsed)
+        steps.iter().flat_map(|s| s.changed.clone()).any(|c| c.kind == ChangeKind::ShortEdgesCollapsed)
     };
     assert!(ran(&Options::default()));
     assert!(!ran(&Options { without: vec![Operator::RemoveSlivers], ..Options::default() }));
@@ -433,7 +433,7 @@ proptest! {
         let twisted = read(&obj(&corners), 0.0);
         prop_assert_eq!(twisted.soup.faces.len(), n - 2);
         let m = measured(&twisted.soup);
-        prop_assert_eq!((m.boundary_edges, m.nonmanifold_edges, m.boundary_loops), (n as u64, 0, 1));
+        prop_assert_eq!((m.boundary_edges, m.non_manifold_edges, m.boundary_loops), (n as u64, 0, 1));
         prop_assert!(m.consistent);
     }
 }

@@ -125,7 +125,7 @@ fn thickening_spares_parts_that_are_almost_closed_and_thickens_sheets_beside_the
         precision: Precision::F32,
     };
     let applied = with_context(|c| thicken.apply(&mut surface, c)).unwrap();
-    let count = |what: &str| applied.changes.iter().find(|it| it.what.as_str() == what).map_or(0, |it| it.count);
+    let count = |what: &str| applied.changes.iter().find(|it| it.kind.as_str() == what).map_or(0, |it| it.count);
     assert_eq!((count("sheets_thickened"), count("solids_left_open")), (1, 1));
 }
 

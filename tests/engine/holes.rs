@@ -437,7 +437,7 @@ proptest! {
         let (surface, _) = fill(&soup, FillHoles { filling, refine, fair: refine, ..FillHoles::default() });
         let after = measured(&surface.to_soup());
         prop_assert!(after.boundary_edges <= before.boundary_edges);
-        prop_assert!(after.nonmanifold_edges <= before.nonmanifold_edges);
-        prop_assert!(after.nonmanifold_vertices <= before.nonmanifold_vertices);
+        prop_assert!(after.non_manifold_edges <= before.non_manifold_edges);
+        prop_assert!(after.non_manifold_vertices <= before.non_manifold_vertices);
     }
 }

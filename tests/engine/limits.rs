@@ -42,7 +42,7 @@ fn what_needs_more_than_max_deviation_is_left_and_reported() {
     let bound = run(&on_an_edge(), &Options { max_deviation: Some(0.0), ..native() }, None).report;
     assert!(bound.steps.iter().all(|s| s.moved == 0.0), "{:?}", bound.steps);
     assert_ne!(bound.outcome, Outcome::Repaired);
-    assert!(bound.after.unwrap().measures.nonmanifold_edges > 0);
+    assert!(bound.after.unwrap().measures.non_manifold_edges > 0);
     assert!(bound.summary.contains("non-manifold"), "{}", bound.summary);
 }
 
@@ -86,7 +86,7 @@ fn an_operator_that_is_switched_off_does_not_run() {
     let off = vec![Operator::FillHoles, Operator::ThickenSheets, Operator::CleanAndPatch, Operator::Remesh];
     let without = run(&open, &Options { without: off, ..native() }, None).report;
     assert!(!ran(&without) && without.outcome != Outcome::Repaired);
-    let planned = without.plan.rungs.iter().flat_map(|r| &r.actions).flat_map(|a| &a.operators);
+    let planned = without.plan.strategies.iter().flat_map(|r| &r.actions).flat_map(|a| &a.operators);
     assert!(planned.into_iter().all(|&o| o != Operator::FillHoles));
 }
 
@@ -107,5 +107,5 @@ fn operators_are_named_in_one_string_or_in_an_array() {
 fn every_step_names_its_operator_and_no_operator_broke_its_claim() {
     let report = run(&on_an_edge(), &native(), None).report;
     assert!(report.steps.iter().filter(|s| s.tier > 0).all(|s| s.operator.is_some()));
-    assert!(report.steps.iter().all(|s| s.status != StepStatus::Undone), "{:?}", report.steps);
+    assert!(report.steps.iter().all(|s| s.status != StepStatus::Reverted), "{:?}", report.steps);
 }

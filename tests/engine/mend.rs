@@ -1,14 +1,14 @@
 //! The operators of tier 2: what is cut apart stays apart when it is welded by position.
 
 use glam::DVec3;
-use meshmend::arrange::{ArrangeError, Exact, Inside};
+use meshmend::arrange::{ArrangeError, Exact, WindingRule};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{NotClosed, Soup, Surface};
 use meshmend::repair::operators::debris::remove_debris;
-use meshmend::repair::operators::perturb::Separate;
-use meshmend::repair::operators::resolve::{Resolve, Resolved};
-use meshmend::repair::operators::split_non_manifold::{Pairing, Pinches, cut_apart};
+use meshmend::repair::operators::perturb::Perturb;
+use meshmend::repair::operators::self_union::{Resolved, SelfUnionRounds};
+use meshmend::repair::operators::split_non_manifold::{Pairing, Pinches, split_non_manifold};
 use meshmend::repair::{Context, NoProgress};
 use proptest::prelude::*;
 
@@ -24,7 +24,7 @@ pub fn as_stl(surface: &Surface) -> Measures {
 
 fn separated(soup: &Soup) -> Surface {
     let (mut surface, _) = Surface::from_soup(soup);
-    with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
+    with_context(|c| Perturb::default().apply(&mut surface, c)).unwrap();
     surface
 }
 
@@ -37,7 +37,7 @@ fn two_cubes_on_an_edge() -> Soup {
 fn two_solids_that_share_an_edge_stay_two_solids() {
     let soup = two_cubes_on_an_edge();
     let before = with_context(|c| measure(&soup, c)).unwrap();
-    assert_eq!((before.nonmanifold_edges, before.parts), (2, 1));
+    assert_eq!((before.non_manifold_edges, before.parts), (2, 1));
     let surface = separated(&soup);
     let after = as_stl(&surface);
     assert!(after.manifold && after.closed && after.consistent, "{after:?}");
@@ -60,9 +60,9 @@ fn vertices_move_by_no_more_than_a_few_units_in_the_last_place() {
 #[test]
 fn solids_that_touch_in_a_vertex_are_parted() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1));
-    assert_eq!(with_context(|c| measure(&soup, c)).unwrap().nonmanifold_vertices, 1);
+    assert_eq!(with_context(|c| measure(&soup, c)).unwrap().non_manifold_vertices, 1);
     let after = as_stl(&separated(&soup));
-    assert_eq!((after.nonmanifold_vertices, after.parts), (0, 2));
+    assert_eq!((after.non_manifold_vertices, after.parts), (0, 2));
     assert!(after.closed && after.manifold);
 }
 
@@ -95,7 +95,7 @@ fn ring_with_a_pinched_edge() -> Soup {
 fn an_edge_where_a_solid_touches_itself_is_split() {
     let soup = ring_with_a_pinched_edge();
     let before = with_context(|c| measure(&soup, c)).unwrap();
-    assert_eq!((before.nonmanifold_edges, before.boundary_edges), (1, 0));
+    assert_eq!((before.non_manifold_edges, before.boundary_edges), (1, 0));
     let after = as_stl(&separated(&soup));
     assert!(after.closed && after.manifold && after.consistent, "{after:?}");
     assert!((after.volume.value - 7.0).abs() < 1e-5);
@@ -106,7 +106,8 @@ fn a_fin_is_cut_off_and_the_solid_stays_closed() {
     let mut soup = cube(DVec3::ZERO, 1.0, 1);
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::new(0.5, -0.01, -0.01)]);
     let (mut surface, _) = Surface::from_soup(&soup);
-    let changes = with_context(|c| cut_apart(&mut surface, Pairing::FinsLast, Pinches::KeepAtBoundaries, c)).unwrap();
+    let changes =
+        with_context(|c| split_non_manifold(&mut surface, Pairing::FinsLast, Pinches::KeepAtBoundaries, c)).unwrap();
     assert_eq!(count(&changes, "faces_without_partner"), 1);
     let changes = with_context(|c| remove_debris(&mut surface, c)).unwrap();
     assert_eq!((count(&changes, "debris_parts_removed"), count(&changes, "debris_faces_removed")), (1, 1));
@@ -152,7 +153,7 @@ fn a_mesh_that_is_manifold_is_left_bit_for_bit() {
     let soup = join(&sphere(DVec3::ZERO, 2.0, 16, 8), &cube(DVec3::splat(5.0), 1.0, 2));
     let (before, _) = Surface::from_soup(&soup);
     let mut after = before.clone();
-    let changes = with_context(|c| Separate::default().apply(&mut after, c)).unwrap().changes;
+    let changes = with_context(|c| Perturb::default().apply(&mut after, c)).unwrap().changes;
     assert!(changes.is_empty(), "{changes:?}");
     assert_eq!(before, after);
 }
@@ -190,11 +191,13 @@ proptest! {
 fn resolved(soup: &Soup) -> (Surface, Resolved) {
     let (mut surface, _) = Surface::from_soup(soup);
     let it = with_context(|c| {
-        Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false }.apply(
-            &mut surface,
-            &Exact,
-            c,
-        )
+        SelfUnionRounds {
+            winding_rule: WindingRule::Positive,
+            max_deviation: f64::INFINITY,
+            sheets: None,
+            always: false,
+        }
+        .apply(&mut surface, &Exact, c)
     })
     .unwrap();
     (surface, it)
@@ -251,7 +254,12 @@ fn a_resolve_that_is_cancelled_leaves_the_surface_as_it_was() {
     let cancel = std::sync::atomic::AtomicBool::new(true);
     let clock = || std::time::Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, std::time::Duration::from_secs(1));
-    let it = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
+    let it = SelfUnionRounds {
+        winding_rule: WindingRule::Positive,
+        max_deviation: f64::INFINITY,
+        sheets: None,
+        always: false,
+    };
     assert!(it.apply(&mut surface, &Exact, &context).is_err());
     assert_eq!(surface, before);
 }

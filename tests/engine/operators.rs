@@ -34,7 +34,7 @@ fn surface(soup: &Soup) -> Surface {
 }
 
 pub fn count(changes: &[Change], what: &str) -> u64 {
-    changes.iter().find(|c| c.what.as_str() == what).map_or(0, |c| c.count)
+    changes.iter().find(|c| c.kind.as_str() == what).map_or(0, |c| c.count)
 }
 
 #[test]
@@ -60,14 +60,14 @@ fn a_missing_face_is_one_boundary_loop_of_three_edges() {
 #[test]
 fn two_cubes_that_share_an_edge_have_one_non_manifold_edge() {
     let m = measured(&join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1)));
-    assert_eq!((m.nonmanifold_edges, m.boundary_edges, m.parts), (1, 0, 1));
+    assert_eq!((m.non_manifold_edges, m.boundary_edges, m.parts), (1, 0, 1));
     assert!(m.closed && !m.manifold);
 }
 
 #[test]
 fn two_cubes_that_share_a_vertex_have_one_non_manifold_vertex() {
     let m = measured(&join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::ONE, 1.0, 1)));
-    assert_eq!((m.nonmanifold_vertices, m.nonmanifold_edges, m.parts), (1, 0, 2));
+    assert_eq!((m.non_manifold_vertices, m.non_manifold_edges, m.parts), (1, 0, 2));
 }
 
 #[test]
@@ -269,7 +269,7 @@ fn a_cavity_keeps_looking_into_the_hollow_and_a_solid_outward() {
     assert_eq!(it.faces, before);
     let mut it = surface(&inside_out(torus(3.0, 1.0, 12, 6)));
     let changes = with_context(|c| Orient::default().apply(&mut it, c)).unwrap().changes;
-    assert_eq!(count(&changes, "closed_parts_turned"), 1);
+    assert_eq!(count(&changes, "closed_parts_flipped"), 1);
     assert!(measured(&it.to_soup()).printable());
 }
 
@@ -279,7 +279,7 @@ fn an_open_box_turned_inside_out_is_turned_by_what_its_faces_see() {
     soup.faces.truncate(soup.faces.len() - 2);
     let mut it = surface(&soup);
     let changes = with_context(|c| Orient::default().apply(&mut it, c)).unwrap().changes;
-    assert_eq!(count(&changes, "open_parts_turned"), 1);
+    assert_eq!(count(&changes, "open_parts_flipped"), 1);
 }
 
 #[test]
@@ -376,7 +376,7 @@ proptest! {
             FillHoles { max_edges: 1000, ..FillHoles::default() }.apply(&mut it, c).unwrap();
             let after = measured(&it.to_soup());
             prop_assert!(after.boundary_edges <= open.boundary_edges);
-            prop_assert!(after.nonmanifold_edges <= open.nonmanifold_edges);
+            prop_assert!(after.non_manifold_edges <= open.non_manifold_edges);
             it.drop_unreferenced();
             it.check().unwrap();
             Ok(())

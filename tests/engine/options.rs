@@ -6,8 +6,8 @@ use meshmend::mesh::Soup;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    AssumptionKind, Category, ChangeKind, Compared, InsideRule, NotAppliedCause, OpenSheets, Operator, Options,
-    Outcome, OutputFormat, Preset, RedFlagCode, Repaired, Standing, red_flags,
+    AssumptionKind, Category, ChangeKind, Compared, NotAppliedCause, OpenSheets, Operator, Options, Outcome,
+    OutputFormat, Preset, RedFlagCode, Repaired, Standing, WindingRuleChoice, red_flags,
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};
@@ -59,7 +59,7 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
     assert!(usual.report.options_not_applied.is_empty());
     for options in [
         Options { nested: Nested::Alternate, ..Options::default() },
-        Options { inside: InsideRule::Odd, ..Options::default() },
+        Options { winding_rule: WindingRuleChoice::Odd, ..Options::default() },
     ] {
         let it = run_bytes(&bytes, &options, None).unwrap();
         assert_eq!(volumes(&it.bytes), [1000.0, -216.0, 27.0], "{:?}", it.report.summary);
@@ -77,8 +77,8 @@ fn nested_boxes_that_are_printable_are_wound_in_layers_where_that_is_asked_for()
 #[test]
 fn solids_within_a_solid_go_where_a_winding_rule_is_asked_for_that_makes_them_one() {
     let bytes = stl(&nested_boxes());
-    for inside in [InsideRule::Positive, InsideRule::Nonzero] {
-        let it = run_bytes(&bytes, &Options { inside, ..Options::default() }, None).unwrap();
+    for winding_rule in [WindingRuleChoice::Positive, WindingRuleChoice::Nonzero] {
+        let it = run_bytes(&bytes, &Options { winding_rule, ..Options::default() }, None).unwrap();
         assert_eq!(volumes(&it.bytes), [1000.0], "{:?}", it.report.summary);
         assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     }
@@ -275,8 +275,8 @@ fn small_parts_are_dropped_where_that_is_asked_for_and_told() {
     let it = run_bytes(&bytes, &options, None).unwrap();
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?} {:?}", it.report.options_not_applied, it.report.red_flags);
     assert_eq!(it.report.after.as_ref().unwrap().measures.parts, 1);
-    let ledger = it.report.ledger.as_ref().unwrap();
-    assert_eq!((ledger.lost, ledger.dropped, ledger.kept), (0, 2, 1));
+    let part_accounting = it.report.part_accounting.as_ref().unwrap();
+    assert_eq!((part_accounting.lost, part_accounting.dropped, part_accounting.kept), (0, 2, 1));
     let told = it.report.assumptions.iter().find(|it| it.kind == AssumptionKind::PiecesDropped).unwrap();
     assert_eq!((told.count, told.option.as_deref()), (2, Some("min_part_volume_pct=0")));
     // A part that is broken is mended first, and kept where it is large.
@@ -349,7 +349,7 @@ fn neighbours_that_overlap_go_up_to_the_angle_that_is_asked_for() {
     let with = vec![Operator::RemoveOverlappingNeighbours];
     let removed = |it: &Repaired| {
         let steps = it.report.steps.iter().filter(|it| it.operator == Some(Operator::RemoveOverlappingNeighbours));
-        steps.flat_map(|step| &step.changed).any(|change| change.what == ChangeKind::OverlappingFacesRemoved)
+        steps.flat_map(|step| &step.changed).any(|change| change.kind == ChangeKind::OverlappingFacesRemoved)
     };
     let usual = Options { preset: Preset::ConservativeRepair, max_tier: 2, ..Options::default() };
     let run_with =

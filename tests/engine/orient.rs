@@ -7,7 +7,7 @@ use meshmend::inspect::{Measures, measure};
 use meshmend::math::Precision;
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::operators::Applied;
-use meshmend::repair::operators::cut_non_orientable::CutOneSided;
+use meshmend::repair::operators::cut_non_orientable::CutNonOrientable;
 use meshmend::repair::operators::orient::{Nested, Orient};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -88,7 +88,7 @@ fn klein_bottle(n: u32, m: u32) -> Surface {
 fn a_cavity_of_a_solid_that_is_inside_out_as_a_whole_is_turned_with_it() {
     let (surface, applied) = oriented(&nest(&[false, true]), KEEP);
     assert_eq!(outward(&surface), [true, false]);
-    assert_eq!(count(&applied.changes, "closed_parts_turned"), 2);
+    assert_eq!(count(&applied.changes, "closed_parts_flipped"), 2);
     assert!(measured(&surface).printable());
 }
 
@@ -178,9 +178,9 @@ fn open_box(n: u32) -> Soup {
 fn a_box_without_lid_is_turned_outward_and_one_that_looks_outward_stays() {
     for n in [1, 4, 9] {
         let (surface, applied) = oriented(&inside_out(open_box(n)), KEEP);
-        assert_eq!(count(&applied.changes, "open_parts_turned"), 1);
+        assert_eq!(count(&applied.changes, "open_parts_flipped"), 1);
         let (as_it_was, applied) = oriented(&open_box(n), KEEP);
-        assert_eq!(count(&applied.changes, "open_parts_turned"), 0);
+        assert_eq!(count(&applied.changes, "open_parts_flipped"), 0);
         assert_eq!(as_it_was.faces, Surface::from_soup(&open_box(n)).0.faces);
         let sum = |s: &Surface| volume(s, 0..s.faces.len());
         assert!((sum(&surface) - sum(&as_it_was)).abs() < 1e-9);
@@ -259,7 +259,7 @@ fn many_parts_side_by_side_are_all_decided() {
 fn opened(surface: &mut Surface) -> [Applied; 2] {
     with_context(|c| {
         let oriented = KEEP.apply(surface, c).unwrap();
-        [oriented, CutOneSided::default().apply(surface, c).unwrap()]
+        [oriented, CutNonOrientable::default().apply(surface, c).unwrap()]
     })
 }
 
@@ -274,7 +274,7 @@ fn a_moebius_band_is_cut_across_and_becomes_a_sheet_with_two_sides() {
         assert!(before.misoriented_edges > 0 && after.misoriented_edges == 0, "{n} {m}: {after:?}");
         assert!(after.manifold && after.parts == 1 && surface.faces.len() == (2 * n * m) as usize);
         // The shortest way across is one edge a quad.
-        assert_eq!(count(&cut.changes, "one_sided_parts_cut"), 1);
+        assert_eq!(count(&cut.changes, "non_orientable_parts_cut"), 1);
         assert_eq!(count(&cut.changes, "edges_cut"), u64::from(m), "{n} {m}");
         assert_eq!(after.boundary_edges, before.boundary_edges + 2 * u64::from(m));
         assert!(cut.moved > 0.0 && cut.moved < 1e-5, "{}", cut.moved);
@@ -297,7 +297,8 @@ fn a_cut_within_no_distance_is_left_and_told() {
     let mut surface = moebius_band(20, 2);
     with_context(|c| KEEP.apply(&mut surface, c)).unwrap();
     let cut =
-        with_context(|c| CutOneSided { max_deviation: 0.0, precision: Precision::F32 }.apply(&mut surface, c)).unwrap();
+        with_context(|c| CutNonOrientable { max_deviation: 0.0, precision: Precision::F32 }.apply(&mut surface, c))
+            .unwrap();
     assert_eq!((count(&cut.changes, "coincident_vertices_left"), cut.moved), (3, 0.0));
 }
 
@@ -306,7 +307,7 @@ fn what_has_two_sides_is_not_cut() {
     for soup in [torus(3.0, 1.0, 12, 8), sheet(5), sphere(DVec3::ZERO, 1.0, 12, 6)] {
         let (mut surface, _) = oriented(&soup, KEEP);
         let before = surface.clone();
-        assert_eq!(with_context(|c| CutOneSided::default().apply(&mut surface, c)).unwrap(), Applied::default());
+        assert_eq!(with_context(|c| CutNonOrientable::default().apply(&mut surface, c)).unwrap(), Applied::default());
         assert_eq!(surface, before);
     }
 }

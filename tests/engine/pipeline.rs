@@ -259,8 +259,8 @@ fn a_result_that_lost_most_of_the_model_is_not_chosen() {
     let it = run_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
     assert_eq!(it.report.outcome, Outcome::Unrepairable);
     assert_eq!(it.bytes, bytes);
-    let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
-    assert!(judged.printable && judged.red_flags.iter().any(|f| f.code == RedFlagCode::BoxChange));
+    let judged = it.report.candidates.iter().find(|c| c.strategy == Some(1)).unwrap();
+    assert!(judged.printable && judged.red_flags.iter().any(|f| f.code == RedFlagCode::BoundingBoxChange));
 }
 
 #[test]
@@ -283,7 +283,7 @@ fn without_blender_the_rung_is_skipped_and_says_so() {
 fn max_tier_keeps_higher_tiers_out_of_the_plan() {
     let fake = Fake::answering(vec![]);
     let it = run(&non_manifold(), &Options { max_tier: 1, ..Options::default() }, Some(&fake));
-    assert!(it.report.plan.rungs.iter().all(|r| r.tier == 1));
+    assert!(it.report.plan.strategies.iter().all(|r| r.tier == 1));
     assert!(fake.asked.borrow().is_empty());
 }
 
@@ -423,10 +423,12 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
     let fake = Fake::answering(vec![Ok(non_manifold()), Ok(non_manifold())]);
     let bytes = format::write(&model, Format::Stl).unwrap();
     let it = run_bytes(&bytes, &without_tier_2(), Some(&fake)).unwrap();
-    let judged = it.report.candidates.iter().find(|c| c.rung == Some(1)).unwrap();
+    let judged = it.report.candidates.iter().find(|c| c.strategy == Some(1)).unwrap();
     assert!(!judged.printable && judged.defects < it.report.before.measures.defects());
     let flag = judged.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
-    assert!((3.0..25.0).contains(&flag.value) && judged.red_flags.iter().all(|f| f.code != RedFlagCode::BoxChange));
+    assert!(
+        (3.0..25.0).contains(&flag.value) && judged.red_flags.iter().all(|f| f.code != RedFlagCode::BoundingBoxChange)
+    );
     assert_eq!((it.report.outcome, it.bytes), (Outcome::Unrepairable, bytes));
 }
 
@@ -435,7 +437,7 @@ fn the_report_says_how_far_the_result_is_from_the_input() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = Fake::answering(vec![Ok(apart)]);
     let changes = run(&non_manifold(), &without_tier_2(), Some(&fake)).report.changes.unwrap();
-    let (lost, made) = (changes.lost.unwrap(), changes.made.unwrap());
+    let (lost, made) = (changes.lost.unwrap(), changes.added.unwrap());
     for farthest in [lost.distance.max, made.distance.max] {
         assert!((0.0035..0.006).contains(&farthest), "{farthest}");
     }
@@ -445,7 +447,7 @@ fn the_report_says_how_far_the_result_is_from_the_input() {
 
 #[test]
 fn a_rung_takes_over_what_one_before_it_did_alike_and_still_does_what_it_would_do_alone() {
-    // A sheet that is left open for as long as it can be, so that many rungs run, and a solid that is kept in one way of
+    // A sheet that is left open for as long as it can be, so that many strategies run, and a solid that is kept in one way of
     // `auto` and dropped in the other.
     let mut soup = join(&overlapping(2), &cube(DVec3::new(4.0, 0.0, 0.0), 1.0, 2));
     soup = join(&soup, &inside_out(cube(DVec3::new(4.5, 0.2, 0.3), 1.0, 2)));
@@ -454,18 +456,18 @@ fn a_rung_takes_over_what_one_before_it_did_alike_and_still_does_what_it_would_d
     soup = join(&soup, &open);
     let auto = run(&soup, &Options { max_tier: 2, ..Options::default() }, None).report;
     assert!(auto.candidates.len() > 2, "{:#?}", auto.plan);
-    let facts = |steps: &[Step], rung: u32| -> Vec<_> {
-        let it = steps.iter().filter(|step| step.rung == rung);
+    let facts = |steps: &[Step], strategy: u32| -> Vec<_> {
+        let it = steps.iter().filter(|step| step.strategy == strategy);
         it.map(|step| (step.action, step.operator, step.status, step.changed.clone(), step.moved)).collect()
     };
-    for (index, rung) in (0..2).zip(&auto.plan.rungs) {
-        let alone = run(&soup, &Options { max_tier: 2, preset: rung.preset, ..Options::default() }, None).report;
-        assert_eq!(facts(&auto.steps, index), facts(&alone.steps, 0), "{:?}", rung.preset);
+    for (index, strategy) in (0..2).zip(&auto.plan.strategies) {
+        let alone = run(&soup, &Options { max_tier: 2, preset: strategy.preset, ..Options::default() }, None).report;
+        assert_eq!(facts(&auto.steps, index), facts(&alone.steps, 0), "{:?}", strategy.preset);
         let [a, b] = [&auto.candidates[index as usize], &alone.candidates[0]];
         assert_eq!((a.faces, a.defects, a.printable), (b.faces, b.defects, b.printable));
     }
-    let taken = |rung: u32, operator: Operator| {
-        let mut it = auto.steps.iter().filter(|step| step.rung == rung && step.operator == Some(operator));
+    let taken = |strategy: u32, operator: Operator| {
+        let mut it = auto.steps.iter().filter(|step| step.strategy == strategy && step.operator == Some(operator));
         it.all(|step| step.note.as_ref().is_some_and(|note| note.contains("taken over")))
     };
     assert!(!taken(0, Operator::Sew) && taken(1, Operator::Sew) && taken(2, Operator::Sew), "{:#?}", auto.steps);

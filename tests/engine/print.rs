@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use glam::DVec3;
 use meshmend::context::{Context, NoProgress};
-use meshmend::inspect::{InspectOptions, Level, NoWall, PrintMeasures, ThinPlace, inspect};
+use meshmend::inspect::{InspectOptions, Level, NoWallReason, PrintMeasures, ThinPlace, inspect};
 use meshmend::mesh::Soup;
 use meshmend::scene::{Unit, UnitSource};
 
@@ -90,7 +90,7 @@ fn overlapping_parts_are_one_wall_and_turned_parts_have_the_same() {
 #[test]
 fn an_open_sheet_has_no_wall_and_says_why_and_a_box_with_a_hole_has_one() {
     let it = print(&sheet(12));
-    assert_eq!((it.thinnest_wall, it.no_wall), (None, Some(NoWall::OpenSurface)));
+    assert_eq!((it.thinnest_wall, it.no_wall_reason), (None, Some(NoWallReason::OpenSurface)));
     assert_eq!((it.volume, it.centre_of_mass, it.solids), (None, None, 0));
     let mut box_with_hole = cube(DVec3::ZERO, 3.0, 8);
     box_with_hole.faces.drain(70..72);
@@ -116,7 +116,7 @@ fn gallows() -> Soup {
 }
 
 fn area_beyond(it: &PrintMeasures, degrees: f64) -> f64 {
-    it.overhang.beyond.iter().find(|area| area.degrees == degrees).unwrap().area
+    it.overhang.areas.iter().find(|area| area.degrees == degrees).unwrap().area
 }
 
 #[test]
@@ -140,7 +140,7 @@ fn a_slope_hangs_over_by_more_than_the_limits_below_its_angle() {
     let sheared = mapped(&cube(DVec3::ZERO, 1.0, 2), |p| p + DVec3::X * p.z);
     let options = InspectOptions { overhang_deg: 40.0, ..InspectOptions::default() };
     let it = with(&sheared, &options).unwrap();
-    let degrees: Vec<f64> = it.overhang.beyond.iter().map(|area| area.degrees).collect();
+    let degrees: Vec<f64> = it.overhang.areas.iter().map(|area| area.degrees).collect();
     assert_eq!(degrees, [30.0, 40.0, 45.0, 60.0]);
     close(area_beyond(&it, 40.0), 2f64.sqrt(), 1e-12);
     close(area_beyond(&it, 45.0), 0.0, 1e-12);
@@ -155,7 +155,7 @@ fn the_unit_is_declared_or_assumed_and_decides_what_fits() {
         let options = InspectOptions { unit, build_volume: Some(build_volume), ..InspectOptions::default() };
         let it = with(&soup, &options).unwrap();
         let fit = it.fit.unwrap();
-        (it.unit_source, it.size_mm[0].round(), fit.as_is, fit.turned)
+        (it.unit_source, it.size_mm[0].round(), fit.as_is, fit.rotated)
     };
     assert_eq!(fits(None, [4.0, 10.0, 2.0]), (UnitSource::Assumed, 4.0, true, true));
     assert_eq!(fits(Some(Unit::Inch), [100.0, 300.0, 300.0]), (UnitSource::Declared, 102.0, false, true));
@@ -171,7 +171,7 @@ fn scale_and_right_angles_change_print_measures_as_they_must() {
         let size = 2f64.powi(power);
         let it = print(&mapped(&soup, |p| p * size));
         assert_eq!((thickness(&it), it.solids), (thickness(&base) * size, base.solids), "2^{power}");
-        assert_eq!(it.overhang.beyond[0].percent, base.overhang.beyond[0].percent);
+        assert_eq!(it.overhang.areas[0].percent, base.overhang.areas[0].percent);
     }
     let options = InspectOptions { up: [1.0, 0.0, 0.0], ..InspectOptions::default() };
     let turned = with(&mapped(&soup, |p| DVec3::new(p.z, p.x, p.y)), &options).unwrap();
@@ -186,7 +186,7 @@ fn no_input_is_too_broken_and_level_none_measures_nothing_for_print() {
     assert_eq!(with(&Soup::default(), &InspectOptions::default()), None);
     let mut flat = Soup::default();
     push(&mut flat, [DVec3::ZERO, DVec3::X, DVec3::X * 2.0]);
-    assert_eq!(print(&flat).no_wall, Some(NoWall::NoSurface));
+    assert_eq!(print(&flat).no_wall_reason, Some(NoWallReason::NoSurface));
     let mut broken = cube(DVec3::ZERO, 1.0, 1);
     push(&mut broken, [DVec3::NAN, DVec3::X, DVec3::Y]);
     close(print(&broken).thinnest_wall.unwrap().thickness, 1.0, 1e-9);

@@ -136,7 +136,7 @@ fn vertices_that_readers_take_for_one_are_merged_in_every_format() {
     for format in [Format::Stl, Format::Obj, Format::Ply, Format::Off, Format::Mesh] {
         let bytes = format::write(&soup, format).unwrap();
         let before = inspected(&bytes);
-        assert!(before.measures.near_coincident_faults > 0 && !before.measures.printable(), "{format:?}");
+        assert!(before.measures.near_coincident_defects > 0 && !before.measures.printable(), "{format:?}");
         let repaired = run(&bytes, OutputFormat::Same);
         assert_eq!(repaired.report.outcome, Outcome::Repaired, "{format:?}");
         let after = format::read(&repaired.bytes, &Limits::default()).unwrap().soup;

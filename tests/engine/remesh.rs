@@ -6,7 +6,7 @@ use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::math::{Tree, r3};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
-use meshmend::remesh::{Inside, Remesh, RemeshError, Remeshed};
+use meshmend::remesh::{Remesh, RemeshError, Remeshed, WindingRule};
 use meshmend::repair::operators::remesh::RemeshInside;
 use proptest::prelude::*;
 
@@ -14,14 +14,14 @@ use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
 use crate::operators::with_context;
 
 /// Cells of 1/`n` of the diagonal.
-fn made(soup: &Soup, n: f64, inside: Inside) -> Result<Remeshed, RemeshError> {
+fn made(soup: &Soup, n: f64, winding_rule: WindingRule) -> Result<Remeshed, RemeshError> {
     let (surface, _) = Surface::from_soup(soup);
     let diagonal = meshmend::math::Box3::of(surface.positions.iter().copied()).diagonal();
-    with_context(|c| Remesh { cell: Some(diagonal / n), inside, ..Remesh::default() }.apply(&surface, c))
+    with_context(|c| Remesh { cell: Some(diagonal / n), winding_rule, ..Remesh::default() }.apply(&surface, c))
 }
 
 fn solid(soup: &Soup, n: f64) -> Remeshed {
-    let made = made(soup, n, Inside::Outward).unwrap();
+    let made = made(soup, n, WindingRule::Positive).unwrap();
     let m = as_stl(&made.surface);
     assert!(m.closed && m.manifold && m.consistent, "{m:?}");
     assert_eq!((m.degenerate_faces, m.duplicate_faces, m.self_intersections.pairs), (0, 0, Some(0)), "{m:?}");
@@ -198,8 +198,8 @@ fn boxes_that_overlap_are_one() {
 #[test]
 fn what_is_inside_out_is_solid_where_asked_for() {
     let soup = inside_out(cube(DVec3::ZERO, 1.0, 2));
-    assert_eq!(made(&soup, 32.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
-    let made = made(&soup, 32.0, Inside::EitherWay).unwrap();
+    assert_eq!(made(&soup, 32.0, WindingRule::Positive).unwrap_err(), RemeshError::Empty);
+    let made = made(&soup, 32.0, WindingRule::Nonzero).unwrap();
     assert_near(volume(&made), 1.0, 1e-3);
 }
 
@@ -294,7 +294,7 @@ fn what_has_no_inside_is_empty() {
         p.z = 0.0;
     }
     for soup in [Soup::default(), triangle, needle, flat] {
-        assert_eq!(made(&soup, 64.0, Inside::Outward).unwrap_err(), RemeshError::Empty);
+        assert_eq!(made(&soup, 64.0, WindingRule::Positive).unwrap_err(), RemeshError::Empty);
     }
 }
 
@@ -317,7 +317,7 @@ fn size_and_place_of_the_model_do_not_matter() {
         for p in &mut soup.positions {
             *p = *p * size + at;
         }
-        let made = made(&soup, 48.0, Inside::Outward).unwrap();
+        let made = made(&soup, 48.0, WindingRule::Positive).unwrap();
         let m = as_stl(&made.surface);
         assert!(m.closed && m.manifold && m.consistent, "{size} {at} {m:?}");
         assert_eq!(m.self_intersections.pairs, Some(0), "{size} {at}");
@@ -329,7 +329,7 @@ fn it_is_the_same_for_any_number_of_threads() {
     let soup = turned(join(&bracket(), &sphere(DVec3::splat(0.4), 1.0, 24, 12)));
     let [one, two] = [1, 2].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| made(&soup, 100.0, Inside::Outward).unwrap())
+        pool.install(|| made(&soup, 100.0, WindingRule::Positive).unwrap())
     });
     assert_eq!(one.surface, two.surface);
     assert_eq!(one.deviation, two.deviation);
@@ -358,7 +358,7 @@ fn the_operator_keeps_what_would_move_too_far_and_what_has_no_inside() {
     let applied = run(&mut surface, f64::INFINITY);
     assert!(applied.failed.is_none() && applied.moved > 0.0 && surface != before);
     let count = |what| crate::operators::count(&applied.changes, what);
-    assert_eq!(count("faces_made") - count("faces_removed"), surface.faces.len() as u64);
+    assert_eq!(count("faces_created") - count("faces_removed"), surface.faces.len() as u64);
     let (mut open, _) =
         Surface::from_soup(&Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y], faces: vec![[0, 1, 2]] });
     assert!(run(&mut open, f64::INFINITY).failed.unwrap().to_string().contains("nothing is inside"));
@@ -374,8 +374,8 @@ proptest! {
             let corner = |k: u32| DVec3::from(r3(f64::from(seed + 3 * i + k)));
             push(&mut soup, [corner(0), corner(1), corner(2)]);
         }
-        for inside in [Inside::Outward, Inside::EitherWay] {
-            match made(&soup, n, inside) {
+        for winding_rule in [WindingRule::Positive, WindingRule::Nonzero] {
+            match made(&soup, n, winding_rule) {
                 Ok(made) => {
                     let m = as_stl(&made.surface);
                     prop_assert!(m.closed && m.manifold && m.consistent, "{:?}", m);

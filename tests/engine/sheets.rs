@@ -188,7 +188,7 @@ fn terrain_that_looks_down_is_turned_and_still_stands_on_its_base() {
     let (surface, applied) = based(&soup, 1.0);
     let m = measured(&surface);
     assert!(m.closed && m.consistent && m.volume.value > 0.0, "{m:?}");
-    assert_eq!(count(&applied.changes, "open_parts_turned"), 1);
+    assert_eq!(count(&applied.changes, "open_parts_flipped"), 1);
 }
 
 #[test]
@@ -225,7 +225,7 @@ fn two_open_tubes_are_joined_and_their_holes_closed_around_both() {
     let applied = with_context(|c| JoinParts { max_deviation: f64::INFINITY }.apply(&mut surface, c)).unwrap();
     assert_eq!(count(&applied.changes, "parts_joined"), 1);
     let joined = Counts::of(&surface);
-    assert_eq!(joined.get(Counter::MisorientedEdges) + joined.get(Counter::NonmanifoldEdges), 0);
+    assert_eq!(joined.get(Counter::MisorientedEdges) + joined.get(Counter::NonManifoldEdges), 0);
     with_context(|c| FillHoles { max_edges: 100, ..FillHoles::default() }.apply(&mut surface, c)).unwrap();
     let m = measured(&surface);
     assert!(m.closed && m.consistent && m.parts == 1, "{m:?}");
@@ -287,8 +287,9 @@ fn a_wing_through_a_box_becomes_part_of_the_solid_and_nothing_of_the_box_goes() 
         !(x[0] == x[1] && x[1] == x[2])
     });
     assert!(keeps_every_face(&surface, &untouched));
-    let close = it.report.plan.rungs.iter().position(|r| r.actions.iter().any(|a| a.action == Action::CloseSheets));
-    assert_eq!(it.report.candidates.iter().find(|c| c.chosen).unwrap().rung, close.map(|c| c as u32));
+    let close =
+        it.report.plan.strategies.iter().position(|r| r.actions.iter().any(|a| a.action == Action::CloseSheets));
+    assert_eq!(it.report.candidates.iter().find(|c| c.chosen).unwrap().strategy, close.map(|c| c as u32));
     assert!(it.report.assumptions.iter().any(|assumption| assumption.kind == AssumptionKind::SheetsThickened));
 }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::mesh::Soup;
-use meshmend::repair::{Action, InsideRule, Operator, Options, Outcome, OutputFormat, Overlaps, StepStatus};
+use meshmend::repair::{Action, Operator, Options, Outcome, OutputFormat, Overlaps, StepStatus, WindingRuleChoice};
 
 use crate::meshes::{cube, join, push};
 use crate::pipeline::{run, run_bytes};
@@ -66,7 +66,11 @@ fn parts_that_are_to_be_kept_come_back_as_they_were_and_the_report_says_that_the
 
 #[test]
 fn with_the_odd_rule_what_two_parts_have_in_common_is_empty() {
-    let it = run(&overlapping(), &Options { inside: InsideRule::Odd, max_volume_change_pct: 100.0, ..native() }, None);
+    let it = run(
+        &overlapping(),
+        &Options { winding_rule: WindingRuleChoice::Odd, max_volume_change_pct: 100.0, ..native() },
+        None,
+    );
     let after = &it.report.after.unwrap().measures;
     assert!((after.volume.value - (2.0 - 2.0 * COMMON)).abs() < 1e-4, "{}", after.volume.value);
 }
@@ -94,7 +98,7 @@ fn a_wall_of_no_thickness_that_can_be_seen_gets_one() {
 
 #[test]
 fn where_nothing_may_be_resolved_the_surface_is_made_anew() {
-    let options = Options { without: vec![Operator::Resolve], voxel_resolution: 60, ..native() };
+    let options = Options { without: vec![Operator::SelfUnion], voxel_resolution: 60, ..native() };
     let it = run(&overlapping(), &options, None);
     assert_eq!(it.report.outcome, Outcome::Repaired, "{:?}", it.report.red_flags);
     let remesh = it.report.steps.iter().find(|step| step.operator == Some(Operator::Remesh)).unwrap();

@@ -407,7 +407,7 @@ proptest! {
             Stitch { threshold: 0.5, ..Stitch::default() }.apply(&mut it, c).unwrap();
             let after = Counts::of(&it);
             use meshmend::repair::operators::Counter;
-            for counter in [Counter::NonmanifoldEdges, Counter::MisorientedEdges, Counter::DegenerateFaces, Counter::DuplicateFaces] {
+            for counter in [Counter::NonManifoldEdges, Counter::MisorientedEdges, Counter::DegenerateFaces, Counter::DuplicateFaces] {
                 prop_assert!(after.get(counter) <= before.get(counter), "{counter:?} {before:?} {after:?}");
             }
             prop_assert!(sewn.get(Counter::BoundaryEdges) <= cut.get(Counter::BoundaryEdges));

@@ -44,8 +44,8 @@ fn mended(soup: &Soup, options: &Options) -> Repaired {
 fn the_whole_pipeline_answers_the_same_on_any_number_of_threads() {
     let options = Options { max_tier: 2, max_error: Some(1e-3), ..Options::default() };
     for (mut soup, through) in [
-        (overlapping(), [Operator::FillHoles, Operator::Resolve, Operator::Simplify]),
-        (touching(), [Operator::FillHoles, Operator::Separate, Operator::Simplify]),
+        (overlapping(), [Operator::FillHoles, Operator::SelfUnion, Operator::Simplify]),
+        (touching(), [Operator::FillHoles, Operator::Perturb, Operator::Simplify]),
     ] {
         // A hole, and faces that are turned.
         soup.faces.drain(20..22);

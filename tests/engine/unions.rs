@@ -2,7 +2,7 @@
 //! random and with holes. What comes back is printable and fills the same space.
 
 use glam::{DMat3, DVec3};
-use meshmend::arrange::Inside;
+use meshmend::arrange::WindingRule;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::measure;
 use meshmend::mesh::{Soup, Surface};
@@ -20,7 +20,7 @@ use crate::operators::with_context;
 /// The space that a surface winds around outward, by another engine than ours.
 fn filled(soup: &Soup) -> f64 {
     let (surface, _) = Surface::from_soup(soup);
-    let solid = arranged(&ManifoldRust, &surface, Inside::Positive.into()).unwrap();
+    let solid = arranged(&ManifoldRust, &surface, WindingRule::Positive.into()).unwrap();
     with_context(|c| measure(&solid.surface.to_soup(), c)).unwrap().volume.value
 }
 
@@ -164,7 +164,7 @@ fn solids_nearly_at_one_place_are_united_though_half_of_their_faces_go() {
     let report = mend(&write(&soup, Format::Stl).unwrap()).report;
     assert_eq!((report.outcome, report.candidates.len()), (Outcome::Repaired, 1), "{:?}", report.red_flags);
     let changes = report.changes.unwrap();
-    assert!(changes.face_loss_pct > 40.0 && changes.faces_buried_pct > Some(70.0), "{changes:?}");
+    assert!(changes.face_loss_pct > 40.0 && changes.enclosed_faces_pct > Some(70.0), "{changes:?}");
 }
 
 #[test]

@@ -5,16 +5,16 @@ use std::time::Duration;
 
 use glam::DVec3;
 use meshmend::context::{Context, NoProgress};
-use meshmend::inspect::{InspectOptions, NoWall, ThinnestWall, inspect};
+use meshmend::inspect::{InspectOptions, NoWallReason, ThinnestWall, inspect};
 use meshmend::mesh::Soup;
 
 use crate::meshes::{cube, cylinder, inside_out, join, push, sphere, torus};
 
-fn measured(soup: &Soup) -> Result<ThinnestWall, NoWall> {
+fn measured(soup: &Soup) -> Result<ThinnestWall, NoWallReason> {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1));
     let print = inspect(soup.into(), &InspectOptions::default(), &context).unwrap().0.print.unwrap();
-    print.thinnest_wall.ok_or_else(|| print.no_wall.unwrap())
+    print.thinnest_wall.ok_or_else(|| print.no_wall_reason.unwrap())
 }
 
 fn thinnest(soup: &Soup) -> ThinnestWall {

@@ -75,7 +75,7 @@ async fn one_file_is_analysed_and_what_is_said_of_it_is_what_a_repair_says_of_it
     let print = plain["files"][0]["inspection"]["print"].as_object_mut().expect("measures");
     assert!(print["thinnest_wall"].is_object());
     print.insert("thinnest_wall".to_owned(), Value::Null);
-    print.insert("no_wall".to_owned(), json!("not_printable"));
+    print.insert("no_wall_reason".to_owned(), json!("not_printable"));
     assert_eq!(repaired["before"], plain["files"][0]["inspection"]);
 
     let whole = api.post("/v1/jobs?mode=analyze&level=basic&name=b.stl").body(files::whole_box());

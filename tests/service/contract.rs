@@ -175,7 +175,7 @@ async fn a_field_of_the_query_is_documented_as_in_a_body_and_read_as_documented(
     let data = tempfile::tempdir().expect("a folder");
     let (_program, api) = service(&data);
     let ways = [
-        "with=remove_membranes,remove_debris&max_tier=1",
+        "with=remove_internal_faces,remove_debris&max_tier=1",
         "mode=analyze&up=[0,1,0]&build_volume=[9,9,9]&tolerances={}&metadata={\"order\":\"17\"}",
     ];
     for query in ways {

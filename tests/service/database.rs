@@ -38,7 +38,7 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
     let input = Input { key: "k".into(), name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
     // Its listener may not have begun yet: then the next job rings.
     let mut all = vec![id];
-    let rung = async {
+    let strategy = async {
         loop {
             let id = *all.last().expect("one");
             one.submit(NewJob::new(id, "shop", vec![input.clone()], JobOptions::default())).await.expect("noted");
@@ -48,7 +48,7 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
             }
         }
     };
-    let changed = tokio::time::timeout(Duration::from_secs(30), rung).await.expect("it rings");
+    let changed = tokio::time::timeout(Duration::from_secs(30), strategy).await.expect("it rings");
     assert!(all.contains(&changed));
     tokio::time::timeout(Duration::from_secs(5), other.bell().work()).await.expect("it rings for work");
 }

@@ -28,7 +28,7 @@ async fn sandbox(api: &Api) -> Value {
 
 /// Whether a wall stands; where it does not, that is said aloud, since what it holds back is then not tested here.
 fn stands(sandbox: &Value, wall: &str) -> bool {
-    let stands = sandbox[wall]["in_force"].as_bool().expect("a boolean");
+    let stands = sandbox[wall]["enforced"].as_bool().expect("a boolean");
     if !stands {
         let _ =
             writeln!(std::io::stderr(), "NOT TESTED: this machine has no wall '{wall}': {}", sandbox[wall]["detail"]);
@@ -100,7 +100,7 @@ async fn what_a_hostile_blender_tries_fails_in_the_sandbox_and_only_there() {
     let failed_by = |wall: &str, names: &[&str]| {
         for name in names {
             assert!(outside[*name], "{name} fails without a sandbox too, so that it shows nothing: {outside:?}");
-            assert!(!off[wall]["in_force"].as_bool().expect("a boolean"), "{off}");
+            assert!(!off[wall]["enforced"].as_bool().expect("a boolean"), "{off}");
             assert!(!stands(&sandbox, wall) || !inside[*name], "{name} worked: {inside:?}");
         }
     };
@@ -128,9 +128,9 @@ async fn capabilities_tell_the_walls_and_the_limits_of_jobs() {
     assert_eq!((&told["memory_bytes"], &told["scratch_bytes"]), (&json!(3000_u64 << 20), &json!(70_u64 << 20)));
     assert_eq!(told["max_processes"], 99);
     for wall in ["network", "files", "system_calls", "signals", "processes"] {
-        let (in_force, by) = (told[wall]["in_force"] == true, told[wall]["by"].as_array().expect("a list"));
-        assert_eq!(in_force, !by.is_empty(), "{told}");
-        assert!(in_force || told[wall]["detail"].is_string(), "{told}");
+        let (enforced, by) = (told[wall]["enforced"] == true, told[wall]["by"].as_array().expect("a list"));
+        assert_eq!(enforced, !by.is_empty(), "{told}");
+        assert!(enforced || told[wall]["detail"].is_string(), "{told}");
     }
     assert!(program.log().contains("walled off"), "{}", program.log());
     let data = tempfile::tempdir().expect("a folder");
@@ -199,7 +199,7 @@ async fn a_job_that_starts_more_and_more_processes_gets_no_further_than_its_limi
     let blender = hostile_blender(tools.path(), &many);
     let program = Start::serve(data.path()).blender(&blender).arg("--job-processes", "60").start();
     let api = Api::new(&program);
-    assert_eq!(sandbox(&api).await["processes"]["in_force"], true);
+    assert_eq!(sandbox(&api).await["processes"]["enforced"], true);
     let options = json!({"preset": "blender-remesh", "voxel_size": 0.1, "deadline_s": 8});
     let id = api.submit(files::boxes_on_an_edge(), options).await;
     let mut most = 0;

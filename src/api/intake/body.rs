@@ -21,7 +21,7 @@ pub async fn read(intake: Intake<'_>, request: Request) -> Result<Submission, Pr
         pairs.into_iter().partition(|(key, _)| Notes::NAMES.contains(&key.as_str()));
     let mut notes = Notes::default();
     for (key, text) in &said {
-        notes.take(key, text, state.config.webhook_reach)?;
+        notes.take(key, text, state.config.webhook_targets)?;
     }
     // Options are checked before the body is read, so that a mistake does not cost an upload.
     let options = job_options(query_fields(options)?)?;

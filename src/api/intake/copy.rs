@@ -67,7 +67,7 @@ pub async fn read(intake: Intake<'_>, request: Request, key: &KeyUse) -> Result<
     let SubmitUpload { source, options, name, metadata, callback_url } = parse(&text)?;
     let options = job_options(options.unwrap_or_default())?;
     let mut notes = Notes::default();
-    let reach = intake.state.config.webhook_reach;
+    let reach = intake.state.config.webhook_targets;
     notes.take("metadata", &serde_json::to_string(&metadata).unwrap_or_default(), reach)?;
     if let Some(address) = &callback_url {
         notes.take("callback_url", address, reach)?;

@@ -107,7 +107,7 @@ impl Parts<'_> {
             Some(name) if Notes::NAMES.contains(&name) => {
                 let name = name.to_owned();
                 let text = read_text(field, &name).await?;
-                self.notes.take(&name, &String::from_utf8_lossy(&text), state.config.webhook_reach)?;
+                self.notes.take(&name, &String::from_utf8_lossy(&text), state.config.webhook_targets)?;
             }
             Some("options") => {
                 let detail = "The form has two parts `options`. Send one for all files.";

@@ -12,7 +12,7 @@ use crate::api::state::ApiState;
 use crate::blobs::{Blobs, Stored};
 use crate::format::{ReadErrorKind, sniff};
 use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode, UploadId};
-use crate::webhooks::Reach;
+use crate::webhooks::TargetPolicy;
 
 /// Largest notes of a client, in bytes, and most of them.
 const METADATA_BYTES: usize = 8 << 10;
@@ -70,7 +70,7 @@ impl Notes {
     pub const NAMES: [&str; 2] = ["metadata", "callback_url"];
 
     /// Reads one of them.
-    pub fn take(&mut self, name: &str, text: &str, reach: Reach) -> Result<(), Problem> {
+    pub fn take(&mut self, name: &str, text: &str, reach: TargetPolicy) -> Result<(), Problem> {
         if name == "callback_url" {
             let url =
                 reach.read(text).map_err(|error| Problem::invalid_field(name, format!("`callback_url` {error}.")))?;

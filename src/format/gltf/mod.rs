@@ -224,16 +224,16 @@ impl<'f, 'a> Reading<'f, 'a> {
 
     fn tell(&self, meshes: &Meshes<'_, '_>, warnings: &mut Vec<String>) {
         let painter = &meshes.painter;
-        if meshes.left_out > 0 {
-            warnings.push(format!("points, lines and primitives without positions were left out: {}", meshes.left_out));
+        if meshes.omitted > 0 {
+            warnings.push(format!("points, lines and primitives without positions were left out: {}", meshes.omitted));
         }
         if self.moves {
             warnings.push("the model can move; it was taken in its rest pose".to_owned());
         }
-        if painter.images.left_out > 0 {
+        if painter.images.omitted > 0 {
             warnings.push(format!(
                 "pictures that are not PNG or JPEG within the file were left out: {}; export a GLB file with such to keep them",
-                painter.images.left_out
+                painter.images.omitted
             ));
         }
         if painter.both > 0 {
@@ -251,7 +251,7 @@ impl<'f, 'a> Reading<'f, 'a> {
     }
 
     fn no_faces(&self, meshes: &Meshes<'_, '_>) -> ReadError {
-        let detail = if meshes.left_out > 0 {
+        let detail = if meshes.omitted > 0 {
             "the glTF file holds points or lines and no triangles; make a surface first"
         } else if self.file.document.meshes.is_empty() {
             "the glTF file holds no mesh; export the model again"
@@ -269,7 +269,7 @@ struct Meshes<'f, 'a> {
     faces: u64,
     vertices: u64,
     /// Primitives without triangles or without positions.
-    left_out: u64,
+    omitted: u64,
 }
 
 /// A primitive whose faces were read.
@@ -287,7 +287,7 @@ type Shared = [Option<Whole>; 5];
 
 impl<'f, 'a> Meshes<'f, 'a> {
     fn new(file: &'f File<'a>) -> Self {
-        Self { file, painter: Painter::new(file), faces: 0, vertices: 0, left_out: 0 }
+        Self { file, painter: Painter::new(file), faces: 0, vertices: 0, omitted: 0 }
     }
 
     /// Makes one mesh of all primitives. Those that have their vertices from the same accessors share them, and vertices that no face names
@@ -297,7 +297,7 @@ impl<'f, 'a> Meshes<'f, 'a> {
         for primitive in mesh.primitives.iter() {
             match self.part(primitive)? {
                 Some(part) => parts.push(part),
-                None => self.left_out += 1,
+                None => self.omitted += 1,
             }
         }
         let mut made = PaintedMesh::default();

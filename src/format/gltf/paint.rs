@@ -197,13 +197,13 @@ pub(super) struct Images<'f, 'a> {
     /// The bytes of all picture files.
     bytes: usize,
     /// Pictures that were left out.
-    pub left_out: u64,
+    pub omitted: u64,
 }
 
 impl<'f, 'a> Images<'f, 'a> {
     pub fn new(file: &'f File<'a>) -> Self {
         let (known, shown, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
-        Self { file, textures: Vec::new(), known, shown, files, bytes: 0, left_out: 0 }
+        Self { file, textures: Vec::new(), known, shown, files, bytes: 0, omitted: 0 }
     }
 
     /// The place in [`Self::textures`] of a texture of the file; none where its picture can't be kept.
@@ -237,7 +237,7 @@ impl<'f, 'a> Images<'f, 'a> {
                 u32::try_from(at).ok()
             }
             None => {
-                self.left_out += 1;
+                self.omitted += 1;
                 None
             }
         };

@@ -10,8 +10,8 @@ use super::super::{Analysis, Measures, Solid, Volume, percent};
 use super::deviation::{
     Deviation, Distances, INSIDE_WINDING, Measured, are_buried, buried_pct, distances, inside_agreement,
 };
-use super::fates::SurfaceShares;
 use super::original::{FAR, Original};
+use super::provenance::SurfaceShares;
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 
@@ -51,7 +51,7 @@ pub struct Changes {
     /// Of the input's faces that the result has not, the share with the result's material on both sides, in percent: walls inside
     /// parts that were united. None where the result has no fewer faces, or is not closed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub faces_buried_pct: Option<f64>,
+    pub enclosed_faces_pct: Option<f64>,
     /// Share of the surface that can be seen from outside with nothing of the result within 0.5 % of the diagonal, or
     /// material of it on both sides: sampled, so 0.1 is about the least that is seen.
     pub surface_lost_pct: Option<f64>,
@@ -60,7 +60,7 @@ pub struct Changes {
     pub lost: Option<Deviation>,
     /// Distance from the result's surface to the input: what was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub made: Option<Deviation>,
+    pub added: Option<Deviation>,
     /// The same for all of the result but the patches of holes: how far surface was moved. None where it is not known what is a
     /// patch.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -70,7 +70,7 @@ pub struct Changes {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub surface: Option<SurfaceShares>,
     /// Largest move of a side of the box around all faces with an area, over its diagonal before.
-    pub box_change_pct: Option<f64>,
+    pub bounding_box_change_pct: Option<f64>,
     /// Change of the surface area.
     pub area_change_pct: Option<f64>,
     /// Change of the volume, in percent of what the input encloses once its closed parts look outward; none where that is no more
@@ -80,7 +80,7 @@ pub struct Changes {
     /// where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
     /// input, the share of what is inside it that is inside the result.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub inside_overlap_pct: Option<f64>,
+    pub volume_overlap_pct: Option<f64>,
 }
 
 impl Changes {
@@ -88,14 +88,14 @@ impl Changes {
     #[must_use]
     pub fn keeps_visible_surface(&self) -> bool {
         let near = self.lost.map_or(self.surface_lost_pct == Some(0.0), |lost| lost.percent.p99 <= FAITHFUL_PCT[0]);
-        near && self.box_change_pct.is_some_and(|moved| moved <= FAITHFUL_PCT[1])
+        near && self.bounding_box_change_pct.is_some_and(|moved| moved <= FAITHFUL_PCT[1])
     }
 
     /// Those of a mesh that has the very faces of the input.
     #[must_use]
     pub fn none(before: &Measures, after: &Measures) -> Self {
-        let box_change_pct = before.bounding_box.map(|_| 0.0);
-        Self { surface_lost_pct: Some(0.0), box_change_pct, ..Self::of(before, before.volume, after, 100.0) }
+        let bounding_box_change_pct = before.bounding_box.map(|_| 0.0);
+        Self { surface_lost_pct: Some(0.0), bounding_box_change_pct, ..Self::of(before, before.volume, after, 100.0) }
     }
 
     /// What the measures of both alone tell.
@@ -129,7 +129,7 @@ impl Changes {
             volume += solid.volume;
         }
         let after_bounds = after.bounding_box.map_or(Box3::EMPTY, |it| Box3::of([it.min, it.max].map(DVec3::from)));
-        self.box_change_pct = box_change_pct(bounds, after_bounds);
+        self.bounding_box_change_pct = bounding_box_change_pct(bounds, after_bounds);
         let reliable = before.volume.reliable && after.volume.reliable;
         self.volume_change_pct = percent(after.volume.value - volume, volume).filter(|_| reliable);
     }
@@ -195,7 +195,7 @@ impl Original<'_> {
         let (there, back) = (Pair::new(self.analysis, after), Pair::new(after, self.analysis));
         let Box3 { min, max } = after.extent();
         let extent = Box3 { min: min / there.ratio, max: max / there.ratio };
-        changes.box_change_pct = box_change_pct(self.analysis.extent(), extent);
+        changes.bounding_box_change_pct = bounding_box_change_pct(self.analysis.extent(), extent);
         let stands = |faces: &[bool], f: u32| common.fine && faces[f as usize];
         let options = self.options;
         let mut found = distances(there, self.samples(), options.vertices, |f| stands(&common.first, f), context)?;
@@ -212,7 +212,7 @@ impl Original<'_> {
             let made = distances(back, &points, options.vertices, |f| stands(&common.second, f), context)?;
             let diagonal = self.analysis.unit_diagonal() * there.ratio;
             let made = Measured { analysis: after, samples: &points, found: &made, diagonal };
-            changes.made = made.deviation(|_| true, |_| true);
+            changes.added = made.deviation(|_| true, |_| true);
             if let Some(patches) = patches {
                 let is_patch = |f: u32| patches.get(after.surface.source[f as usize] as usize) == Some(&true);
                 let mut moved = vec![false; after.surface.positions.len()];
@@ -224,15 +224,15 @@ impl Original<'_> {
             }
         }
         if after.surface.faces.len() < self.analysis.surface.faces.len() && measures.closed {
-            changes.faces_buried_pct = buried_pct(there, |f| common.first[f as usize], context)?;
+            changes.enclosed_faces_pct = buried_pct(there, |f| common.first[f as usize], context)?;
         }
-        changes.inside_overlap_pct = self.inside_overlap_pct(after, measures, changes.volume_change_pct, context)?;
+        changes.volume_overlap_pct = self.volume_overlap_pct(after, measures, changes.volume_change_pct, context)?;
         Ok((changes, found))
     }
 
     /// Of what is inside this mesh or the other the share inside both, in percent, where the volume can't tell: faces intersect, or the
     /// volume changed and what is inside did not, since parts within others were counted twice.
-    fn inside_overlap_pct(
+    fn volume_overlap_pct(
         &self,
         after: &Analysis<'_>,
         measures: &Measures,
@@ -331,7 +331,7 @@ fn is_rounding(volume: f64, of: &Measures) -> bool {
 }
 
 /// The largest move of a side of the box over its diagonal before, in percent. None where a box is empty.
-fn box_change_pct(before: Box3, after: Box3) -> Option<f64> {
+fn bounding_box_change_pct(before: Box3, after: Box3) -> Option<f64> {
     if before.is_empty() || after.is_empty() {
         return None;
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::analysis::Pair;
 use super::super::distribution::percentile;
-use super::super::sampling::{Inside, Sample, ask};
+use super::super::sampling::{InsideTest, Sample, ask};
 use super::super::{Analysis, finite, percent};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, r3};
@@ -228,7 +228,7 @@ pub(super) fn inside_agreement(
     if points == 0 || pair.from.surface.faces.is_empty() || pair.to.surface.faces.is_empty() {
         return Ok(None);
     }
-    let insides = [Inside::new(pair.from), Inside::new(pair.to)];
+    let insides = [InsideTest::new(pair.from), InsideTest::new(pair.to)];
     context.check()?;
     let answers =
         ask(points as usize, INSIDE_BUDGET + INSIDE_BUDGET_A_POINT * u64::from(points), context, |i, steps| {
@@ -283,7 +283,7 @@ pub(super) fn are_buried(
     points: &[(DVec3, DVec3)],
     context: &Context<'_>,
 ) -> Result<Vec<Option<bool>>, Cancelled> {
-    let inside = Inside::new(pair.to);
+    let inside = InsideTest::new(pair.to);
     let answers = ask(points.len(), BURIED_BUDGET, context, |i, steps| {
         let (point, normal) = points[i];
         let sides = inside.windings(point * pair.ratio, normal * BESIDE, steps);

@@ -2,10 +2,10 @@
 
 mod changes;
 mod deviation;
-mod fates;
-mod ledger;
 mod original;
+mod part_accounting;
 mod probes;
+mod provenance;
 
 use serde::{Deserialize, Serialize};
 
@@ -17,9 +17,9 @@ use deviation::{INSIDE_WINDING, Measured, inside_agreement};
 
 pub use changes::{Changes, ComparedMesh};
 pub use deviation::{Deviation, InsideAgreement, Spread};
-pub use fates::{Fate, Fates, SurfaceShare, SurfaceShares};
-pub use ledger::{Certificate, Dispensable, Ledger, LostPart, PartCertificate};
 pub use original::{CompareOptions, Original};
+pub use part_accounting::{AccountedPart, Dispensable, LostPart, PartAccounting, PartReason};
+pub use provenance::{Provenance, SurfaceProvenance, SurfaceShare, SurfaceShares};
 
 /// The version of [`Comparison`]'s structure.
 pub const COMPARISON_VERSION: u32 = 1;
@@ -76,7 +76,7 @@ impl Original<'_> {
     ) -> Result<Comparison, Cancelled> {
         let candidate = ComparedMesh { analysis: after, measures, patches: None, gone: &[] };
         let (mut changes, found) = self.changes_and_distances(&candidate, context)?;
-        changes.surface = Some(self.fates(after, context)?.shares);
+        changes.surface = Some(self.provenance(after, context)?.shares);
         let apart = found.samples.iter().any(|&distance| distance != Some(0.0));
         let all: Vec<usize> = if apart { (0..self.samples().len()).collect() } else { Vec::new() };
         let known: Vec<bool> = self.visible(&all, context)?.into_iter().flatten().collect();

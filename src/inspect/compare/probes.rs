@@ -5,7 +5,7 @@ use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 use crate::inspect::analysis::Pair;
 use crate::inspect::matching::NO_FACE;
-use crate::inspect::sampling::{Inside, ask, spread_by_area};
+use crate::inspect::sampling::{InsideTest, ask, spread_by_area};
 use crate::math::nearest_on_triangle;
 use crate::mesh::Parts;
 
@@ -83,7 +83,7 @@ pub(super) struct Places<'a> {
     before: &'a Analysis<'a>,
     after: &'a Analysis<'a>,
     stands: &'a [bool],
-    inside: Inside<'a>,
+    inside: InsideTest<'a>,
     /// What unit coordinates of the input are multiplied by to be such of the result.
     ratio: f64,
 }
@@ -91,7 +91,7 @@ pub(super) struct Places<'a> {
 impl<'a> Places<'a> {
     pub fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>, stands: &'a [bool]) -> Self {
         let ratio = Pair::new(before, after).ratio;
-        Self { before, after, stands, inside: Inside::new(after), ratio }
+        Self { before, after, stands, inside: InsideTest::new(after), ratio }
     }
 
     pub fn locate(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<Place>>, Cancelled> {

@@ -17,7 +17,7 @@ const OPPOSED: f64 = -0.01;
 /// their other corners.
 pub(super) fn find_corrupt(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let subject = scan.analysis.subject;
-    if scan.analysis.ingest.nonfinite_faces > 0 {
+    if scan.analysis.ingest.non_finite_faces > 0 {
         for (face, index) in subject.soup.faces.iter().zip(0u32..) {
             scan.step(index as usize)?;
             let corners = face.map(|v| subject.soup.positions.get(v as usize).copied().filter(|p| p.is_finite()));
@@ -28,13 +28,10 @@ pub(super) fn find_corrupt(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         }
     }
     let Some(numbering) = subject.numbering else { return Ok(()) };
-    for face in &numbering.left_out {
+    for face in &numbering.omitted {
         scan.put_as_read(DefectKind::Corrupt, DVec3::from_array(face.at), Vec::new(), None);
     }
-    scan.count_more(
-        DefectKind::Corrupt,
-        numbering.faces_without_vertex.saturating_sub(numbering.left_out.len() as u64),
-    );
+    scan.count_more(DefectKind::Corrupt, numbering.faces_without_vertex.saturating_sub(numbering.omitted.len() as u64));
     Ok(())
 }
 
@@ -128,7 +125,7 @@ pub(super) fn find_edges(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
 /// Vertices whose faces form more than one fan; the value is how many.
 pub(super) fn find_vertices(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
-    if analysis.fans.nonmanifold_vertices == 0 {
+    if analysis.fans.non_manifold_vertices == 0 {
         return Ok(());
     }
     let faces = &analysis.surface.faces;

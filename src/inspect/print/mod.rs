@@ -56,7 +56,7 @@ pub struct PrintMeasures {
     pub thinnest_wall: Option<ThinnestWall>,
     /// Why there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub no_wall: Option<NoWall>,
+    pub no_wall_reason: Option<NoWallReason>,
     /// Surface that faces down.
     pub overhang: Overhang,
     /// Whether the model fits; none where no build volume was given.
@@ -73,7 +73,7 @@ pub struct Fit {
     /// Whether it fits as it stands.
     pub as_is: bool,
     /// Whether it fits in some order of its axes.
-    pub turned: bool,
+    pub rotated: bool,
 }
 
 /// Measures a model for printing; none for a mesh without faces. The work on walls is bounded, so it is O(n log n).
@@ -95,7 +95,7 @@ pub fn print_measures(
     let size = [0, 1, 2].map(|k| finite(bounds.max[k] - bounds.min[k]));
     let size_mm = size.map(|side| finite(side * unit.millimetres()));
     let wall = if options.walls_of_printable_only && !measures.printable() {
-        Err(NoWall::NotPrintable)
+        Err(NoWallReason::NotPrintable)
     } else {
         thinnest_wall(analysis, measures, context)?
     };
@@ -108,7 +108,7 @@ pub fn print_measures(
         volume: measures.volume.reliable.then_some(measures.volume.value),
         centre_of_mass: if measures.volume.reliable { centre_of_mass(analysis) } else { None },
         solids: count_solids(analysis, context)?,
-        no_wall: wall.as_ref().err().copied(),
+        no_wall_reason: wall.as_ref().err().copied(),
         thinnest_wall: wall.ok(),
         overhang: overhang(analysis, options.up, options.overhang_deg),
         fit: options.build_volume.map(|build_volume| fit(size_mm, build_volume)),
@@ -145,7 +145,7 @@ fn fit(size: [f64; 3], build_volume: [f64; 3]) -> Fit {
         sides
     };
     let turned = within(sorted(size), sorted(build_volume));
-    Fit { build_volume, as_is: within(size, build_volume), turned }
+    Fit { build_volume, as_is: within(size, build_volume), rotated: turned }
 }
 
 /// Surface that faces down and may need support.
@@ -155,7 +155,7 @@ pub struct Overhang {
     /// The direction in which the model is built, of length 1.
     pub up: [f64; 3],
     /// The area that hangs over by more than each of some angles, by rising angle. What lies on the build plate is left out.
-    pub beyond: Vec<OverhangArea>,
+    pub areas: Vec<OverhangArea>,
 }
 
 /// The area that hangs over by more than an angle.
@@ -198,12 +198,12 @@ fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
         }
     }
     let scale = analysis.scale();
-    let beyond = limits.into_iter().zip(areas).map(|(degrees, area)| OverhangArea {
+    let areas = limits.into_iter().zip(areas).map(|(degrees, area)| OverhangArea {
         degrees,
         area: finite(area / scale / scale),
         percent: if whole > 0.0 { area / whole * 100.0 } else { 0.0 },
     });
-    Overhang { up: up.to_array(), beyond: beyond.collect() }
+    Overhang { up: up.to_array(), areas: areas.collect() }
 }
 
 /// The thinnest wall.
@@ -245,7 +245,7 @@ pub struct ThinPlace {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum NoWall {
+pub enum NoWallReason {
     /// The mesh has no area.
     NoSurface,
     /// Most of the surface has no material on one side and air on the other: it is a sheet, or too open to tell.
@@ -266,7 +266,7 @@ fn thinnest_wall(
     analysis: &Analysis<'_>,
     measures: &Measures,
     context: &Context<'_>,
-) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
+) -> Result<Result<ThinnestWall, NoWallReason>, Cancelled> {
     let bounding = bounding_parts(analysis, measures, context)?;
     let samples = samples(analysis, if bounding.is_some() { SAMPLES } else { COSTLY_SAMPLES });
     let prober = Prober::new(analysis, bounding);
@@ -281,7 +281,7 @@ fn thinnest_wall(
     let at = |wall: &Wall| wall.point.to_array().map(|x| finite(x / scale));
     let thickness = |wall: &Wall| finite(wall.thickness / scale);
     let thin = search.regions();
-    let Some(least) = thin.first() else { return Ok(Err(NoWall::NoOppositeSides)) };
+    let Some(least) = thin.first() else { return Ok(Err(NoWallReason::NoOppositeSides)) };
     Ok(Ok(ThinnestWall {
         thickness: thickness(least),
         at: at(least),
@@ -322,9 +322,9 @@ fn walls(
     samples: &[Sample],
     context: &Context<'_>,
     probe: impl Fn(&Sample, &mut u64) -> Probe + Sync,
-) -> Result<Result<Vec<Wall>, NoWall>, Cancelled> {
+) -> Result<Result<Vec<Wall>, NoWallReason>, Cancelled> {
     if samples.is_empty() {
-        return Ok(Err(NoWall::NoSurface));
+        return Ok(Err(NoWallReason::NoSurface));
     }
     context.check()?;
     let answers = ask(samples.len(), BUDGET, context, |i, steps| {
@@ -341,7 +341,7 @@ fn walls(
         }
     }
     if f64::from(solid) < SOLID_SHARE * f64::from(asked) || asked == 0 {
-        return Ok(Err(NoWall::OpenSurface));
+        return Ok(Err(NoWallReason::OpenSurface));
     }
     Ok(Ok(walls))
 }

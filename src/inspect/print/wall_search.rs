@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
-use crate::inspect::sampling::{Inside, SHARE, Sample, Spread, ask_each, samples};
+use crate::inspect::sampling::{InsideTest, SHARE, Sample, Spread, ask_each, samples};
 use crate::math::{Box3, OppositeFaces, hit};
 
 /// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
@@ -61,7 +61,7 @@ pub(super) enum Probe {
     /// The surface does not part material from air here.
     NotSolid,
     /// No opposite side within the length that was asked for.
-    NoWall,
+    NoWallReason,
     /// The thickness in unit coordinates, and the opposite face.
     Wall(f64, u32),
 }
@@ -82,7 +82,7 @@ enum Material<'a> {
     /// the way they are turned.
     Bounded(Vec<bool>, OppositeFaces<'a>),
     /// Winding numbers at points beside the face.
-    Measured(Inside<'a>),
+    Measured(InsideTest<'a>),
 }
 
 impl<'a> Prober<'a> {
@@ -99,7 +99,7 @@ impl<'a> Prober<'a> {
                 let opposite = analysis.tree().opposite_faces(OPPOSITE, normal);
                 Material::Bounded(parts, opposite)
             }
-            None => Material::Measured(Inside::new(analysis)),
+            None => Material::Measured(InsideTest::new(analysis)),
         };
         Self { analysis, material, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
     }
@@ -124,22 +124,22 @@ impl<'a> Prober<'a> {
             Material::Measured(_) => longest < self.reach && !self.meets_anything(sample, longest, steps),
         };
         if has_none {
-            return Probe::NoWall;
+            return Probe::NoWallReason;
         }
         let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.way_out(sample, inward, longest, steps) else { return Probe::NoWall };
-        if self.is_opposite(face, inward, OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
+        let Some((length, face)) = self.way_out(sample, inward, longest, steps) else { return Probe::NoWallReason };
+        if self.is_opposite(face, inward, OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWallReason }
     }
 
     /// The wall behind a sample by the ray inward or by the ball inside the material that touches the sample, shrunk until
     /// nothing is in it (Ma et al. 2012): the thinner of both.
     pub fn probe_by_ball(&self, sample: &Sample, steps: &mut u64) -> Probe {
         let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.way_out(sample, inward, self.reach, steps) else { return Probe::NoWall };
+        let Some((length, face)) = self.way_out(sample, inward, self.reach, steps) else { return Probe::NoWallReason };
         if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
             return wall;
         }
-        if self.is_opposite(face, inward, BALL_OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
+        if self.is_opposite(face, inward, BALL_OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWallReason }
     }
 
     fn is_opposite(&self, face: u32, inward: DVec3, cosine: f64) -> bool {

@@ -93,7 +93,7 @@ impl AddBase {
             (too_far, "were left, since the base would be too far away or too thin"),
         ];
         let why: Vec<_> = why.into_iter().filter(|w| w.0 > 0).map(|(n, why)| format!("{n} open parts {why}")).collect();
-        let changes = Change::list([(ChangeKind::BasesAdded, based), (ChangeKind::OpenPartsTurned, turned)]);
+        let changes = Change::list([(ChangeKind::BasesAdded, based), (ChangeKind::OpenPartsFlipped, turned)]);
         Ok(Applied { changes, left: (!why.is_empty()).then(|| why.join("; ")), ..Applied::default() })
     }
 }
@@ -175,7 +175,7 @@ fn extrude(surface: &mut Surface, faces: &[u32], view: &View, plane: f64) -> boo
 
 impl Operation for AddBase {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
-    const MAY_RAISE: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::PinchedVertices];
+    const MAY_RAISE: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self {

@@ -32,20 +32,20 @@ const NONE: u32 = u32::MAX;
 ///
 /// After Guéziec et al. 2001, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces".
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CutOneSided {
+pub struct CutNonOrientable {
     /// How far a copy may be moved, in the model's unit. Default: as far as f32 asks for.
     pub max_deviation: f64,
     /// Whether positions must be those that f32 can hold. Default: yes.
     pub precision: Precision,
 }
 
-impl Default for CutOneSided {
+impl Default for CutNonOrientable {
     fn default() -> Self {
         Self { max_deviation: f64::INFINITY, precision: Precision::F32 }
     }
 }
 
-impl CutOneSided {
+impl CutNonOrientable {
     /// Runs the operator.
     ///
     /// # Errors
@@ -72,9 +72,9 @@ impl CutOneSided {
         let after = Edges::new(&surface.faces);
         let left = after.iter().filter(|h| in_conflict(&surface.faces, h)).count() as u64;
         let changes = Change::list([
-            (ChangeKind::OneSidedPartsCut, if copies.is_empty() { 0 } else { agreement.one_sided }),
+            (ChangeKind::NonOrientablePartsCut, if copies.is_empty() { 0 } else { agreement.one_sided }),
             (ChangeKind::EdgesCut, agreement.conflicts.saturating_sub(left)),
-            (ChangeKind::VerticesCopied, copies.len() as u64),
+            (ChangeKind::VerticesDuplicated, copies.len() as u64),
             (ChangeKind::CoincidentVerticesLeft, coincident),
             (ChangeKind::OrientationConflictsLeft, left),
         ]);
@@ -196,7 +196,7 @@ impl Fans {
     }
 
     /// Moves a copy into its faces by the least that f32 can tell. Answers how far, unless it can't be.
-    fn part(&mut self, surface: &mut Surface, v: u32, how: &CutOneSided) -> Option<f64> {
+    fn part(&mut self, surface: &mut Surface, v: u32, how: &CutNonOrientable) -> Option<f64> {
         let begin = self.corners.partition_point(|&(w, _)| w < v);
         let end = self.corners.partition_point(|&(w, _)| w <= v);
         let fan = &self.corners[begin..end];
@@ -226,7 +226,7 @@ impl Fans {
     }
 }
 
-impl Operation for CutOneSided {
+impl Operation for CutNonOrientable {
     const FIXES: &'static [Counter] = &[Counter::MisorientedEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
 

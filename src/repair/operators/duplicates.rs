@@ -212,7 +212,7 @@ pub struct RemoveDuplicates;
 impl Operation for RemoveDuplicates {
     const FIXES: &'static [Counter] = &[Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] =
-        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::PinchedVertices];
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::PinchedVertices];
 
     fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self

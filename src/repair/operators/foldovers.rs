@@ -162,7 +162,7 @@ fn around(hinge: Hinge) -> [[u32; 2]; 4] {
 }
 
 impl Operation for UnfoldFoldovers {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::BoundaryEdges];
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::BoundaryEdges];
     const MAY_RAISE: &'static [Counter] = &[];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
@@ -297,7 +297,7 @@ fn drop_dangling(edges: &Edges, keep: &mut [bool]) -> u64 {
 }
 
 impl Operation for RemoveOverlappingNeighbours {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
     const IS_ON_REQUEST: bool = true;
 

@@ -68,15 +68,15 @@ pub fn remove_internal_faces(surface: &mut Surface, context: &Context<'_>) -> Re
     let goes: Vec<bool> = is_wall.iter().zip(&is_other).map(|(&wall, &other)| wall && !other).collect();
     let walls = goes.iter().filter(|&&goes| goes).count() as u64;
     let gone = patches.remove(&goes, surface);
-    Ok(Change::list([(ChangeKind::MembranesRemoved, walls), (ChangeKind::MembraneFacesRemoved, gone)]).into())
+    Ok(Change::list([(ChangeKind::InternalWallsRemoved, walls), (ChangeKind::InternalFacesRemoved, gone)]).into())
 }
 
 /// Removes walls of one sheet within solids.
 #[derive(Debug, Clone, Copy)]
-pub struct RemoveMembranes;
+pub struct RemoveInternalFaces;
 
-impl Operation for RemoveMembranes {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+impl Operation for RemoveInternalFaces {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     // Faces that the wall kept apart may wind against one another.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
 
@@ -109,7 +109,7 @@ impl Operation for RemoveMembranes {
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface is then unchanged.
-pub fn remove_sheets_within(surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+pub fn remove_internal_sheets(surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
     let edges = Edges::new(&surface.faces);
     if !edges.iter().any(|h| h.len() == 1) {
         return Ok(Applied::default());
@@ -134,7 +134,7 @@ pub fn remove_sheets_within(surface: &mut Surface, context: &Context<'_>) -> Res
         return Ok(Applied::default());
     }
     let faces = patches.remove(&goes, surface);
-    Ok(Change::list([(ChangeKind::SheetsWithinRemoved, count), (ChangeKind::SheetFacesRemoved, faces)]).into())
+    Ok(Change::list([(ChangeKind::InternalSheetsRemoved, count), (ChangeKind::SheetFacesRemoved, faces)]).into())
 }
 
 /// The patches with a boundary that have one face at each other edge where several meet, if any; where some are to go, those of
@@ -194,10 +194,10 @@ fn is_within(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: 
 
 /// Removes open sheets within solids that part nothing.
 #[derive(Debug, Clone, Copy)]
-pub struct RemoveSheetsWithin;
+pub struct RemoveInternalSheets;
 
-impl Operation for RemoveSheetsWithin {
-    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonmanifoldEdges];
+impl Operation for RemoveInternalSheets {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
     // Faces that the wall kept apart may wind against one another.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
 
@@ -206,6 +206,6 @@ impl Operation for RemoveSheetsWithin {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        remove_sheets_within(surface, context)
+        remove_internal_sheets(surface, context)
     }
 }

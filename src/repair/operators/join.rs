@@ -156,7 +156,7 @@ impl Operation for JoinParts {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     // A band between parts that touch.
     const MAY_RAISE: &'static [Counter] =
-        &[Counter::DegenerateFaces, Counter::NonmanifoldEdges, Counter::PinchedVertices];
+        &[Counter::DegenerateFaces, Counter::NonManifoldEdges, Counter::PinchedVertices];
     const IS_ON_REQUEST: bool = true;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

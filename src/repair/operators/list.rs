@@ -4,7 +4,7 @@ use super::names::Operator;
 use super::operator::{Applied, Counter, Counts, Operation, Scope};
 use super::{
     base, clean_and_patch, cut_non_orientable, debris, degenerate, duplicates, foldovers, holes, internal_faces, join,
-    orient, perturb, remesh, resolve, rounding, slivers, split_non_manifold, stitch, t_junctions, thicken, weld,
+    orient, perturb, remesh, rounding, self_union, slivers, split_non_manifold, stitch, t_junctions, thicken, weld,
 };
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Context};
@@ -69,20 +69,20 @@ operations! {
     Stitch => stitch::Stitch,
     UnfoldFoldovers => foldovers::UnfoldFoldovers,
     RemoveOverlappingNeighbours => foldovers::RemoveOverlappingNeighbours,
-    RemoveSheetsWithin => internal_faces::RemoveSheetsWithin,
-    RemoveMembranes => internal_faces::RemoveMembranes,
-    CutOneSided => cut_non_orientable::CutOneSided,
-    CutApart => split_non_manifold::CutApart,
-    FreeFins => split_non_manifold::FreeFins,
+    RemoveInternalSheets => internal_faces::RemoveInternalSheets,
+    RemoveInternalFaces => internal_faces::RemoveInternalFaces,
+    CutNonOrientable => cut_non_orientable::CutNonOrientable,
+    SplitNonManifold => split_non_manifold::SplitNonManifold,
+    DetachFins => split_non_manifold::DetachFins,
     JoinParts => join::JoinParts,
     FillHoles => holes::FillHoles,
     CleanAndPatch => clean_and_patch::CleanAndPatch,
     ThickenSheets => thicken::ThickenSheets,
     AddBase => base::AddBase,
-    Resolve => resolve::ResolveOverlaps,
+    SelfUnion => self_union::SelfUnion,
     Remesh => remesh::RemeshInside,
     RemoveDebris => debris::RemoveDebris,
-    Separate => perturb::Separate,
+    Perturb => perturb::Perturb,
     DropSmallParts => debris::DropSmallParts,
     Simplify => remesh::ReduceFaces,
 }

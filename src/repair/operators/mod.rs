@@ -24,7 +24,7 @@ pub mod join;
 pub mod orient;
 pub mod perturb;
 pub mod remesh;
-pub mod resolve;
+pub mod self_union;
 pub mod slivers;
 pub mod split_non_manifold;
 pub mod stitch;

@@ -60,15 +60,15 @@ operators! {
         /// Remove the smaller of neighbouring faces that lie on one another.
         RemoveOverlappingNeighbours = "remove_overlapping_neighbours",
         /// Remove open sheets within solids that part nothing.
-        RemoveSheetsWithin = "remove_sheets_within",
+        RemoveInternalSheets = "remove_internal_sheets",
         /// Remove walls of one sheet within solids.
-        RemoveMembranes = "remove_membranes",
+        RemoveInternalFaces = "remove_internal_faces",
         /// Cut one-sided parts, such as a Möbius band, along the edges where no winding suits both faces.
-        CutOneSided = "cut_one_sided",
+        CutNonOrientable = "cut_non_orientable",
         /// Cut apart what meets in non-manifold edges and vertices.
-        CutApart = "cut_apart",
+        SplitNonManifold = "split_non_manifold",
         /// Free faces that hang on an edge of two others and could not be cut apart.
-        FreeFins = "free_fins",
+        DetachFins = "detach_fins",
         /// Join open parts where their boundaries come nearest.
         JoinParts = "join_parts",
         /// Close holes.
@@ -80,13 +80,13 @@ operators! {
         /// Extrude open sheets down to a plane.
         AddBase = "add_base",
         /// Unite what overlaps, so that no faces intersect.
-        Resolve = "resolve",
+        SelfUnion = "self_union",
         /// Make the surface anew around what is inside.
         Remesh = "remesh",
         /// Remove open bits that enclose nothing and that no printer could make.
         RemoveDebris = "remove_debris",
         /// Keep apart by position what was cut apart by index.
-        Separate = "separate",
+        Perturb = "perturb",
         /// Drop closed parts smaller than `min_part_volume_pct`.
         DropSmallParts = "drop_small_parts",
         /// Remove faces by collapsing edges, as far as the options ask for it.

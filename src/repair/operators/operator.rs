@@ -1,7 +1,7 @@
 //! What an operator is: what its parameters follow from, which counters it claims to lower, and what it answers.
 
 use super::inside::Pairing;
-use crate::arrange::{ArrangeError, Inside};
+use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
 use crate::inspect::group_faces;
 use crate::math::{collinear, to_unit_range};
@@ -18,7 +18,7 @@ pub(crate) struct Scope<'a> {
     /// How faces are paired around edges of more than two.
     pub pairing: Pairing,
     /// What is inside where parts are turned inside out.
-    pub inside: Inside,
+    pub winding_rule: WindingRule,
     /// Whether open sheets are made solid.
     pub closes_sheets: bool,
     /// How far a vertex may still move, in the model's unit, after what operators before it used up.
@@ -94,7 +94,7 @@ pub enum Counter {
     /// Edges of one face.
     BoundaryEdges,
     /// Edges of more than two faces.
-    NonmanifoldEdges,
+    NonManifoldEdges,
     /// Edges of two faces that run along them in the same direction.
     MisorientedEdges,
     /// Vertices whose faces form more than one fan.
@@ -109,7 +109,7 @@ impl Counter {
     /// All of them, in the order of [`Counts`].
     pub const ALL: [Self; 6] = [
         Self::BoundaryEdges,
-        Self::NonmanifoldEdges,
+        Self::NonManifoldEdges,
         Self::MisorientedEdges,
         Self::PinchedVertices,
         Self::DegenerateFaces,
@@ -121,7 +121,7 @@ impl Counter {
     pub fn in_words(self) -> &'static str {
         match self {
             Self::BoundaryEdges => "open edges",
-            Self::NonmanifoldEdges => "non-manifold edges",
+            Self::NonManifoldEdges => "non-manifold edges",
             Self::MisorientedEdges => "edges between faces that are turned against one another",
             Self::PinchedVertices => "pinched vertices",
             Self::DegenerateFaces => "faces without area",
@@ -146,7 +146,7 @@ impl Counts {
                 [_] => Counter::BoundaryEdges,
                 [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y) => Counter::MisorientedEdges,
                 [_, _] => continue,
-                _ => Counter::NonmanifoldEdges,
+                _ => Counter::NonManifoldEdges,
             };
             counts.0[counter as usize] += 1;
         }
@@ -155,7 +155,7 @@ impl Counts {
             let [a, b, c] = face.map(|v| unit[v as usize]);
             collinear(a, b, c)
         };
-        counts.0[Counter::PinchedVertices as usize] = Fans::new(surface, &edges).nonmanifold_vertices;
+        counts.0[Counter::PinchedVertices as usize] = Fans::new(surface, &edges).non_manifold_vertices;
         counts.0[Counter::DegenerateFaces as usize] = faces.iter().filter(flat).count() as u64;
         counts.0[Counter::DuplicateFaces as usize] = (faces.len() - group_faces(faces).len()) as u64;
         counts

@@ -6,7 +6,7 @@ use super::free_positions::{FreePositions, MoveClearance, NEIGHBOURS, NEW, keep_
 use super::inside::{NONE, Pairing, pair_faces};
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::rounding::{TellApart, tell_apart};
-use super::split_non_manifold::{Pinches, cut_apart};
+use super::split_non_manifold::{Pinches, split_non_manifold};
 use crate::math::{Precision, collinear};
 use crate::mesh::{Edges, Stars, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -18,18 +18,18 @@ const MOST: f64 = 1e-4;
 
 /// Keeps sheets apart by position.
 #[derive(Debug, Clone, Copy)]
-pub struct Separate {
+pub struct Perturb {
     /// No vertex is moved farther than this, in the model's unit; nor farther than 1e-4 of the diagonal.
     pub max_deviation: f64,
 }
 
-impl Default for Separate {
+impl Default for Perturb {
     fn default() -> Self {
         Self { max_deviation: f64::INFINITY }
     }
 }
 
-impl Separate {
+impl Perturb {
     /// Moves vertices that stand on one another, and the middles of edges that lie on one another, apart by the smallest
     /// distance that f32 can tell, each into the solid that it bounds, so that the result is manifold when it is welded by
     /// position.
@@ -51,7 +51,7 @@ impl Separate {
         let mut split = 0;
         let mut places = Aside::new(surface, self.max_deviation);
         for _ in 0..MOST_ROUNDS {
-            changes.extend(cut_apart(surface, Pairing::Angular, Pinches::Cut, context)?);
+            changes.extend(split_non_manifold(surface, Pairing::Angular, Pinches::Cut, context)?);
             let done = split_doubled_edges(surface, &mut places, context)?;
             split += done;
             if done == 0 {
@@ -64,7 +64,7 @@ impl Separate {
         changes.extend(Change::list([
             (ChangeKind::NearCoincidentVerticesMerged, merged),
             (ChangeKind::DoubledEdgesSplit, split),
-            (ChangeKind::CoincidentVerticesSeparated, moved),
+            (ChangeKind::CoincidentVerticesPerturbed, moved),
             (ChangeKind::CoincidentVerticesLeft, left),
         ]));
         let left = (left > 0).then(|| format!("{left} vertices stand on others and could not be moved aside"));
@@ -227,8 +227,8 @@ fn aside(surface: &Surface, v: u32, star: &[u32], places: &mut Aside, clear: &mu
     })
 }
 
-impl Operation for Separate {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+impl Operation for Perturb {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

@@ -2,7 +2,7 @@
 
 use super::names::Operator;
 use super::operator::{Applied, Counter, Failure, Operation, Scope};
-use crate::arrange::Inside;
+use crate::arrange::WindingRule;
 use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::remesh;
@@ -65,7 +65,7 @@ impl RemeshInside {
         }
         let faces = made.surface.faces.len() as u64;
         let mut changes =
-            Change::list([(ChangeKind::FacesMade, faces), (ChangeKind::ThinPlacesThickened, made.made_inside)]);
+            Change::list([(ChangeKind::FacesCreated, faces), (ChangeKind::ThinPlacesThickened, made.made_inside)]);
         let mut result = made.surface;
         let mut reduced = Applied::default();
         if self.reduce {
@@ -96,10 +96,10 @@ impl Operation for RemeshInside {
         let remesh = Remesh {
             cell: Some(options.voxel_size.unwrap_or_else(usual)),
             max_faces: options.max_remesh_faces,
-            inside: match scope.inside {
-                Inside::Positive => remesh::Inside::Outward,
-                Inside::Nonzero => remesh::Inside::EitherWay,
-                Inside::Odd => remesh::Inside::Odd,
+            winding_rule: match scope.winding_rule {
+                WindingRule::Positive => remesh::WindingRule::Positive,
+                WindingRule::Nonzero => remesh::WindingRule::Nonzero,
+                WindingRule::Odd => remesh::WindingRule::Odd,
             },
             precision: scope.format.precision(),
             ..Remesh::default()

@@ -38,7 +38,7 @@ pub enum Pinches {
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface is then unchanged.
-pub fn cut_apart(
+pub fn split_non_manifold(
     surface: &mut Surface,
     pairing: Pairing,
     pinches: Pinches,
@@ -83,8 +83,8 @@ pub fn cut_apart(
         surface.faces[face][i] = of_fan[root];
     }
     Ok(Change::list([
-        (ChangeKind::NonManifoldEdgesCut, cut),
-        (ChangeKind::VerticesCopied, copies),
+        (ChangeKind::NonManifoldEdgesSplit, cut),
+        (ChangeKind::VerticesDuplicated, copies),
         (ChangeKind::FacesWithoutPartner, unpaired),
     ]))
 }
@@ -116,12 +116,12 @@ fn join_boundary_fans(surface: &Surface, edges: &Edges, mates: &[u32], sets: &mu
 
 /// Cuts apart what meets in non-manifold edges and vertices.
 #[derive(Debug, Clone, Copy)]
-pub struct CutApart {
+pub struct SplitNonManifold {
     pairing: Pairing,
 }
 
-impl Operation for CutApart {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::PinchedVertices];
+impl Operation for SplitNonManifold {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
@@ -129,7 +129,7 @@ impl Operation for CutApart {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        Ok(cut_apart(surface, self.pairing, Pinches::KeepAtBoundaries, context)?.into())
+        Ok(split_non_manifold(surface, self.pairing, Pinches::KeepAtBoundaries, context)?.into())
     }
 }
 
@@ -138,12 +138,12 @@ const MOST_ROUNDS: usize = 3;
 
 /// Frees the faces without a partner from edges that could not be cut apart, since the faces at both ends are one fan.
 #[derive(Debug, Clone, Copy)]
-pub struct FreeFins {
+pub struct DetachFins {
     /// Whether the result is rounded to f32.
     pub precision: Precision,
 }
 
-impl FreeFins {
+impl DetachFins {
     /// Puts a vertex on the middle of the edge for such a face alone, so that what was one edge of three faces is an edge of
     /// two and an open border that can be walked.
     ///
@@ -169,7 +169,7 @@ impl FreeFins {
                 break;
             }
         }
-        Ok(Change::list([(ChangeKind::FinsFreed, freed)]))
+        Ok(Change::list([(ChangeKind::FinsDetached, freed)]))
     }
 
     fn round(self, surface: &mut Surface, context: &Context<'_>) -> Result<u64, Cancelled> {
@@ -210,8 +210,8 @@ impl FreeFins {
     }
 }
 
-impl Operation for FreeFins {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+impl Operation for DetachFins {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

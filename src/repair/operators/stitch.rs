@@ -149,7 +149,7 @@ impl Stitch {
 
 impl Operation for Stitch {
     const FIXES: &'static [Counter] =
-        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

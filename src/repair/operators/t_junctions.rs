@@ -105,7 +105,7 @@ fn vertices_on_edges(border: &mut Border<'_>, reach: f64, context: &Context<'_>)
 }
 
 impl Operation for SplitTJunctions {
-    const FIXES: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
+    const FIXES: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     // A cut edge is two for a while, where only one of them finds its counterpart; joined at one end only, it is pinched.
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
 

@@ -189,7 +189,7 @@ impl Operation for ThickenSheets {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::MisorientedEdges];
     // What was one edge of several faces is so on both skins.
     const MAY_RAISE: &'static [Counter] =
-        &[Counter::NonmanifoldEdges, Counter::PinchedVertices, Counter::DegenerateFaces, Counter::DuplicateFaces];
+        &[Counter::NonManifoldEdges, Counter::PinchedVertices, Counter::DegenerateFaces, Counter::DuplicateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let asked = scope.options.open_sheets == OpenSheets::Thicken;

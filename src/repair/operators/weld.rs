@@ -123,7 +123,7 @@ impl Weld {
     /// not move. Leaves: gaps wider than the tolerance, and it may make an edge of more than two faces where
     /// several sheets meet.
     ///
-    /// After the tolerance ladder of Guéziec et al. 2001, "Cutting and Stitching", with one rung.
+    /// After the tolerance ladder of Guéziec et al. 2001, "Cutting and Stitching", with one strategy.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -244,7 +244,7 @@ impl Operation for Weld {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     // Where several sheets meet, what was open becomes an edge of several faces.
     const MAY_RAISE: &'static [Counter] =
-        &[Counter::NonmanifoldEdges, Counter::MisorientedEdges, Counter::PinchedVertices, Counter::DuplicateFaces];
+        &[Counter::NonManifoldEdges, Counter::MisorientedEdges, Counter::PinchedVertices, Counter::DuplicateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self { tolerance: scope.options.weld_tolerance, max_deviation: scope.max_deviation }
@@ -358,7 +358,7 @@ fn pairs(border: &mut Border<'_>, reach: &[f64], context: &Context<'_>) -> Resul
 
 impl Operation for Sew {
     const FIXES: &'static [Counter] =
-        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

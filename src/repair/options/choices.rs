@@ -161,8 +161,8 @@ pub enum Require {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
-pub enum InsideRule {
-    /// As the plan's rungs try it: `positive`, and `nonzero` where that is not good.
+pub enum WindingRuleChoice {
+    /// As the plan's strategies try it: `positive`, and `nonzero` where that is not good.
     #[default]
     Auto,
     /// Once or more outward: a part that is inside out is no material.

@@ -12,7 +12,7 @@ use crate::scene::{LengthUnit, UnitSource};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum LeftOut {
+pub enum OmittedSection {
     /// The search for intersecting faces in the input: whether it is printable is not known.
     InputVerification,
     /// The input's defects by place, its statistics and print measures: `before` has the level `none`.
@@ -53,8 +53,8 @@ pub struct RedFlag {
 pub enum RedFlagCode {
     /// More faces were lost than `max_face_loss_pct`.
     FaceLoss,
-    /// The box changed by more than `max_box_change_pct`.
-    BoxChange,
+    /// The box changed by more than `max_bounding_box_change_pct`.
+    BoundingBoxChange,
     /// The volume changed by more than `max_volume_change_pct`.
     VolumeChange,
     /// More of the visible surface was lost than `max_surface_lost_pct`.

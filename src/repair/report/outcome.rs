@@ -50,7 +50,7 @@ pub struct Verdict {
     /// `printable`.
     pub passes: bool,
     /// The file that is handed out.
-    pub file: HandedOut,
+    pub file: OfferedFile,
     /// What was found true of the file's own bytes.
     pub proven: Vec<Property>,
 }
@@ -59,7 +59,7 @@ pub struct Verdict {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum HandedOut {
+pub enum OfferedFile {
     /// A result that is better than what came in, or was printable already.
     Model,
     /// What came in, since nothing made it better.

@@ -21,9 +21,9 @@ pub enum Action {
     /// Tier 2: close cracks and T-junctions, so that no hole has to be filled there.
     Stitch,
     /// Tier 2: mend everything in one part (`pymeshfix_repair`).
-    Mend,
+    FullRepair,
     /// Tier 2: mend each part apart (`pymeshfix_repair_conservative`).
-    MendConservative,
+    ConservativeRepair,
     /// Tier 2: separate non-manifold edges and vertices (`make_manifold`).
     MakeManifold,
     /// Tier 2: remove what is bad and close the holes, while that makes it better.
@@ -31,9 +31,9 @@ pub enum Action {
     /// Tier 2: make solids of open sheets.
     CloseSheets,
     /// Tier 2: unite what overlaps, so that no faces intersect.
-    Resolve,
+    SelfUnion,
     /// Tier 2: keep apart by position what was cut apart by index.
-    Separate,
+    Perturb,
     /// Remove faces as far as `max_faces` and `max_error` ask for it.
     Simplify,
     /// Drop closed parts smaller than `min_part_volume_pct`.
@@ -58,28 +58,28 @@ pub struct Plan {
     pub preset: Preset,
     /// Why this preset.
     pub reason: String,
-    /// The rungs in order; each starts from the input, and the next runs only if the one before was not good enough.
-    pub rungs: Vec<Rung>,
+    /// The strategies in order; each starts from the input, and the next runs only if the one before was not good enough.
+    pub strategies: Vec<Strategy>,
 }
 
-/// When a rung runs, given that none before it was good.
+/// When a strategy runs, given that none before it was good.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum When {
     /// Always.
     #[default]
-    NothingGood,
+    NothingAcceptable,
     /// When a result before it was open or had lost surface that can be seen: sheets that enclose nothing.
-    SheetsLeft,
+    OpenSheetsRemain,
     /// When no result before it is closed.
-    NothingWhole,
+    NothingClosed,
 }
 
 /// One try of a plan.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct Rung {
+pub struct Strategy {
     /// When it runs.
     #[serde(default)]
     pub when: When,
@@ -112,7 +112,7 @@ pub enum StepStatus {
     /// It ran and made nothing; the note says why.
     Failed,
     /// It ran, made something worse than it was, and was undone; the note says what.
-    Undone,
+    Reverted,
     /// It was not run; the note says why.
     Skipped,
 }
@@ -121,8 +121,8 @@ pub enum StepStatus {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Step {
-    /// Index of the rung in the plan.
-    pub rung: u32,
+    /// Index of the strategy in the plan.
+    pub strategy: u32,
     /// The tier, 1 to 3; 0 for validation.
     pub tier: u8,
     /// What it belongs to.
@@ -174,9 +174,9 @@ fn is_zero(count: &u32) -> bool {
 
 impl Step {
     /// A step that nothing is known of yet but what it is to do.
-    pub(crate) fn new(rung: u32, tier: u8, action: Action, operator: Option<Operator>) -> Self {
+    pub(crate) fn new(strategy: u32, tier: u8, action: Action, operator: Option<Operator>) -> Self {
         Self {
-            rung,
+            strategy,
             tier,
             action,
             operator,
@@ -198,9 +198,9 @@ impl Step {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Candidate {
-    /// Index of the rung that made it; none for the input itself.
+    /// Index of the strategy that made it; none for the input itself.
     #[cfg_attr(feature = "openapi", schema(required))]
-    pub rung: Option<u32>,
+    pub strategy: Option<u32>,
     /// Whether it passed every check.
     pub printable: bool,
     /// How many things are still wrong with it.
@@ -216,15 +216,20 @@ pub struct Candidate {
 impl Plan {
     /// A plan without a strategy, and why there is none.
     pub(crate) fn nothing(reason: &str) -> Self {
-        Self { category: Category::Clean, preset: Preset::BasicCleanup, reason: reason.to_owned(), rungs: Vec::new() }
+        Self {
+            category: Category::Clean,
+            preset: Preset::BasicCleanup,
+            reason: reason.to_owned(),
+            strategies: Vec::new(),
+        }
     }
 
     /// Leaves out the strategies after the last that ran, and the planned actions of each: the steps name those that did something.
     pub(super) fn abridge(&mut self, steps: &[Step]) {
         let ran =
-            steps.iter().filter(|step| step.status != StepStatus::Skipped).map(|step| step.rung as usize + 1).max();
-        self.rungs.truncate(ran.unwrap_or(0));
-        self.rungs.iter_mut().for_each(|rung| rung.actions.clear());
+            steps.iter().filter(|step| step.status != StepStatus::Skipped).map(|step| step.strategy as usize + 1).max();
+        self.strategies.truncate(ran.unwrap_or(0));
+        self.strategies.iter_mut().for_each(|strategy| strategy.actions.clear());
     }
 }
 
@@ -232,7 +237,7 @@ impl Plan {
 pub(super) fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
     steps.retain(|step| match step.status {
         StepStatus::Done => !step.changed.is_empty() || step.program.is_some() || step.unfixed.is_some(),
-        StepStatus::Failed | StepStatus::Undone => true,
+        StepStatus::Failed | StepStatus::Reverted => true,
         // That there is no Blender is worth knowing.
         StepStatus::Skipped => step.tier == 3,
     });

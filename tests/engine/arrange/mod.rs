@@ -6,11 +6,11 @@ pub mod oracle;
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DQuat, DVec3};
-use meshmend::arrange::{ArrangeError, Arrangement, Exact, Inside, Rule, Solid};
+use meshmend::arrange::{ArrangeError, Arrangement, Exact, Rule, Solid, WindingRule};
 use meshmend::inspect::{Analysis, Measures, intersections, measure};
 use meshmend::mesh::{ClosedSurface, NotClosed, Soup, Surface};
-use meshmend::repair::operators::perturb::Separate;
-use meshmend::repair::operators::resolve::Resolve;
+use meshmend::repair::operators::perturb::Perturb;
+use meshmend::repair::operators::self_union::SelfUnionRounds;
 use proptest::prelude::*;
 
 use crate::damage::Random;
@@ -23,7 +23,7 @@ pub fn arranged(by: &dyn Arrangement, surface: &Surface, rule: Rule) -> Result<S
     with_context(|c| by.solid(ClosedSurface::try_from(surface)?, rule, c))
 }
 
-fn solid(soup: &Soup, inside: Inside) -> Result<Surface, ArrangeError> {
+fn solid(soup: &Soup, inside: WindingRule) -> Result<Surface, ArrangeError> {
     let (surface, _) = Surface::from_soup(soup);
     arranged(&Exact, &surface, inside.into()).map(|it| it.surface)
 }
@@ -33,7 +33,7 @@ fn measured(surface: &Surface) -> Measures {
 }
 
 fn united(soup: &Soup) -> Measures {
-    let measures = measured(&solid(soup, Inside::Positive).unwrap());
+    let measures = measured(&solid(soup, WindingRule::Positive).unwrap());
     assert!(measures.closed && measures.misoriented_edges == 0, "{measures:?}");
     assert_eq!(measures.self_intersections.pairs, Some(0), "{measures:?}");
     measures
@@ -89,21 +89,21 @@ fn boxes_that_share_walls_edges_or_corners_are_united_along_them() {
 #[test]
 fn a_cavity_stays_and_a_solid_within_a_solid_goes() {
     let (big, small) = (block([0, 0, 0], [4, 4, 4]), block([1, 1, 1], [2, 2, 2]));
-    let kept = solid(&join(&big, &inside_out(small.clone())), Inside::Positive).unwrap();
+    let kept = solid(&join(&big, &inside_out(small.clone())), WindingRule::Positive).unwrap();
     assert_eq!(kept.faces.len(), 24);
     near(measured(&kept).volume.value, 56.0);
-    let gone = solid(&join(&big, &small), Inside::Positive).unwrap();
+    let gone = solid(&join(&big, &small), WindingRule::Positive).unwrap();
     assert_eq!(gone.faces.len(), 12);
     near(measured(&gone).volume.value, 64.0);
-    let odd = solid(&join(&big, &small), Inside::Odd).unwrap();
+    let odd = solid(&join(&big, &small), WindingRule::Odd).unwrap();
     near(measured(&odd).volume.value, 56.0);
 }
 
 #[test]
 fn a_solid_that_is_inside_out_is_nothing_or_turned_as_asked() {
     let it = inside_out(block([0, 0, 0], [1, 1, 1]));
-    assert_eq!(solid(&it, Inside::Positive), Err(ArrangeError::Empty));
-    for inside in [Inside::Nonzero, Inside::Odd] {
+    assert_eq!(solid(&it, WindingRule::Positive), Err(ArrangeError::Empty));
+    for inside in [WindingRule::Nonzero, WindingRule::Odd] {
         near(measured(&solid(&it, inside).unwrap()).volume.value, 1.0);
     }
 }
@@ -115,7 +115,7 @@ fn walls_of_opposite_turn_that_lie_on_one_another_cancel() {
     let half = inside_out(block([0, 0, 0], [1, 2, 2]));
     near(united(&join(&whole, &half)).volume.value, 4.0);
     let rest = inside_out(block([1, 0, 0], [1, 2, 2]));
-    assert_eq!(solid(&join(&join(&whole, &half), &rest), Inside::Positive), Err(ArrangeError::Empty));
+    assert_eq!(solid(&join(&join(&whole, &half), &rest), WindingRule::Positive), Err(ArrangeError::Empty));
 }
 
 #[test]
@@ -124,7 +124,7 @@ fn faces_that_meet_no_other_come_back_bit_for_bit_and_in_order() {
     let ball = turned(sphere(DVec3::ZERO, 1.0, 24, 12), turn, DVec3::new(1.1, 0.1, 0.2));
     let soup = join(&cube(DVec3::ZERO, 1.0, 8), &ball);
     let (before, _) = Surface::from_soup(&soup);
-    let after = solid(&soup, Inside::Positive).unwrap();
+    let after = solid(&soup, WindingRule::Positive).unwrap();
     let meets = with_context(|c| {
         let analysis = Analysis::new((&soup).into(), c)?;
         intersections(&analysis, c)
@@ -141,7 +141,7 @@ fn faces_that_meet_no_other_come_back_bit_for_bit_and_in_order() {
 fn an_open_surface_is_refused() {
     let mut soup = join(&block([0, 0, 0], [2, 2, 2]), &block([1, 1, 1], [2, 2, 2]));
     soup.faces.pop();
-    assert_eq!(solid(&soup, Inside::Positive), Err(ArrangeError::NotClosed(NotClosed)));
+    assert_eq!(solid(&soup, WindingRule::Positive), Err(ArrangeError::NotClosed(NotClosed)));
 }
 
 #[test]
@@ -160,7 +160,8 @@ fn a_cluster_of_fifty_thousand_intersections_is_resolved_in_seconds_at_the_same_
     let before = measured(&surface);
     assert!(before.self_intersections.pairs > Some(50_000), "{:?}", before.self_intersections);
     let start = Instant::now();
-    let resolve = Resolve { inside: Inside::Positive, max_deviation: 0.01, sheets: None, always: false };
+    let resolve =
+        SelfUnionRounds { winding_rule: WindingRule::Positive, max_deviation: 0.01, sheets: None, always: false };
     let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
     let it = as_stl(&surface);
     assert!(it.printable(), "{done:?} {it:?}");
@@ -189,9 +190,9 @@ proptest! {
         let axis = DVec3::new(turn.0, turn.1, turn.2 + 0.1).normalize();
         let soup = as_f32(turned(soup, DQuat::from_axis_angle(axis, 1.0 + turn.0), DVec3::ZERO));
         let (mut surface, _) = Surface::from_soup(&soup);
-        let resolve = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
+        let resolve = SelfUnionRounds { winding_rule: WindingRule::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
         let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
-        with_context(|c| Separate::default().apply(&mut surface, c)).unwrap();
+        with_context(|c| Perturb::default().apply(&mut surface, c)).unwrap();
         let it = as_stl(&surface);
         prop_assert!(it.printable(), "{:?} {:?}", done, it);
         prop_assert!((it.volume.value - covered.len() as f64).abs() < 1e-3, "{}", it.volume.value);
@@ -213,7 +214,7 @@ proptest! {
             soup = join(&soup, &turned(it, turn, DVec3::from_array(place)));
         }
         let (surface, _) = Surface::from_soup(&soup);
-        for inside in [Inside::Positive, Inside::Nonzero] {
+        for inside in [WindingRule::Positive, WindingRule::Nonzero] {
             let ours = arranged(&Exact, &surface, inside.into());
             let theirs = arranged(&ManifoldRust, &surface, inside.into());
             match (ours, theirs) {
@@ -245,7 +246,7 @@ fn more_faces_that_meet_than_memory_has_room_for_are_refused() {
         let far = DVec3::new(angle.cos(), angle.sin(), 0.0) * 10.0;
         push_both_sides(&mut soup, [far - DVec3::Z, far + DVec3::Z, -far + DVec3::Z * 0.1 * angle]);
     }
-    assert!(matches!(solid(&soup, Inside::Positive), Err(ArrangeError::Failed(_))));
+    assert!(matches!(solid(&soup, WindingRule::Positive), Err(ArrangeError::Failed(_))));
 }
 
 #[test]
@@ -258,5 +259,5 @@ fn a_few_faces_that_all_meet_each_other_are_refused_before_they_are_cut_into_mil
         let corner = |turn: f64| 10.0 * (DQuat::from_axis_angle(normal, turn) * side) + 0.1 * normal * normal.x;
         push_both_sides(&mut soup, [0.0, 2.1, 4.2].map(corner));
     }
-    assert!(matches!(solid(&soup, Inside::Positive), Err(ArrangeError::Failed(_))));
+    assert!(matches!(solid(&soup, WindingRule::Positive), Err(ArrangeError::Failed(_))));
 }

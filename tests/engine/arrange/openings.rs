@@ -1,7 +1,7 @@
 //! Patches doubted: rooms that can be looked into are not filled.
 
 use glam::DVec3;
-use meshmend::arrange::{Exact, Inside, Rule, Solid};
+use meshmend::arrange::{Exact, Rule, Solid, WindingRule};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::{Options, Outcome};
 
@@ -29,8 +29,8 @@ fn solid(soup: &Soup, rule: Rule) -> Solid {
     arranged(&Exact, &surface, rule).unwrap()
 }
 
-fn doubting(inside: Inside) -> Rule {
-    Rule { inside, doubts_patches: true }
+fn doubting(winding_rule: WindingRule) -> Rule {
+    Rule { winding_rule, doubts_patches: true }
 }
 
 fn volume(solid: &Solid) -> f64 {
@@ -44,9 +44,9 @@ fn in_the_cup(size: f64) -> Soup {
 #[test]
 fn a_room_is_left_open_where_something_in_it_is_seen_through_a_patch() {
     let soup = join(&cup(), &in_the_cup(1.5));
-    let filled = solid(&soup, Inside::Positive.into());
+    let filled = solid(&soup, WindingRule::Positive.into());
     assert!((volume(&filled) - 64.0).abs() < 1e-9 && filled.opened.faces.is_empty());
-    let open = solid(&soup, doubting(Inside::Positive));
+    let open = solid(&soup, doubting(WindingRule::Positive));
     assert!((volume(&open) - 1.5f64.powi(3)).abs() < 1e-9, "{}", volume(&open));
     // Its walls and its floor, looking outward as they did, and nothing of the lid.
     assert_eq!(open.opened.faces.len(), 40);
@@ -60,18 +60,18 @@ fn a_room_is_left_open_where_something_in_it_is_seen_through_a_patch() {
 #[test]
 fn what_was_inside_is_behind_the_skin_of_an_inverted_room_too() {
     let soup = inside_out(join(&cup(), &in_the_cup(1.5)));
-    let open = solid(&soup, doubting(Inside::Nonzero));
+    let open = solid(&soup, doubting(WindingRule::Nonzero));
     let outward = |f| (open.opened.corners(f)[0] - DVec3::splat(2.0)).dot(open.opened.area_vector(f)) > 0.0;
     assert!(!open.opened.faces.is_empty() && (0..open.opened.faces.len()).all(outward));
 }
 
 #[test]
 fn a_room_is_filled_where_nothing_is_in_it_or_nothing_of_that_can_be_seen() {
-    let alone = solid(&cup(), doubting(Inside::Positive));
+    let alone = solid(&cup(), doubting(WindingRule::Positive));
     assert!((volume(&alone) - 64.0).abs() < 1e-9 && alone.opened.faces.is_empty());
     // What touches no patch is hidden by real walls.
     let closed = join(&cube(DVec3::new(0.5, 0.5, 0.5), 3.0, 1), &in_the_cup(1.5));
-    let hidden = solid(&join(&cup(), &closed), doubting(Inside::Positive));
+    let hidden = solid(&join(&cup(), &closed), doubting(WindingRule::Positive));
     let behind =
         hidden.surface.positions.iter().filter(|p| (**p - DVec3::splat(2.0)).abs().max_element() < 1.0).count();
     assert_eq!(behind, 0, "the cube in the closed box in the cup is not seen");
@@ -80,7 +80,7 @@ fn a_room_is_filled_where_nothing_is_in_it_or_nothing_of_that_can_be_seen() {
 
 #[test]
 fn a_speck_in_a_room_does_not_open_it() {
-    let speck = solid(&join(&cup(), &in_the_cup(0.1)), doubting(Inside::Positive));
+    let speck = solid(&join(&cup(), &in_the_cup(0.1)), doubting(WindingRule::Positive));
     assert!((volume(&speck) - 64.0).abs() < 1e-9 && speck.opened.faces.is_empty());
 }
 

@@ -9,7 +9,7 @@ const IN_ORDER: Numbering = Numbering {
     faces_contiguous: true,
     missing_vertices: 0,
     faces_without_vertex: 0,
-    left_out: Vec::new(),
+    omitted: Vec::new(),
     missing: Vec::new(),
     vertex_numbers: Vec::new(),
     face_numbers: Vec::new(),

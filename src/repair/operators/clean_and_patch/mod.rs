@@ -139,7 +139,7 @@ impl CleanAndPatch {
             (ChangeKind::PlacesPatched, tally.regions),
             (ChangeKind::FacesRemoved, tally.removed),
             (ChangeKind::FacesAdded, added),
-            (ChangeKind::DefectsGone, first - bad.total()),
+            (ChangeKind::DefectsRemoved, first - bad.total()),
         ]);
         *surface = patching.surface;
         surface.drop_unreferenced();
@@ -148,7 +148,7 @@ impl CleanAndPatch {
 }
 
 impl Operation for CleanAndPatch {
-    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonmanifoldEdges];
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

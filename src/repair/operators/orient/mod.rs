@@ -106,9 +106,9 @@ impl Orient {
             unfixed.extend(in_conflict(surface, &edges));
         }
         let changes = Change::list([
-            (ChangeKind::FacesTurned, turned),
-            (ChangeKind::ClosedPartsTurned, closed_turned),
-            (ChangeKind::OpenPartsTurned, open_turned),
+            (ChangeKind::FacesFlipped, turned),
+            (ChangeKind::ClosedPartsFlipped, closed_turned),
+            (ChangeKind::OpenPartsFlipped, open_turned),
             (ChangeKind::CavitiesKept, layers.cavities_kept),
             (ChangeKind::SolidsInsideSolids, layers.solids_inside_solids),
             (ChangeKind::OrientationConflictsLeft, agreement.conflicts),

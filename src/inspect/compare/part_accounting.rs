@@ -10,18 +10,18 @@ use crate::inspect::matching::{NO_FACE, matched};
 use crate::inspect::{Analysis, finite};
 use crate::mesh::Parts;
 
-/// Parts that a ledger lists, of those with a certificate and of those without.
+/// Parts that a part_accounting lists, of those with a reason and of those without.
 const MOST_LISTED: usize = 1000;
 /// Share of a part's points that must be in the result, and on no other part's surface, for the part to be there.
 const PRESENT: f64 = 0.1;
-/// Share of a part's points that may be anywhere where the rest has a certificate: sampling tells no less.
+/// Share of a part's points that may be anywhere where the rest has a reason: sampling tells no less.
 const STRAY: f64 = 0.1;
 
 /// Why an input part of which nothing is in the result is not missed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Certificate {
+pub enum PartReason {
     /// All of it lies on surface of other parts, and that is in the result.
     Duplicate,
     /// It encloses nothing: an open sheet, or closed and without volume.
@@ -37,7 +37,7 @@ pub enum Certificate {
 /// A part that is not in the result, and why it is not missed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct PartCertificate {
+pub struct AccountedPart {
     /// The part, by number from 0 in the order of the parts' first faces.
     pub part: u32,
     /// Its first face, by index in the file from 0.
@@ -45,7 +45,7 @@ pub struct PartCertificate {
     /// Its faces.
     pub faces: u64,
     /// Why it is not missed.
-    pub certificate: Certificate,
+    pub reason: PartReason,
     /// Points on it that were looked at; 0 where its faces alone tell.
     pub samples: u32,
 }
@@ -67,10 +67,10 @@ pub struct LostPart {
 }
 
 /// What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
-/// a certificate, or is lost.
+/// a reason, or is lost.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct Ledger {
+pub struct PartAccounting {
     /// Parts of the input.
     pub parts: u64,
     /// Parts of which every face with an area stands in the result.
@@ -79,28 +79,28 @@ pub struct Ledger {
     pub changed: u64,
     /// Of the parts that were kept or changed, those that share a part of the result with another.
     pub united: u64,
-    /// Parts with the certificate `duplicate`.
+    /// Parts with the reason `duplicate`.
     pub duplicate: u64,
-    /// Parts with the certificate `no_volume`.
+    /// Parts with the reason `no_volume`.
     pub no_volume: u64,
-    /// Parts with the certificate `inside_another`.
+    /// Parts with the reason `inside_another`.
     pub inside_another: u64,
-    /// Parts with the certificate `debris`.
+    /// Parts with the reason `debris`.
     pub debris: u64,
-    /// Parts with the certificate `dropped`.
+    /// Parts with the reason `dropped`.
     #[serde(default)]
     pub dropped: u64,
     /// Parts with neither: an error of the program.
     pub lost: u64,
     /// Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else.
     pub unknown: u64,
-    /// The parts with a certificate, the first 1000.
-    pub certificates: Vec<PartCertificate>,
+    /// The parts with a reason, the first 1000.
+    pub reasons: Vec<AccountedPart>,
     /// The parts that were lost, the first 1000.
     pub lost_parts: Vec<LostPart>,
-    /// All parts with a certificate, however many.
+    /// All parts with a reason, however many.
     #[serde(skip)]
-    pub certified: Vec<(u32, Certificate)>,
+    pub certified: Vec<(u32, PartReason)>,
 }
 
 /// What the faces of a part alone tell of why it may go.
@@ -126,12 +126,12 @@ impl Original<'_> {
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
-    pub fn ledger(
+    pub fn part_accounting(
         &self,
         after: &Analysis<'_>,
         dispensable: impl FnOnce(&[u32]) -> Result<Vec<Dispensable>, Cancelled>,
         context: &Context<'_>,
-    ) -> Result<Ledger, Cancelled> {
+    ) -> Result<PartAccounting, Cancelled> {
         let before = self.analysis;
         let mut accounting = Accounting::new(before, after);
         context.check()?;
@@ -166,21 +166,21 @@ impl Original<'_> {
             .zip(&probes.of_part)
             .map(|((&part, finding), range)| {
                 let samples = u32::try_from(range.len()).unwrap_or(u32::MAX);
-                let fate = match finding {
-                    Finding::Present => PartFate::Changed,
-                    Finding::Unknown => PartFate::Unknown,
-                    Finding::Certain(certificate) => PartFate::Certain(certificate, samples),
+                let status = match finding {
+                    Finding::Present => PartStatus::Changed,
+                    Finding::Unknown => PartStatus::Unknown,
+                    Finding::Certain(reason) => PartStatus::Certain(reason, samples),
                     Finding::Missed => match answers.next().unwrap_or(Dispensable::No) {
-                        Dispensable::NoVolume => PartFate::Certain(Certificate::NoVolume, 0),
-                        Dispensable::Debris => PartFate::Certain(Certificate::Debris, 0),
-                        Dispensable::Dropped => PartFate::Certain(Certificate::Dropped, 0),
+                        Dispensable::NoVolume => PartStatus::Certain(PartReason::NoVolume, 0),
+                        Dispensable::Debris => PartStatus::Certain(PartReason::Debris, 0),
+                        Dispensable::Dropped => PartStatus::Certain(PartReason::Dropped, 0),
                         Dispensable::No => {
                             let stray = range.clone().find(|&i| found[i] == Some(Place::Off));
-                            PartFate::Lost(stray.map_or(DVec3::ZERO, |i| probes.points[i]))
+                            PartStatus::Lost(stray.map_or(DVec3::ZERO, |i| probes.points[i]))
                         }
                     },
                 };
-                Entry { part, fate }
+                Entry { part, status }
             })
             .collect();
         Ok(accounting.close(&entries))
@@ -190,12 +190,12 @@ impl Original<'_> {
 /// What was found out about a part of which no face stands.
 struct Entry {
     part: u32,
-    fate: PartFate,
+    status: PartStatus,
 }
 
-enum PartFate {
+enum PartStatus {
     Changed,
-    Certain(Certificate, u32),
+    Certain(PartReason, u32),
     /// With a point of it, in unit coordinates.
     Lost(DVec3),
     Unknown,
@@ -252,15 +252,15 @@ impl<'a> Accounting<'a> {
         united
     }
 
-    /// The ledger, with what was found of the parts that do not stand, in order.
-    fn close(mut self, entries: &[Entry]) -> Ledger {
+    /// The part_accounting, with what was found of the parts that do not stand, in order.
+    fn close(mut self, entries: &[Entry]) -> PartAccounting {
         let united = self.united();
         let Self { before, faces, stands, .. } = self;
-        let mut ledger = Ledger { parts: before.parts.count as u64, ..Ledger::default() };
+        let mut part_accounting = PartAccounting { parts: before.parts.count as u64, ..PartAccounting::default() };
         for ([all, standing], _) in faces.iter().zip(&stands).filter(|(_, stands)| **stands) {
-            *(if all == standing { &mut ledger.kept } else { &mut ledger.changed }) += 1;
+            *(if all == standing { &mut part_accounting.kept } else { &mut part_accounting.changed }) += 1;
         }
-        ledger.united = united.iter().filter(|&&united| united).count() as u64;
+        part_accounting.united = united.iter().filter(|&&united| united).count() as u64;
         let mut first = vec![NO_FACE; if entries.is_empty() { 0 } else { before.parts.count }];
         let mut count = vec![0u64; first.len()];
         if !entries.is_empty() {
@@ -270,36 +270,36 @@ impl<'a> Accounting<'a> {
             }
         }
         let unit = before.unit_length();
-        for &Entry { part, ref fate } in entries {
+        for &Entry { part, ref status } in entries {
             let first_face = before.surface.source[first[part as usize] as usize];
             let faces = count[part as usize];
-            match *fate {
-                PartFate::Changed => ledger.changed += 1,
-                PartFate::Unknown => ledger.unknown += 1,
-                PartFate::Certain(certificate, samples) => {
-                    *match certificate {
-                        Certificate::Duplicate => &mut ledger.duplicate,
-                        Certificate::NoVolume => &mut ledger.no_volume,
-                        Certificate::InsideAnother => &mut ledger.inside_another,
-                        Certificate::Debris => &mut ledger.debris,
-                        Certificate::Dropped => &mut ledger.dropped,
+            match *status {
+                PartStatus::Changed => part_accounting.changed += 1,
+                PartStatus::Unknown => part_accounting.unknown += 1,
+                PartStatus::Certain(reason, samples) => {
+                    *match reason {
+                        PartReason::Duplicate => &mut part_accounting.duplicate,
+                        PartReason::NoVolume => &mut part_accounting.no_volume,
+                        PartReason::InsideAnother => &mut part_accounting.inside_another,
+                        PartReason::Debris => &mut part_accounting.debris,
+                        PartReason::Dropped => &mut part_accounting.dropped,
                     } += 1;
-                    ledger.certified.push((part, certificate));
-                    if ledger.certificates.len() < MOST_LISTED {
-                        ledger.certificates.push(PartCertificate { part, first_face, faces, certificate, samples });
+                    part_accounting.certified.push((part, reason));
+                    if part_accounting.reasons.len() < MOST_LISTED {
+                        part_accounting.reasons.push(AccountedPart { part, first_face, faces, reason, samples });
                     }
                 }
-                PartFate::Lost(at) => {
-                    ledger.lost += 1;
-                    if ledger.lost_parts.len() < MOST_LISTED {
+                PartStatus::Lost(at) => {
+                    part_accounting.lost += 1;
+                    if part_accounting.lost_parts.len() < MOST_LISTED {
                         let area = finite(before.solids[part as usize].area);
                         let at = (at * unit).to_array().map(finite);
-                        ledger.lost_parts.push(LostPart { part, first_face, faces, area, at });
+                        part_accounting.lost_parts.push(LostPart { part, first_face, faces, area, at });
                     }
                 }
             }
         }
-        ledger
+        part_accounting
     }
 }
 
@@ -307,7 +307,7 @@ impl<'a> Accounting<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Finding {
     Present,
-    Certain(Certificate),
+    Certain(PartReason),
     Missed,
     Unknown,
 }
@@ -330,9 +330,9 @@ impl Finding {
         } else if own > 0 && at_least(own, PRESENT) {
             Self::Present
         } else if at_least(another, 1.0 - STRAY) {
-            Self::Certain(Certificate::Duplicate)
+            Self::Certain(PartReason::Duplicate)
         } else if inside > 0 && at_least(another + inside, 1.0 - STRAY) {
-            Self::Certain(Certificate::InsideAnother)
+            Self::Certain(PartReason::InsideAnother)
         } else {
             Self::Missed
         }

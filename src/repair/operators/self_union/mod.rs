@@ -6,8 +6,8 @@ use crate::arrange::{ArrangeError, Arrangement, Exact};
 use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_made, position_key};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
-use crate::repair::{Cancelled, Change, ChangeKind, Context, InsideRule, Overlaps};
-pub use rounds::Resolve;
+use crate::repair::{Cancelled, Change, ChangeKind, Context, Overlaps, WindingRuleChoice};
+pub use rounds::SelfUnionRounds;
 use rounds::{
     Done, Rounds, TANGLE_A_FACE, append, count, crossings, dense_faces, grid_step, index, is_manifold_by_position, snap,
 };
@@ -36,7 +36,7 @@ fn is_tangled(pairs: u64, surface: &Surface) -> bool {
     pairs > TANGLED_PAIRS.max(TANGLE_A_FACE as u64 * surface.faces.len() as u64 / 2)
 }
 
-impl Resolve {
+impl SelfUnionRounds {
     /// Resolves faces that intersect into the boundary of what they enclose: overlapping parts are united, walls inside go.
     ///
     /// ```text
@@ -109,11 +109,11 @@ impl Resolve {
             (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(surface, &Edges::new(&surface.faces)))),
             (ChangeKind::IntersectingPairsResolved, before.saturating_sub(best.pairs)),
             (ChangeKind::FacesCut, faces_before),
-            (ChangeKind::FacesMade, surface.faces.len() as u64),
+            (ChangeKind::FacesCreated, surface.faces.len() as u64),
             (ChangeKind::VerticesSnapped, done.snapped),
             (ChangeKind::VerticesMerged, done.merged),
             (ChangeKind::FacesWithoutThicknessThickened, done.thickened),
-            (ChangeKind::FacesAroundOpenRoomsThickened, done.opened),
+            (ChangeKind::FacesAroundOpenRegionsThickened, done.opened),
         ]);
         Ok(Resolved { changes, moved: done.moved + best.aside, pairs_left: best.pairs, error: None })
     }
@@ -158,7 +158,7 @@ impl Resolve {
             }
             append(&mut whole, part);
         }
-        all.changes = Change::list([(ChangeKind::FacesCut, cut), (ChangeKind::FacesMade, made)]);
+        all.changes = Change::list([(ChangeKind::FacesCut, cut), (ChangeKind::FacesCreated, made)]);
         if cut > 0 {
             *surface = whole;
         }
@@ -186,13 +186,13 @@ fn have_same_faces(one: &Surface, other: &Surface) -> bool {
 
 /// Unites what overlaps, or resolves each part alone where parts are to be kept apart.
 #[derive(Debug, Clone, Copy)]
-pub struct ResolveOverlaps {
-    resolve: Resolve,
+pub struct SelfUnion {
+    resolve: SelfUnionRounds,
     overlaps: Overlaps,
 }
 
-impl Operation for ResolveOverlaps {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+impl Operation for SelfUnion {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[
         Counter::BoundaryEdges,
         Counter::MisorientedEdges,
@@ -205,11 +205,11 @@ impl Operation for ResolveOverlaps {
         let options = scope.options;
         let thickness =
             || options.thickness.unwrap_or(THICKNESS * surface.bounds().diagonal()).min(scope.max_deviation);
-        let resolve = Resolve {
-            inside: scope.inside,
+        let resolve = SelfUnionRounds {
+            winding_rule: scope.winding_rule,
             max_deviation: scope.max_deviation,
             sheets: scope.closes_sheets.then(thickness),
-            always: options.inside != InsideRule::Auto,
+            always: options.winding_rule != WindingRuleChoice::Auto,
         };
         Self { resolve, overlaps: options.overlaps }
     }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use meshmend::mesh::{Soup, Surface, weld_exactly};
-use meshmend::repair::operators::internal_faces::remove_sheets_within;
+use meshmend::repair::operators::internal_faces::remove_internal_sheets;
 
 use crate::meshes::{cube, inside_out, join, push};
 use crate::operators::{count, with_context};
@@ -11,8 +11,8 @@ use crate::operators::{count, with_context};
 fn removed(soup: &Soup) -> (u64, u64) {
     let (mut surface, _) = Surface::from_soup(soup);
     weld_exactly(&mut surface);
-    let applied = with_context(|c| remove_sheets_within(&mut surface, c)).unwrap();
-    (count(&applied.changes, "sheets_within_removed"), count(&applied.changes, "sheet_faces_removed"))
+    let applied = with_context(|c| remove_internal_sheets(&mut surface, c)).unwrap();
+    (count(&applied.changes, "internal_sheets_removed"), count(&applied.changes, "sheet_faces_removed"))
 }
 
 /// A box of side 4 in quads of side 1, without its first face.

@@ -22,7 +22,7 @@ const BUDGET_A_POINT: u64 = 500;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Fate {
+pub enum Provenance {
     /// It is in both, whole or cut anew.
     Kept,
     /// It is in the result, and its counterpart in the input is near, but away by more than rounding.
@@ -33,12 +33,12 @@ pub enum Fate {
     Removed,
 }
 
-impl Fate {
+impl Provenance {
     /// All of them, in the order of legends.
     pub const ALL: [Self; 4] = [Self::Kept, Self::Moved, Self::Added, Self::Removed];
 }
 
-/// How much surface had one fate.
+/// How much surface had one provenance.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SurfaceShare {
@@ -66,9 +66,9 @@ pub struct SurfaceShares {
 
 /// What became of every piece of surface.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Fates {
+pub struct SurfaceProvenance {
     /// For each face of the result's file; none where it is no face of finite corners.
-    pub of_face: Vec<Option<Fate>>,
+    pub of_face: Vec<Option<Provenance>>,
     /// What was removed of the input, as triangles: whole faces, and pieces of larger ones.
     pub removed: Vec<[DVec3; 3]>,
     /// The sums.
@@ -86,7 +86,7 @@ impl Original<'_> {
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
-    pub fn fates(&self, after: &Analysis<'_>, context: &Context<'_>) -> Result<Fates, Cancelled> {
+    pub fn provenance(&self, after: &Analysis<'_>, context: &Context<'_>) -> Result<SurfaceProvenance, Cancelled> {
         let before = self.analysis;
         let common = if std::ptr::eq(before, after) {
             Common::whole(before.surface.faces.len())
@@ -103,37 +103,42 @@ impl Original<'_> {
         }
         let stands = |face: u32| common.first[face as usize] || standing[face as usize] > 0;
         let (of_face, complete) = of_result(before, after, &common.second, stands, context)?;
-        let mut fates = Fates { of_face: vec![None; after.subject.soup.faces.len()], ..Fates::default() };
-        fates.shares.complete = there.complete && complete;
-        for (f, &fate) in (0u32..).zip(&of_face) {
-            fates.of_face[after.surface.source[f as usize] as usize] = Some(fate);
-            fates.shares.add(fate, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
+        let mut provenance =
+            SurfaceProvenance { of_face: vec![None; after.subject.soup.faces.len()], ..SurfaceProvenance::default() };
+        provenance.shares.complete = there.complete && complete;
+        for (f, &kind) in (0u32..).zip(&of_face) {
+            provenance.of_face[after.surface.source[f as usize] as usize] = Some(kind);
+            provenance.shares.add(kind, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
         }
         let unit = before.unit_length();
         let mut last = None;
         for (piece, found) in pieces.all.iter().zip(&there.places) {
             let counterpart = match found {
                 Some(Place::Unknown) => true,
-                Some(Place::Found(it)) => it.distance <= ROUNDING || of_face[it.face as usize] == Fate::Moved,
+                Some(Place::Found(it)) => it.distance <= ROUNDING || of_face[it.face as usize] == Provenance::Moved,
                 None => false,
             };
             if !counterpart {
-                fates.shares.add(Fate::Removed, u64::from(last != Some(piece.face)), area(piece.corners) * unit * unit);
+                provenance.shares.add(
+                    Provenance::Removed,
+                    u64::from(last != Some(piece.face)),
+                    area(piece.corners) * unit * unit,
+                );
                 last = Some(piece.face);
-                fates.removed.push(piece.corners.map(|p| p * unit));
+                provenance.removed.push(piece.corners.map(|p| p * unit));
             }
         }
-        Ok(fates)
+        Ok(provenance)
     }
 }
 
 impl SurfaceShares {
-    fn add(&mut self, fate: Fate, faces: u64, area: f64) {
-        let share = match fate {
-            Fate::Kept => &mut self.kept,
-            Fate::Moved => &mut self.moved,
-            Fate::Added => &mut self.added,
-            Fate::Removed => &mut self.removed,
+    fn add(&mut self, provenance: Provenance, faces: u64, area: f64) {
+        let share = match provenance {
+            Provenance::Kept => &mut self.kept,
+            Provenance::Moved => &mut self.moved,
+            Provenance::Added => &mut self.added,
+            Provenance::Removed => &mut self.removed,
         };
         share.faces += faces;
         share.area = finite(share.area + area);
@@ -181,14 +186,14 @@ fn find_nearby(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Contex
     Ok(Nearby { places, complete: answers.complete })
 }
 
-/// The fate of each face of the result's surface.
+/// The provenance of each face of the result's surface.
 fn of_result(
     before: &Analysis<'_>,
     after: &Analysis<'_>,
     verbatim: &[bool],
     stands: impl Fn(u32) -> bool,
     context: &Context<'_>,
-) -> Result<(Vec<Fate>, bool), Cancelled> {
+) -> Result<(Vec<Provenance>, bool), Cancelled> {
     let open: Vec<u32> = (0u32..).zip(verbatim).filter(|&(_, &kept)| !kept).map(|(f, _)| f).collect();
     let each = if open.len() <= FEW { 4 } else { 1 };
     let places_in = |&f: &u32| {
@@ -200,19 +205,19 @@ fn of_result(
     let points: Vec<DVec3> = open.iter().flat_map(places_in).collect();
     let pair = Pair::new(after, before);
     let nearby = find_nearby(pair, before.unit_diagonal() / pair.ratio, &points, context)?;
-    let mut fates = vec![Fate::Kept; verbatim.len()];
+    let mut provenance = vec![Provenance::Kept; verbatim.len()];
     for (&f, places) in open.iter().zip(nearby.places.chunks(each)) {
         let on = |place: &Option<Place>| place.is_some_and(|it| matches!(it, Place::Unknown) || it.near(ROUNDING));
         let counterpart = |place: &Option<Place>| matches!(place, Some(Place::Found(it)) if !stands(it.face) && it.distance > ROUNDING);
-        fates[f as usize] = if places.iter().all(on) {
-            Fate::Kept
+        provenance[f as usize] = if places.iter().all(on) {
+            Provenance::Kept
         } else if places.iter().all(Option::is_some) && places.iter().any(counterpart) {
-            Fate::Moved
+            Provenance::Moved
         } else {
-            Fate::Added
+            Provenance::Added
         };
     }
-    Ok((fates, nearby.complete))
+    Ok((provenance, nearby.complete))
 }
 
 /// The faces of the input that are not in the result as they were, the larger ones cut.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rustc_hash::FxHashSet;
 
-use crate::arrange::{ArrangeError, Arrangement, Inside, Rule, Solid};
+use crate::arrange::{ArrangeError, Arrangement, Rule, Solid, WindingRule};
 use crate::inspect::{Analysis, Intersections, intersections};
 use crate::math::Precision;
 use crate::mesh::{ClosedSurface, Edges, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, position_key, weld_exactly};
@@ -13,9 +13,9 @@ use crate::repair::operators::free_positions::{key, round_to_f32};
 use crate::repair::operators::inside::Pairing;
 use crate::repair::operators::operator::{Counter, Counts};
 use crate::repair::operators::orient::Orient;
-use crate::repair::operators::perturb::Separate;
+use crate::repair::operators::perturb::Perturb;
 use crate::repair::operators::rounding::{TellApart, round_apart, tell_apart};
-use crate::repair::operators::split_non_manifold::{Pinches, cut_apart};
+use crate::repair::operators::split_non_manifold::{Pinches, split_non_manifold};
 use crate::repair::operators::thicken::{Skins, ThickenSheets};
 use crate::repair::{Cancelled, Context};
 
@@ -42,9 +42,9 @@ const MANY_DENSE: usize = 2_000;
 
 /// Resolves faces that intersect.
 #[derive(Debug, Clone, Copy)]
-pub struct Resolve {
+pub struct SelfUnionRounds {
     /// What is inside.
-    pub inside: Inside,
+    pub winding_rule: WindingRule,
     /// No vertex is moved farther than this, in the model's unit, to stay clear of others after rounding.
     pub max_deviation: f64,
     /// The thickness that sheets get, in the model's unit: walls of no thickness, and what is the skin of a room that would be
@@ -83,7 +83,7 @@ pub(super) struct Done {
 
 /// Arranges, rounds and keeps apart until nothing intersects, on ever coarser grids.
 pub(super) struct Rounds<'a> {
-    resolve: &'a Resolve,
+    resolve: &'a SelfUnionRounds,
     by: &'a dyn Arrangement,
     context: &'a Context<'a>,
     pub done: Done,
@@ -95,7 +95,7 @@ pub(super) struct Rounds<'a> {
 }
 
 impl<'a> Rounds<'a> {
-    pub fn new(resolve: &'a Resolve, done: Done, by: &'a dyn Arrangement, context: &'a Context<'a>) -> Self {
+    pub fn new(resolve: &'a SelfUnionRounds, done: Done, by: &'a dyn Arrangement, context: &'a Context<'a>) -> Self {
         Self { resolve, by, context, done, best: None, crossing: None, fewest: [u64::MAX; 2] }
     }
 
@@ -148,7 +148,7 @@ impl<'a> Rounds<'a> {
     /// Makes the arrangement, in the first round again with thin solids for what has no thickness.
     fn arrange(&mut self, work: &mut Surface, first: bool) -> Result<Solid, ArrangeError> {
         let sheets = self.resolve.sheets.filter(|_| first);
-        let rule = Rule { inside: self.resolve.inside, doubts_patches: sheets.is_some() };
+        let rule = Rule { winding_rule: self.resolve.winding_rule, doubts_patches: sheets.is_some() };
         let mut made = arranged(self.by, work, rule, self.context)?;
         let Some(thickness) = sheets.filter(|_| !(made.flaps.faces.is_empty() && made.opened.faces.is_empty())) else {
             return Ok(made);
@@ -162,7 +162,7 @@ impl<'a> Rounds<'a> {
             }
             append(work, thick);
         }
-        arranged(self.by, work, self.resolve.inside.into(), self.context)
+        arranged(self.by, work, self.resolve.winding_rule.into(), self.context)
     }
 
     /// Rounds the positions that are not known from before, and merges what readers would.
@@ -205,7 +205,7 @@ impl<'a> Rounds<'a> {
     /// Moves sheets aside that a reader of STL would weld, and marks the faces where they could not be kept apart.
     fn kept_apart(&self, work: &Surface, pairs: u64, takes_part: &mut [bool]) -> Result<Best, Cancelled> {
         let mut surface = work.clone();
-        let aside = Separate { max_deviation: self.resolve.max_deviation }.apply(&mut surface, self.context)?.moved;
+        let aside = Perturb { max_deviation: self.resolve.max_deviation }.apply(&mut surface, self.context)?.moved;
         let pairs = if surface == *work { pairs } else { count(&crossings(&surface, self.context)?) };
         let pinched = mark_pinched(&surface, work, takes_part);
         Ok(Best { pairs, pinched, surface, aside })
@@ -227,7 +227,7 @@ fn thickened(solid: &Solid, thickness: f64, context: &Context<'_>) -> Result<Opt
         if skins == Skins::BothSides {
             Orient::default().apply(&mut thick, context)?;
         }
-        cut_apart(&mut thick, Pairing::Angular, Pinches::Cut, context)?;
+        split_non_manifold(&mut thick, Pairing::Angular, Pinches::Cut, context)?;
         let thicken = ThickenSheets {
             thickness: Some(thickness),
             skins,
@@ -274,8 +274,8 @@ pub(super) fn is_manifold_by_position(surface: &Surface) -> bool {
     round_to_f32(&mut welded);
     weld_exactly(&mut welded);
     let counts = Counts::of(&welded);
-    use Counter::{BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices};
-    [BoundaryEdges, MisorientedEdges, NonmanifoldEdges, PinchedVertices].iter().all(|&c| counts.get(c) == 0)
+    use Counter::{BoundaryEdges, MisorientedEdges, NonManifoldEdges, PinchedVertices};
+    [BoundaryEdges, MisorientedEdges, NonManifoldEdges, PinchedVertices].iter().all(|&c| counts.get(c) == 0)
 }
 
 /// Marks faces where sheets could not be kept apart by position: those at edges that more than two faces share. Answers how many

@@ -1,4 +1,4 @@
-//! Each part of the input is in the result, or has a certificate, or is lost and raises the flag.
+//! Each part of the input is in the result, or has a reason, or is lost and raises the flag.
 
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -9,8 +9,8 @@ use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, Original, measures};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    Certificate, Ledger, OpenSheets, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed,
-    Remesher, RemesherInfo, Repaired, ledger, repair,
+    OpenSheets, Operator, Options, Outcome, PartAccounting, PartReason, RedFlagCode, RemeshError, RemeshRequest,
+    Remeshed, Remesher, RemesherInfo, Repaired, part_accounting, repair,
 };
 use proptest::prelude::*;
 
@@ -21,23 +21,24 @@ fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
     run(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(100)))
 }
 
-fn booked(before: &Soup, after: &Soup) -> Ledger {
+fn booked(before: &Soup, after: &Soup) -> PartAccounting {
     let booked = with_context(|context| {
         let [before, after] = [before, after].map(|soup| Analysis::new(soup.into(), context).unwrap());
         let measured = measures(&before, context).unwrap();
         let original = Original::new(&before, &measured, CompareOptions::BRIEF);
-        ledger(&original, &after, &Options::default(), context).unwrap()
+        part_accounting(&original, &after, &Options::default(), context).unwrap()
     });
-    let Ledger { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } = booked;
+    let PartAccounting { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } =
+        booked;
     assert_eq!(kept + changed + duplicate + no_volume + inside_another + debris + lost + unknown, parts, "{booked:?}");
     booked
 }
 
-/// The certificates by part.
-fn certificates(before: &Soup, after: &Soup) -> Vec<(u32, Certificate)> {
+/// The reasons by part.
+fn reasons(before: &Soup, after: &Soup) -> Vec<(u32, PartReason)> {
     let booked = booked(before, after);
     assert_eq!(booked.lost, 0, "{booked:?}");
-    booked.certificates.iter().map(|it| (it.part, it.certificate)).collect()
+    booked.reasons.iter().map(|it| (it.part, it.reason)).collect()
 }
 
 fn box_at(x: f64, size: f64) -> Soup {
@@ -79,10 +80,10 @@ fn parts_that_share_a_part_of_the_result_are_united() {
 fn a_copy_of_a_part_is_a_duplicate() {
     let one = box_at(0.0, 1.0);
     let coarse = cube(DVec3::ZERO, 1.0, 1);
-    assert_eq!(certificates(&join(&coarse, &one), &one), [(0, Certificate::Duplicate)]);
+    assert_eq!(reasons(&join(&coarse, &one), &one), [(0, PartReason::Duplicate)]);
     // Both are made anew: one of them is there.
     let anew = cube(DVec3::ZERO, 1.0, 2);
-    assert_eq!(certificates(&join(&coarse, &one), &anew), [(1, Certificate::Duplicate)]);
+    assert_eq!(reasons(&join(&coarse, &one), &anew), [(1, PartReason::Duplicate)]);
     // Copies with the same faces share their edges: they are one part, of which a part stands.
     let twice = join(&one, &one);
     assert_eq!((booked(&twice, &one).parts, booked(&twice, &one).changed), (1, 1));
@@ -94,7 +95,7 @@ fn a_part_within_the_result_is_inside_another() {
     let outer = box_at(0.0, 4.0);
     let ball = sphere(DVec3::splat(2.0), 1.0, 12, 8);
     for ball in [inside_out(ball.clone()), ball] {
-        assert_eq!(certificates(&join(&ball, &outer), &outer), [(0, Certificate::InsideAnother)]);
+        assert_eq!(reasons(&join(&ball, &outer), &outer), [(0, PartReason::InsideAnother)]);
     }
 }
 
@@ -106,16 +107,16 @@ fn sheets_and_closed_parts_without_volume_enclose_nothing() {
         soup
     };
     let flat = far(sheet(4));
-    assert_eq!(certificates(&join(&solid, &flat), &solid), [(1, Certificate::NoVolume)]);
+    assert_eq!(reasons(&join(&solid, &flat), &solid), [(1, PartReason::NoVolume)]);
     let double = join(&flat, &inside_out(flat.clone()));
-    assert_eq!(certificates(&join(&solid, &double), &solid), [(1, Certificate::NoVolume)]);
+    assert_eq!(reasons(&join(&solid, &double), &solid), [(1, PartReason::NoVolume)]);
     // A box pressed flat: closed, with two layers of different faces.
     let pressed = cuboid(DVec3::new(9.0, 0.0, 0.0), DVec3::new(1.0, 1.0, 1e-9), 3);
-    assert_eq!(certificates(&join(&solid, &pressed), &solid), [(1, Certificate::NoVolume)]);
+    assert_eq!(reasons(&join(&solid, &pressed), &solid), [(1, PartReason::NoVolume)]);
     // A needle of which no corner is elsewhere than on one line.
     let mut needle = solid.clone();
     push(&mut needle, [DVec3::splat(5.0), DVec3::splat(6.0), DVec3::splat(7.0)]);
-    assert_eq!(certificates(&needle, &solid), [(1, Certificate::NoVolume)]);
+    assert_eq!(reasons(&needle, &solid), [(1, PartReason::NoVolume)]);
 }
 
 #[test]
@@ -123,7 +124,7 @@ fn an_open_bit_that_is_too_small_to_print_is_debris() {
     let solid = box_at(0.0, 100.0);
     let mut bit = cube(DVec3::new(150.0, 0.0, 0.0), 0.01, 1);
     bit.faces.truncate(10);
-    assert_eq!(certificates(&join(&solid, &bit), &solid), [(1, Certificate::Debris)]);
+    assert_eq!(reasons(&join(&solid, &bit), &solid), [(1, PartReason::Debris)]);
 }
 
 #[test]
@@ -174,7 +175,7 @@ fn lists_are_bounded_and_counts_are_not() {
         push(&mut input, [at, at + DVec3::X, at + DVec3::Y]);
     }
     let booked = booked(&input, &box_at(0.0, 1.0));
-    assert_eq!((booked.parts, booked.no_volume, booked.certificates.len()), (1501, 1500, 1000));
+    assert_eq!((booked.parts, booked.no_volume, booked.reasons.len()), (1501, 1500, 1000));
 }
 
 /// A remesher that answers with one mesh.
@@ -201,7 +202,7 @@ fn remeshed(input: &Soup, answer: Soup) -> Repaired {
         max_surface_lost_pct: 100.0,
         max_face_loss_pct: 100.0,
         max_volume_change_pct: 100.0,
-        max_box_change_pct: 100.0,
+        max_bounding_box_change_pct: 100.0,
         ..Options::default()
     };
     with_context(|context| repair(&bytes, &options, &Limits::default(), Some(&Answers(info, answer)), context).unwrap())
@@ -216,11 +217,11 @@ fn a_dropped_part_raises_the_flag_and_the_repair_is_one_in_part() {
     let dropped = remeshed(&input, join(&cube(DVec3::ZERO, 4.0, 5), &kept)).report;
     assert_eq!(dropped.outcome, Outcome::PartiallyRepaired);
     assert_eq!(dropped.red_flags.iter().map(|flag| flag.code).collect::<Vec<_>>(), [RedFlagCode::PartLost]);
-    assert_eq!(dropped.ledger.unwrap().lost_parts[0].part, 1);
+    assert_eq!(dropped.part_accounting.unwrap().lost_parts[0].part, 1);
     let whole = join(&cube(DVec3::ZERO, 4.0, 5), &cube(DVec3::new(1.0, 1.0, 4.5), 1.0, 4));
     let whole = remeshed(&input, join(&whole, &kept)).report;
     assert_eq!((whole.outcome, whole.red_flags.len()), (Outcome::Repaired, 0));
-    assert_eq!(whole.ledger.unwrap().changed, 2, "the third is kept");
+    assert_eq!(whole.part_accounting.unwrap().changed, 2, "the third is kept");
 }
 
 #[test]
@@ -255,7 +256,7 @@ fn a_result_that_dropped_a_part_is_not_preferred_to_one_that_closed_an_opening_o
     };
     assert!(flags(false).contains(&RedFlagCode::PartLost), "{:?}", report.candidates);
     assert_eq!(flags(true), [RedFlagCode::SurfaceLost, RedFlagCode::SurfaceInvented]);
-    assert_eq!(report.ledger.unwrap().lost, 0);
+    assert_eq!(report.part_accounting.unwrap().lost, 0);
 }
 
 #[test]
@@ -268,7 +269,7 @@ fn the_native_tiers_lose_no_part_of_a_model_of_many() {
     let bytes = format::write(&input, Format::Stl).unwrap();
     let options = Options { max_tier: 2, ..Options::default() };
     let report = with_context(|context| repair(&bytes, &options, &Limits::default(), None, context).unwrap()).report;
-    let booked = report.ledger.unwrap();
+    let booked = report.part_accounting.unwrap();
     assert_eq!((booked.parts, booked.lost, booked.unknown), (6, 0, 0), "{booked:?}");
     assert!(booked.duplicate == 1 && booked.united >= 4, "{booked:?}");
 }
