@@ -65,7 +65,7 @@ pub(super) struct Watch {
 impl Watch {
     /// Begins to listen. Read the job after this, so that no change falls between.
     pub fn new(state: &ApiState, id: JobId) -> Self {
-        Self { state: state.clone(), id, changes: state.store.bell().listen() }
+        Self { state: state.clone(), id, changes: state.store.notifier().listen() }
     }
 
     /// The job once its version is past `version`; none when the service stops or the job is gone.

@@ -184,7 +184,7 @@ impl From<StoreError> for Problem {
         if error.is_full() {
             return storage_full(&error);
         }
-        if !error.may_pass() {
+        if !error.is_transient() {
             return Self::internal(&error);
         }
         tracing::error!(%error, "the database does not answer");
@@ -204,7 +204,7 @@ impl From<&BlobError> for Problem {
         if error.is_full() {
             return storage_full(error);
         }
-        if !error.may_pass() {
+        if !error.is_transient() {
             return Self::internal(error);
         }
         tracing::error!(%error, "the file store does not answer");

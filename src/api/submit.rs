@@ -256,7 +256,7 @@ async fn record(store: &dyn JobStore, new: NewJob) -> Result<Job, Refused> {
     let id = new.id;
     match store.submit(new).await {
         // The connection may have broken after the job was recorded.
-        Err(error) if error.may_pass() => match store.get(id).await {
+        Err(error) if error.is_transient() => match store.get(id).await {
             Ok(Some(job)) => Ok(job),
             found => Err(Refused { problem: error.into(), is_certain: found.is_ok() }),
         },

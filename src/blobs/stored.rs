@@ -99,7 +99,7 @@ impl BlobError {
 
     /// Whether the same may succeed in a while: the store is away, or overloaded. What was asked may have been done all the same.
     #[must_use]
-    pub fn may_pass(&self) -> bool {
+    pub fn is_transient(&self) -> bool {
         // What has no variant of its own: broken connections, time-outs, and the statuses 5xx, 429 and 408, after they were
         // tried again for a while. What is missing or not allowed has one.
         matches!(self, Self::Store(object_store::Error::Generic { store: "S3", .. }))

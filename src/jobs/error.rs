@@ -42,7 +42,7 @@ impl StoreError {
     /// Whether the same may succeed in a while: the database is away or not ready, or the connection broke. What was asked may
     /// have been done all the same.
     #[must_use]
-    pub fn may_pass(&self) -> bool {
+    pub fn is_transient(&self) -> bool {
         use sqlx::Error as E;
         let Self::Database(error) = self else { return false };
         if let Some(code) = sqlite_code(error) {
@@ -136,7 +136,7 @@ fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
         let error = Self::Database(error);
-        let kind = if error.may_pass() { "away" } else { "other" };
+        let kind = if error.is_transient() { "away" } else { "other" };
         metrics::counter!(telemetry::STORE_ERRORS, "kind" => kind).increment(1);
         error
     }

@@ -142,7 +142,7 @@ pub trait JobStore: Send + Sync {
 /// The queue of jobs, the leases on claimed jobs, and the ends of attempts.
 ///
 /// Any number of processes may share one store. A job is claimed in one short transaction under a lease. The worker that holds the
-/// lease extends it by [`heartbeat`](Self::heartbeat). When the lease expires, [`rescue`](Self::rescue) makes the job claimable again.
+/// lease extends it by [`heartbeat`](Self::heartbeat). When the lease expires, [`requeue_expired`](Self::requeue_expired) makes the job claimable again.
 #[async_trait]
 pub trait QueueStore: Send + Sync {
     /// How many jobs are queued, in all and of the tenant.
@@ -185,10 +185,10 @@ pub trait QueueStore: Send + Sync {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is no longer this worker's; nothing was changed.
-    async fn hand_back(&self, held: &Lease) -> Result<(), StoreError>;
+    async fn release(&self, held: &Lease) -> Result<(), StoreError>;
 
     /// Requeues jobs whose lease expired, or fails those whose leases expired too often.
-    async fn rescue(&self) -> Result<Vec<Job>, StoreError>;
+    async fn requeue_expired(&self) -> Result<Vec<Job>, StoreError>;
 }
 
 /// Where idempotency keys are kept: the keys of requests that may be repeated and must make only one job.
@@ -395,5 +395,5 @@ pub trait Store:
     fn connections(&self) -> Connections;
 
     /// Notifies when jobs change through this store object.
-    fn bell(&self) -> &Notifier;
+    fn notifier(&self) -> &Notifier;
 }

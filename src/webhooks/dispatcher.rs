@@ -118,7 +118,7 @@ impl Dispatcher {
             }
             drop(place);
             tokio::select! {
-                () = dispatcher.store.bell().deliveries() => {}
+                () = dispatcher.store.notifier().deliveries() => {}
                 // A tenant may have as many under way as it may, and more that is due.
                 Some(_) = under_way.join_next(), if !under_way.is_empty() => {}
                 () = tokio::time::sleep(dispatcher.config.poll) => {}

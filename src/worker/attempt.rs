@@ -82,7 +82,7 @@ impl<'a> Attempt<'a> {
             // What was given up because this process stops is charged to nobody.
             Err(error) if shutdown.now.is_cancelled() => {
                 tracing::warn!(%error, "given up half way");
-                self.context.store.hand_back(&self.lease).await.map(|()| None)
+                self.context.store.release(&self.lease).await.map(|()| None)
             }
             Err(error) => self.fail_passing(&error).await.map(Some),
             Ok(ended) => Ok(ended),
@@ -110,7 +110,7 @@ impl<'a> Attempt<'a> {
             fetched = self.context.fetch_inputs(&self.job, folder) => fetched?,
             () = self.lost.cancelled() => return Err(StoreError::LeaseLost.into()),
             () = shutdown.now.cancelled() => {
-                self.context.store.hand_back(&self.lease).await?;
+                self.context.store.release(&self.lease).await?;
                 return Ok(None);
             }
         }
@@ -150,7 +150,7 @@ impl<'a> Attempt<'a> {
             }
             Ended::Shutdown => {
                 count_kill("shutdown");
-                self.context.store.hand_back(&self.lease).await?;
+                self.context.store.release(&self.lease).await?;
                 Ok(None)
             }
             // The result was there before the process went down.
@@ -192,7 +192,7 @@ impl<'a> Attempt<'a> {
     /// longer ours it cancels `lost` and `over`, and waits for the attempt to end itself.
     async fn keep_lease(&self) -> Infallible {
         let (store, lease) = (&self.context.store, self.context.config.lease);
-        let mut changed = store.bell().listen();
+        let mut changed = store.notifier().listen();
         let mut beat = tokio::time::interval_at(Instant::now() + lease / 3, lease / 3);
         let mut held_until = Instant::now() + lease;
         loop {

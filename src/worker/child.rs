@@ -29,7 +29,7 @@ const REPORT_EVERY: Duration = Duration::from_millis(50);
 
 /// The entry point of a job's child process: reads its task, enters its sandbox, does the work, and leaves its files in `folder`. The
 /// memory that a hostile file makes it use, and a crash that it causes, stay in this process.
-pub(super) fn run_child(folder: &Path) -> ExitCode {
+pub(super) fn run_job(folder: &Path) -> ExitCode {
     match try_run(folder) {
         Ok(code) => code,
         Err(error) => {

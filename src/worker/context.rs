@@ -318,13 +318,13 @@ pub(super) trait Transient: Display {
 
 impl Transient for StoreError {
     fn is_transient(&self) -> bool {
-        self.may_pass()
+        self.is_transient()
     }
 }
 
 impl Transient for BlobError {
     fn is_transient(&self) -> bool {
-        self.may_pass()
+        self.is_transient()
     }
 }
 

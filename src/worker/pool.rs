@@ -154,7 +154,7 @@ async fn slot(context: Arc<WorkerContext>, shutdown: Shutdown) {
             Err(error) => tracing::error!(%error, "could not look for work"),
         }
         tokio::select! {
-            () = context.store.bell().work() => {}
+            () = context.store.notifier().work() => {}
             () = tokio::time::sleep(context.config.poll) => {}
             () = shutdown.drain.cancelled() => {}
         }
@@ -236,7 +236,7 @@ async fn requeue_expired(context: Arc<WorkerContext>, stop: CancellationToken) {
         if overslept {
             tokio::time::sleep(pause).await;
         }
-        match context.store.rescue().await {
+        match context.store.requeue_expired().await {
             Ok(jobs) => {
                 for job in jobs {
                     tracing::warn!(job_id = %job.id, status = job.status.as_str(), crashes = job.crashes, "a worker was lost");

@@ -228,7 +228,7 @@ async fn bytes_that_were_damaged_are_never_handed_out_to_their_end(bench: Bench)
     assert!(came < bytes.len());
     let found = sha256(&bytes);
     assert!(matches!(&error, BlobError::Damaged { found: other, .. } if *other == found), "{error}");
-    assert!(!error.may_pass());
+    assert!(!error.is_transient());
     let copy = bench.folder.path().join("copy");
     let fetched = bench.blobs.fetch("uploads/x", &stored.sha256, &copy).await;
     assert!(matches!(fetched, Err(BlobError::Damaged { .. })), "{fetched:?}");
@@ -326,7 +326,7 @@ async fn a_store_that_works_says_so(bench: Bench) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_bucket_that_is_away_fails_soon_with_an_error_that_may_pass_and_works_when_it_is_back() {
+async fn a_bucket_that_is_away_fails_soon_with_a_transient_error_and_works_when_it_is_back() {
     let mut bench = Bench::bucket();
     let kept = bench.put("uploads/x", b"x").await;
     bench.server.as_mut().expect("a server").kill();
@@ -342,7 +342,7 @@ async fn a_bucket_that_is_away_fails_soon_with_an_error_that_may_pass_and_works_
             bench.blobs.probe().await,
         ];
         for (number, result) in away.into_iter().enumerate() {
-            assert!(result.as_ref().is_err_and(BlobError::may_pass), "{number}: {result:?}");
+            assert!(result.as_ref().is_err_and(BlobError::is_transient), "{number}: {result:?}");
         }
     };
     tokio::time::timeout(Duration::from_secs(120), all).await.expect("soon");
@@ -368,7 +368,7 @@ async fn a_bucket_that_is_killed_in_the_midst_of_an_upload_has_the_file_whole_or
     server.restart();
     match upload.await.expect("no panic") {
         Ok(stored) => assert_eq!(stored.sha256, sha256(&bytes)),
-        Err(error) => assert!(error.may_pass(), "{error}"),
+        Err(error) => assert!(error.is_transient(), "{error}"),
     }
     match bench.get("uploads/x").await {
         Ok(found) => assert!(found == bytes),
@@ -388,5 +388,5 @@ async fn what_is_wrong_with_a_bucket_is_told_apart_from_its_being_away() {
     assert!(plain.is_err_and(|error| error.to_string().contains("--s3-allow-http")));
     let strangers = S3Config { credentials: Some(("test-key".into(), "guessed".into())), ..config };
     let probe = Blobs::s3(&strangers).expect("opened").probe().await;
-    assert!(probe.as_ref().is_err_and(|error| !error.may_pass()), "{probe:?}");
+    assert!(probe.as_ref().is_err_and(|error| !error.is_transient()), "{probe:?}");
 }

@@ -33,7 +33,7 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
     let url = cluster.url();
     let open = || PostgresStore::open(&url, 4, None, RetryPolicy::default());
     let (one, other) = (open().await.expect("a store"), open().await.expect("another"));
-    let mut changes = other.bell().listen();
+    let mut changes = other.notifier().listen();
     let id = JobId::new();
     let input = Input { key: "k".into(), name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
     // Its listener may not have begun yet: then the next job rings.
@@ -50,7 +50,7 @@ async fn what_changes_in_the_database_rings_in_every_process_that_shares_it() {
     };
     let changed = tokio::time::timeout(Duration::from_secs(30), strategy).await.expect("it rings");
     assert!(all.contains(&changed));
-    tokio::time::timeout(Duration::from_secs(5), other.bell().work()).await.expect("it rings for work");
+    tokio::time::timeout(Duration::from_secs(5), other.notifier().work()).await.expect("it rings for work");
 }
 
 /// What was written so far, and how much of it the disk has.

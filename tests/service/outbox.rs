@@ -17,7 +17,7 @@ promises! {
     a_jobs_end_and_what_is_told_of_it_are_written_together_or_not_at_all,
     a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends,
     tenants_take_turns_and_one_whose_receivers_hang_holds_nobody_up,
-    many_couriers_at_once_never_get_the_same_delivery,
+    many_dispatchers_at_once_never_get_the_same_delivery,
     an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days,
     what_was_given_up_or_delivered_is_sent_again_when_asked_for,
     a_secret_that_was_replaced_is_known_beside_the_new_one,
@@ -116,7 +116,7 @@ async fn every_end_of_a_job_is_noted_for_those_who_are_told_of_it(bench: Bench) 
         assert_eq!(told(lost.id).await, []);
         bench.claim().await.expect("a job");
         bench.pass(LEASE + Duration::from_secs(1));
-        store.rescue().await.expect("an answer");
+        store.requeue_expired().await.expect("an answer");
     }
     assert_eq!(told(lost.id).await, to("job.failed", &[&all.id, &only_failures.id]));
 
@@ -209,13 +209,13 @@ async fn tenants_take_turns_and_one_whose_receivers_hang_holds_nobody_up(bench: 
     assert_eq!(order, ["busy", "calm", "busy", "calm", "busy"], "the fourth of the busy one has to wait");
 }
 
-async fn many_couriers_at_once_never_get_the_same_delivery(bench: Bench) {
+async fn many_dispatchers_at_once_never_get_the_same_delivery(bench: Bench) {
     endpoint(&bench, "shop").await;
     for _ in 0..40 {
         cancelled(&bench, "shop").await;
     }
     let bench = Arc::new(bench);
-    let couriers: Vec<_> = (0..6)
+    let dispatchers: Vec<_> = (0..6)
         .map(|_| {
             let bench = Arc::clone(&bench);
             tokio::spawn(async move {
@@ -229,8 +229,8 @@ async fn many_couriers_at_once_never_get_the_same_delivery(bench: Bench) {
         })
         .collect();
     let mut all = Vec::new();
-    for courier in couriers {
-        all.extend(courier.await.expect("no panic"));
+    for dispatcher in dispatchers {
+        all.extend(dispatcher.await.expect("no panic"));
     }
     assert_eq!(all.len(), 40);
     all.sort();

@@ -80,10 +80,10 @@ async fn a_heartbeat_extends_the_lease_and_a_lease_that_ran_out_makes_the_job_cl
     bench.store.heartbeat(&first.lease, LEASE, Some(progress)).await.expect("still held");
     assert_eq!(bench.get(job.id).await.progress, Some(progress));
     bench.pass(LEASE / 2 + Duration::from_secs(1));
-    assert!(bench.store.rescue().await.expect("an answer").is_empty(), "the heartbeat extended it");
+    assert!(bench.store.requeue_expired().await.expect("an answer").is_empty(), "the heartbeat extended it");
     bench.pass(LEASE);
-    let rescued = bench.store.rescue().await.expect("an answer");
-    assert_eq!((rescued[0].id, rescued[0].status, rescued[0].crashes), (job.id, Status::Queued, 1));
+    let requeued = bench.store.requeue_expired().await.expect("an answer");
+    assert_eq!((requeued[0].id, requeued[0].status, requeued[0].crashes), (job.id, Status::Queued, 1));
     let second = bench.claim().await.expect("the job again");
     assert_eq!(second.lease.attempt, 2);
     assert_ne!(second.lease.token, first.lease.token);
@@ -93,12 +93,12 @@ async fn every_write_of_a_stale_worker_loses(bench: Bench) {
     let job = bench.submit().await;
     let stale = bench.claim().await.expect("a job").lease;
     bench.pass(LEASE + Duration::from_secs(1));
-    bench.store.rescue().await.expect("an answer");
+    bench.store.requeue_expired().await.expect("an answer");
     bench.claim().await.expect("the job again");
     let before = bench.get(job.id).await;
     let lost = |result: Result<(), StoreError>| assert!(matches!(result, Err(StoreError::LeaseLost)), "{result:?}");
     lost(bench.store.heartbeat(&stale, LEASE, None).await);
-    lost(bench.store.hand_back(&stale).await);
+    lost(bench.store.release(&stale).await);
     lost(bench.store.fail(&stale, Bench::failure(FailureKind::Final)).await.map(drop));
     let mut forged = stale.clone();
     forged.attempt = 2;
@@ -136,8 +136,8 @@ async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
     for crash in 1..=bench.policy.max_crashes {
         bench.claim().await.expect("claimable");
         bench.pass(LEASE + Duration::from_secs(1));
-        let rescued = bench.store.rescue().await.expect("an answer");
-        assert_eq!(rescued[0].crashes, crash);
+        let requeued = bench.store.requeue_expired().await.expect("an answer");
+        assert_eq!(requeued[0].crashes, crash);
     }
     let job = bench.get(job.id).await;
     assert_eq!(job.status, Status::Failed);
@@ -148,13 +148,13 @@ async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
 async fn a_job_handed_back_is_charged_nothing(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
-    bench.store.hand_back(&claim.lease).await.expect("held");
+    bench.store.release(&claim.lease).await.expect("held");
     let after = bench.get(job.id).await;
     assert_eq!((after.status, after.attempt, after.crashes), (Status::Queued, 0, 0));
     let again = bench.claim().await.expect("the job again");
     assert_eq!(again.lease.attempt, 1);
     assert!(
-        matches!(bench.store.hand_back(&claim.lease).await, Err(StoreError::LeaseLost)),
+        matches!(bench.store.release(&claim.lease).await, Err(StoreError::LeaseLost)),
         "same attempt, other token"
     );
 }

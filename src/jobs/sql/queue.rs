@@ -123,7 +123,7 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
         self.end(transaction, job, end.now).await
     }
 
-    async fn hand_back(&self, held: &Lease) -> Result<(), StoreError> {
+    async fn release(&self, held: &Lease) -> Result<(), StoreError> {
         let statement =
             sql("UPDATE jobs SET status = 'queued', attempt = attempt - 1, progress = NULL, worker = NULL, \
              lease_token = NULL, lease_expires_at = NULL, version = version + 1 \
@@ -134,7 +134,7 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
         Ok(())
     }
 
-    async fn rescue(&self) -> Result<Vec<Job>, StoreError> {
+    async fn requeue_expired(&self) -> Result<Vec<Job>, StoreError> {
         let now = self.now();
         let expired = "SELECT id FROM jobs WHERE status = 'running' AND lease_expires_at <= meshmend_now($1) LIMIT 1";
         if self.is_idle(sql(expired).bind(now)).await? {

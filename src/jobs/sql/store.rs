@@ -164,7 +164,7 @@ impl<D: Dialect> Store for SqlStore<D> {
         })
     }
 
-    fn bell(&self) -> &Notifier {
+    fn notifier(&self) -> &Notifier {
         &self.notifier
     }
 }
