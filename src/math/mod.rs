@@ -1,7 +1,7 @@
-//! Predicates, boxes, and the tree over obvhs.
+//! Geometric predicates, bounding boxes, and bounding volume hierarchies over triangles (crate `obvhs`).
 //!
-//! Where topology is decided, signs are exact (Shewchuk's adaptive predicates through the crate `robust`); boxes and
-//! the tree only ever narrow down what the predicates look at.
+//! Every decision of topology takes the exact sign of a determinant (Shewchuk's adaptive predicates, through the crate
+//! `robust`). Boxes and trees only select the candidates that the predicates then test.
 
 mod boxes;
 mod nearest;
