@@ -1,9 +1,9 @@
-//! Meshes, as types with growing guarantees.
+//! Triangle meshes, as types with growing guarantees.
 //!
-//! [`Soup`] is what a file says and promises nothing. [`Surface`] is finite, indexed and welded at equal positions,
-//! and remembers which input face each face comes from; it may still be non-manifold, open or wrongly turned. What
-//! holds beyond that is asked of its [`Edges`], [`Parts`] and [`Fans`]. [`ClosedSurface`] encloses something; it is checked once,
-//! where it is made.
+//! [`Soup`] holds the triangles of a file and guarantees little. [`Surface`] is finite, indexed and welded at equal
+//! positions, and records the input face of each face; it may still be non-manifold, open or inconsistently wound.
+//! [`Edges`], [`Parts`] and [`Fans`] answer further questions about its connectivity. [`ClosedSurface`] is checked
+//! once, on construction.
 
 mod adjacency;
 mod connectivity;
