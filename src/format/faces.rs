@@ -1,4 +1,7 @@
-//! The polygons of an indexed format as triangles.
+//! Collecting the polygons of an indexed format (OBJ, PLY, OFF) as triangles.
+//!
+//! OBJ and PLY may name vertices before the file defines them. A polygon with more than three corners then waits until all positions are
+//! known, because its triangulation depends on them.
 
 use glam::DVec3;
 
@@ -7,40 +10,42 @@ use super::errors::ReadError;
 use super::limits::{Limits, ReadOptions};
 use super::polygon::Cutter;
 
-/// Collects the polygons of an indexed format as triangles, in the file's order.
+/// Collects polygons, triangulates them and keeps the file's order.
 pub(super) struct Faces {
     limits: Limits,
     faces: Vec<[u32; 3]>,
-    /// What else corners have.
+    /// Normal and texture coordinate indices of the corners.
     numbers: [OfCorners; KINDS],
     cutter: Cutter,
-    /// Polygons whose vertices had not been read yet.
+    /// Polygons whose vertices had not been read yet, to be triangulated at the end.
     waiting: Vec<Waiting>,
     waiting_corners: Vec<u32>,
     too_few: u64,
 }
 
-/// What corners may have beside a vertex: the number of a normal, and that of a place in a picture.
+/// Number of optional attributes of a corner: a normal index and a texture coordinate index.
 const KINDS: usize = 2;
-/// The number of what a corner does not have.
+/// The index of an attribute that a corner does not have.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// What [`Faces`] has collected.
+/// The triangles that [`Faces`] has collected, with their attributes.
 pub(super) struct Finished {
+    /// Vertex indices of each triangle.
     pub faces: Vec<[u32; 3]>,
-    /// The numbers of the normals at the triangles' corners; the last triangles without any are left out.
+    /// Normal indices of the triangles' corners, up to the last triangle that has one.
     pub normals: Vec<[u32; 3]>,
-    /// The same of places in a picture.
+    /// Texture coordinate indices of the triangles' corners, up to the last triangle that has one.
     pub places: Vec<[u32; 3]>,
+    /// Counts of the polygons with more than three corners.
     pub polygons: Polygons,
 }
 
-/// Numbers at the corners of triangles.
+/// Indices of one attribute at the corners of triangles.
 #[derive(Default)]
 struct OfCorners {
-    /// For the first triangles, up to the last that has some.
+    /// One entry for each triangle, up to the last triangle that has the attribute.
     triangles: Vec<[u32; 3]>,
-    /// Those at the corners of polygons that wait, up to the last that has some.
+    /// One entry for each corner of the waiting polygons, up to the last that has the attribute.
     waiting: Vec<u32>,
 }
 
@@ -56,7 +61,7 @@ impl OfCorners {
     }
 }
 
-/// The kinds that these corners have.
+/// The attributes that a polygon's corners have, with their indices.
 fn there<'n>(
     all: &'n mut [OfCorners; KINDS],
     numbers: [&'n [u32]; KINDS],
@@ -64,6 +69,7 @@ fn there<'n>(
     all.iter_mut().zip(numbers).filter(|(_, numbers)| !numbers.is_empty())
 }
 
+/// A polygon that waits for its vertices: its first triangle, and its range in `waiting_corners`.
 struct Waiting {
     face: usize,
     begin: usize,
@@ -71,7 +77,7 @@ struct Waiting {
 }
 
 impl Faces {
-    /// With room for `expected` triangles, which the caller has checked against the bytes that are there.
+    /// An empty collection with capacity for `expected` triangles. The caller has checked `expected` against the size of the file.
     pub fn new(options: &ReadOptions, expected: usize) -> Self {
         Self {
             limits: options.limits,
@@ -84,20 +90,23 @@ impl Faces {
         }
     }
 
-    /// Takes a triangle whose indices the caller has checked.
+    /// Adds a triangle whose indices the caller has checked.
     pub fn triangle(&mut self, corners: [u32; 3]) -> Result<(), ReadError> {
         self.limits.check_faces(self.faces.len() as u64 + 1)?;
         self.faces.push(corners);
         Ok(())
     }
 
-    /// Takes a polygon whose indices the caller has checked, or will have checked before [`Faces::finish`].
-    /// Fewer than three corners are counted and left out.
+    /// Adds a polygon whose indices the caller has checked, or checks before [`Faces::finish`]. Polygons with fewer than three corners are
+    /// counted and dropped.
+    ///
+    /// # Errors
+    /// A [`ReadError`] of kind `TooLarge` when there are more triangles than the limits allow.
     pub fn polygon(&mut self, positions: &[DVec3], corners: &[u32]) -> Result<(), ReadError> {
         self.polygon_with(positions, corners, [&[], &[]])
     }
 
-    /// As [`Faces::polygon`], with the number of a normal and that of a place in a picture for each corner, or for none of them.
+    /// As [`Faces::polygon`], with normal and texture coordinate indices: one for each corner, or none.
     pub fn polygon_with(
         &mut self,
         positions: &[DVec3],
@@ -137,13 +146,13 @@ impl Faces {
         Ok(())
     }
 
-    /// The triangles; what there is to tell is added to the warnings. All indices must be in range of `positions`.
+    /// Returns the triangles and appends warnings. All indices must be in range of `positions`.
     pub fn finish(self, positions: &[DVec3], warnings: &mut Vec<String>) -> (Vec<[u32; 3]>, Polygons) {
         let Finished { faces, polygons, .. } = self.finish_with_all(positions, warnings);
         (faces, polygons)
     }
 
-    /// As [`Faces::finish`], with what else corners have.
+    /// As [`Faces::finish`], with the corners' attributes.
     pub fn finish_with_all(mut self, positions: &[DVec3], warnings: &mut Vec<String>) -> Finished {
         for waiting in &self.waiting {
             let corners = &self.waiting_corners[waiting.begin..waiting.end];
@@ -159,25 +168,25 @@ impl Faces {
                 next += 1;
             });
         }
-        if self.cutter.without_normal() > 0 {
+        if self.cutter.degenerate_count() > 0 {
             warnings.push(format!(
-                "polygons whose corners lie on a line or have no position: {}",
-                self.cutter.without_normal()
+                "polygons whose corners lie on a line or are not finite: {}",
+                self.cutter.degenerate_count()
             ));
         }
-        if self.cutter.fanned() > 0 {
+        if self.cutter.fan_count() > 0 {
             warnings.push(format!(
-                "polygons that cross themselves or have too many corners were cut as fans: {}; look at the result there",
-                self.cutter.fanned()
+                "polygons that cross themselves or have too many corners: {}; they were split as fans, so check the result there",
+                self.cutter.fan_count()
             ));
         }
         if self.too_few > 0 {
-            warnings.push(format!("faces with fewer than three corners were left out: {}", self.too_few));
+            warnings.push(format!("faces with fewer than three corners were dropped: {}", self.too_few));
         }
         let polygons = self.cutter.polygons();
         if polygons.twisted > 0 {
             warnings.push(format!(
-                "polygons that are not flat were cut into triangles with the least fold: {}, the most twisted by {:.1} degrees",
+                "polygons that are not flat were split into triangles with the least fold: {}, the most twisted by {:.1} degrees",
                 polygons.twisted, polygons.largest_twist_deg
             ));
         }
@@ -185,11 +194,12 @@ impl Faces {
         Finished { faces: self.faces, normals, places, polygons }
     }
 
-    /// How many triangles there are, with those that wait.
+    /// The number of triangles so far, including those of waiting polygons.
     pub fn len(&self) -> usize {
         self.faces.len()
     }
 
+    /// Whether there are no triangles so far.
     pub fn is_empty(&self) -> bool {
         self.faces.is_empty()
     }

@@ -1,5 +1,6 @@
-//! A model and its side files in a ZIP archive: which file is the model, what it names beside it, and how OBJ is packed with its materials
-//! and pictures.
+//! A model and its sidecar files (materials, textures, buffers) in a ZIP archive.
+//!
+//! This module finds the model in an archive, resolves the files that the model refers to, and packs OBJ with materials and textures.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
@@ -16,20 +17,22 @@ use super::limits::{HEAD, Limits};
 use super::paint::{MOST_PICTURE_BYTES, media_type};
 use super::sniff::sniff;
 
-/// What is beside a model.
+/// The sidecar files of a model: all files in the archive that the model came in.
 pub(super) struct Sidecars<'z> {
-    /// The archive and the model's name in it; none for a model that came alone.
+    /// The archive and the model's name in it; `None` for a model that came without an archive.
     within: Option<(&'z Archive<'z>, &'z str)>,
-    /// The first file of each bare name, by [`key`].
+    /// The first file with each base name, by [`key`].
     bare: HashMap<String, &'z str>,
-    /// How many bytes may still be unpacked, and how many of pictures.
+    /// Bytes that may still be unpacked, and how many of them for textures.
     left: Cell<u64>,
     left_for_pictures: Cell<u64>,
+    /// Files that could not be found or unpacked.
     missing: RefCell<Names>,
+    /// Textures that are neither PNG nor JPEG.
     strange: RefCell<Names>,
 }
 
-/// Names that could not be followed: how many, and the first.
+/// File names that caused a warning: their number, and the first of them.
 #[derive(Default)]
 struct Names {
     count: u64,
@@ -46,7 +49,7 @@ impl Names {
 }
 
 impl<'z> Sidecars<'z> {
-    /// Nothing, for a model that came alone.
+    /// No sidecar files, for a model that came without an archive.
     pub fn nothing() -> Self {
         Self {
             within: None,
@@ -58,7 +61,7 @@ impl<'z> Sidecars<'z> {
         }
     }
 
-    /// What is in the archive of a model.
+    /// The sidecar files of the file `model` in an archive.
     pub fn of(model: &'z str, archive: &'z Archive<'z>, limits: &Limits) -> Self {
         let mut bare = HashMap::new();
         for name in archive.names() {
@@ -73,18 +76,18 @@ impl<'z> Sidecars<'z> {
         }
     }
 
-    /// Whether there may be any.
+    /// Whether the model came in an archive.
     pub fn is_something(&self) -> bool {
         self.within.is_some()
     }
 
-    /// Whether there is a file that the model means by this name.
+    /// Whether the file that the model refers to as `name` exists.
     pub fn has(&self, name: &str) -> bool {
         self.find(name).is_some()
     }
 
-    /// The bytes, no more than `most`, of the file that the model means by a name; none if they can't be had, which [`Sidecars::warnings`]
-    /// tells.
+    /// Unpacks the file that the model refers to as `name`, up to `most` bytes. `None` if the file is missing or too large, which
+    /// [`Sidecars::warnings`] reports.
     pub fn file(&self, name: &str, most: u64) -> Option<Vec<u8>> {
         let (archive, _) = self.within?;
         let most = most.min(self.left.get());
@@ -96,7 +99,7 @@ impl<'z> Sidecars<'z> {
         bytes
     }
 
-    /// As [`Sidecars::file`], for a picture, with its media type; none too if it is not of a kind that is kept.
+    /// As [`Sidecars::file`], for a texture; returns its media type too. `None` also if the file is neither PNG nor JPEG.
     pub fn picture(&self, name: &str) -> Option<(Arc<[u8]>, &'static str)> {
         let bytes = self.file(name, self.left_for_pictures.get())?;
         let Some(media_type) = media_type(&bytes) else {
@@ -107,27 +110,27 @@ impl<'z> Sidecars<'z> {
         Some((bytes.into(), media_type))
     }
 
-    /// What could not be had.
+    /// Warnings about files that were missing, too large or of an unsupported type.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         let missing = self.missing.borrow();
         if missing.count > 0 {
             warnings.push(format!(
-                "files that the model names are not in the archive, or can't be unpacked within the limits: {}, the first '{}'",
+                "files that the model refers to are not in the archive, or are too large to unpack: {}, the first '{}'",
                 missing.count, missing.first
             ));
         }
         let strange = self.strange.borrow();
         if strange.count > 0 {
             warnings.push(format!(
-                "pictures that are neither PNG nor JPEG were left out: {}, the first '{}'",
+                "textures that are neither PNG nor JPEG were dropped: {}, the first '{}'",
                 strange.count, strange.first
             ));
         }
         warnings
     }
 
-    /// By its path from the model's folder, else by its bare name, as paths are often those of another machine.
+    /// Finds a file by its path from the model's folder, else by its base name, because paths often come from another computer.
     fn find(&self, name: &str) -> Option<&'z str> {
         let (archive, model) = self.within?;
         let there = resolve(model, name).and_then(|path| archive.name(&path));
@@ -135,14 +138,15 @@ impl<'z> Sidecars<'z> {
     }
 }
 
+/// The part of a path after the last slash or backslash.
 fn bare_name(name: &str) -> &str {
     name.rsplit(['/', '\\']).next().unwrap_or(name)
 }
 
-/// Endings of models that are read.
+/// File name extensions of models that can be read.
 const MODELS: [&str; 8] = ["stl", "obj", "ply", "off", "mesh", "glb", "gltf", "3mf"];
 
-/// Endings of what is often sent along, some of which a careless eye could take for a model.
+/// Extensions of files that often accompany a model, and that format detection could mistake for one.
 const NO_MODELS: [&str; 51] = [
     "txt", "md", "rtf", "doc", "docx", "odt", "xls", "xlsx", "pptx", "pdf", "htm", "html", "url", "webloc", "xml",
     "json", "csv", "log", "ini", "db", "nfo", "mtl", "bin", "png", "jpg", "jpeg", "gif", "bmp", "tif", "tiff", "tga",
@@ -150,11 +154,14 @@ const NO_MODELS: [&str; 51] = [
     "bz2", "gcode", "exe", "js",
 ];
 
-/// How many names are shown.
+/// Maximum number of file names in a message.
 const SHOWN_NAMES: usize = 4;
 
-/// The only model of an archive, and its format, told by its content. The ending of a name only says which files are looked at first: where
-/// one that is named as a model is one, others are not looked at.
+/// Finds the only model in an archive and its format, which is detected by content. Files with a model's extension are tried first; other
+/// files are tried only if none of those is a model.
+///
+/// # Errors
+/// A [`ReadError`] of kind `UnsupportedFormat` if the archive holds no model or several.
 pub(super) fn model_of<'z>(archive: &'z Archive<'_>) -> Result<(&'z str, Format), ReadError> {
     let visible = || archive.names().filter(|name| !is_hidden(name));
     let mut refused = None;
@@ -168,7 +175,7 @@ pub(super) fn model_of<'z>(archive: &'z Archive<'_>) -> Result<(&'z str, Format)
     if found.is_empty() && refused.is_none() {
         let others = visible().filter(|name| !has_ending(name, &NO_MODELS));
         found = models(archive, others, |_, _| {});
-        // A package of office programs looks like 3MF from its head.
+        // The first bytes of an office document look like those of 3MF.
         found.retain(|(_, format)| !matches!(format, Format::ThreeMf | Format::Zip));
     }
     match (found[..].first(), found.len()) {
@@ -176,20 +183,20 @@ pub(super) fn model_of<'z>(archive: &'z Archive<'_>) -> Result<(&'z str, Format)
         (Some(_), _) => {
             let names = shown_names(found.iter().map(|(name, _)| *name), found.len());
             let detail =
-                format!("the ZIP archive holds {} models ({names}); send each for itself, or in an archive of its own", found.len());
+                format!("the ZIP archive holds {} models ({names}); send each in a request or archive of its own", found.len());
             Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail))
         }
         (None, _) => Err(refused.unwrap_or_else(|| {
             let names = shown_names(archive.names(), archive.names().count());
             let detail = format!(
-                "the ZIP archive holds no model that is read here ({names}); put one STL, OBJ, PLY, OFF, 3MF, GLB or glTF file into it, with the files that it needs"
+                "the ZIP archive holds no supported model ({names}); add one STL, OBJ, PLY, OFF, 3MF, GLB or glTF file and the files it uses"
             );
             ReadError::whole(ReadErrorKind::UnsupportedFormat, detail)
         })),
     }
 }
 
-/// Those of the files that are models.
+/// The models among the files, with their formats. `refuse` receives the errors of the others.
 fn models<'z>(
     archive: &Archive<'_>,
     names: impl Iterator<Item = &'z str>,
@@ -205,12 +212,14 @@ fn models<'z>(
     found
 }
 
+/// Detects a file's format. Nested archives are rejected unless their name ends in `.3mf`.
 fn format(archive: &Archive<'_>, name: &str) -> Result<Format, ReadError> {
     let head = archive.first(name, HEAD as u64)?.unwrap_or_default();
     match sniff(&head, archive.size(name))? {
-        // Only by its end is it told from 3MF, and by its name.
+        // The first bytes of a 3MF package can look like those of any ZIP archive, so the name decides.
         Format::Zip if !has_ending(name, &["3mf"]) => {
-            let detail = "it is a ZIP archive within the ZIP archive, and is not opened; send it for itself";
+            let detail =
+                "this is a ZIP archive inside the ZIP archive, which is not opened; send the inner archive by itself";
             Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail))
         }
         Format::Zip => Ok(Format::ThreeMf),
@@ -218,7 +227,7 @@ fn format(archive: &Archive<'_>, name: &str) -> Result<Format, ReadError> {
     }
 }
 
-/// What programs leave for themselves, such as `__MACOSX/._a.obj` and `.DS_Store`.
+/// Whether a file is metadata of an operating system, such as `__MACOSX/._a.obj` or `.DS_Store`.
 fn is_hidden(name: &str) -> bool {
     name.split('/').any(|segment| segment.starts_with('.') || segment == "__MACOSX")
 }
@@ -228,28 +237,33 @@ fn has_ending(name: &str, endings: &[&str]) -> bool {
     file.rsplit_once('.').is_some_and(|(_, ending)| endings.iter().any(|it| ending.eq_ignore_ascii_case(it)))
 }
 
+/// Up to [`SHOWN_NAMES`] file names as a list for a message.
 fn shown_names<'n>(names: impl Iterator<Item = &'n str>, count: usize) -> String {
     let some: Vec<String> = names.take(SHOWN_NAMES).map(|name| shown_up_to(60, name.as_bytes())).collect();
     let more = if count > SHOWN_NAMES { format!(" and {} more", count - SHOWN_NAMES) } else { String::new() };
-    if some.is_empty() { "it is empty".to_owned() } else { some.join(", ") + &more }
+    if some.is_empty() { "the archive is empty".to_owned() } else { some.join(", ") + &more }
 }
 
-/// What a model is written as.
+/// The files of an OBJ zip.
 pub(super) struct Files {
+    /// The OBJ file.
     pub obj: Vec<u8>,
-    /// Its materials, where it has some.
+    /// The MTL file; `None` if the model has no materials.
     pub mtl: Option<Vec<u8>>,
-    /// The pictures that materials name.
+    /// The textures that materials refer to, each with its file name.
     pub pictures: Vec<(String, Arc<[u8]>)>,
 }
 
-/// The name of the model that is written, and that of its materials.
+/// File names of the OBJ and MTL files in an OBJ zip that meshmend writes.
 const MODEL: &str = "model.obj";
 pub(super) const MATERIALS: &str = "model.mtl";
 
-/// Packs a model with its side files. The same files give the same bytes.
+/// Packs an OBJ zip. The same files always give the same bytes.
+///
+/// # Errors
+/// [`WriteError::TooLarge`] if a file is larger than ZIP allows.
 pub(super) fn pack(files: &Files) -> Result<Vec<u8>, WriteError> {
-    // To memory nothing can fail but a size.
+    // Writing to memory fails only if a size is too large.
     packed(files).map_err(|_| WriteError::TooLarge)
 }
 
