@@ -97,7 +97,7 @@ async fn every_end_of_a_job_is_noted_for_those_who_are_told_of_it(bench: Bench) 
     let first = store.submit(with_callback).await.expect("accepted");
     assert_eq!(told(first.id).await, [], "it has not ended");
     let held = bench.claim().await.expect("a job").lease;
-    store.fail(&held, Bench::failure(FailureKind::Passing)).await.expect("noted");
+    store.fail(&held, Bench::failure(FailureKind::Transient)).await.expect("noted");
     assert_eq!(told(first.id).await, [], "it is tried again");
     bench.pass(Duration::from_secs(600));
     let held = bench.claim().await.expect("the job again").lease;

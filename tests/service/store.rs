@@ -112,7 +112,7 @@ async fn a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attem
     for attempt in 1..=bench.policy.max_attempts {
         let claim = bench.claim().await.expect("due");
         assert_eq!(claim.lease.attempt, attempt);
-        let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Passing)).await.expect("noted");
+        let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Transient)).await.expect("noted");
         if attempt == bench.policy.max_attempts {
             assert_eq!(after.status, Status::Failed);
             assert_eq!(after.problem.expect("a problem").detail, "why");
@@ -225,7 +225,7 @@ async fn the_longest_wait_is_that_of_the_job_due_next_and_a_retry_that_is_not_du
     assert_eq!(wait().await, Duration::from_secs(2));
     bench.claim().await.expect("a job");
     assert_eq!(wait().await, Duration::ZERO);
-    bench.store.fail(&first.lease, Bench::failure(FailureKind::Passing)).await.expect("noted");
+    bench.store.fail(&first.lease, Bench::failure(FailureKind::Transient)).await.expect("noted");
     assert_eq!(wait().await, Duration::ZERO);
     let Connections { busy, idle, most } = bench.store.connections();
     assert!(busy + idle >= 1 && busy + idle <= most, "{busy} {idle} {most}");
@@ -247,8 +247,8 @@ async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not(bench: Ben
 async fn an_end_whose_answer_was_lost_is_answered_again(bench: Bench) {
     let job = bench.submit().await;
     let first = bench.claim().await.expect("a job").lease;
-    let failed = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted");
-    let again = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted before");
+    let failed = bench.store.fail(&first, Bench::failure(FailureKind::Transient)).await.expect("noted");
+    let again = bench.store.fail(&first, Bench::failure(FailureKind::Transient)).await.expect("noted before");
     assert_eq!((failed.status, again), (Status::Queued, failed.clone()));
     bench.pass(Duration::from_secs(600));
     let second = bench.claim().await.expect("the job again").lease;
