@@ -1,7 +1,7 @@
-//! What is wrong with a mesh: one analysis, the same for input and output.
+//! Mesh inspection: finds and measures the defects of a mesh, in the same way for a repair's input and output.
 //!
-//! [`Analysis`] finds the structure once; [`measures`] counts, the other files each look at one thing, and [`inspect`]
-//! puts all of it in one [`Inspection`].
+//! [`Analysis`] builds the connectivity once. [`measures()`] counts, the other files each search for one type of
+//! defect or measure one quantity, and [`inspect`] combines the results in one [`Inspection`].
 
 mod analysis;
 mod check;

@@ -1,128 +1,129 @@
-//! What became of each part of one mesh in another.
+//! Accounting for every part of an input mesh: present in the result, absent for a reason, or lost.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::original::Original;
-use super::probes::{Place, Places, Probes};
+use super::probes::{PointLocation, PointLocator, Probes};
 use crate::context::{Cancelled, Context};
 use crate::inspect::matching::{NO_FACE, matched};
 use crate::inspect::{Analysis, finite};
 use crate::mesh::Parts;
 
-/// Parts that a part_accounting lists, of those with a reason and of those without.
+/// Maximum length of each list of a part accounting.
 const MOST_LISTED: usize = 1000;
-/// Share of a part's points that must be in the result, and on no other part's surface, for the part to be there.
+/// Fraction of a part's points that must be in the result, and on no other part's surface, for the part to be
+/// present.
 const PRESENT: f64 = 0.1;
-/// Share of a part's points that may be anywhere where the rest has a reason: sampling tells no less.
-const STRAY: f64 = 0.1;
+/// Fraction of a part's points that may contradict its reason, to allow for sampling error.
+const OUTLIERS: f64 = 0.1;
 
-/// Why an input part of which nothing is in the result is not missed.
+/// Why the absence of an input part from the result is no loss.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum PartReason {
-    /// All of it lies on surface of other parts, and that is in the result.
+    /// The whole part lies on surface of other parts that are in the result.
     Duplicate,
-    /// It encloses nothing: an open sheet, or closed and without volume.
+    /// The part encloses nothing: it is an open sheet, or closed with zero volume.
     NoVolume,
-    /// It lies inside the result, by winding number.
+    /// The part lies inside the result, by winding number.
     InsideAnother,
-    /// It is open and too small to print.
+    /// The part is open and too small to print.
     Debris,
-    /// Its volume is below the share that the options keep.
+    /// The part's volume is below the share that the options keep.
     Dropped,
 }
 
-/// A part that is not in the result, and why it is not missed.
+/// A part absent from the result for a known reason.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AccountedPart {
-    /// The part, by number from 0 in the order of the parts' first faces.
+    /// Number of the part, from 0 in the order of the parts' first faces.
     pub part: u32,
-    /// Its first face, by index in the file from 0.
+    /// Index of the part's first face in the file, from 0.
     pub first_face: u32,
-    /// Its faces.
+    /// Number of faces of the part.
     pub faces: u64,
-    /// Why it is not missed.
+    /// Why the absence is no loss.
     pub reason: PartReason,
-    /// Points on it that were looked at; 0 where its faces alone tell.
+    /// Number of sample points that support the reason; 0 if the part's own faces decide.
     pub samples: u32,
 }
 
-/// A part that is not in the result without a reason.
+/// A part absent from the result without a reason.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct LostPart {
-    /// The part, by number from 0 in the order of the parts' first faces.
+    /// Number of the part, from 0 in the order of the parts' first faces.
     pub part: u32,
-    /// Its first face, by index in the file from 0.
+    /// Index of the part's first face in the file, from 0.
     pub first_face: u32,
-    /// Its faces.
+    /// Number of faces of the part.
     pub faces: u64,
-    /// Its area.
+    /// Area of the part, in square model units.
     pub area: f64,
-    /// A point on it that is neither on nor in the result.
+    /// A point of the part that is neither on nor in the result, in the model's unit.
     pub at: [f64; 3],
 }
 
-/// What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
-/// a reason, or is lost.
+/// Part accounting of a repair: every edge-connected part of the input is in the result, absent for a reason, or
+/// lost. Computed from the final bytes of the result.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PartAccounting {
-    /// Parts of the input.
+    /// Number of parts of the input.
     pub parts: u64,
-    /// Parts of which every face with an area stands in the result.
+    /// Parts whose every face with an area is in the result at the same place.
     pub kept: u64,
-    /// Parts of which some stands, whole, cut or moved.
+    /// Parts present in the result with changes: some faces are missing, retriangulated or moved.
     pub changed: u64,
-    /// Of the parts that were kept or changed, those that share a part of the result with another.
+    /// Kept or changed parts that share a part of the result with another part of the input.
     pub united: u64,
-    /// Parts with the reason `duplicate`.
+    /// Absent parts with the reason `duplicate`.
     pub duplicate: u64,
-    /// Parts with the reason `no_volume`.
+    /// Absent parts with the reason `no_volume`.
     pub no_volume: u64,
-    /// Parts with the reason `inside_another`.
+    /// Absent parts with the reason `inside_another`.
     pub inside_another: u64,
-    /// Parts with the reason `debris`.
+    /// Absent parts with the reason `debris`.
     pub debris: u64,
-    /// Parts with the reason `dropped`.
+    /// Absent parts with the reason `dropped`.
     #[serde(default)]
     pub dropped: u64,
-    /// Parts with neither: an error of the program.
+    /// Absent parts without a reason. A count above 0 is a bug of the program.
     pub lost: u64,
-    /// Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else.
+    /// Parts that the search did not decide within its budget. They are in no other count.
     pub unknown: u64,
-    /// The parts with a reason, the first 1000.
+    /// The absent parts with a reason; at most the first 1000.
     pub reasons: Vec<AccountedPart>,
-    /// The parts that were lost, the first 1000.
+    /// The lost parts; at most the first 1000.
     pub lost_parts: Vec<LostPart>,
-    /// All parts with a reason, however many.
+    /// All absent parts with a reason, unlimited.
     #[serde(skip)]
     pub certified: Vec<(u32, PartReason)>,
 }
 
-/// What the faces of a part alone tell of why it may go.
+/// Whether a part may be absent from the result, judged by the part's own faces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dispensable {
-    /// It encloses something that could be printed.
+    /// The part encloses something printable and must stay.
     No,
-    /// It encloses nothing.
+    /// The part encloses nothing.
     NoVolume,
-    /// It is too small to print.
+    /// The part is too small to print.
     Debris,
-    /// Its volume is below the share that the options keep.
+    /// The part's volume is below the share that the options keep.
     Dropped,
 }
 
 impl Original<'_> {
-    /// What became of each part. `dispensable` is asked about those parts alone that are neither in the result nor within it
-    /// nor on what is, and answers for each in order.
+    /// Accounts for each part. Calls `dispensable` only with the parts that are neither in the result, nor inside the
+    /// result, nor duplicates of present parts. The callback returns one answer per part, in order.
     ///
-    /// A part is in the result where one of its faces is, in the same place; of equal faces as many as the result has, the
-    /// first ones. For the others points on them are looked for: near the result, and then on another part's surface or not,
-    /// or inside the result. O(n log n), within a budget.
+    /// A part with at least one face at the same place in the result is present. Identical faces match as often as
+    /// the result has them, lowest index first. Other parts are sampled: near the result, with or without another
+    /// part at the point, or inside the result. O(n log n) within a budget.
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
@@ -133,114 +134,115 @@ impl Original<'_> {
         context: &Context<'_>,
     ) -> Result<PartAccounting, Cancelled> {
         let before = self.analysis;
-        let mut accounting = Accounting::new(before, after);
+        let mut tally = Tally::new(before, after);
         context.check()?;
-        let gone = accounting.gone();
-        if gone.is_empty() {
-            return Ok(accounting.close(&[]));
+        let candidates = tally.parts_without_kept_face();
+        if candidates.is_empty() {
+            return Ok(tally.finish(&[]));
         }
-        let probes = Probes::new(before, &gone);
-        let found = Places::new(before, after, &accounting.stands).locate(&probes, context)?;
-        let mut findings = Vec::with_capacity(gone.len());
-        for (&part, range) in gone.iter().zip(&probes.of_part) {
-            let finding = Finding::of(&found[range.clone()]);
-            if finding == Finding::Present {
-                let in_result = |place: &Option<Place>| match place {
-                    Some(Place::On { face, .. }) => Some(after.parts.of_face[*face as usize]),
+        let probes = Probes::new(before, &candidates);
+        let locations = PointLocator::new(before, after, &tally.has_kept_face).locate(&probes, context)?;
+        let mut verdicts = Vec::with_capacity(candidates.len());
+        for (&part, range) in candidates.iter().zip(&probes.of_part) {
+            let verdict = Verdict::of(&locations[range.clone()]);
+            if verdict == Verdict::Present {
+                let in_result = |location: &Option<PointLocation>| match location {
+                    Some(PointLocation::On { face, .. }) => Some(after.parts.of_face[*face as usize]),
                     _ => None,
                 };
-                accounting.links.extend(found[range.clone()].iter().filter_map(in_result).map(|of| (of, part)));
+                tally.links.extend(locations[range.clone()].iter().filter_map(in_result).map(|of| (of, part)));
             }
-            findings.push(finding);
+            verdicts.push(verdict);
         }
-        let missed: Vec<u32> = gone
+        let unmatched: Vec<u32> = candidates
             .iter()
-            .zip(&findings)
-            .filter(|(_, finding)| **finding == Finding::Missed)
+            .zip(&verdicts)
+            .filter(|(_, verdict)| **verdict == Verdict::Unmatched)
             .map(|(&part, _)| part)
             .collect();
-        let mut answers = if missed.is_empty() { Vec::new() } else { dispensable(&missed)? }.into_iter();
-        let entries: Vec<Entry> = gone
+        let mut answers = if unmatched.is_empty() { Vec::new() } else { dispensable(&unmatched)? }.into_iter();
+        let entries: Vec<Candidate> = candidates
             .iter()
-            .zip(findings)
+            .zip(verdicts)
             .zip(&probes.of_part)
-            .map(|((&part, finding), range)| {
+            .map(|((&part, verdict), range)| {
                 let samples = u32::try_from(range.len()).unwrap_or(u32::MAX);
-                let status = match finding {
-                    Finding::Present => PartStatus::Changed,
-                    Finding::Unknown => PartStatus::Unknown,
-                    Finding::Certain(reason) => PartStatus::Certain(reason, samples),
-                    Finding::Missed => match answers.next().unwrap_or(Dispensable::No) {
-                        Dispensable::NoVolume => PartStatus::Certain(PartReason::NoVolume, 0),
-                        Dispensable::Debris => PartStatus::Certain(PartReason::Debris, 0),
-                        Dispensable::Dropped => PartStatus::Certain(PartReason::Dropped, 0),
+                let status = match verdict {
+                    Verdict::Present => PartStatus::Changed,
+                    Verdict::Unknown => PartStatus::Unknown,
+                    Verdict::Reasoned(reason) => PartStatus::Reasoned(reason, samples),
+                    Verdict::Unmatched => match answers.next().unwrap_or(Dispensable::No) {
+                        Dispensable::NoVolume => PartStatus::Reasoned(PartReason::NoVolume, 0),
+                        Dispensable::Debris => PartStatus::Reasoned(PartReason::Debris, 0),
+                        Dispensable::Dropped => PartStatus::Reasoned(PartReason::Dropped, 0),
                         Dispensable::No => {
-                            let stray = range.clone().find(|&i| found[i] == Some(Place::Off));
-                            PartStatus::Lost(stray.map_or(DVec3::ZERO, |i| probes.points[i]))
+                            let outside_point = range.clone().find(|&i| locations[i] == Some(PointLocation::Outside));
+                            PartStatus::Lost(outside_point.map_or(DVec3::ZERO, |i| probes.points[i]))
                         }
                     },
                 };
-                Entry { part, status }
+                Candidate { part, status }
             })
             .collect();
-        Ok(accounting.close(&entries))
+        Ok(tally.finish(&entries))
     }
 }
 
-/// What was found out about a part of which no face stands.
-struct Entry {
+/// Status of a part without a kept face.
+struct Candidate {
     part: u32,
     status: PartStatus,
 }
 
 enum PartStatus {
     Changed,
-    Certain(PartReason, u32),
-    /// With a point of it, in unit coordinates.
+    Reasoned(PartReason, u32),
+    /// A point of the lost part, in unit coordinates.
     Lost(DVec3),
     Unknown,
 }
 
-/// What is known from the faces that stand as they were.
-struct Accounting<'a> {
+/// Working state of the accounting, initialised from the faces that both meshes have at the same place.
+struct Tally<'a> {
     before: &'a Analysis<'a>,
-    /// Of each part the faces that have an area, and those of them that stand.
+    /// For each part the number of faces with an area, and how many of them are in the result.
     faces: Vec<[u64; 2]>,
-    /// Whether a face of each part stands.
-    stands: Vec<bool>,
-    /// Parts of the result with parts of the input that are in them.
+    /// For each part, whether the result has at least one of its faces.
+    has_kept_face: Vec<bool>,
+    /// Pairs of a part of the result and a part of the input present in it.
     links: Vec<(u32, u32)>,
 }
 
-impl<'a> Accounting<'a> {
+impl<'a> Tally<'a> {
     fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>) -> Self {
         let scale = before.scale();
         let matched = matched(&before.keys(scale), &after.keys(scale));
         let count = before.parts.count;
-        let mut book = Self { before, faces: vec![[0; 2]; count], stands: vec![false; count], links: Vec::new() };
+        let mut tally =
+            Self { before, faces: vec![[0; 2]; count], has_kept_face: vec![false; count], links: Vec::new() };
         let faces = before.parts.of_face.iter().zip(before.flat()).zip(&matched);
         for ((&part, &flat), &other) in faces.filter(|((part, _), _)| **part != Parts::NONE) {
-            let stands = other != NO_FACE;
+            let is_kept = other != NO_FACE;
             if !flat {
-                let counts = &mut book.faces[part as usize];
-                *counts = [counts[0] + 1, counts[1] + u64::from(stands)];
+                let counts = &mut tally.faces[part as usize];
+                *counts = [counts[0] + 1, counts[1] + u64::from(is_kept)];
             }
-            book.stands[part as usize] |= stands;
-            let link = stands.then(|| (after.parts.of_face[other as usize], part));
-            // Neighbours are mostly of the same parts.
-            if let Some(link) = link.filter(|link| book.links.last() != Some(link)) {
-                book.links.push(link);
+            tally.has_kept_face[part as usize] |= is_kept;
+            let link = is_kept.then(|| (after.parts.of_face[other as usize], part));
+            // Consecutive faces are mostly of the same parts.
+            if let Some(link) = link.filter(|link| tally.links.last() != Some(link)) {
+                tally.links.push(link);
             }
         }
-        book
+        tally
     }
 
-    /// The parts of which no face stands.
-    fn gone(&self) -> Vec<u32> {
-        (0u32..).zip(&self.stands).filter(|(_, stands)| !**stands).map(|(part, _)| part).collect()
+    /// Parts without a face in the result.
+    fn parts_without_kept_face(&self) -> Vec<u32> {
+        (0u32..).zip(&self.has_kept_face).filter(|(_, kept)| !**kept).map(|(part, _)| part).collect()
     }
 
-    /// Whether each part shares a part of the result with another.
+    /// For each part, whether it shares a part of the result with another part.
     fn united(&mut self) -> Vec<bool> {
         self.links.retain(|&(of, _)| of != Parts::NONE);
         self.links.sort_unstable();
@@ -252,15 +254,15 @@ impl<'a> Accounting<'a> {
         united
     }
 
-    /// The part_accounting, with what was found of the parts that do not stand, in order.
-    fn close(mut self, entries: &[Entry]) -> PartAccounting {
+    /// Completes the accounting with the status of each part without a kept face, in order.
+    fn finish(mut self, entries: &[Candidate]) -> PartAccounting {
         let united = self.united();
-        let Self { before, faces, stands, .. } = self;
-        let mut part_accounting = PartAccounting { parts: before.parts.count as u64, ..PartAccounting::default() };
-        for ([all, standing], _) in faces.iter().zip(&stands).filter(|(_, stands)| **stands) {
-            *(if all == standing { &mut part_accounting.kept } else { &mut part_accounting.changed }) += 1;
+        let Self { before, faces, has_kept_face, .. } = self;
+        let mut accounting = PartAccounting { parts: before.parts.count as u64, ..PartAccounting::default() };
+        for ([all, kept], _) in faces.iter().zip(&has_kept_face).filter(|(_, kept)| **kept) {
+            *(if all == kept { &mut accounting.kept } else { &mut accounting.changed }) += 1;
         }
-        part_accounting.united = united.iter().filter(|&&united| united).count() as u64;
+        accounting.united = united.iter().filter(|&&united| united).count() as u64;
         let mut first = vec![NO_FACE; if entries.is_empty() { 0 } else { before.parts.count }];
         let mut count = vec![0u64; first.len()];
         if !entries.is_empty() {
@@ -270,71 +272,71 @@ impl<'a> Accounting<'a> {
             }
         }
         let unit = before.unit_length();
-        for &Entry { part, ref status } in entries {
+        for &Candidate { part, ref status } in entries {
             let first_face = before.surface.source[first[part as usize] as usize];
             let faces = count[part as usize];
             match *status {
-                PartStatus::Changed => part_accounting.changed += 1,
-                PartStatus::Unknown => part_accounting.unknown += 1,
-                PartStatus::Certain(reason, samples) => {
+                PartStatus::Changed => accounting.changed += 1,
+                PartStatus::Unknown => accounting.unknown += 1,
+                PartStatus::Reasoned(reason, samples) => {
                     *match reason {
-                        PartReason::Duplicate => &mut part_accounting.duplicate,
-                        PartReason::NoVolume => &mut part_accounting.no_volume,
-                        PartReason::InsideAnother => &mut part_accounting.inside_another,
-                        PartReason::Debris => &mut part_accounting.debris,
-                        PartReason::Dropped => &mut part_accounting.dropped,
+                        PartReason::Duplicate => &mut accounting.duplicate,
+                        PartReason::NoVolume => &mut accounting.no_volume,
+                        PartReason::InsideAnother => &mut accounting.inside_another,
+                        PartReason::Debris => &mut accounting.debris,
+                        PartReason::Dropped => &mut accounting.dropped,
                     } += 1;
-                    part_accounting.certified.push((part, reason));
-                    if part_accounting.reasons.len() < MOST_LISTED {
-                        part_accounting.reasons.push(AccountedPart { part, first_face, faces, reason, samples });
+                    accounting.certified.push((part, reason));
+                    if accounting.reasons.len() < MOST_LISTED {
+                        accounting.reasons.push(AccountedPart { part, first_face, faces, reason, samples });
                     }
                 }
                 PartStatus::Lost(at) => {
-                    part_accounting.lost += 1;
-                    if part_accounting.lost_parts.len() < MOST_LISTED {
+                    accounting.lost += 1;
+                    if accounting.lost_parts.len() < MOST_LISTED {
                         let area = finite(before.solids[part as usize].area);
                         let at = (at * unit).to_array().map(finite);
-                        part_accounting.lost_parts.push(LostPart { part, first_face, faces, area, at });
+                        accounting.lost_parts.push(LostPart { part, first_face, faces, area, at });
                     }
                 }
             }
         }
-        part_accounting
+        accounting
     }
 }
 
-/// What the points of a part tell.
+/// Verdict on a part from its sample points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Finding {
+enum Verdict {
     Present,
-    Certain(PartReason),
-    Missed,
+    Reasoned(PartReason),
+    Unmatched,
     Unknown,
 }
 
-impl Finding {
-    fn of(places: &[Option<Place>]) -> Self {
-        let (mut own, mut another, mut inside, mut off) = (0u32, 0u32, 0u32, 0u32);
-        for place in places.iter().flatten() {
-            *match place {
-                Place::On { another: false, .. } => &mut own,
-                Place::On { another: true, .. } => &mut another,
-                Place::In => &mut inside,
-                Place::Off => &mut off,
+impl Verdict {
+    fn of(locations: &[Option<PointLocation>]) -> Self {
+        let (mut own, mut another, mut inside, mut outside) = (0u32, 0u32, 0u32, 0u32);
+        for location in locations.iter().flatten() {
+            *match location {
+                PointLocation::On { another: false, .. } => &mut own,
+                PointLocation::On { another: true, .. } => &mut another,
+                PointLocation::In => &mut inside,
+                PointLocation::Outside => &mut outside,
             } += 1;
         }
-        let all = own + another + inside + off;
+        let all = own + another + inside + outside;
         let at_least = |count: u32, share: f64| f64::from(count) >= share * f64::from(all);
         if all == 0 {
             Self::Unknown
         } else if own > 0 && at_least(own, PRESENT) {
             Self::Present
-        } else if at_least(another, 1.0 - STRAY) {
-            Self::Certain(PartReason::Duplicate)
-        } else if inside > 0 && at_least(another + inside, 1.0 - STRAY) {
-            Self::Certain(PartReason::InsideAnother)
+        } else if at_least(another, 1.0 - OUTLIERS) {
+            Self::Reasoned(PartReason::Duplicate)
+        } else if inside > 0 && at_least(another + inside, 1.0 - OUTLIERS) {
+            Self::Reasoned(PartReason::InsideAnother)
         } else {
-            Self::Missed
+            Self::Unmatched
         }
     }
 }

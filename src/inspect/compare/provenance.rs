@@ -9,80 +9,82 @@ use crate::inspect::sampling::ask;
 use crate::inspect::{Analysis, finite};
 use crate::math::Nearest;
 
-/// Faces of a result up to which each is looked at in four places; of more, each in its middle.
-const FEW: usize = 60_000;
-/// Pieces into which the whole input would be cut were all of it one face, and the most cuts in four of one face.
-const PIECES: f64 = 4096.0;
-const MOST_CUTS: u32 = 4;
-/// Boxes and triangles that all searches of one direction together may look at: so many, and so many more for each point.
+/// Up to this number of faces without an identical counterpart, each is sampled at four points; above, at its centre
+/// only.
+const FOUR_SAMPLE_FACES: usize = 60_000;
+/// Face pieces are at most 1/4096 of the input's area, limited by the number of recursive four-way splits of one
+/// face.
+const PIECES_PER_AREA: f64 = 4096.0;
+const MAX_SPLITS: u32 = 4;
+/// Budget of all searches in one direction: boxes and triangles visited, plus an allowance per point.
 const BUDGET: u64 = 10_000_000;
-const BUDGET_A_POINT: u64 = 500;
+const BUDGET_PER_POINT: u64 = 500;
 
-/// What became of a piece of surface on the way from one mesh, the input, to another, the result.
+/// Origin of a piece of surface when one mesh, the input, becomes another, the result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Provenance {
-    /// It is in both, whole or cut anew.
+    /// Present in both meshes at the same place, whole or with different triangles.
     Kept,
-    /// It is in the result, and its counterpart in the input is near, but away by more than rounding.
+    /// In the result; the input has nearby surface that corresponds, farther away than rounding explains.
     Moved,
-    /// It is in the result, and the input has no counterpart, such as a hole's patch.
+    /// In the result, without a counterpart in the input, for example a hole's patch.
     Added,
-    /// It is in the input, and the result has no counterpart, such as a wall within a solid.
+    /// In the input, without a counterpart in the result, for example an internal face.
     Removed,
 }
 
 impl Provenance {
-    /// All of them, in the order of legends.
+    /// All variants, in the order of legends.
     pub const ALL: [Self; 4] = [Self::Kept, Self::Moved, Self::Added, Self::Removed];
 }
 
-/// How much surface had one provenance.
+/// Amount of surface with one provenance.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SurfaceShare {
-    /// Faces: of the result, and for what was removed those of the input of which at least a piece is gone.
+    /// Number of faces of the result. For `removed`, faces of the input of which at least a piece is missing.
     pub faces: u64,
-    /// Their area, in the square of the model's unit; of a removed face only that of the pieces that are gone.
+    /// Area in square model units. For a removed face, only the area of its missing pieces.
     pub area: f64,
 }
 
-/// How much of the surface was kept, moved, added and removed.
+/// Amounts of surface that were kept, moved, added and removed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SurfaceShares {
-    /// Surface of the result that the input has in the same place.
+    /// Surface of the result that the input has at the same place.
     pub kept: SurfaceShare,
-    /// Surface of the result whose counterpart in the input is near, but away by more than rounding.
+    /// Surface of the result whose counterpart in the input is nearby, farther away than rounding explains.
     pub moved: SurfaceShare,
     /// Surface of the result without a counterpart in the input.
     pub added: SurfaceShare,
     /// Surface of the input without a counterpart in the result.
     pub removed: SurfaceShare,
-    /// Whether all of it was looked at; not on meshes made to be slow. What was not counts as kept.
+    /// Whether the search covered all surface. False if it ran out of its budget; surface not covered counts as kept.
     pub complete: bool,
 }
 
-/// What became of every piece of surface.
+/// Provenance of all surface of an input and a result.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SurfaceProvenance {
-    /// For each face of the result's file; none where it is no face of finite corners.
+    /// For each face of the result's file its provenance; `None` for a face with a non-finite corner.
     pub of_face: Vec<Option<Provenance>>,
-    /// What was removed of the input, as triangles: whole faces, and pieces of larger ones.
+    /// Removed surface of the input as triangles: whole faces, and pieces of larger faces.
     pub removed: Vec<[DVec3; 3]>,
-    /// The sums.
+    /// Totals by provenance.
     pub shares: SurfaceShares,
 }
 
 impl Original<'_> {
-    /// What became of every piece of surface.
+    /// Determines the provenance of all surface of this mesh and of the result `after`.
     ///
-    /// A face that both have at the same three positions is kept, and so is surface that lies on the other mesh's within what
-    /// rounding moves. Of the rest of the result, what is farther than 0.5 % of the diagonal from the input is added, and also
-    /// what is nearer only to surface that still stands, since that has its counterpart already; the others are moved. Input
-    /// surface is removed where nothing but kept and added surface is that near. Large faces of the input are cut into
-    /// pieces, so that of a face that runs into a solid the inner piece is removed. O(n log n).
+    /// Kept: a face at the same three positions in both meshes, or surface within rounding distance of the other
+    /// mesh. Added: other surface of the result farther than 0.5 % of the diagonal from the input, or near only to
+    /// input surface that is kept, which already has its counterpart. Moved: the remaining surface of the result.
+    /// Removed: surface of the input with only kept and added surface within that distance. Large input faces are
+    /// split into pieces, so that of a face running into a solid only the internal piece is removed. O(n log n).
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
@@ -95,30 +97,31 @@ impl Original<'_> {
         };
         context.check()?;
         let pieces = Pieces::of(before, &common.first);
-        let there = find_nearby(Pair::new(before, after), before.unit_diagonal(), &pieces.middles, context)?;
-        // Half of a face that stands is enough for it to be no counterpart of what is near it.
-        let mut standing = vec![0i64; before.surface.faces.len()];
-        for (piece, found) in pieces.all.iter().zip(&there.places) {
-            standing[piece.face as usize] += if found.is_some_and(|it| it.near(ROUNDING)) { 1 } else { -1 };
+        let nearby = find_nearby(Pair::new(before, after), before.unit_diagonal(), &pieces.centres, context)?;
+        // An input face with at least half of its pieces kept is no counterpart for nearby surface of the result.
+        let mut kept_balance = vec![0i64; before.surface.faces.len()];
+        for (piece, found) in pieces.all.iter().zip(&nearby.matches) {
+            let is_kept = found.is_some_and(|found| found.is_within(ROUNDING));
+            kept_balance[piece.face as usize] += if is_kept { 1 } else { -1 };
         }
-        let stands = |face: u32| common.first[face as usize] || standing[face as usize] > 0;
-        let (of_face, complete) = of_result(before, after, &common.second, stands, context)?;
+        let is_kept = |face: u32| common.first[face as usize] || kept_balance[face as usize] > 0;
+        let (of_face, complete) = of_result(before, after, &common.second, is_kept, context)?;
         let mut provenance =
             SurfaceProvenance { of_face: vec![None; after.subject.soup.faces.len()], ..SurfaceProvenance::default() };
-        provenance.shares.complete = there.complete && complete;
+        provenance.shares.complete = nearby.complete && complete;
         for (f, &kind) in (0u32..).zip(&of_face) {
             provenance.of_face[after.surface.source[f as usize] as usize] = Some(kind);
             provenance.shares.add(kind, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
         }
         let unit = before.unit_length();
         let mut last = None;
-        for (piece, found) in pieces.all.iter().zip(&there.places) {
-            let counterpart = match found {
-                Some(Place::Unknown) => true,
-                Some(Place::Found(it)) => it.distance <= ROUNDING || of_face[it.face as usize] == Provenance::Moved,
+        for (piece, found) in pieces.all.iter().zip(&nearby.matches) {
+            let has_counterpart = match found {
+                Some(Match::Unknown) => true,
+                Some(Match::Found(n)) => n.distance <= ROUNDING || of_face[n.face as usize] == Provenance::Moved,
                 None => false,
             };
-            if !counterpart {
+            if !has_counterpart {
                 provenance.shares.add(
                     Provenance::Removed,
                     u64::from(last != Some(piece.face)),
@@ -145,73 +148,78 @@ impl SurfaceShares {
     }
 }
 
-/// What was found of the other mesh around a point.
+/// Result of searching the other mesh around a point.
 #[derive(Clone, Copy)]
-enum Place {
-    /// The search was given up.
+enum Match {
+    /// The search ran out of its budget.
     Unknown,
-    /// The nearest point within reach, its distance in the asking mesh's unit coordinates.
+    /// The nearest point within the search radius; its distance is in unit coordinates of the point's own mesh.
     Found(Nearest),
 }
 
-impl Place {
-    fn near(&self, within: f64) -> bool {
-        matches!(self, Self::Found(it) if it.distance <= within)
+impl Match {
+    fn is_within(&self, within: f64) -> bool {
+        matches!(self, Self::Found(nearest) if nearest.distance <= within)
     }
 }
 
 struct Nearby {
-    /// None where nothing is within reach.
-    places: Vec<Option<Place>>,
+    /// For each point, the match; `None` if the other mesh has no surface within the search radius.
+    matches: Vec<Option<Match>>,
     complete: bool,
 }
 
-/// The nearest place of the other mesh for each point, within [`FAR`] of the diagonal.
+/// Finds the nearest point of the other mesh for each point, within [`FAR`] of the diagonal.
 fn find_nearby(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Context<'_>) -> Result<Nearby, Cancelled> {
-    let mut places = vec![Some(Place::Unknown); points.len()];
+    let mut matches = vec![Some(Match::Unknown); points.len()];
     if points.is_empty() {
-        return Ok(Nearby { places, complete: true });
+        return Ok(Nearby { matches, complete: true });
     }
     let (tree, ratio) = (pair.to.tree(), pair.ratio);
     let reach = (FAR * diagonal).max(ROUNDING);
-    let budget = BUDGET + BUDGET_A_POINT * points.len() as u64;
+    let budget = BUDGET + BUDGET_PER_POINT * points.len() as u64;
     let answers = ask(points.len(), budget, context, |i, steps| {
         let nearest = tree.nearest(points[i] * ratio, reach * ratio, steps, |f| pair.to.unit_corners(f));
-        let found = nearest.map(|it| Place::Found(Nearest { distance: it.distance / ratio, ..it }));
-        Some(if *steps == 0 { Some(Place::Unknown) } else { found })
+        let found = nearest.map(|n| Match::Found(Nearest { distance: n.distance / ratio, ..n }));
+        Some(if *steps == 0 { Some(Match::Unknown) } else { found })
     })?;
-    for (place, answer) in places.iter_mut().zip(answers.values) {
-        *place = answer.unwrap_or(Some(Place::Unknown));
+    for (found, answer) in matches.iter_mut().zip(answers.values) {
+        *found = answer.unwrap_or(Some(Match::Unknown));
     }
-    Ok(Nearby { places, complete: answers.complete })
+    Ok(Nearby { matches, complete: answers.complete })
 }
 
-/// The provenance of each face of the result's surface.
+/// Returns the provenance of each face of the result's surface, and whether the search finished.
 fn of_result(
     before: &Analysis<'_>,
     after: &Analysis<'_>,
-    verbatim: &[bool],
-    stands: impl Fn(u32) -> bool,
+    identical: &[bool],
+    is_kept: impl Fn(u32) -> bool,
     context: &Context<'_>,
 ) -> Result<(Vec<Provenance>, bool), Cancelled> {
-    let open: Vec<u32> = (0u32..).zip(verbatim).filter(|&(_, &kept)| !kept).map(|(f, _)| f).collect();
-    let each = if open.len() <= FEW { 4 } else { 1 };
-    let places_in = |&f: &u32| {
+    let unmatched: Vec<u32> = (0u32..).zip(identical).filter(|&(_, &kept)| !kept).map(|(f, _)| f).collect();
+    let samples_per_face = if unmatched.len() <= FOUR_SAMPLE_FACES { 4 } else { 1 };
+    let sample_points = |&f: &u32| {
         let [a, b, c] = after.unit_corners(f);
-        let middle = (a + b + c) / 3.0;
-        // Halfway from the middle to each corner: corners themselves are often shared with what stands.
-        [middle, (middle + a) / 2.0, (middle + b) / 2.0, (middle + c) / 2.0].into_iter().take(each)
+        let centre = (a + b + c) / 3.0;
+        // Halfway from the centre to each corner, since the corners themselves are often shared with kept faces.
+        [centre, (centre + a) / 2.0, (centre + b) / 2.0, (centre + c) / 2.0].into_iter().take(samples_per_face)
     };
-    let points: Vec<DVec3> = open.iter().flat_map(places_in).collect();
+    let points: Vec<DVec3> = unmatched.iter().flat_map(sample_points).collect();
     let pair = Pair::new(after, before);
     let nearby = find_nearby(pair, before.unit_diagonal() / pair.ratio, &points, context)?;
-    let mut provenance = vec![Provenance::Kept; verbatim.len()];
-    for (&f, places) in open.iter().zip(nearby.places.chunks(each)) {
-        let on = |place: &Option<Place>| place.is_some_and(|it| matches!(it, Place::Unknown) || it.near(ROUNDING));
-        let counterpart = |place: &Option<Place>| matches!(place, Some(Place::Found(it)) if !stands(it.face) && it.distance > ROUNDING);
-        provenance[f as usize] = if places.iter().all(on) {
+    let mut provenance = vec![Provenance::Kept; identical.len()];
+    for (&f, matches) in unmatched.iter().zip(nearby.matches.chunks(samples_per_face)) {
+        let is_on_input = |found: &Option<Match>| {
+            found.is_some_and(|found| matches!(found, Match::Unknown) || found.is_within(ROUNDING))
+        };
+        let is_counterpart = |found: &Option<Match>| match found {
+            Some(Match::Found(nearest)) => !is_kept(nearest.face) && nearest.distance > ROUNDING,
+            _ => false,
+        };
+        provenance[f as usize] = if matches.iter().all(is_on_input) {
             Provenance::Kept
-        } else if places.iter().all(Option::is_some) && places.iter().any(counterpart) {
+        } else if matches.iter().all(Option::is_some) && matches.iter().any(is_counterpart) {
             Provenance::Moved
         } else {
             Provenance::Added
@@ -220,11 +228,11 @@ fn of_result(
     Ok((provenance, nearby.complete))
 }
 
-/// The faces of the input that are not in the result as they were, the larger ones cut.
+/// Pieces of the input faces without an identical face in the result. Large faces are split.
 #[derive(Default)]
 struct Pieces {
     all: Vec<Piece>,
-    middles: Vec<DVec3>,
+    centres: Vec<DVec3>,
 }
 
 struct Piece {
@@ -233,31 +241,31 @@ struct Piece {
 }
 
 impl Pieces {
-    fn of(analysis: &Analysis<'_>, stands: &[bool]) -> Self {
+    fn of(analysis: &Analysis<'_>, kept: &[bool]) -> Self {
         let total: f64 = analysis.surface.faces.iter().zip(0u32..).map(|(_, f)| area(analysis.unit_corners(f))).sum();
         let mut pieces = Self::default();
-        for (face, _) in (0u32..).zip(stands).filter(|&(_, &stands)| !stands) {
+        for (face, _) in (0u32..).zip(kept).filter(|&(_, &kept)| !kept) {
             let corners = analysis.unit_corners(face);
-            let (mut cuts, mut left) = (0, area(corners));
-            while cuts < MOST_CUTS && left > total / PIECES {
-                (cuts, left) = (cuts + 1, left / 4.0);
+            let (mut splits, mut left) = (0, area(corners));
+            while splits < MAX_SPLITS && left > total / PIECES_PER_AREA {
+                (splits, left) = (splits + 1, left / 4.0);
             }
-            pieces.cut(face, corners, cuts);
+            pieces.split(face, corners, splits);
         }
         pieces
     }
 
-    /// Cuts a triangle in four at the middles of its edges, again and again.
-    fn cut(&mut self, face: u32, corners: [DVec3; 3], cuts: u32) {
+    /// Splits a triangle recursively into four at the midpoints of its edges.
+    fn split(&mut self, face: u32, corners: [DVec3; 3], splits: u32) {
         let [a, b, c] = corners;
-        if cuts == 0 {
-            self.middles.push((a + b + c) / 3.0);
+        if splits == 0 {
+            self.centres.push((a + b + c) / 3.0);
             self.all.push(Piece { face, corners });
             return;
         }
         let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
         for piece in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-            self.cut(face, piece, cuts - 1);
+            self.split(face, piece, splits - 1);
         }
     }
 }
