@@ -1,7 +1,7 @@
 //! Parts that are too small: open bits that enclose nothing and that no printer could make, and closed parts that the options drop.
 
-use super::inside::RayCaster;
 use super::operator::{Applied, Counter, Operation, Scope};
+use super::ray_caster::RayCaster;
 use crate::inspect::{Solid, nesting, solids};
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface, position_key};
@@ -130,7 +130,7 @@ fn closed_parts(surface: &Surface, parts: &Parts, solids: &[Solid]) -> RayCaster
 fn hold(closed: &mut RayCaster, surface: &Surface, faces: &[u32]) -> bool {
     let stride = faces.len().div_ceil(ASKED);
     faces.iter().step_by(stride).all(|&f| {
-        let from = closed.middle(surface.faces[f as usize]);
+        let from = closed.centroid(surface.faces[f as usize]);
         let count = (0..RAYS).find_map(|ray| closed.crossings(from, from + ray_direction(ray) * 8.0, None));
         count.is_some_and(|n| n % 2 == 1)
     })

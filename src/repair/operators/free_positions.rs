@@ -9,7 +9,7 @@ use crate::math::{Box3, Contact, Precision, Tree, area_vanishes, collinear, cont
 use crate::mesh::{Surface, position_key, weld_exactly};
 
 /// The least step between positions that readers tell apart which round to eight decimals: a power of two above 1e-8.
-pub(super) const TOLD_APART: f64 = 1.0 / (1 << 26) as f64;
+pub(super) const DISTINCT_STEP: f64 = 1.0 / (1 << 26) as f64;
 
 /// The directions to the corners, edges and sides of a cube.
 pub(super) const NEIGHBOURS: [DVec3; 26] = {
@@ -63,7 +63,7 @@ impl FreePositions {
     pub fn new(surface: &Surface, precision: Precision) -> Self {
         let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
         // In a direction between the axes it is still above 1e-8 along one of them.
-        let least = (2.0 * TOLD_APART).min(spacing(largest));
+        let least = (2.0 * DISTINCT_STEP).min(spacing(largest));
         Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), precision, least, moved: 0.0 }
     }
 

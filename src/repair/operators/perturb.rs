@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
+use super::face_pairs::{NONE, Pairing, pair_faces};
 use super::free_positions::{FreePositions, MoveClearance, NEIGHBOURS, NEW, keep_facing, key, spacing, with_vertex};
-use super::inside::{NONE, Pairing, pair_faces};
 use super::operator::{Applied, Counter, Operation, Scope};
-use super::rounding::{TellApart, tell_apart};
+use super::rounding::{DistinguishLimits, distinguish_vertices};
 use super::split_non_manifold::{Pinches, split_non_manifold};
 use crate::math::{Precision, collinear};
 use crate::mesh::{Edges, Stars, Surface};
@@ -59,8 +59,12 @@ impl Perturb {
             }
         }
         let (moved, left) = spread(surface, &mut places, context)?;
-        let merged =
-            tell_apart(surface, TellApart { max_deviation: self.max_deviation, moves: true }, |_| true, context)?;
+        let merged = distinguish_vertices(
+            surface,
+            DistinguishLimits { max_deviation: self.max_deviation, moves: true },
+            |_| true,
+            context,
+        )?;
         changes.extend(Change::list([
             (ChangeKind::NearCoincidentVerticesMerged, merged),
             (ChangeKind::DoubledEdgesSplit, split),

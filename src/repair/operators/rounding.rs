@@ -5,7 +5,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
 
 use super::degenerate::remove_collapsed;
-use super::free_positions::{MoveClearance, NEIGHBOURS, NEW, TOLD_APART, round_to_f32, spacing, with_vertex};
+use super::free_positions::{DISTINCT_STEP, MoveClearance, NEIGHBOURS, NEW, round_to_f32, spacing, with_vertex};
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Decimals;
 use crate::math::Precision;
@@ -46,7 +46,7 @@ pub(super) struct Rounded {
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
-pub(super) fn round_apart(
+pub(super) fn round_without_contact(
     surface: &mut Surface,
     is_free: impl Fn(DVec3) -> bool,
     context: &Context<'_>,
@@ -91,7 +91,7 @@ pub(super) fn round_apart(
 
 /// Vertices that readers take for one, since they round positions to eight decimals.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TellApart {
+pub(super) struct DistinguishLimits {
     /// No vertex is moved farther than this, in the model's unit.
     pub max_deviation: f64,
     /// Whether vertices may be moved that have no edge in common; else they stay near each other.
@@ -99,13 +99,13 @@ pub(super) struct TellApart {
 }
 
 /// Merges such vertices along the edge between them, and moves others until they are told apart: those for which `is_free` is true
-/// first. As in [`round_apart`] no faces come to meet. Answers how many vertices were merged.
+/// first. As in [`round_without_contact`] no faces come to meet. Answers how many vertices were merged.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
-pub(super) fn tell_apart(
+pub(super) fn distinguish_vertices(
     surface: &mut Surface,
-    limits: TellApart,
+    limits: DistinguishLimits,
     is_free: impl Fn(DVec3) -> bool,
     context: &Context<'_>,
 ) -> Result<u64, Cancelled> {
@@ -253,7 +253,7 @@ struct Lattice {
 impl Lattice {
     fn of(surface: &Surface) -> Self {
         let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
-        Self { least: (spacing(largest) * FINEST).max(TOLD_APART.min(spacing(largest))) }
+        Self { least: (spacing(largest) * FINEST).max(DISTINCT_STEP.min(spacing(largest))) }
     }
 
     /// The nearest number, and those next to it.
@@ -309,8 +309,8 @@ impl Operation for RoundCoordinates {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let rounded = if self.precision == Precision::F32 { round_to_f32(surface) } else { 0 };
-        let limits = TellApart { max_deviation: self.max_deviation, moves: false };
-        let joined = tell_apart(surface, limits, |_| true, context)?;
+        let limits = DistinguishLimits { max_deviation: self.max_deviation, moves: false };
+        let joined = distinguish_vertices(surface, limits, |_| true, context)?;
         Ok(Change::list([
             (ChangeKind::VerticesRoundedToF32, rounded),
             (ChangeKind::NearCoincidentVerticesMerged, joined),
@@ -347,10 +347,10 @@ mod tests {
         }
     }
 
-    fn separated(mut surface: Surface, limits: TellApart) -> (Surface, u64) {
+    fn separated(mut surface: Surface, limits: DistinguishLimits) -> (Surface, u64) {
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
-        let merged = tell_apart(&mut surface, limits, |_| true, &context).unwrap();
+        let merged = distinguish_vertices(&mut surface, limits, |_| true, &context).unwrap();
         (surface, merged)
     }
 
@@ -366,15 +366,17 @@ mod tests {
     fn corners_of_two_parts_that_eight_decimals_do_not_tell_apart_are_moved_where_they_may() {
         let surface = tetrahedra(2f64.powi(-30));
         assert!(joined_by_decimals(&surface).is_some());
-        let (moved, merged) = separated(surface.clone(), TellApart { max_deviation: f64::INFINITY, moves: true });
+        let (moved, merged) =
+            separated(surface.clone(), DistinguishLimits { max_deviation: f64::INFINITY, moves: true });
         assert_eq!((merged, moved.faces.len(), joined_by_decimals(&moved)), (0, 8, None));
         let corners = |it: &Surface| (0..8).flat_map(|f| it.corners(f)).collect::<Vec<DVec3>>();
         let far = corners(&surface).into_iter().zip(corners(&moved)).map(|(p, q)| p.distance(q));
         let farthest = far.fold(0.0, f64::max);
         assert!(farthest > 0.0 && farthest < 1e-7, "{farthest}");
-        for limits in
-            [TellApart { max_deviation: f64::INFINITY, moves: false }, TellApart { max_deviation: 1e-12, moves: true }]
-        {
+        for limits in [
+            DistinguishLimits { max_deviation: f64::INFINITY, moves: false },
+            DistinguishLimits { max_deviation: 1e-12, moves: true },
+        ] {
             let (same, merged) = separated(surface.clone(), limits);
             assert_eq!((corners(&same), merged), (corners(&surface), 0));
         }
@@ -389,7 +391,7 @@ mod tests {
         surface.faces[1] = [0, 8, 3];
         surface.faces.extend([[8, 2, 1], [8, 1, 3]]);
         surface.source.extend([0, 1]);
-        let (whole, merged) = separated(surface, TellApart { max_deviation: 1e-7, moves: false });
+        let (whole, merged) = separated(surface, DistinguishLimits { max_deviation: 1e-7, moves: false });
         assert_eq!((merged, whole.faces.len(), joined_by_decimals(&whole)), (1, 8, None));
         assert!(Edges::new(&whole.faces).iter().all(|half_edges| half_edges.len() == 2));
     }

@@ -111,7 +111,7 @@ impl CleanAndPatch {
                 let round = patching.round(&bad, &regions, &limits, context)?;
                 put_back = round.put_back;
                 let Some(made) = round.made else { break };
-                if Counts::of(&made.patching.surface).rose_from(&Counts::of(&patching.surface)) {
+                if Counts::of(&made.patching.surface).has_increase_over(&Counts::of(&patching.surface)) {
                     break;
                 }
                 tally.regions += made.regions;

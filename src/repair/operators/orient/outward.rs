@@ -6,8 +6,8 @@ use glam::DVec3;
 use crate::inspect::Solid;
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
-use crate::repair::operators::inside::RayCaster;
 use crate::repair::operators::names::Nested;
+use crate::repair::operators::ray_caster::RayCaster;
 use crate::repair::{Cancelled, Context};
 
 /// Faces that vote for a patch.
@@ -303,7 +303,7 @@ fn around(outside: &Outside<'_>, rays: &mut RayCaster, voters: &[u32]) -> Option
     let of_face = &outside.patches.of_face;
     let (mut met, mut missed) = (Vec::new(), 0);
     for (ray, &f) in (0..AROUND_RAYS).zip(voters.iter().cycle()) {
-        let from = rays.middle(outside.surface.faces[f as usize]);
+        let from = rays.centroid(outside.surface.faces[f as usize]);
         let mut odd = false;
         let mut here = Vec::new();
         let clear = rays.each_crossing(from, from + ray_direction(ray) * 8.0, Some(f), |g| {
