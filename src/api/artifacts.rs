@@ -164,7 +164,7 @@ async fn body(state: &ApiState, file: &StoredFile, range: Option<&Range<u64>>) -
 /// Has a job's pictures drawn, and answers the job when none `is_waiting` any more.
 async fn drawn(state: &ApiState, job: Job, is_waiting: impl Fn(&Job) -> bool) -> Result<Job, Problem> {
     let mut watch = Watch::new(state, job.id);
-    state.store.ask_for_drawings(job.id).await?;
+    state.store.request_drawings(job.id).await?;
     let job = watch.until(job, DRAWING_WAIT, |job| !is_waiting(job)).await?;
     if is_waiting(&job) {
         let detail = "The pictures of this job are still being drawn. Ask again in a few seconds.";

@@ -18,7 +18,7 @@ use super::extract::{ApiQuery, names_etag, page_limit, text_header, unknown_curs
 use super::job::{JobView, PathJobId, ProgressView, Watch, answer, answer_view, etag, find_job};
 use super::problem::{FieldError, Problem, ProblemCode, shown};
 use super::state::ApiState;
-use crate::jobs::{Cancelled, Job, JobOutcome, ListQuery, Metadata, Status};
+use crate::jobs::{CancelResult, Job, JobOutcome, ListQuery, Metadata, Status};
 
 /// Longest time a request is held, in seconds.
 const LONGEST_WAIT: u64 = 60;
@@ -197,11 +197,11 @@ pub(super) async fn cancel_job(
 ) -> Result<Response, Problem> {
     let job = find_job(&state, &caller, id).await?;
     match state.store.cancel(job.id).await? {
-        Some(Cancelled::Yes(job)) => {
+        Some(CancelResult::Canceled(job)) => {
             let etag = etag(&job, None);
             Ok(answer(&state, StatusCode::OK, *job, None, [(header::ETAG, etag)]))
         }
-        Some(Cancelled::TooLate(job)) => {
+        Some(CancelResult::AlreadyEnded(job)) => {
             let detail = format!("The job '{}' has {}; it can't be canceled any more.", job.id, job.status.as_str());
             Err(Problem::new(ProblemCode::JobFinished, detail))
         }

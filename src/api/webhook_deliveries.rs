@@ -12,7 +12,7 @@ use super::job::job_id;
 use super::problem::{Problem, ProblemCode, shown};
 use super::state::ApiState;
 use super::webhook_endpoints::find;
-use crate::jobs::{Attempt, Delivery, DeliveryQuery, DeliveryStatus, JobId, Page, Redelivered};
+use crate::jobs::{Delivery, DeliveryAttempt, DeliveryQuery, DeliveryStatus, JobId, Page, RedeliveryResult};
 
 /// A message on its way to one receiver.
 #[derive(Debug, Serialize, ToSchema)]
@@ -41,7 +41,7 @@ pub(super) struct DeliveryView {
     #[serde(with = "crate::jobs::timestamp::option")]
     next_attempt_at: Option<OffsetDateTime>,
     /// The last tries, oldest first.
-    attempts: Vec<Attempt>,
+    attempts: Vec<DeliveryAttempt>,
 }
 
 /// A page of deliveries.
@@ -178,9 +178,9 @@ pub(super) async fn redeliver(
         return Err(not_found(&id));
     }
     match state.store.redeliver(caller.tenant.as_str(), &id).await? {
-        Redelivered::Yes => accepted(&state, &caller, id).await,
-        Redelivered::Disabled => Err(disabled()),
-        Redelivered::Unknown => Err(not_found(&id)),
+        RedeliveryResult::Due => accepted(&state, &caller, id).await,
+        RedeliveryResult::Disabled => Err(disabled()),
+        RedeliveryResult::Unknown => Err(not_found(&id)),
     }
 }
 

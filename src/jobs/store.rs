@@ -11,24 +11,24 @@ use super::queue::{
     Claim, ClassLoad, Completion, Failure, KeyState, Lease, NewJob, NewUpload, Notifier, PendingUpload, Waiting,
 };
 use super::webhooks::{
-    Attempt, Backlog, Delivery, DeliveryQuery, DueDelivery, Endpoint, EndpointChange, NewEndpoint, Secrets,
-    SigningSecret, Verdict,
+    Backlog, Delivery, DeliveryAttempt, DeliveryQuery, DeliveryResult, DueDelivery, Endpoint, EndpointChange,
+    NewEndpoint, Secrets, SigningSecret,
 };
 use crate::access::{AccessKey, KeyQuery, NewKey, Tenant, TenantChange, TenantLimits, TenantName, Token};
 
 /// The result of a request to cancel a job.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Cancelled {
+pub enum CancelResult {
     /// The job is canceled now, or was before.
-    Yes(Box<Job>),
+    Canceled(Box<Job>),
     /// The job had ended otherwise.
-    TooLate(Box<Job>),
+    AlreadyEnded(Box<Job>),
 }
 
-impl Cancelled {
+impl CancelResult {
     /// The result for a job that has ended.
     pub(super) fn of_ended(job: Job) -> Self {
-        if job.status == Status::Canceled { Self::Yes(Box::new(job)) } else { Self::TooLate(Box::new(job)) }
+        if job.status == Status::Canceled { Self::Canceled(Box::new(job)) } else { Self::AlreadyEnded(Box::new(job)) }
     }
 }
 
@@ -136,7 +136,7 @@ pub trait JobStore: Send + Sync {
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError>;
 
     /// Stops a job. The worker of a running job loses its lease, which it learns at its next heartbeat or by a notification.
-    async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError>;
+    async fn cancel(&self, id: JobId) -> Result<Option<CancelResult>, StoreError>;
 }
 
 /// The queue of jobs, the leases on claimed jobs, and the ends of attempts.
@@ -223,7 +223,7 @@ pub trait UploadStore: Send + Sync {
 #[async_trait]
 pub trait DrawingStore: Send + Sync {
     /// Asks for the pictures of a job that has ended. Asked again before they are drawn it does nothing.
-    async fn ask_for_drawings(&self, job: JobId) -> Result<(), StoreError>;
+    async fn request_drawings(&self, job: JobId) -> Result<(), StoreError>;
 
     /// Takes a job whose pictures were asked for, and holds it for `lease`: of the tenant for which the fewest are being drawn the one
     /// that was asked for first. A hold that ran out can be claimed again.
@@ -292,9 +292,9 @@ pub trait AccessStore: Send + Sync {
 
 /// The result of a request to send a delivery again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Redelivered {
+pub enum RedeliveryResult {
     /// It is due now.
-    Yes,
+    Due,
     /// Its endpoint is disabled.
     Disabled,
     /// The tenant has no such delivery.
@@ -358,7 +358,7 @@ pub trait DeliveryStore: Send + Sync {
     async fn deliveries(&self, query: DeliveryQuery) -> Result<Page<Delivery, String>, StoreError>;
 
     /// Makes a delivery due now, whatever its status. A delivery that is not pending gets all of its tries again.
-    async fn redeliver(&self, tenant: &str, id: &str) -> Result<Redelivered, StoreError>;
+    async fn redeliver(&self, tenant: &str, id: &str) -> Result<RedeliveryResult, StoreError>;
 
     /// Claims a delivery that is due, if there is one, under a lease of `lease`. Tenants take turns: first the tenant with the fewest
     /// deliveries under way; of its deliveries the one that has been due longest. Tenants with `most` under way are passed over.
@@ -366,7 +366,12 @@ pub trait DeliveryStore: Send + Sync {
 
     /// Records the result of a claimed delivery, unless the claim is lost. Returns whether this disabled the endpoint: because the
     /// receiver is gone, or because nothing was delivered to it for [`FAILING`](super::FAILING).
-    async fn settle_delivery(&self, due: &DueDelivery, attempt: Attempt, verdict: Verdict) -> Result<bool, StoreError>;
+    async fn settle_delivery(
+        &self,
+        due: &DueDelivery,
+        attempt: DeliveryAttempt,
+        verdict: DeliveryResult,
+    ) -> Result<bool, StoreError>;
 
     /// How many deliveries are pending.
     async fn backlog(&self) -> Result<Backlog, StoreError>;

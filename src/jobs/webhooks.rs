@@ -183,8 +183,7 @@ impl FromStr for DeliveryStatus {
 
 /// One try to deliver a message.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[schema(as = DeliveryAttempt)]
-pub struct Attempt {
+pub struct DeliveryAttempt {
     /// When it began.
     #[serde(with = "crate::jobs::timestamp")]
     pub at: OffsetDateTime,
@@ -214,7 +213,7 @@ pub struct Delivery {
     /// How it stands.
     pub status: DeliveryStatus,
     /// The last tries, oldest first.
-    pub attempts: Vec<Attempt>,
+    pub attempts: Vec<DeliveryAttempt>,
     /// When the message was made.
     pub created_at: OffsetDateTime,
     /// When it is tried next, while it waits.
@@ -260,12 +259,12 @@ pub struct DueDelivery {
     /// Tries since it was made or last asked for again, this one among them.
     pub tries: u32,
     /// The last tries before this one.
-    pub attempts: Vec<Attempt>,
+    pub attempts: Vec<DeliveryAttempt>,
 }
 
 impl DueDelivery {
     /// The last tries with this one.
-    pub(super) fn attempts_with(&self, attempt: Attempt) -> Vec<Attempt> {
+    pub(super) fn attempts_with(&self, attempt: DeliveryAttempt) -> Vec<DeliveryAttempt> {
         let mut attempts = self.attempts.clone();
         attempts.push(attempt);
         attempts.split_off(attempts.len().saturating_sub(ATTEMPTS_KEPT))
@@ -274,24 +273,24 @@ impl DueDelivery {
 
 /// What follows from a try.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
+pub enum DeliveryResult {
     /// The receiver took the message.
     Delivered,
     /// It is to be tried again after this time.
-    Again(Duration),
+    RetryAfter(Duration),
     /// It is given up.
     Failed,
     /// It is given up, and so is the endpoint: the receiver wants no more.
     Gone,
 }
 
-impl Verdict {
+impl DeliveryResult {
     /// How the delivery stands then.
     #[must_use]
     pub fn status(self) -> DeliveryStatus {
         match self {
             Self::Delivered => DeliveryStatus::Delivered,
-            Self::Again(_) => DeliveryStatus::Pending,
+            Self::RetryAfter(_) => DeliveryStatus::Pending,
             Self::Failed | Self::Gone => DeliveryStatus::Failed,
         }
     }
@@ -300,8 +299,8 @@ impl Verdict {
     pub(super) fn ends_endpoint(self, long: bool) -> Option<&'static str> {
         match self {
             Self::Gone => Some("The receiver answered 410: it wants no more."),
-            Self::Again(_) | Self::Failed if long => Some("Every delivery failed for 5 days."),
-            Self::Delivered | Self::Again(_) | Self::Failed => None,
+            Self::RetryAfter(_) | Self::Failed if long => Some("Every delivery failed for 5 days."),
+            Self::Delivered | Self::RetryAfter(_) | Self::Failed => None,
         }
     }
 }

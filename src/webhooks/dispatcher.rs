@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
 use super::post::{Answer, Envelope, Poster};
-use crate::jobs::{Attempt, Clock, DueDelivery, Secrets, SigningSecret, Store, StoreError, Verdict};
+use crate::jobs::{Clock, DeliveryAttempt, DeliveryResult, DueDelivery, Secrets, SigningSecret, Store, StoreError};
 use crate::telemetry;
 
 /// Deliveries under way at the same time, in one process.
@@ -154,15 +154,15 @@ impl Dispatcher {
         let answer = self.poster.post(Envelope { url, message, timestamp: at, signatures: &signatures, payload }).await;
         let verdict = self.judge(&answer, due.tries);
         let result = match verdict {
-            Verdict::Delivered => "delivered",
-            Verdict::Again(_) => "retried",
-            Verdict::Failed => "failed",
-            Verdict::Gone => "gone",
+            DeliveryResult::Delivered => "delivered",
+            DeliveryResult::RetryAfter(_) => "retried",
+            DeliveryResult::Failed => "failed",
+            DeliveryResult::Gone => "gone",
         };
         metrics::counter!(telemetry::WEBHOOK_DELIVERIES, "result" => result).increment(1);
         metrics::histogram!(telemetry::WEBHOOK).record(answer.took);
         tracing::debug!(tenant = due.tenant, message, result, status = answer.status, error = answer.error, "webhook");
-        let attempt = Attempt {
+        let attempt = DeliveryAttempt {
             at: OffsetDateTime::from_unix_timestamp(at).unwrap_or(OffsetDateTime::UNIX_EPOCH),
             status: answer.status,
             error: answer.error,
@@ -171,14 +171,14 @@ impl Dispatcher {
         self.store.settle_delivery(due, attempt, verdict).await
     }
 
-    fn judge(&self, answer: &Answer, tries: u32) -> Verdict {
+    fn judge(&self, answer: &Answer, tries: u32) -> DeliveryResult {
         let random = (self.random.bits() >> 64) as u64;
         match answer.status {
-            Some(200..300) => Verdict::Delivered,
-            Some(410) => Verdict::Gone,
+            Some(200..300) => DeliveryResult::Delivered,
+            Some(410) => DeliveryResult::Gone,
             _ => match self.config.schedule.wait(tries, random) {
-                Some(wait) => Verdict::Again(wait),
-                None => Verdict::Failed,
+                Some(wait) => DeliveryResult::RetryAfter(wait),
+                None => DeliveryResult::Failed,
             },
         }
     }

@@ -44,7 +44,7 @@ async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_
     let id = ended(&bench, "shop").await;
     assert!(claimed(&bench).await.is_none(), "nobody has asked");
     for _ in 0..2 {
-        bench.store.ask_for_drawings(id).await.expect("noted");
+        bench.store.request_drawings(id).await.expect("noted");
     }
     let lost = claimed(&bench).await.expect("pictures to draw");
     assert_eq!((lost.job.id, lost.lease.attempt, lost.job.status), (id, 1, Status::Succeeded));
@@ -73,10 +73,10 @@ async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_
 
 async fn pictures_of_a_job_that_was_deleted_are_not_drawn(bench: Bench) {
     let (first, second) = (ended(&bench, "shop").await, ended(&bench, "shop").await);
-    bench.store.ask_for_drawings(first).await.expect("noted");
+    bench.store.request_drawings(first).await.expect("noted");
     assert!(bench.store.purge(first).await.expect("an answer"));
     assert!(claimed(&bench).await.is_none());
-    bench.store.ask_for_drawings(second).await.expect("noted");
+    bench.store.request_drawings(second).await.expect("noted");
     let held = claimed(&bench).await.expect("pictures to draw");
     assert!(bench.store.purge(second).await.expect("an answer"));
     let late = bench.store.finish_drawings(&held.lease, Artifacts::new()).await;
@@ -86,10 +86,10 @@ async fn pictures_of_a_job_that_was_deleted_are_not_drawn(bench: Bench) {
 
 async fn tenants_take_turns_with_their_pictures(bench: Bench) {
     for _ in 0..2 {
-        bench.store.ask_for_drawings(ended(&bench, "busy").await).await.expect("noted");
+        bench.store.request_drawings(ended(&bench, "busy").await).await.expect("noted");
         bench.pass(Duration::from_secs(1));
     }
-    bench.store.ask_for_drawings(ended(&bench, "calm").await).await.expect("noted");
+    bench.store.request_drawings(ended(&bench, "calm").await).await.expect("noted");
     let mut turns = Vec::new();
     while let Some(claim) = claimed(&bench).await {
         turns.push(claim.job.tenant);

@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use meshmend::jobs::{
-    Artifacts, Attempt, Completion, DeliveryQuery, DeliveryStatus, DueDelivery, Endpoint, EndpointChange, FAILING,
-    FailureKind, Job, JobEvent, JobId, NewEndpoint, NewJob, Redelivered, Reused, SigningSecret, Status, Verdict,
+    Artifacts, Completion, DeliveryAttempt, DeliveryQuery, DeliveryResult, DeliveryStatus, DueDelivery, Endpoint,
+    EndpointChange, FAILING, FailureKind, Job, JobEvent, JobId, NewEndpoint, NewJob, RedeliveryResult, Reused,
+    SigningSecret, Status,
 };
 use serde_json::{Value, json};
 use time::OffsetDateTime;
@@ -50,11 +51,11 @@ async fn claim(bench: &Bench) -> Option<DueDelivery> {
     bench.store.claim_delivery(LEASE, MOST).await.expect("an answer")
 }
 
-fn attempt(status: u16) -> Attempt {
-    Attempt { at: OffsetDateTime::UNIX_EPOCH, status: Some(status), error: None, milliseconds: 5 }
+fn attempt(status: u16) -> DeliveryAttempt {
+    DeliveryAttempt { at: OffsetDateTime::UNIX_EPOCH, status: Some(status), error: None, milliseconds: 5 }
 }
 
-async fn settle(bench: &Bench, due: &DueDelivery, verdict: Verdict) -> bool {
+async fn settle(bench: &Bench, due: &DueDelivery, verdict: DeliveryResult) -> bool {
     bench.store.settle_delivery(due, attempt(500), verdict).await.expect("an answer")
 }
 
@@ -173,19 +174,19 @@ async fn a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends(bench: 
     let second = claim(&bench).await.expect("due again");
     assert_eq!((&second.id, &second.message, &second.payload), (&first.id, &first.message, &first.payload));
     assert_eq!(second.tries, 2);
-    settle(&bench, &first, Verdict::Gone).await;
+    settle(&bench, &first, DeliveryResult::Gone).await;
     assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending, "the first has lost it");
     let known = store.endpoint("shop", &endpoint.id).await.expect("an answer").expect("there");
     assert_eq!((known.disabled, known.failing_since), (None, None));
 
-    settle(&bench, &second, Verdict::Again(Duration::from_secs(60))).await;
+    settle(&bench, &second, DeliveryResult::RetryAfter(Duration::from_secs(60))).await;
     assert_eq!(claim(&bench).await, None, "it waits");
     bench.pass(Duration::from_secs(59));
     assert_eq!(claim(&bench).await, None, "it waits");
     bench.pass(Duration::from_secs(1));
     let third = claim(&bench).await.expect("due");
     assert_eq!((third.tries, third.attempts.len()), (3, 1));
-    store.settle_delivery(&third, attempt(204), Verdict::Delivered).await.expect("an answer");
+    store.settle_delivery(&third, attempt(204), DeliveryResult::Delivered).await.expect("an answer");
     bench.pass(10 * LEASE);
     assert_eq!(claim(&bench).await, None, "it has arrived");
     let delivery = &all_of(&bench, "shop").await[0];
@@ -221,7 +222,7 @@ async fn many_dispatchers_at_once_never_get_the_same_delivery(bench: Bench) {
             tokio::spawn(async move {
                 let mut mine = Vec::new();
                 while let Some(due) = claim(&bench).await {
-                    settle(&bench, &due, Verdict::Delivered).await;
+                    settle(&bench, &due, DeliveryResult::Delivered).await;
                     mine.push(due.id);
                 }
                 mine
@@ -245,7 +246,7 @@ async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench)
         cancelled(&bench, "shop").await;
     }
     let due = claim(&bench).await.expect("due");
-    assert!(settle(&bench, &due, Verdict::Gone).await);
+    assert!(settle(&bench, &due, DeliveryResult::Gone).await);
     let known = store.endpoint("shop", &gone.id).await.expect("an answer").expect("there");
     assert!(known.disabled.is_some_and(|(_, why)| why.contains("410")));
     assert_eq!(claim(&bench).await, None, "nothing more goes there");
@@ -261,21 +262,21 @@ async fn an_endpoint_is_disabled_when_it_is_gone_or_fails_for_days(bench: Bench)
     let mut disabled = Vec::new();
     for _ in 0..5 {
         let due = claim(&bench).await.expect("due");
-        disabled.push(settle(&bench, &due, Verdict::Again(wait)).await);
+        disabled.push(settle(&bench, &due, DeliveryResult::RetryAfter(wait)).await);
         bench.pass(wait);
     }
     assert_eq!(disabled, [false, false, false, false, true], "five days after the first failure");
     let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
     store.change_endpoint("shop", &gone.id, on).await.expect("an answer").expect("there");
     cancelled(&bench, "shop").await;
-    for verdict in [Verdict::Again(FAILING), Verdict::Delivered] {
+    for verdict in [DeliveryResult::RetryAfter(FAILING), DeliveryResult::Delivered] {
         let due = claim(&bench).await.expect("due");
         assert!(!settle(&bench, &due, verdict).await);
         bench.pass(FAILING - Duration::from_secs(1));
         cancelled(&bench, "shop").await;
     }
     let due = claim(&bench).await.expect("due");
-    assert!(!settle(&bench, &due, Verdict::Failed).await, "the last success ended the row of failures");
+    assert!(!settle(&bench, &due, DeliveryResult::Failed).await, "the last success ended the row of failures");
 }
 
 async fn what_was_given_up_or_delivered_is_sent_again_when_asked_for(bench: Bench) {
@@ -283,24 +284,26 @@ async fn what_was_given_up_or_delivered_is_sent_again_when_asked_for(bench: Benc
     let endpoint = endpoint(&bench, "shop").await;
     cancelled(&bench, "shop").await;
     let again = async |tenant: &str, id: &str| store.redeliver(tenant, id).await.expect("an answer");
-    for verdict in [Verdict::Failed, Verdict::Delivered, Verdict::Again(Duration::from_secs(3600))] {
+    for verdict in
+        [DeliveryResult::Failed, DeliveryResult::Delivered, DeliveryResult::RetryAfter(Duration::from_secs(3600))]
+    {
         let due = claim(&bench).await.expect("due");
         assert_eq!(due.tries, 1);
         settle(&bench, &due, verdict).await;
         assert_eq!(claim(&bench).await, None);
-        assert_eq!(again("rival", &due.id).await, Redelivered::Unknown);
-        assert_eq!(again("shop", &due.id).await, Redelivered::Yes);
+        assert_eq!(again("rival", &due.id).await, RedeliveryResult::Unknown);
+        assert_eq!(again("shop", &due.id).await, RedeliveryResult::Due);
     }
     let late = claim(&bench).await.expect("due");
     assert_eq!(late.tries, 2, "it was still waiting, so its tries go on");
-    assert_eq!(again("shop", &late.id).await, Redelivered::Yes);
+    assert_eq!(again("shop", &late.id).await, RedeliveryResult::Due);
     let due = claim(&bench).await.expect("due though it is under way");
-    settle(&bench, &late, Verdict::Delivered).await;
+    settle(&bench, &late, DeliveryResult::Delivered).await;
     assert_eq!(all_of(&bench, "shop").await[0].status, DeliveryStatus::Pending);
-    settle(&bench, &due, Verdict::Failed).await;
+    settle(&bench, &due, DeliveryResult::Failed).await;
     let off = EndpointChange { enabled: Some(false), ..EndpointChange::default() };
     store.change_endpoint("shop", &endpoint.id, off).await.expect("an answer").expect("there");
-    assert_eq!(again("shop", &due.id).await, Redelivered::Disabled);
+    assert_eq!(again("shop", &due.id).await, RedeliveryResult::Disabled);
     assert_eq!(store.send_ping("shop", &endpoint.id).await.expect("an answer"), None);
 }
 
@@ -328,7 +331,7 @@ async fn a_secret_that_was_replaced_is_known_beside_the_new_one(bench: Bench) {
     let new = store.rotate_callback_secret("other", &secret("Yw=="), day).await.expect("secrets");
     assert_eq!((&new.current, new.previous.as_ref().map(|(old, _)| old)), (&secret("Yw=="), Some(&secret("YQ=="))));
     assert_eq!(store.rotate_callback_secret("new", &secret("ZA=="), day).await.expect("secrets").previous, None);
-    settle(&bench, &due, Verdict::Again(Duration::ZERO)).await;
+    settle(&bench, &due, DeliveryResult::RetryAfter(Duration::ZERO)).await;
     assert_eq!(claim(&bench).await.expect("due").secrets, Some(new));
 }
 
@@ -362,7 +365,7 @@ async fn endpoints_are_their_tenants_own_and_no_more_than_may_be(bench: Bench) {
     assert!(due.payload.contains("\"ping\""), "{}", due.payload);
     assert!(store.delete_endpoint("shop", &own.id).await.expect("an answer"));
     assert!(all_of(&bench, "shop").await.is_empty());
-    assert!(!settle(&bench, &due, Verdict::Gone).await, "it is gone with its endpoint");
+    assert!(!settle(&bench, &due, DeliveryResult::Gone).await, "it is gone with its endpoint");
 }
 
 async fn what_was_told_is_forgotten_with_its_job_or_after_a_while(bench: Bench) {
@@ -376,7 +379,7 @@ async fn what_was_told_is_forgotten_with_its_job_or_after_a_while(bench: Bench) 
     assert!(store.purge(deleted.id).await.expect("an answer"));
     let left: Vec<_> = all_of(&bench, "shop").await.into_iter().map(|delivery| delivery.job).collect();
     assert_eq!(left, [Some(kept.id)]);
-    settle(&bench, &due, Verdict::Delivered).await;
+    settle(&bench, &due, DeliveryResult::Delivered).await;
     assert_eq!(store.backlog().await.expect("an answer").pending, 0);
     bench.pass(Duration::from_secs(60));
     assert_eq!(store.forget_messages(Duration::from_secs(3600)).await.expect("an answer"), 0);

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use meshmend::context::Stage;
 use meshmend::jobs::{
-    Artifacts, Cancelled, Clock, Completion, Connections, FailureKind, JobId, JobOptions, JobProgress, JobStore,
+    Artifacts, CancelResult, Clock, Completion, Connections, FailureKind, JobId, JobOptions, JobProgress, JobStore,
     KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, NewUpload, ProblemKind, QueueStore, RequestKey, RetentionStore,
     RetryPolicy, SqliteStore, Status, StoreError, UPLOAD_LIFE, UPLOAD_OPEN, UploadId,
 };
@@ -153,18 +153,15 @@ async fn a_job_handed_back_is_charged_nothing(bench: Bench) {
     assert_eq!((after.status, after.attempt, after.crashes), (Status::Queued, 0, 0));
     let again = bench.claim().await.expect("the job again");
     assert_eq!(again.lease.attempt, 1);
-    assert!(
-        matches!(bench.store.release(&claim.lease).await, Err(StoreError::LeaseLost)),
-        "same attempt, other token"
-    );
+    assert!(matches!(bench.store.release(&claim.lease).await, Err(StoreError::LeaseLost)), "same attempt, other token");
 }
 
 async fn a_cancelled_job_is_taken_from_its_worker(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
-    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::Yes(_))));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(CancelResult::Canceled(_))));
     assert!(matches!(bench.store.heartbeat(&claim.lease, LEASE, None).await, Err(StoreError::LeaseLost)));
-    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::Yes(_))));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(CancelResult::Canceled(_))));
     assert_eq!(bench.store.cancel(JobId::new()).await.expect("an answer"), None);
 }
 
@@ -173,7 +170,7 @@ async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled(bench: Benc
     let claim = bench.claim().await.expect("a job");
     let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.expect("noted");
     assert_eq!(after.status, Status::Failed);
-    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(Cancelled::TooLate(_))));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("an answer"), Some(CancelResult::AlreadyEnded(_))));
 }
 
 async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {

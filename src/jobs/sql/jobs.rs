@@ -14,7 +14,7 @@ use crate::jobs::queue::{
     KEY_HOLD, KEY_LIFE, KeyState, NewJob, NewUpload, PendingUpload, RequestKey, UPLOAD_LIFE, UPLOAD_OPEN,
 };
 use crate::jobs::store::{
-    Cancelled, IdempotencyStore, JobStore, ListQuery, Page, RetentionStore, StatusCount, UploadStore,
+    CancelResult, IdempotencyStore, JobStore, ListQuery, Page, RetentionStore, StatusCount, UploadStore,
 };
 
 /// The columns of a job, for `SELECT` and `RETURNING`; with another expression in place of the report where a caller does not need it.
@@ -140,7 +140,7 @@ impl<D: Dialect> JobStore for SqlStore<D> {
         Ok(StatusCount::of_all(&counts))
     }
 
-    async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError> {
+    async fn cancel(&self, id: JobId) -> Result<Option<CancelResult>, StoreError> {
         let now = self.now();
         let mut transaction = self.begin().await?;
         let statement = sql(concat!(
@@ -151,10 +151,10 @@ impl<D: Dialect> JobStore for SqlStore<D> {
         ));
         if let Some(row) = transaction.query_row(statement.bind(now).bind(id)).await? {
             let job = self.end(transaction, read_job(&row)?, now).await?;
-            return Ok(Some(Cancelled::Yes(Box::new(job))));
+            return Ok(Some(CancelResult::Canceled(Box::new(job))));
         }
         drop(transaction);
-        Ok(self.get(id).await?.map(Cancelled::of_ended))
+        Ok(self.get(id).await?.map(CancelResult::of_ended))
     }
 }
 

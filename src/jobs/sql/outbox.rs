@@ -12,9 +12,9 @@ use super::tenants::{disable, read_events, read_signing_secrets};
 use crate::jobs::error::StoreError;
 use crate::jobs::id::JobId;
 use crate::jobs::job::Job;
-use crate::jobs::store::{DeliveryStore, Page, Redelivered};
+use crate::jobs::store::{DeliveryStore, Page, RedeliveryResult};
 use crate::jobs::webhooks::{
-    Attempt, Backlog, Delivery, DeliveryQuery, DueDelivery, FAILING, JobEvent, JobMessage, Verdict,
+    Backlog, Delivery, DeliveryAttempt, DeliveryQuery, DeliveryResult, DueDelivery, FAILING, JobEvent, JobMessage,
 };
 
 /// The kind of a message that only asks whether it arrives.
@@ -109,16 +109,16 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
         Ok(Page::of(deliveries, query.limit, |delivery| delivery.id.clone()))
     }
 
-    async fn redeliver(&self, tenant: &str, id: &str) -> Result<Redelivered, StoreError> {
+    async fn redeliver(&self, tenant: &str, id: &str) -> Result<RedeliveryResult, StoreError> {
         let mut transaction = self.begin().await?;
         let endpoint = sql(
             "SELECT e.disabled_at FROM webhook_deliveries d LEFT JOIN webhook_endpoints e ON e.id = d.endpoint_id \
              WHERE d.tenant = $1 AND d.id = $2",
         );
         let row = transaction.query_row(endpoint.bind(tenant).bind(id)).await?;
-        let Some(row) = row else { return Ok(Redelivered::Unknown) };
+        let Some(row) = row else { return Ok(RedeliveryResult::Unknown) };
         if row.number("disabled_at")?.is_some() {
-            return Ok(Redelivered::Disabled);
+            return Ok(RedeliveryResult::Disabled);
         }
         // A dispatcher that holds the delivery loses it, because the request is newer.
         let statement = sql(
@@ -128,7 +128,7 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
         transaction.execute(statement.bind(self.now()).bind(id)).await?;
         transaction.commit().await?;
         self.notify_deliveries();
-        Ok(Redelivered::Yes)
+        Ok(RedeliveryResult::Due)
     }
 
     async fn claim_delivery(&self, lease: Duration, most: u32) -> Result<Option<DueDelivery>, StoreError> {
@@ -173,9 +173,14 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
         Ok(None)
     }
 
-    async fn settle_delivery(&self, due: &DueDelivery, attempt: Attempt, verdict: Verdict) -> Result<bool, StoreError> {
+    async fn settle_delivery(
+        &self,
+        due: &DueDelivery,
+        attempt: DeliveryAttempt,
+        verdict: DeliveryResult,
+    ) -> Result<bool, StoreError> {
         let now = self.now();
-        let retry_in = if let Verdict::Again(after) = verdict { Some(millis(after)) } else { None };
+        let retry_in = if let DeliveryResult::RetryAfter(after) = verdict { Some(millis(after)) } else { None };
         let mut transaction = self.begin().await?;
         // The endpoint is always locked before its deliveries, which prevents deadlocks.
         let endpoint = sql(
@@ -184,7 +189,7 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
              RETURNING meshmend_now($1) - failing_since AS failing",
         )
         .bind(now)
-        .bind(verdict == Verdict::Delivered)
+        .bind(verdict == DeliveryResult::Delivered)
         .bind(&due.endpoint)
         .bind(&due.id)
         .bind(&due.token);

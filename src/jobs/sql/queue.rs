@@ -286,7 +286,7 @@ async fn end_attempt(connection: &mut impl SqlConnection, end: &AttemptEnd<'_>) 
 
 #[async_trait]
 impl<D: Dialect> DrawingStore for SqlStore<D> {
-    async fn ask_for_drawings(&self, job: JobId) -> Result<(), StoreError> {
+    async fn request_drawings(&self, job: JobId) -> Result<(), StoreError> {
         let statement = sql(
             "INSERT INTO drawings (job_id, tenant, asked_at) SELECT id, tenant, meshmend_now($2) FROM jobs WHERE id = $1 \
              ON CONFLICT (job_id) DO NOTHING",
