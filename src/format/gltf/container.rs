@@ -1,4 +1,4 @@
-//! The container of binary glTF, a header and chunks (glTF 2.0, 4), and the JSON in it: pieces that hold no more memory than they must.
+//! The GLB container, a header and chunks (glTF 2.0, section 4), and JSON building blocks that bound memory.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -10,20 +10,23 @@ use serde::de::{Deserializer, Error, SeqAccess, Unexpected, Visitor};
 
 use super::super::errors::{Place, ReadError, ReadErrorKind, shown};
 
+/// The signature of GLB.
 pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 const JSON: &[u8; 4] = b"JSON";
 const BINARY: &[u8; 4] = b"BIN\0";
 const HEADER: usize = 12;
 const CHUNK_HEADER: usize = 8;
 
-/// The chunks that mean something, each with its offset in the file.
+/// The JSON and binary chunks of a GLB file, each with its byte offset.
 #[derive(Debug)]
 pub(super) struct Container<'a> {
+    /// The JSON chunk.
     pub json: (usize, &'a [u8]),
+    /// The binary chunk; `None` if there is none.
     pub binary: Option<(usize, &'a [u8])>,
 }
 
-/// Takes a file apart. Chunks of unknown types are passed over, as the specification asks.
+/// Finds the chunks of a GLB file. Chunks of unknown types are skipped, as the specification requires.
 pub(super) fn open<'a>(bytes: &'a [u8], warnings: &mut Vec<String>) -> Result<Container<'a>, ReadError> {
     let Some(header) = bytes.first_chunk::<HEADER>() else {
         return Err(truncated(bytes.len(), "the file ends within the header of a GLB file"));
@@ -34,27 +37,29 @@ pub(super) fn open<'a>(bytes: &'a [u8], warnings: &mut Vec<String>) -> Result<Co
             return Err(ReadError::at_byte(
                 ReadErrorKind::UnsupportedFormat,
                 4,
-                "this is glTF 1.0, which is not read; convert it to glTF 2.0, export a GLB file, and send that",
+                "this is glTF 1.0, which is not supported; convert the model to glTF 2.0, export a GLB file and send that file",
             ));
         }
         other => {
-            let detail =
-                format!("the GLB file says that it is of version {other}; only version 2 is known, so export it again");
+            let detail = format!(
+                "the GLB file declares version {other}, but only version 2 is supported; export the model again as version 2"
+            );
             return Err(ReadError::at_byte(ReadErrorKind::Malformed, 4, detail));
         }
     }
     let length = word(header, 8) as usize;
     if length < HEADER + CHUNK_HEADER {
-        let detail =
-            format!("the GLB file says that it is {length} bytes long, too short for any content; export it again");
+        let detail = format!(
+            "the GLB file declares a length of {length} bytes, too short for any content; export the model again"
+        );
         return Err(ReadError::at_byte(ReadErrorKind::Malformed, 8, detail));
     }
     if length > bytes.len() {
-        let detail = format!("the GLB file says that it is {length} bytes long and {} are there", bytes.len());
+        let detail = format!("the GLB file declares a length of {length} bytes, but has only {}", bytes.len());
         return Err(truncated(bytes.len(), &detail));
     }
     if length < bytes.len() {
-        warnings.push(format!("bytes after the end of the GLB file were left out: {}", bytes.len() - length));
+        warnings.push(format!("bytes after the end of the GLB file were ignored: {}", bytes.len() - length));
     }
     chunks(&bytes[..length], warnings)
 }
@@ -73,15 +78,15 @@ fn chunks<'a>(bytes: &'a [u8], warnings: &mut Vec<String>) -> Result<Container<'
         let length = word(header, 0) as usize;
         let Some(chunk) = begin.checked_add(length).and_then(|end| bytes.get(begin..end)) else {
             let detail =
-                format!("a chunk of the GLB file is {length} bytes long and {} are there", bytes.len() - begin);
+                format!("a chunk of the GLB file declares {length} bytes, but only {} follow", bytes.len() - begin);
             return Err(truncated(at, &detail));
         };
         let kind = &header[4..];
         match number {
             0 if kind == JSON => json = Some((begin, chunk)),
-            0 => return malformed(at, format!("the GLB file's first chunk is '{}', not JSON", shown(kind))),
+            0 => return malformed(at, format!("the GLB file's first chunk has the type '{}', not JSON", shown(kind))),
             1 if kind == BINARY => binary = Some((begin, chunk)),
-            _ if kind == JSON => return malformed(at, "the GLB file has a second chunk of JSON".to_owned()),
+            _ if kind == JSON => return malformed(at, "the GLB file has a second JSON chunk".to_owned()),
             _ if kind == BINARY => {
                 return malformed(at, "the GLB file has a binary chunk that is not its second chunk".to_owned());
             }
@@ -93,12 +98,13 @@ fn chunks<'a>(bytes: &'a [u8], warnings: &mut Vec<String>) -> Result<Container<'
     }
     if unaligned {
         warnings.push(
-            "the GLB file's chunks are not multiples of four bytes long, which other programs may refuse".to_owned(),
+            "the GLB file has chunks whose length is not a multiple of four, which other programs may reject"
+                .to_owned(),
         );
     }
     match json {
         Some(json) => Ok(Container { json, binary }),
-        None => Err(truncated(bytes.len(), "the GLB file has no chunk of JSON")),
+        None => Err(truncated(bytes.len(), "the GLB file has no JSON chunk")),
     }
 }
 
@@ -111,7 +117,7 @@ fn truncated(at: usize, detail: &str) -> ReadError {
     ReadError::at_byte(ReadErrorKind::Truncated, at, detail)
 }
 
-/// Puts a file together; none where it is over the 4 GiB that the format can count.
+/// Builds a GLB file; `None` if it exceeds the 4 GiB that the format can count.
 pub(super) fn assemble(mut json: Vec<u8>, mut binary: Vec<u8>) -> Option<Vec<u8>> {
     json.resize(json.len().next_multiple_of(4), b' ');
     binary.resize(binary.len().next_multiple_of(4), 0);
@@ -130,17 +136,17 @@ pub(super) fn assemble(mut json: Vec<u8>, mut binary: Vec<u8>) -> Option<Vec<u8>
     Some(file)
 }
 
-/// Most entries of any list.
+/// Maximum number of entries in a list.
 pub(super) const MOST_ENTRIES: usize = 1 << 20;
-/// How the error about more entries begins.
+/// Start of the error about a longer list.
 const TOO_MANY: &str = "there are more than";
-/// Most bytes of a document beside its texts, which may be whole buffers. What one becomes in memory is a few times this.
+/// Maximum size in bytes of a document, not counting strings, which may hold whole buffers. Parsed, it takes a few times as much memory.
 const MOST_BYTES: usize = 32 << 20;
 
-/// Reads a document; `offset` is its place in a file where bytes are counted, none where lines are.
+/// Parses a JSON document. Errors give a byte of the file if `offset` is the document's byte offset, else a line.
 pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8], offset: Option<usize>) -> Result<T, ReadError> {
     if text.len() > MOST_BYTES && outside_texts(text) > MOST_BYTES {
-        let detail = format!("the glTF document is longer than {MOST_BYTES} bytes; split the model before you send it");
+        let detail = format!("the glTF document is longer than {MOST_BYTES} bytes; split the model into several files");
         return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
     }
     serde_json::from_slice(text).map_err(|error| {
@@ -149,7 +155,7 @@ pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8], offset: Option<usize
             None => Place::Line(error.line() as u64),
         };
         let words = error.to_string();
-        // The place is told in the reader's own way.
+        // The location is reported in `place` instead.
         let words = words.split(" at line ").next().unwrap_or(&words);
         let kind = if words.starts_with(TOO_MANY) {
             ReadErrorKind::TooLarge
@@ -167,7 +173,7 @@ pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8], offset: Option<usize
     })
 }
 
-/// The bytes of a document that are not within quotation marks.
+/// Number of bytes of a document outside strings.
 fn outside_texts(text: &[u8]) -> usize {
     let (mut count, mut inside, mut escaped) = (0, false, false);
     for &byte in text {
@@ -182,13 +188,13 @@ fn outside_texts(text: &[u8]) -> usize {
     count
 }
 
-/// The offset of a line and column, both counted from 1.
+/// The byte offset of a line and column, both counted from 1.
 fn byte_of(text: &[u8], line: usize, column: usize) -> usize {
     let before: usize = text.split_inclusive(|&b| b == b'\n').take(line.saturating_sub(1)).map(<[u8]>::len).sum();
     (before + column.saturating_sub(1)).min(text.len())
 }
 
-/// A number that counts or names something; `3.0` is taken for 3, as JSON has one kind of numbers.
+/// A count or an index of the document. `3.0` is accepted as 3, because JSON has only one number type.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) struct Whole(pub u32);
 
@@ -213,7 +219,11 @@ impl<'de> Deserialize<'de> for Whole {
             }
 
             fn visit_f64<E: Error>(self, number: f64) -> Result<Whole, E> {
-                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the very question")]
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "tests whether the cast is exact"
+                )]
                 let whole = number as u32;
                 if f64::from(whole) == number {
                     Ok(Whole(whole))
@@ -226,7 +236,7 @@ impl<'de> Deserialize<'de> for Whole {
     }
 }
 
-/// A text, copied only where it has escapes.
+/// A string that borrows from the document unless it has escapes.
 pub(super) struct Text<'a>(Cow<'a, str>);
 
 impl Deref for Text<'_> {
@@ -259,7 +269,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for Text<'a> {
     }
 }
 
-/// A list of at most [`MOST_ENTRIES`].
+/// A list with at most [`MOST_ENTRIES`] entries.
 pub(super) struct List<T>(Vec<T>);
 
 impl<T> Default for List<T> {

@@ -1,4 +1,4 @@
-//! Palettes of a scene as materials of glTF.
+//! Writing the palettes of a scene as glTF materials, textures and samplers.
 
 use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
@@ -7,21 +7,22 @@ use super::super::paint::{linear_factor, media_type};
 use super::document::{CLAMP_TO_EDGE, LINEAR, LINEAR_MIPMAP_LINEAR, MIRRORED_REPEAT, NEAREST, REPEAT};
 use crate::scene::{Paint, Palette, Scene, Wrap};
 
-/// How a face looks; faces that look alike are one primitive. Two looks are the same where their contents are, whatever their palettes, so that
-/// what was written and read again is written alike.
+/// The appearance of a face; faces with the same appearance form one primitive. Appearances are compared by content, not by palette, so
+/// writing a file that was read gives the same file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Look {
-    /// Not painted.
+    /// No paint.
     Bare,
-    /// In the colour of a material.
+    /// The colour of a material, given by its index.
     Plain(usize),
-    /// In colours of vertices, over a white material.
+    /// Vertex colours, over a white material.
     Colored(usize),
-    /// With the picture of a material.
+    /// The texture of a material.
     Pictured(usize),
 }
 
 impl Look {
+    /// The index of the appearance's material; `None` for unpainted faces.
     pub fn material(self) -> Option<usize> {
         match self {
             Self::Bare => None,
@@ -30,7 +31,7 @@ impl Look {
     }
 }
 
-/// What tells materials apart.
+/// What identifies a material.
 #[derive(PartialEq, Eq, Hash)]
 struct Key {
     name: String,
@@ -39,26 +40,30 @@ struct Key {
     of_vertices: bool,
 }
 
-/// How a picture goes on beyond itself, and whether it is shown pixel by pixel.
+/// Wrap modes of a texture in u and v, and whether it has nearest-neighbour filtering.
 type Sampling = (Wrap, Wrap, bool);
 
-/// The materials that were asked for, in that order.
+/// The materials, textures, samplers and images in the order of first use.
 pub(super) struct Looks<'s> {
     scene: &'s Scene,
+    /// glTF materials.
     pub materials: Vec<Value>,
     known: FxHashMap<Key, usize>,
-    /// Looks of palettes' entries that were asked for; of one with a picture there is one look.
+    /// Appearance of palette entries; all entries of a textured palette have one appearance.
     entries: FxHashMap<(u32, u32), Look>,
+    /// glTF textures.
     pub textures: Vec<Value>,
     known_textures: FxHashMap<(usize, usize), usize>,
+    /// glTF samplers.
     pub samplers: Vec<Value>,
     samplings: Vec<Sampling>,
-    /// Picture files, each once.
+    /// Image files, each once.
     pub images: Vec<&'s [u8]>,
     known_images: FxHashMap<&'s [u8], usize>,
 }
 
 impl<'s> Looks<'s> {
+    /// No materials yet.
     pub fn new(scene: &'s Scene) -> Self {
         Self {
             scene,
@@ -74,14 +79,14 @@ impl<'s> Looks<'s> {
         }
     }
 
-    /// How a face looks that is painted so. Paint that the scene does not have is none.
+    /// The appearance of a face with this paint. Invalid paint counts as none.
     pub fn of(&mut self, paint: Paint) -> Look {
         let scene = self.scene;
         let Some(palette) = scene.palettes.get(paint.palette as usize) else { return Look::Bare };
         if paint.at.iter().any(|&at| at as usize >= palette.len()) {
             return Look::Bare;
         }
-        // Of colours a look follows from all three corners; of others from one entry, or from none.
+        // A gradient depends on all three corners, a material on one entry, a texture on none.
         let entry = match palette {
             Palette::Colors(colors) => {
                 let blended = paint.at.iter().any(|&at| colors[at as usize][3] < 255);
@@ -134,7 +139,7 @@ impl<'s> Looks<'s> {
         at
     }
 
-    /// The number of a texture, if it is a picture that glTF takes.
+    /// The index of a texture; `None` if its image is neither PNG nor JPEG.
     fn texture(&mut self, number: u32) -> Option<usize> {
         let texture = self.scene.textures.get(number as usize)?;
         media_type(&texture.bytes)?;
@@ -153,7 +158,7 @@ impl<'s> Looks<'s> {
     }
 
     fn sampler(&mut self, (u, v, nearest): Sampling) -> usize {
-        // A picture with nothing beyond it is not to be had in glTF; its last pixels are nearest to that.
+        // glTF has no wrap mode without continuation; clamping is nearest to it.
         let [u, v] = [u, v].map(|wrap| if wrap == Wrap::None { Wrap::Clamp } else { wrap });
         if let Some(known) = self.samplings.iter().position(|known| *known == (u, v, nearest)) {
             return known;
@@ -169,7 +174,7 @@ impl<'s> Looks<'s> {
         self.samplings.len() - 1
     }
 
-    /// What a vertex has of a face's paint, as bits that tell vertices apart: its colour, or its place in the picture.
+    /// The colour or texture coordinate of a face's corner, as bits. Vertices with different bits are written separately.
     pub fn of_corner(&self, look: Look, paint: Paint, corner: usize) -> u64 {
         let at = paint.at[corner] as usize;
         match (look, self.scene.palettes.get(paint.palette as usize)) {
@@ -178,7 +183,7 @@ impl<'s> Looks<'s> {
                 let [u, v] = places[at];
                 #[expect(clippy::cast_possible_truncation, reason = "glTF has f32 only")]
                 let bits = |x: f64| u64::from((x.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32).to_bits());
-                // From the upper left corner, as glTF counts.
+                // glTF's origin is the upper left corner.
                 bits(u) << 32 | bits(1.0 - v)
             }
             _ => 0,

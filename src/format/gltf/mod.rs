@@ -1,15 +1,17 @@
-//! glTF 2.0 (Khronos, ISO/IEC 12113:2022): GLB and JSON with buffers that are embedded or beside it are read, GLB is written.
+//! glTF 2.0 (Khronos, ISO/IEC 12113:2022). GLB is read and written. JSON is read with buffers that are embedded or sidecar files.
 //!
-//! A mesh of the file is an object of the scene, in its own coordinates; a node with a mesh is an item, so that what stands in several
-//! places stays one object. Groups of nodes are not kept: each item has the transform that its ancestors give it.
+//! Each mesh becomes an object of the scene, in its own coordinates. Each node with a mesh becomes an item, so a mesh with several nodes stays
+//! one object. The node hierarchy is flattened: an item's transform includes those of its ancestors.
 //!
-//! glTF is in metres, with y up. Positions are kept as they are. A scene in which z is up is laid down by the matrices of nodes, and one in
-//! another unit is scaled by them; what says neither is written as if it were in metres with y up.
+//! glTF is in metres with y up, and positions are read unchanged. When a scene is written, node matrices convert its unit and its up axis. A
+//! scene without unit or up axis is written as if it were in metres with y up.
 //!
-//! A mesh whose skin moves it, or that morphs, is read in its rest pose, in the coordinates of the scene where it has a skin.
+//! Skinned meshes and morph targets are read in their rest pose. A skinned mesh is in the coordinates of the scene.
 
+mod accessor;
 mod container;
 mod document;
+mod extras;
 mod file;
 mod looks;
 mod paint;
@@ -37,13 +39,14 @@ use super::text::UTF8_MARK;
 use crate::mesh::Soup;
 use crate::scene::{Item, Object, PAINTLESS, PaintedMesh, Scene, Unit, Up};
 use container::Whole;
-use document::{Asset, Document, Extras, Mesh, Primitive};
+use document::{Asset, Document, Mesh, Primitive};
+use extras::Extras;
 use file::{Attached, File, entry, malformed};
 use paint::Painter;
 use pose::{Nodes, Pose, Posed};
 use primitive::{Mode, Source, Used};
 
-/// Extensions without which a model looks or moves otherwise, but is the same.
+/// Extensions that do not change the shape of a model.
 const HARMLESS: [&str; 14] = [
     "KHR_animation_pointer",
     "KHR_lights_punctual",
@@ -61,7 +64,7 @@ const HARMLESS: [&str; 14] = [
     "EXT_structural_metadata",
 ];
 
-/// Reads GLB, or JSON with buffers that are embedded or beside it.
+/// Reads GLB, or glTF JSON with buffers that are embedded or sidecar files.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: &Sidecars<'_>) -> Result<ReadScene, ReadError> {
     let mut warnings = Vec::new();
     let (document, binary, dialect) = if bytes.starts_with(MAGIC) {
@@ -79,7 +82,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: &Sidecars<'_>)
     Ok(ReadScene { scene, format: Format::Glb, dialect: dialect.to_owned(), warnings })
 }
 
-/// The length of a byte order mark, which some put before JSON.
+/// The length in bytes of a byte order mark, which some exporters write before the JSON.
 fn marked(text: &[u8]) -> usize {
     if text.starts_with(UTF8_MARK) { UTF8_MARK.len() } else { 0 }
 }
@@ -92,46 +95,48 @@ fn check_version(document: &Document<'_>) -> Result<(), ReadError> {
     }
     let shown = super::errors::shown(newer.unwrap_or(version).as_bytes());
     let detail = format!(
-        "this is glTF of version {shown}, and only 2.0 is read; convert it to a GLB file of version 2.0, and send that"
+        "this is glTF version {shown}, but only version 2.0 is supported; convert the model to GLB version 2.0 and send that file"
     );
     Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail))
 }
 
-/// Refuses what is required and not known, and tells of what is not known and not required.
+/// Rejects unsupported required extensions, and warns about unsupported optional ones.
 fn check_extensions(document: &Document<'_>, warnings: &mut Vec<String>) -> Result<(), ReadError> {
     let strange = |name: &&String| !HARMLESS.contains(&name.as_str()) && !name.starts_with("KHR_materials_");
     let shown = |name: &String| super::errors::shown(name.as_bytes());
     let compressed = |name: &&String| name.ends_with("_meshopt_compression");
     if let Some(name) = document.extensions_required.iter().find(strange) {
-        let advice =
-            if compressed(&name) { "export the model without compression" } else { "export the model without it" };
-        let detail = format!("the file requires the glTF extension {}, which is not read; {advice}", shown(name));
+        let advice = if compressed(&name) {
+            "export the model without compression"
+        } else {
+            "export the model without this extension"
+        };
+        let detail = format!("the file requires the glTF extension {}, which is not supported; {advice}", shown(name));
         return Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));
     }
     let used: Vec<String> = document.extensions_used.iter().filter(strange).take(5).map(shown).collect();
     if !used.is_empty() {
-        warnings
-            .push(format!("what the file says by glTF extensions that are not read was left out: {}", used.join(", ")));
+        warnings.push(format!("the content of unsupported glTF extensions was ignored: {}", used.join(", ")));
     }
     Ok(())
 }
 
-/// A mesh as one of the nodes shows it: two that show it in different poses show different objects.
+/// A mesh with a skin and morph weights. Nodes that show a mesh in different poses give different objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Shown {
     mesh: Whole,
     skin: Option<Whole>,
-    /// The node, if it has weights of its own for morph targets.
+    /// The node that sets the morph weights; `None` if the mesh sets them.
     weights_of: Option<usize>,
 }
 
-/// A file whose nodes were walked.
+/// Builds the scene of a file.
 struct Reading<'f, 'a> {
     file: &'f File<'a>,
     nodes: Nodes,
     /// The nodes of the scene that show a mesh, in order.
     shown: Vec<(usize, Shown)>,
-    /// Whether any of them could move.
+    /// Whether any of these meshes is skinned or has morph targets.
     moves: bool,
 }
 
@@ -139,7 +144,7 @@ impl<'f, 'a> Reading<'f, 'a> {
     fn new(file: &'f File<'a>) -> Result<Self, ReadError> {
         let document = &file.document;
         let nodes = pose::walk(document)?;
-        // A skin moves what hangs on joints, and without such nothing.
+        // A skin affects only meshes with joint attributes.
         let hang = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| it.attributes.joints_0.is_some());
         let morph = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| !it.targets.is_empty());
         let ways: Vec<(bool, bool)> = document.meshes.iter().map(|mesh| (hang(mesh), morph(mesh))).collect();
@@ -157,6 +162,7 @@ impl<'f, 'a> Reading<'f, 'a> {
         Ok(Self { file, nodes, shown, moves })
     }
 
+    /// Builds all objects and items.
     fn scene(&self, warnings: &mut Vec<String>) -> Result<Scene, ReadError> {
         let document = &self.file.document;
         let mut meshes = Meshes::new(self.file);
@@ -178,7 +184,7 @@ impl<'f, 'a> Reading<'f, 'a> {
         let mut vanished = 0_u64;
         for (node, shown) in &self.shown {
             let Some(object) = numbers.get(shown).copied().flatten() else { continue };
-            // A skinned mesh stands where its joints are, wherever its node is.
+            // A skinned mesh is placed by its joints; its node's transform does not apply.
             let world = if shown.skin.is_some() { DAffine3::IDENTITY } else { self.nodes.worlds[*node] };
             if world.matrix3 == glam::DMat3::ZERO {
                 vanished += 1;
@@ -190,14 +196,15 @@ impl<'f, 'a> Reading<'f, 'a> {
             return Err(self.no_faces(&meshes));
         }
         if vanished > 0 {
-            warnings.push(format!("nodes that are scaled to nothing were left out: {vanished}"));
+            warnings.push(format!("nodes with a scale of zero were dropped: {vanished}"));
         }
         self.tell(&meshes, warnings);
-        let notes = document::notes_of(&document.asset);
+        let notes = extras::notes_of(&document.asset);
         let (palettes, textures) = meshes.painter.finish();
         Ok(Scene { unit: Some(Unit::Metre), up: Some(Up::Y), objects, items, palettes, textures, notes })
     }
 
+    /// The rest pose of a mesh.
     fn pose(&self, shown: Shown) -> Result<Pose, ReadError> {
         let document = &self.file.document;
         let mesh = entry(&document.meshes, shown.mesh, "mesh")?;
@@ -216,35 +223,36 @@ impl<'f, 'a> Reading<'f, 'a> {
     fn item(&self, node: usize, object: u32, transform: DAffine3, name: Option<&str>) -> Item {
         let node = &self.file.document.nodes[node];
         let extras = Extras::read(node.extras);
-        // A node is often named as its mesh.
+        // A node often has the same name as its mesh.
         let own_name = node.name.as_deref().filter(|own| Some(*own) != name).map(str::to_owned);
         let part_number = extras.part_number.clone();
         Item { object, transform, name: own_name, part_number, notes: extras.notes() }
     }
 
+    /// Adds warnings about dropped content.
     fn tell(&self, meshes: &Meshes<'_, '_>, warnings: &mut Vec<String>) {
         let painter = &meshes.painter;
         if meshes.omitted > 0 {
-            warnings.push(format!("points, lines and primitives without positions were left out: {}", meshes.omitted));
+            warnings.push(format!("points, lines and primitives without positions were dropped: {}", meshes.omitted));
         }
         if self.moves {
-            warnings.push("the model can move; it was taken in its rest pose".to_owned());
+            warnings.push("the model has animated parts (a skin or morph targets); its rest pose was read".to_owned());
         }
         if painter.images.omitted > 0 {
             warnings.push(format!(
-                "pictures that are not PNG or JPEG within the file were left out: {}; export a GLB file with such to keep them",
+                "textures that are not PNG or JPEG inside the file were dropped: {}; to keep them, export a GLB file with PNG or JPEG textures",
                 painter.images.omitted
             ));
         }
         if painter.both > 0 {
             warnings.push(format!(
-                "of what has a picture and colours of vertices, the picture was kept: {} primitives",
+                "primitives with both a texture and vertex colours kept only the texture: {}",
                 painter.both
             ));
         }
         if painter.other_pictures {
             warnings.push(
-                "pictures for roughness, relief, shadow or glow were left out; the picture of the colour is kept"
+                "textures for roughness, normals, occlusion or emission were dropped; colour textures were kept"
                     .to_owned(),
             );
         }
@@ -252,17 +260,17 @@ impl<'f, 'a> Reading<'f, 'a> {
 
     fn no_faces(&self, meshes: &Meshes<'_, '_>) -> ReadError {
         let detail = if meshes.omitted > 0 {
-            "the glTF file holds points or lines and no triangles; make a surface first"
+            "the glTF file holds points or lines and no triangles; reconstruct a surface first"
         } else if self.file.document.meshes.is_empty() {
             "the glTF file holds no mesh; export the model again"
         } else {
-            "the glTF file's scene shows no triangles; put the model into its scene and export it again"
+            "the glTF file's scene shows no triangles; add the model to the scene and export it again"
         };
         ReadError::whole(ReadErrorKind::NoFaces, detail)
     }
 }
 
-/// Makes meshes, and counts what they come to together.
+/// Builds the meshes of the scene, and counts their faces and vertices.
 struct Meshes<'f, 'a> {
     file: &'f File<'a>,
     painter: Painter<'f, 'a>,
@@ -272,17 +280,17 @@ struct Meshes<'f, 'a> {
     omitted: u64,
 }
 
-/// A primitive whose faces were read.
+/// A primitive whose faces have been read.
 struct Part<'f, 'a> {
     source: Source<'f, 'a>,
     faces: Vec<[u32; 3]>,
-    /// The number of its first face in the whole.
+    /// Index of its first face in the mesh.
     first_face: usize,
-    /// The vertices that it has, used or not.
+    /// Number of its vertices, used or not.
     vertices: usize,
 }
 
-/// What primitives have in common that have the same vertices.
+/// The accessors that identify the vertices of a primitive; primitives with equal ones share vertices.
 type Shared = [Option<Whole>; 5];
 
 impl<'f, 'a> Meshes<'f, 'a> {
@@ -290,8 +298,8 @@ impl<'f, 'a> Meshes<'f, 'a> {
         Self { file, painter: Painter::new(file), faces: 0, vertices: 0, omitted: 0 }
     }
 
-    /// Makes one mesh of all primitives. Those that have their vertices from the same accessors share them, and vertices that no face names
-    /// are left out where most are not named.
+    /// Builds one mesh from all primitives. Primitives with the same vertex accessors share their vertices. If a primitive uses few of its
+    /// vertices, unused ones are dropped.
     fn make(&mut self, mesh: &'f Mesh<'a>, pose: &Pose) -> Result<PaintedMesh, ReadError> {
         let mut parts = Vec::new();
         for primitive in mesh.primitives.iter() {
@@ -315,19 +323,20 @@ impl<'f, 'a> Meshes<'f, 'a> {
         Ok(made)
     }
 
+    /// Reads a primitive's faces; `None` if it has no triangles or no positions.
     fn part(&mut self, primitive: &'f Primitive) -> Result<Option<Part<'f, 'a>>, ReadError> {
         let Some(mode) = Mode::of(primitive.mode.map_or(4, |mode| mode.0))? else { return Ok(None) };
         let source = Source::new(self.file, primitive, self.faces, self.vertices)?;
         let Some(positions) = source.positions()? else { return Ok(None) };
         let indices = source.indices()?;
-        // What Draco gives is a list, whatever the primitive says.
+        // Draco always decodes to a triangle list, whatever the primitive's mode.
         let mode = if primitive.extensions.draco.is_some() { Mode::List } else { mode };
         let faces = primitive::faces(mode, indices.as_ref(), positions.count, self.faces, &self.file.limits)?;
         self.faces += faces.len() as u64;
         Ok(Some(Part { source, faces, first_face: 0, vertices: positions.count }))
     }
 
-    /// Adds the vertices of parts that share them, and gives their faces the numbers that these have in the whole.
+    /// Adds the vertices that a group of primitives shares, and renumbers the corners of their faces.
     fn place(
         &mut self,
         parts: &[Part<'f, 'a>],
@@ -357,7 +366,7 @@ impl<'f, 'a> Meshes<'f, 'a> {
     }
 }
 
-/// The parts that have their vertices in common, in order of their first.
+/// Groups primitives that share vertices, in the order of each group's first primitive.
 fn alike(parts: &[Part<'_, '_>]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     let mut known: FxHashMap<Shared, usize> = FxHashMap::default();

@@ -1,4 +1,4 @@
-//! What the faces of primitives are painted with, as palettes of a scene, and its pictures, kept as the files that they are.
+//! The paint of glTF primitives as palettes of a scene, and textures, whose image files are kept unchanged.
 
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -7,30 +7,33 @@ use rustc_hash::FxHashMap;
 
 use super::super::errors::{ReadError, ReadErrorKind};
 use super::super::paint::{Palettes, media_type, srgb_of_linear};
+use super::accessor::Accessor;
 use super::container::Whole;
 use super::document::{
     AlphaMode, Attributes, CLAMP_TO_EDGE, MIRRORED_REPEAT, Material, NEAREST, Surface, TextureTransform, TextureUse,
 };
-use super::file::{Accessor, File, data, entry, path};
+use super::file::{File, data, entry, path};
 use super::primitive::{Source, Used};
 use crate::scene::{self, PAINTLESS, Paint, Palette};
 
-/// Makes palettes: one of all materials without a picture, one of all colours of vertices, and one for each material with a picture.
+/// Builds palettes: one of all untextured materials, one of all vertex colours, and one for each textured material.
 pub(super) struct Painter<'f, 'a> {
     file: &'f File<'a>,
+    /// The textures in use.
     pub images: Images<'f, 'a>,
     palettes: Palettes,
-    /// The palette of the material of a number, and where it is in that.
+    /// Palette and entry of each untextured material.
     plain: FxHashMap<u32, (u32, u32)>,
-    /// The palette of a material with a picture; none where the picture can't be had.
+    /// The palette of each textured material; `None` if the texture can't be read.
     textured: FxHashMap<u32, Option<u32>>,
-    /// Primitives with a picture whose colours of vertices were left out.
+    /// Number of textured primitives whose vertex colours were dropped.
     pub both: u64,
-    /// Whether there were pictures for anything but colour.
+    /// Whether there were textures for other properties than colour.
     pub other_pictures: bool,
 }
 
 impl<'f, 'a> Painter<'f, 'a> {
+    /// No palettes yet.
     pub fn new(file: &'f File<'a>) -> Self {
         Self {
             file,
@@ -43,13 +46,13 @@ impl<'f, 'a> Painter<'f, 'a> {
         }
     }
 
-    /// The palettes with their pictures.
+    /// The palettes and textures.
     pub fn finish(self) -> (Vec<Palette>, Vec<scene::Texture>) {
         (self.palettes.finish(), self.images.textures)
     }
 
-    /// Adds the paint of a primitive's faces, whose corners are numbers of its own `vertices`. A picture goes before colours of vertices, and
-    /// these before the material's colour.
+    /// Appends the paint of a primitive's faces, whose corners index its `vertices` vertices. Textures take precedence over vertex colours,
+    /// and these over the material's colour.
     pub fn paint(
         &mut self,
         source: &Source<'f, 'a>,
@@ -91,7 +94,7 @@ impl<'f, 'a> Painter<'f, 'a> {
         Ok(())
     }
 
-    /// The palette of a material's picture, and the places of vertices in it; none where there is not both.
+    /// The palette of a material's texture and the texture coordinates of vertices; `None` unless both exist.
     fn picture(
         &mut self,
         source: &Source<'f, 'a>,
@@ -128,7 +131,7 @@ impl<'f, 'a> Painter<'f, 'a> {
     }
 }
 
-/// What a material says of its colour, in the old way where it says nothing in the usual one.
+/// The colour model of a material: specular-glossiness if present, else metallic-roughness.
 fn surface<'m>(material: &'m Material<'_>) -> &'m Surface {
     material.extensions.specular_glossiness.as_ref().unwrap_or(&material.pbr_metallic_roughness)
 }
@@ -144,7 +147,7 @@ fn has_other_pictures(material: &Material<'_>) -> bool {
         || surface(material).metallic_roughness_texture.is_some()
 }
 
-/// The colour of a material. One that is said to be opaque is, whatever its alpha.
+/// The colour of a material. Alpha is ignored if the material is declared opaque.
 fn color(material: &Material<'_>) -> [u8; 4] {
     seen(material, surface(material).base_color_factor.as_deref().copied().unwrap_or([1.0; 4]))
 }
@@ -165,8 +168,8 @@ fn of_vertex(colors: &Accessor<'_>, vertex: u32, material: &Material<'_>) -> [u8
     seen(material, color)
 }
 
-/// The place of a vertex in a picture whose lower left corner is (0, 0); glTF counts from the upper left one. The transform is that of
-/// `KHR_texture_transform`.
+/// The texture coordinate of a vertex, with the origin in the lower left corner; glTF's origin is the upper left corner. `transform` is
+/// that of `KHR_texture_transform`.
 fn place(places: &Accessor<'_>, vertex: u32, transform: Option<&TextureTransform>) -> [f64; 2] {
     let [u, v] = places.floats::<2>(vertex as usize).map(f64::from);
     let [u, v] = match transform {
@@ -181,32 +184,34 @@ fn place(places: &Accessor<'_>, vertex: u32, transform: Option<&TextureTransform
     [u, 1.0 - v].map(|x| if x.is_finite() { x } else { 0.0 })
 }
 
-/// A picture file and its media type.
+/// An image file and its media type.
 type Picture = (Arc<[u8]>, &'static str);
 
-/// The pictures that faces are painted with.
+/// The textures that faces use.
 pub(super) struct Images<'f, 'a> {
     file: &'f File<'a>,
+    /// The scene's textures.
     pub textures: Vec<scene::Texture>,
-    /// Textures of the file by number; none where there is no picture that can be kept.
+    /// Index in `textures` of each texture of the file; `None` if its image can't be kept.
     known: FxHashMap<u32, Option<u32>>,
-    /// Places in `textures` by the number of their image and how it is shown.
+    /// Index in `textures` by image, wrap modes and filter.
     shown: FxHashMap<(Whole, u8, u8, bool), usize>,
-    /// Picture files by the number of their image.
+    /// Image files by the index of their image.
     files: FxHashMap<u32, Option<Picture>>,
-    /// The bytes of all picture files.
+    /// Total bytes of all image files.
     bytes: usize,
-    /// Pictures that were left out.
+    /// Number of textures that were dropped.
     pub omitted: u64,
 }
 
 impl<'f, 'a> Images<'f, 'a> {
+    /// No textures yet.
     pub fn new(file: &'f File<'a>) -> Self {
         let (known, shown, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
         Self { file, textures: Vec::new(), known, shown, files, bytes: 0, omitted: 0 }
     }
 
-    /// The place in [`Self::textures`] of a texture of the file; none where its picture can't be kept.
+    /// The index in [`Self::textures`] of a texture of the file; `None` if its image can't be kept.
     pub fn texture(&mut self, number: Whole) -> Result<Option<u32>, ReadError> {
         if let Some(known) = self.known.get(&number.0) {
             return Ok(*known);
@@ -214,7 +219,7 @@ impl<'f, 'a> Images<'f, 'a> {
         let document = &self.file.document;
         let texture = entry(&document.textures, number, "texture")?;
         let sampler = texture.sampler.map(|number| entry(&document.samplers, number, "sampler")).transpose()?;
-        // Where there is no source, the picture is in a format that only an extension knows.
+        // Without a source, the image is in a format that only an extension defines.
         let picture = match texture.source {
             Some(source) => self.picture(source)?.map(|picture| (source, picture)),
             None => None,
@@ -272,9 +277,9 @@ impl<'f, 'a> Images<'f, 'a> {
         let picture = match media_type(bytes) {
             Some(media_type) => {
                 self.bytes += bytes.len();
-                // Only pictures that lie over each other come to more than the file.
+                // The total exceeds the file's size only if images overlap.
                 if self.bytes > self.file.length {
-                    let detail = "the file's pictures come to more bytes than the file; export the model again";
+                    let detail = "the file's images have more bytes in total than the file, so they overlap; export the model again";
                     return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
                 }
                 Some((Arc::from(bytes), media_type))

@@ -1,5 +1,4 @@
-//! The primitives of a mesh: where their numbers come from, accessors or Draco (`KHR_draco_mesh_compression`), and their triangles (glTF 2.0,
-//! 3.7.2.1).
+//! The data of a primitive, from accessors or decoded from Draco (`KHR_draco_mesh_compression`), and its triangles (glTF 2.0, 3.7.2.1).
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -7,19 +6,22 @@ use draco_core::{DataType, DecodeLimits, DecoderBuffer, ErrorKind, Mesh, MeshDec
 
 use super::super::errors::{Place, ReadError, ReadErrorKind};
 use super::super::limits::Limits;
+use super::accessor::{Accessor, Component};
 use super::container::Whole;
 use super::document::{Attributes, Primitive};
-use super::file::{Accessor, Component, File, View, malformed};
+use super::file::{File, View, malformed};
 
-/// A primitive with what it takes its numbers from.
+/// A primitive with its decoded data, if it is compressed.
 pub(super) struct Source<'f, 'a> {
+    /// The file.
     pub file: &'f File<'a>,
+    /// The primitive in the document.
     pub primitive: &'f Primitive,
     decoded: Option<Decoded>,
 }
 
 impl<'f, 'a> Source<'f, 'a> {
-    /// Finds, and if need be decodes, the numbers of a primitive, in a file that has `faces` and `vertices` already.
+    /// Decodes the primitive if it is compressed. `faces` and `vertices` count those read from the file so far.
     pub fn new(file: &'f File<'a>, primitive: &'f Primitive, faces: u64, vertices: u64) -> Result<Self, ReadError> {
         let decoded = match &primitive.extensions.draco {
             Some(draco) => {
@@ -32,6 +34,7 @@ impl<'f, 'a> Source<'f, 'a> {
         Ok(Self { file, primitive, decoded })
     }
 
+    /// The index accessor; `None` if the primitive has no indices.
     pub fn indices(&self) -> Result<Option<Accessor<'f>>, ReadError> {
         match &self.decoded {
             Some(decoded) => Ok(Some(decoded.indices())),
@@ -39,18 +42,18 @@ impl<'f, 'a> Source<'f, 'a> {
         }
     }
 
-    /// The positions; none where the primitive has none, so that there is nothing to see of it.
+    /// The positions; `None` if the primitive has none and shows nothing.
     pub fn positions(&self) -> Result<Option<Accessor<'f>>, ReadError> {
         let positions = self.attribute("POSITION", |it| it.position)?;
         if let Some(positions) = &positions
             && positions.width != 3
         {
-            return Err(malformed(format!("positions have {} coordinates", positions.width)));
+            return Err(malformed(format!("a primitive has positions with {} coordinates, not 3", positions.width)));
         }
         Ok(positions)
     }
 
-    /// Another attribute, which must have something for each of `vertices`.
+    /// Another attribute, which must have a value for each of the `vertices` vertices.
     pub fn of_vertices(
         &self,
         name: &str,
@@ -61,7 +64,8 @@ impl<'f, 'a> Source<'f, 'a> {
         if let Some(found) = &found
             && found.count < vertices
         {
-            let detail = format!("a primitive of {vertices} vertices has {name} for {} of them", found.count);
+            let detail =
+                format!("a primitive of {vertices} vertices has {name} values for only {} of them", found.count);
             return Err(ReadError::whole(ReadErrorKind::Malformed, format!("{detail}; export the model again")));
         }
         Ok(found)
@@ -80,28 +84,28 @@ impl<'f, 'a> Source<'f, 'a> {
             let fraction = told.is_some_and(|told| told.normalized);
             return match decoded.attribute(within.0, fraction) {
                 Some(found) => Ok(Some(found)),
-                None => Err(malformed(format!("the data that is compressed with Draco lacks {name}"))),
+                None => Err(malformed(format!("the Draco-compressed data has no attribute {name}"))),
             };
         }
         number.map(|number| Accessor::new(self.file, number)).transpose()
     }
 }
 
-/// The numbers of a vertex that may be decoded: a position, a normal, a tangent, a colour, two places in textures, joints and weights.
+/// Maximum number of components decoded for a vertex: position, normal, tangent, colour, two texture coordinates, joints and weights.
 const NUMBERS: u64 = 3 + 3 + 4 + 4 + 4 + 8;
 
-/// As many vertices and faces are believed in any stream, and as many for each of its bytes: what is regular packs well, but a model of a
-/// thousand faces a byte is none.
+/// A Draco stream may decode to at least this many vertices and faces, and to [`RATIO`] more for each of its bytes. Regular meshes compress
+/// well, but no real model reaches a thousand faces for each byte.
 const LEAST: u64 = 1 << 20;
 const RATIO: u64 = 1000;
 
-/// A primitive that was decoded.
+/// A decoded primitive.
 struct Decoded(Mesh);
 
 impl Decoded {
-    /// Decodes a primitive of a file that has `faces` and `vertices` already.
+    /// Decodes a stream. `faces` and `vertices` count those read from the file so far.
     fn new(view: View<'_>, faces: u64, vertices: u64, limits: &Limits) -> Result<Self, ReadError> {
-        // The stream says how much it makes of itself: a kilobyte can be millions of equal points.
+        // The stream declares its own sizes: a kilobyte can decode to millions of equal points.
         let plausible = LEAST + RATIO * view.bytes.len() as u64;
         let points = limits.max_vertices.saturating_sub(vertices).min(plausible);
         let ceilings = DecodeLimits::default()
@@ -114,24 +118,24 @@ impl Decoded {
             MeshDecoder::new().decode(&mut buffer, &mut mesh).map(|()| mesh)
         };
         let refused = |kind, why: &str| {
-            let detail = format!(
-                "the data that is compressed with Draco can't be read: {why}; export the model without compression"
-            );
+            let detail =
+                format!("the Draco-compressed data can't be read: {why}; export the model without compression");
             let place = view.place.map(|at| Place::Byte(at as u64));
             ReadError { place, ..ReadError::whole(kind, detail) }
         };
-        // The decoder promises not to panic; should it break its word on a stranger's bytes, that is an answer too.
+        // The decoder promises not to panic. Input is untrusted, so a panic is caught and reported as an error anyway.
         match catch_unwind(AssertUnwindSafe(decode)) {
             Ok(Ok(mesh)) => Ok(Self(mesh)),
-            Ok(Err(error)) if error.kind() == ErrorKind::LimitExceeded => {
-                Err(refused(ReadErrorKind::TooLarge, "it makes more vertices or faces than may be"))
-            }
+            Ok(Err(error)) if error.kind() == ErrorKind::LimitExceeded => Err(refused(
+                ReadErrorKind::TooLarge,
+                "the data decodes to more vertices or faces than the limits allow",
+            )),
             Ok(Err(error)) => Err(refused(ReadErrorKind::Malformed, &error.to_string())),
-            Err(_) => Err(refused(ReadErrorKind::Malformed, "it is damaged")),
+            Err(_) => Err(refused(ReadErrorKind::Malformed, "the data is damaged")),
         }
     }
 
-    /// How many vertices it has.
+    /// Number of decoded vertices.
     fn vertices(&self) -> usize {
         self.0.num_points()
     }
@@ -141,7 +145,7 @@ impl Decoded {
         Accessor::of_indices(self.0.faces().iter().flatten().map(|point| point.0))
     }
 
-    /// The attribute of a number; `fraction` where its integers stand for fractions.
+    /// The attribute with a Draco id; `fraction` tells whether its integers are normalized.
     fn attribute(&self, number: u32, fraction: bool) -> Option<Accessor<'static>> {
         let attribute = self.0.attribute_by_unique_id(number)?;
         let width = usize::from(attribute.num_components());
@@ -164,7 +168,7 @@ impl Decoded {
     }
 }
 
-/// How corners follow each other.
+/// The topology of a primitive's triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mode {
     List,
@@ -173,18 +177,18 @@ pub(super) enum Mode {
 }
 
 impl Mode {
-    /// The mode of a primitive; none for points and lines.
+    /// The topology of a primitive's mode; `None` for points and lines.
     pub fn of(code: u32) -> Result<Option<Self>, ReadError> {
         match code {
             0..=3 => Ok(None),
             4 => Ok(Some(Self::List)),
             5 => Ok(Some(Self::Strip)),
             6 => Ok(Some(Self::Fan)),
-            other => Err(malformed(format!("a primitive has the mode {other}, which there is not"))),
+            other => Err(malformed(format!("a primitive has the mode {other}, which glTF does not define"))),
         }
     }
 
-    /// Triangles of so many corners, degenerate ones among them.
+    /// Number of triangles with this many corners, including degenerate ones.
     fn triangles(self, corners: usize) -> usize {
         match self {
             Self::List => corners / 3,
@@ -192,7 +196,7 @@ impl Mode {
         }
     }
 
-    /// The places of a triangle's corners among all.
+    /// The corners of a triangle, as positions in the index list.
     fn corners(self, triangle: usize) -> [usize; 3] {
         match self {
             Self::List => [3 * triangle, 3 * triangle + 1, 3 * triangle + 2],
@@ -202,8 +206,8 @@ impl Mode {
     }
 }
 
-/// The faces of a primitive with so many vertices, of a file that has `before` faces already. Triangles of strips and fans that repeat a
-/// vertex are what such are joined with, and are left out.
+/// The faces of a primitive with `vertices` vertices. `before` counts the faces read from the file so far. Degenerate triangles of strips
+/// and fans only join these, and are dropped.
 pub(super) fn faces(
     mode: Mode,
     indices: Option<&Accessor<'_>>,
@@ -214,7 +218,7 @@ pub(super) fn faces(
     if let Some(indices) = indices
         && (indices.width != 1 || !matches!(indices.component, Component::U8 | Component::U16 | Component::U32))
     {
-        return Err(malformed("a primitive has indices that are no whole numbers"));
+        return Err(malformed("a primitive has indices that are not unsigned integers"));
     }
     let corners = indices.map_or(vertices, |indices| indices.count);
     let triangles = mode.triangles(corners);
@@ -246,21 +250,23 @@ fn out_of_range(indices: &Accessor<'_>, number: usize, vertex: u32, vertices: us
     let detail = if vertex == indices.component.restart() {
         format!("an index is {vertex}, the largest of its type, which glTF forbids; export the model again")
     } else {
-        format!("a face names vertex {vertex}, and its primitive has {vertices}; export the model again")
+        format!(
+            "a face refers to vertex {vertex}, but its primitive has only {vertices} vertices; export the model again"
+        )
     };
     ReadError { place: indices.place(number), ..ReadError::whole(ReadErrorKind::IndexOutOfRange, detail) }
 }
 
-/// The vertices that faces name, renumbered in ascending order.
+/// The vertices that faces use, renumbered in ascending order.
 pub(super) enum Used {
-    /// Every vertex; the value is their count.
+    /// All vertices; the value is their number.
     All(u32),
-    /// These vertices, in ascending order.
+    /// Some vertices, in ascending order.
     Some(Vec<u32>),
 }
 
 impl Used {
-    /// Finds those of `vertices` that `corners` name. With at least as many corners as vertices, it takes all of them.
+    /// The vertices that `corners` refer to, of `vertices` vertices. If there are at least as many corners as vertices, all count as used.
     pub fn of<I: Iterator<Item = u32>>(corners: impl Fn() -> I, vertices: usize) -> Self {
         match u32::try_from(vertices) {
             Ok(all) if corners().take(vertices).count() == vertices => Self::All(all),
@@ -273,6 +279,7 @@ impl Used {
         }
     }
 
+    /// Number of used vertices.
     pub fn len(&self) -> usize {
         match self {
             Self::All(all) => *all as usize,
@@ -280,6 +287,7 @@ impl Used {
         }
     }
 
+    /// The used vertices, in ascending order.
     pub fn iter(&self) -> impl Iterator<Item = u32> {
         let (all, some) = match self {
             Self::All(all) => (0..*all, &[][..]),
@@ -288,7 +296,7 @@ impl Used {
         all.chain(some.iter().copied())
     }
 
-    /// The new number of a used vertex.
+    /// The new index of a used vertex.
     pub fn rank(&self, vertex: u32) -> u32 {
         match self {
             Self::All(_) => vertex,

@@ -1,8 +1,8 @@
-//! Scenes as GLB. The same scene gives the same bytes, and what is read from them is written alike.
+//! Writing a scene as GLB. The same scene always gives the same bytes, and reading and writing a file again reproduces it.
 //!
-//! Each object with faces that stands somewhere is a mesh, and each of its places a node with a matrix; one that is made of others stands in the
-//! places of these. Positions are rounded to f32, which is all that glTF has. Faces that look alike are one primitive; a vertex between faces of
-//! different colours, or in different places of a picture, is written once for each.
+//! Each placed object with faces becomes a mesh, and each of its instances a node with a matrix. Objects made of components become nodes for
+//! their parts. Positions are rounded to f32. Faces with the same appearance form one primitive. A vertex between faces of different colours
+//! or texture coordinates is written once for each.
 
 use glam::{DAffine3, DVec3};
 use rustc_hash::FxHashMap;
@@ -11,11 +11,11 @@ use serde_json::{Value, json};
 use super::super::errors::WriteError;
 use super::super::paint::{linear_vertex, media_type};
 use super::container::{MOST_ENTRIES, assemble};
-use super::document::{COPYRIGHT, Extras};
+use super::extras::{COPYRIGHT, Extras};
 use super::looks::{Look, Looks};
 use crate::scene::{Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Scene, Shape, Unit, Up};
 
-/// Values of enumerations (glTF 2.0, 5.1 and 5.11).
+/// Values of glTF enumerations (glTF 2.0, 5.1 and 5.11).
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const FLOAT: u32 = 5126;
@@ -23,6 +23,9 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Writes a scene as GLB.
+///
+/// # Errors
+/// [`WriteError`] if a coordinate exceeds f32, or if there are too many instances or bytes.
 pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
     let places = places(scene)?;
     let mut stands = vec![false; scene.objects.len()];
@@ -43,18 +46,20 @@ pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
     writer.finish(scene, &nodes, &meshes).ok_or(too_large)
 }
 
-/// A place of an object of triangles.
+/// An instance of an object with triangles.
 struct Place {
+    /// Index of the object.
     object: usize,
+    /// Index of the item.
     item: usize,
-    /// Whether the item is of this very object, and not of one that is made of it.
+    /// Whether the item refers to the object directly, not through components.
     direct: bool,
     transform: DAffine3,
 }
 
-/// Where objects of triangles stand. What has no faces is left out, and what is scaled to nothing.
+/// All instances of objects with triangles. Objects without faces, and instances scaled to zero, are dropped.
 fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
-    // How often each object of triangles stands in each object; counted first, as objects of objects can be any number.
+    // Count the instances first, because nested components can multiply to any number.
     let mut counts: Vec<u64> = Vec::with_capacity(scene.objects.len());
     for object in &scene.objects {
         let count = match &object.shape {
@@ -83,7 +88,7 @@ fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
                     places.push(Place { object, item: number, direct, transform });
                 }
                 Shape::Components(parts) => {
-                    // Those before it only, as everywhere, so that this ends.
+                    // Components refer only to earlier objects, so this loop ends.
                     let below =
                         parts.iter().rev().filter(|part| (part.object as usize) < object && count(part.object) > 0);
                     stack.extend(below.map(|part| (part.object as usize, transform * part.transform)));
@@ -95,6 +100,7 @@ fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
 }
 
 impl Place {
+    /// The instance as a glTF node. `metres` is the length of the scene's unit.
     fn node(&self, scene: &Scene, metres: f64, mesh: usize) -> Result<Value, WriteError> {
         let (item, object) = (&scene.items[self.item], &scene.objects[self.object]);
         let scaled = |v: DVec3| v * metres;
@@ -129,6 +135,7 @@ impl Place {
     }
 }
 
+/// The content of the GLB file written so far.
 struct Writer<'s> {
     looks: Looks<'s>,
     bytes: Vec<u8>,
@@ -136,13 +143,14 @@ struct Writer<'s> {
     accessors: Vec<Value>,
 }
 
-/// The faces of an object that look alike.
+/// The faces of an object with one appearance.
 struct Group {
     look: Look,
     faces: Vec<usize>,
 }
 
 impl Writer<'_> {
+    /// Writes an object's mesh: one primitive for each appearance.
     fn mesh(&mut self, object: &Object, mesh: &PaintedMesh) -> Result<Value, WriteError> {
         let mut groups: Vec<Group> = Vec::new();
         let mut known: FxHashMap<Look, usize> = FxHashMap::default();
@@ -175,7 +183,10 @@ impl Writer<'_> {
             let paint = paint_of(mesh, face);
             for (corner, &vertex) in mesh.soup.faces[face].iter().enumerate() {
                 let it = (vertex, self.looks.of_corner(look, paint, corner));
-                #[expect(clippy::cast_possible_truncation, reason = "no more than corners, which 32 bits number")]
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    reason = "at most the number of corners, which fits 32 bits"
+                )]
                 let next = vertices.len() as u32;
                 let index = *known.entry(it).or_insert(next);
                 if index == next {
@@ -196,7 +207,7 @@ impl Writer<'_> {
                 attributes["COLOR_0"] = self.accessor(&bytes, ARRAY_BUFFER, entry).into();
             }
             Look::Pictured(_) => {
-                #[expect(clippy::cast_possible_truncation, reason = "two halves")]
+                #[expect(clippy::cast_possible_truncation, reason = "splits the u64 into two halves")]
                 let places = vertices.iter().flat_map(|(_, bits)| [(*bits >> 32) as u32, *bits as u32]);
                 let bytes = places.flat_map(u32::to_le_bytes).collect::<Vec<_>>();
                 let entry = json!({ "componentType": FLOAT, "type": "VEC2", "count": vertices.len() });
@@ -230,7 +241,7 @@ impl Writer<'_> {
         Ok(self.accessor(&bytes, ARRAY_BUFFER, entry))
     }
 
-    /// In 16 bits where they suffice. The largest number of a type is no index.
+    /// Writes indices, in 16 bits if possible. The largest value of each type is reserved.
     fn indices(&mut self, indices: &[u32], vertices: usize) -> usize {
         let narrow = vertices <= usize::from(u16::MAX);
         #[expect(clippy::cast_possible_truncation, reason = "less than there are vertices")]
@@ -252,14 +263,14 @@ impl Writer<'_> {
     }
 
     fn view(&mut self, bytes: &[u8]) -> usize {
-        // Every number begins at a multiple of its size (glTF 2.0, 3.6.2.4).
+        // glTF requires alignment to the component size (glTF 2.0, 3.6.2.4).
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         self.views.push(json!({ "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len() }));
         self.bytes.extend_from_slice(bytes);
         self.views.len() - 1
     }
 
-    /// The file; none where it is longer than the format can say.
+    /// Assembles the file; `None` if it is longer than GLB allows.
     fn finish(mut self, scene: &Scene, nodes: &[Value], meshes: &[Value]) -> Option<Vec<u8>> {
         let pictures = std::mem::take(&mut self.looks.images);
         let image = |bytes: &&[u8]| json!({ "bufferView": self.view(bytes), "mimeType": media_type(bytes) });
@@ -283,7 +294,7 @@ impl Writer<'_> {
             ("bufferViews", &self.views),
             ("buffers", &buffers),
         ];
-        // Lists without entries are forbidden.
+        // glTF forbids empty lists.
         for (name, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {
             document[name] = list.into();
         }
@@ -305,7 +316,7 @@ fn asset(scene: &Scene) -> Value {
     asset
 }
 
-/// The paint of a face; none where the mesh is not painted.
+/// The paint of a face; [`PAINTLESS`] if the mesh has no paint.
 fn paint_of(mesh: &PaintedMesh, face: usize) -> Paint {
     mesh.paint.get(face).copied().unwrap_or(PAINTLESS)
 }
