@@ -1,20 +1,20 @@
-//! MTL: the materials that OBJ files name ("Advanced Visualizer Manual", appendix B2). Of each its colour, its opacity and the picture of
-//! its colour are read. Nothing in it is an error, since the surface is whole without.
+//! MTL: the materials that OBJ files refer to ("Advanced Visualizer Manual", appendix B2). The colour, opacity and colour texture of each
+//! material are read. Malformed statements are ignored, because the surface does not depend on them.
 
 use rustc_hash::FxHashMap;
 
 use super::super::paint::byte;
 use super::super::text::{Text, Word, number};
 
-/// Most materials that are kept.
+/// Maximum number of materials.
 pub(super) const MOST: usize = 1 << 20;
-/// Most bytes of one library.
+/// Maximum size of an MTL file, in bytes.
 pub(super) const MOST_BYTES: u64 = 64 << 20;
 
-/// The material of faces that have none; no library defines it.
+/// The material name of unpainted faces; no MTL file defines it.
 pub(super) const UNPAINTED: &str = "(null)";
 
-/// The name of a material that is no more than a colour.
+/// The name of a material that stands for a plain colour.
 pub(super) fn color_name(color: [u8; 4]) -> String {
     let hex = hex::encode_upper(color);
     format!("color_{}", hex.strip_suffix("FF").filter(|rest| rest.len() == 6).unwrap_or(&hex))
@@ -23,29 +23,30 @@ pub(super) fn color_name(color: [u8; 4]) -> String {
 /// Materials by their names.
 pub(super) type Definitions = FxHashMap<Vec<u8>, Definition>;
 
-/// What is said of a material.
+/// A material as an MTL file defines it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Definition {
     diffuse: Option<[f32; 3]>,
-    /// `d`, 1 being opaque.
+    /// `d`: 1 is opaque.
     dissolve: Option<f32>,
-    /// `Tr`, which some say in its place, 0 being opaque.
+    /// `Tr`, which some exporters write instead of `d`: 0 is opaque.
     transparency: Option<f32>,
+    /// `map_Kd`: the colour texture.
     pub picture: Option<Picture>,
 }
 
-/// A picture of colour.
+/// A colour texture.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(super) struct Picture {
-    /// Its file, in the words of the library.
+    /// File name, as written in the MTL file.
     pub file: String,
-    /// Whether it goes on beyond itself with its last pixels only.
+    /// Whether the texture's edge pixels continue beyond its border (`-clamp on`).
     pub clamp: bool,
 }
 
 impl Definition {
-    /// Its colour. Where nothing is said a material is light grey, and a picture as it is; and so is a picture in black, by which some mean
-    /// that the material has no colour of its own.
+    /// The material's colour. Without `Kd` it is light grey, or white if there is a texture. Black with a texture also becomes white, because
+    /// some exporters write black to say that the material has no colour of its own.
     pub fn color(&self) -> [u8; 4] {
         let [r, g, b] = match (self.diffuse, &self.picture) {
             (None, None) => [0.8; 3],
@@ -58,7 +59,7 @@ impl Definition {
     }
 }
 
-/// Options of a picture that take so many values, and those that take up to three numbers.
+/// Texture options with their number of arguments. The options in [`PLACING`] take one to three numbers.
 const OPTIONS: [(&str, usize); 10] = [
     ("-blendu", 1),
     ("-blendv", 1),
@@ -73,7 +74,7 @@ const OPTIONS: [(&str, usize); 10] = [
 ];
 const PLACING: [&str; 3] = ["-o", "-s", "-t"];
 
-/// Adds the materials of a library to those that are known; of several with one name the first counts.
+/// Adds the materials of an MTL file to `definitions`. Of several materials with one name, the first counts.
 pub(super) fn read(bytes: &[u8], definitions: &mut Definitions) {
     let mut text = Text::new(bytes).with_comments();
     let mut current: Option<(&[u8], Definition)> = None;
@@ -99,7 +100,7 @@ fn keep(current: Option<(&[u8], Definition)>, definitions: &mut Definitions) {
 
 fn statement(word: Word<'_>, text: &mut Text<'_>, definition: &mut Definition) {
     if word.is("kd") {
-        // One number is all three; `spectral` and `xyz` are not read.
+        // A single number stands for all three components; the forms `spectral` and `xyz` are ignored.
         let parts: Vec<f32> = std::iter::from_fn(|| finite(text.word_on_line())).take(3).collect();
         match parts[..] {
             [r, g, b] => definition.diffuse = Some([r, g, b]),
@@ -118,11 +119,11 @@ fn statement(word: Word<'_>, text: &mut Text<'_>, definition: &mut Definition) {
 }
 
 fn finite(word: Option<Word<'_>>) -> Option<f32> {
-    #[expect(clippy::cast_possible_truncation, reason = "far more exact than a colour")]
+    #[expect(clippy::cast_possible_truncation, reason = "f32 is more precise than a colour needs")]
     number(word?.bytes).map(|it| it as f32).filter(|it| it.is_finite())
 }
 
-/// The file after options, whose name may have blanks.
+/// Parses the texture's options and file name, which may contain blanks.
 fn picture(text: &mut Text<'_>) -> Option<Picture> {
     let mut clamp = false;
     loop {
@@ -173,14 +174,14 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_without_a_colour_is_as_it_is() {
+    fn a_texture_without_a_colour_is_not_tinted() {
         assert_eq!(only("map_Kd a.png").color(), [255; 4]);
         assert_eq!(only("Kd 0 0 0\nmap_Kd a.png").color(), [255; 4]);
         assert_eq!(only("Kd 1 0 0\nmap_Kd a.png").color(), [255, 0, 0, 255]);
     }
 
     #[test]
-    fn the_name_of_a_picture_stands_after_its_options() {
+    fn the_texture_file_name_follows_its_options() {
         let picture = |file: &str, clamp| Some(Picture { file: file.to_owned(), clamp });
         assert_eq!(file("a b.png "), picture("a b.png", false));
         assert_eq!(file("-s 1 1 1 -o 0.5 -mm 0 1 -bm 1 -clamp on x/1.png"), picture("x/1.png", true));
@@ -191,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_of_two_materials_of_one_name_counts() {
+    fn the_first_of_two_materials_with_one_name_counts() {
         let mut definitions = Definitions::default();
         read(b"newmtl a\nKd 1 0 0\nnewmtl a\nKd 0 1 0\n", &mut definitions);
         read(b"newmtl a\nKd 0 0 1\nnewmtl b\n", &mut definitions);
@@ -199,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_colour_is_named_by_its_parts() {
+    fn a_plain_colour_is_named_by_its_hex_components() {
         assert_eq!(color_name([255, 0, 10, 255]), "color_FF000A");
         assert_eq!(color_name([255, 255, 255, 254]), "color_FFFFFFFE");
     }

@@ -1,5 +1,5 @@
-//! What an OBJ file says of paint: materials by name, places in pictures, and the extension `v x y z r g b` for colours of vertices; and the
-//! palettes that are made of it.
+//! Paint of OBJ files: material names, texture coordinates, and vertex colours (the extension `v x y z r g b`); and the palettes built from
+//! them.
 
 use rustc_hash::FxHashMap;
 
@@ -12,32 +12,33 @@ use super::super::text::{Text, Word, integer, number};
 use super::mtl::{self, Definitions, Picture, UNPAINTED, color_name};
 use crate::scene::{Material, PAINTLESS, Paint, Palette, Texture, Wrap};
 
-/// Most libraries of materials that a file may name.
+/// Maximum number of `mtllib` statements that are read.
 const LIBRARIES: usize = 100;
 
-/// What has been said so far.
+/// The paint statements read so far.
 pub(super) struct PaintStatements<'a> {
     limits: Limits,
-    /// Whether there may be pictures, for which alone places in them are of use.
+    /// Whether textures can be read; texture coordinates are kept only then.
     pictures: bool,
     places: Vec<[f64; 2]>,
     libraries: Vec<&'a [u8]>,
-    /// The materials that faces name, and their numbers.
+    /// The material names in use, and the index of each.
     names: Vec<&'a [u8]>,
     numbers: FxHashMap<&'a [u8], u32>,
-    /// From which triangle on which material is used.
+    /// The triangle from which each material applies, and the material's index.
     uses: Vec<(usize, u32)>,
-    /// Of the first vertices, up to the last that has one; not a number for one that has none.
+    /// Colours of the first vertices, up to the last vertex that has one; not-a-number for vertices without.
     colors: Vec<[f32; 3]>,
 }
 
 impl<'a> PaintStatements<'a> {
+    /// No statements yet. `pictures` tells whether textures can be read.
     pub fn new(limits: Limits, pictures: bool) -> Self {
         let (places, libraries, names, numbers) = (Vec::new(), Vec::new(), Vec::new(), FxHashMap::default());
         Self { limits, pictures, places, libraries, names, numbers, uses: Vec::new(), colors: Vec::new() }
     }
 
-    /// A place in a picture. Those beyond the limit of vertices are passed over.
+    /// Reads a texture coordinate. Those over the vertex limit are ignored.
     pub fn place(&mut self, text: &mut Text<'_>) {
         if !self.pictures || self.limits.check_vertices(self.places.len() as u64 + 1).is_err() {
             return;
@@ -46,18 +47,19 @@ impl<'a> PaintStatements<'a> {
         self.places.push([next().unwrap_or(0.0), next().unwrap_or(0.0)]);
     }
 
-    /// The place of a corner `v/vt` or `v/vt/vn`, if it has one. It may be read later, or never.
+    /// The texture coordinate index of a corner `v/vt` or `v/vt/vn`; `None` if it has none. The coordinate may come later or not at all.
     pub fn place_index(&self, word: Word<'_>) -> Option<u32> {
         if self.pictures { field_index(word, 1, self.places.len()) } else { None }
     }
 
+    /// Records an MTL file.
     pub fn library(&mut self, name: &'a [u8]) {
         if self.libraries.len() < LIBRARIES && !self.libraries.contains(&name) {
             self.libraries.push(name);
         }
     }
 
-    /// The material of what follows after so many triangles.
+    /// Records the material of the triangles after the first `triangles`.
     pub fn material(&mut self, name: &'a [u8], triangles: usize) {
         let number = match self.numbers.get(name) {
             Some(number) => *number,
@@ -76,7 +78,7 @@ impl<'a> PaintStatements<'a> {
         }
     }
 
-    /// What may follow a vertex's position: its weight, or its colour.
+    /// Reads the numbers after a vertex's position: a colour if there are three, else a weight, which is ignored.
     #[inline]
     pub fn color(&mut self, vertex: usize, text: &mut Text<'_>) {
         let Some(first) = text.word_on_line() else { return };
@@ -84,13 +86,13 @@ impl<'a> PaintStatements<'a> {
         let color = [first, second, third].map(|word| number(word.bytes).unwrap_or(f64::NAN));
         if color.iter().all(|part| part.is_finite()) {
             self.colors.resize(vertex, [f32::NAN; 3]);
-            #[expect(clippy::cast_possible_truncation, reason = "far more exact than a colour")]
+            #[expect(clippy::cast_possible_truncation, reason = "f32 is more precise than a colour needs")]
             self.colors.push(color.map(|part| part as f32));
         }
     }
 
-    /// The paint of all triangles. A picture goes before colours of vertices; these before a material that is a shade of grey, which is what
-    /// programs say where they have to say something; and any other material before colours of vertices.
+    /// The paint of all triangles. Textures take precedence, then materials, then vertex colours. Vertex colours take precedence over grey
+    /// materials, because exporters write a grey material where they need any.
     pub fn paint(
         self,
         triangles: &[[u32; 3]],
@@ -128,7 +130,7 @@ impl<'a> PaintStatements<'a> {
         Paints { of_faces, palettes, textures }
     }
 
-    /// Colours are from 0 to 1, or from 0 to 255 where any is above 1.
+    /// The colours of vertices as bytes. Components range from 0 to 1, or from 0 to 255 if any is above 1.
     fn colors_of_vertices(&self) -> Vec<Option<[u8; 3]>> {
         let most = self.colors.iter().flatten().copied().fold(0.0, f32::max);
         let scale = if most > 1.0 { 1.0 / 255.0 } else { 1.0 };
@@ -137,57 +139,57 @@ impl<'a> PaintStatements<'a> {
     }
 }
 
-/// The index, counted from 0, in a field of a corner `v/vt/vn`, where `have` are there to count back from.
+/// The index, counted from 0, in a field of a corner `v/vt/vn`. Negative numbers count backwards from `have`.
 pub(super) fn field_index(word: Word<'_>, field: usize, have: usize) -> Option<u32> {
     let number = integer(word.bytes.split(|&b| b == b'/').nth(field)?)?;
     let index = if number > 0 { number - 1 } else { (have as i64).saturating_add(number) };
     u32::try_from(index).ok().filter(|_| number != 0)
 }
 
-/// Most libraries in one statement.
+/// Maximum number of MTL files in one statement.
 const LIBRARIES_OF_STATEMENT: usize = 100;
 
-/// What a name stands for.
+/// What a material name refers to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Named {
-    /// No name was said.
+    /// No material was named.
     Nothing,
-    /// Said to be not painted.
+    /// The name that marks faces as unpainted.
     Unpainted,
-    /// A material that no library has.
+    /// A material that no MTL file defines.
     Unknown,
-    /// The material of a number.
+    /// A defined material.
     Known {
         number: u32,
         color: [u8; 4],
         has_picture: bool,
-        /// Whether the name says no more than the colour.
+        /// Whether the name only describes the colour.
         is_color: bool,
     },
 }
 
-/// Materials in use.
+/// The materials in use, and the palettes built from them.
 struct Materials<'m> {
     names: &'m [&'m [u8]],
     places: &'m [[f64; 2]],
     sidecars: &'m Sidecars<'m>,
-    /// A library that is not there, of a model that came alone.
+    /// An MTL file that was not sent, for a model without an archive.
     alone: Option<&'m [u8]>,
     definitions: Definitions,
-    /// What each name stands for.
+    /// What each material name refers to.
     named: Vec<Named>,
-    /// The paint of a material without its picture.
+    /// The untextured paint of each material.
     plain: FxHashMap<u32, Paint>,
-    /// The palette of a material with a picture; none where that can't be had.
+    /// The palette of each textured material; `None` if its texture can't be read.
     textured: FxHashMap<u32, Option<u32>>,
     pictures: FxHashMap<Picture, Option<u32>>,
-    /// Where a place is in a palette.
+    /// Palette index of each texture coordinate, by palette and coordinate.
     placed: FxHashMap<(u32, u32), u32>,
     palettes: Palettes,
     textures: Vec<Texture>,
-    /// Triangles whose material no library has, and the first such material.
+    /// Number of triangles with undefined materials, and the first such material.
     unknown: (u64, Option<u32>),
-    /// Triangles that name a place in a picture that is not there.
+    /// Number of triangles that refer to missing texture coordinates.
     displaced: u64,
 }
 
@@ -230,7 +232,7 @@ impl<'m> Materials<'m> {
         }
     }
 
-    /// What the name of a number stands for, which one more triangle has.
+    /// What the material of one more triangle refers to.
     fn named(&mut self, number: u32) -> Named {
         let named = self.named.get(number as usize).copied().unwrap_or(Named::Unknown);
         if named == Named::Unknown {
@@ -240,7 +242,7 @@ impl<'m> Materials<'m> {
         named
     }
 
-    /// The paint of a triangle in places of its material's picture; none where it has no picture or no places.
+    /// The textured paint of a triangle; `None` if its material has no texture or the triangle has no texture coordinates.
     fn pictured(&mut self, named: Named, places: [u32; 3]) -> Option<Paint> {
         let Named::Known { number, color, has_picture: true, .. } = named else { return None };
         if places.contains(&NONE) {
@@ -265,7 +267,7 @@ impl<'m> Materials<'m> {
         Some(Paint { palette, at })
     }
 
-    /// The paint of a triangle without a picture, whose corners may have colours.
+    /// The untextured paint of a triangle, whose corners may have colours.
     fn plain(&mut self, named: Named, colors: [Option<[u8; 3]>; 3]) -> Paint {
         let alpha = match named {
             Named::Unpainted => return PAINTLESS,
@@ -287,24 +289,24 @@ impl<'m> Materials<'m> {
         })
     }
 
-    /// What there is to tell, but for files that are missing.
+    /// Adds warnings, except those about missing files.
     fn tell(&self, warnings: &mut Vec<String>) {
         if let (count, Some(first)) = self.unknown {
             let name = self.names.get(first as usize).copied().unwrap_or_default();
             warnings.push(match self.alone {
                 Some(library) => format!(
-                    "the model's colours are in the file '{}', which was not sent; to keep them, send it and the model in one ZIP archive",
+                    "the model's colours are in the file '{}', which was not sent; to keep them, send both files in one ZIP archive",
                     shown(library)
                 ),
                 None => format!(
-                    "triangles whose material is not defined were left without colour: {count}, the first of '{}'",
+                    "triangles with an undefined material were left without colour: {count}, the first has the material '{}'",
                     shown(name)
                 ),
             });
         }
         if self.displaced > 0 {
             warnings.push(format!(
-                "triangles that name a place in a picture that is not there are in their material's colour: {}",
+                "triangles that refer to missing texture coordinates have their material's plain colour: {}",
                 self.displaced
             ));
         }
@@ -337,7 +339,7 @@ impl<'m> Materials<'m> {
     }
 }
 
-/// Reads the libraries of a statement: one whose name may have blanks, or several.
+/// Reads the MTL files of a statement: one file whose name may contain blanks, or several files.
 fn read_libraries(names: &[u8], sidecars: &Sidecars<'_>, definitions: &mut Definitions) {
     let whole = String::from_utf8_lossy(names);
     let whole = whole.trim_matches('"');
@@ -348,7 +350,7 @@ fn read_libraries(names: &[u8], sidecars: &Sidecars<'_>, definitions: &mut Defin
     };
     let words: Vec<&str> = whole.split_ascii_whitespace().take(LIBRARIES_OF_STATEMENT).collect();
     match words[..] {
-        // A name with blanks that is not there is told as it stands.
+        // If no interpretation matches a file, the whole name is reported as missing.
         [_, _, ..] if !sidecars.has(whole) && words.iter().any(|name| sidecars.has(name)) => {
             words.iter().for_each(|name| read(name));
         }

@@ -1,4 +1,4 @@
-//! OBJ as it is written, and how faces look in it: in a material, with its picture, or in the colours of their vertices.
+//! Writing OBJ and its materials: each face has a material, a textured material, or the colours of its vertices.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -12,9 +12,9 @@ use super::mtl::{self, UNPAINTED, color_name};
 use crate::mesh::Soup;
 use crate::scene::{PAINTLESS, Paint, PaintedMesh, Palette, Scene, Texture, Wrap};
 
-// Writing to a string can't fail, so that what `writeln!` answers says nothing.
+// Writing to a String can't fail, so the results of `writeln!` are ignored.
 
-/// Writes OBJ; every f64 as the shortest decimal that reads back the same.
+/// Writes OBJ without paint. Each f64 is the shortest decimal that parses to the same value.
 pub(crate) fn write(soup: &Soup) -> Vec<u8> {
     let mut text = String::with_capacity(48 * soup.positions.len() + 24 * soup.faces.len());
     for &p in &soup.positions {
@@ -28,10 +28,10 @@ pub(crate) fn write(soup: &Soup) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Writes a mesh with its paint, and the materials to a file of the name `library`.
+/// Writes a mesh with its paint; the OBJ refers to the MTL file as `library`.
 ///
-/// What OBJ has no words for is left out: the opacity of colours that run over a face; colours of a vertex in one face where it has others in
-/// another (see [`Looks`]); blanks in names.
+/// Dropped, because OBJ can't store them: the alpha of colour gradients, a vertex colour that differs between faces (see [`Looks`]), and
+/// blanks in names.
 pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) -> Files {
     let soup = &mesh.soup;
     let mut looks = Looks::new(scene, mesh);
@@ -98,12 +98,12 @@ fn materials(looks: &Looks<'_>) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// A part of a colour, to three places, from which it is read again.
+/// A colour component from 0 to 1 with three decimals, which are enough to restore the byte.
 fn fraction(part: u8) -> f64 {
     (f64::from(part) / 255.0 * 1000.0).round() / 1000.0
 }
 
-/// The places in pictures that faces name, each once, in that order.
+/// Texture coordinates in the order of first use, each written once.
 struct Places<'s> {
     scene: &'s Scene,
     known: FxHashMap<[u64; 2], u64>,
@@ -115,7 +115,7 @@ impl<'s> Places<'s> {
         Self { scene, known: FxHashMap::default(), text: String::new() }
     }
 
-    /// The numbers, counted from 1, of the places of a face.
+    /// The numbers, counted from 1, of the texture coordinates of a face.
     fn of(&mut self, paint: Paint) -> [u64; 3] {
         let Some(Palette::Textured { places, .. }) = self.scene.palettes.get(paint.palette as usize) else {
             return [0; 3];
@@ -131,10 +131,10 @@ impl<'s> Places<'s> {
     }
 }
 
-/// The white material of faces in the colours of their vertices.
+/// The name of the white material of faces that have the colours of their vertices.
 const VERTEX_COLORS: &str = "vertex_colors";
 
-/// A name as it is written, and not like that of a colour.
+/// A material's name as it is written, changed if it looks like the name of a plain colour.
 fn own_name(name: &str) -> String {
     let mut name = sayable(name);
     let hex = name.strip_prefix("color_").filter(|hex| matches!(hex.len(), 6 | 8));
@@ -144,12 +144,12 @@ fn own_name(name: &str) -> String {
     name
 }
 
-/// Whether a name, as it is written, says no more than a colour.
+/// Whether a material's name only describes its colour.
 fn is_color_name(name: &str, color: [u8; 4]) -> bool {
     name.starts_with("color") && sayable(name) == color_name(color)
 }
 
-/// What a face is painted with, as far as OBJ can say it.
+/// The paint of a face, reduced to what OBJ can store.
 #[derive(Clone, Copy)]
 enum Seen<'s> {
     Nothing,
@@ -158,7 +158,7 @@ enum Seen<'s> {
     Colored([[u8; 4]; 3]),
 }
 
-/// What tells materials apart.
+/// What identifies a material in the MTL file.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Key<'s> {
     Vertices,
@@ -167,41 +167,44 @@ enum Key<'s> {
     Pictured { name: &'s str, tint: [u8; 4], picture: usize, clamp: bool },
 }
 
-/// A material as it is written.
+/// A material of the MTL file.
 struct Written {
     name: String,
     color: [u8; 4],
-    /// The place of its picture in [`Looks::pictures`], and whether that ends at its border.
+    /// Index of its texture in [`Looks::pictures`], and whether the texture is clamped.
     picture: Option<(usize, bool)>,
 }
 
 /// How a face is written.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Look {
+    /// No material.
     Bare,
-    /// In the material of this number; in the places of a picture where there are some.
+    /// The index of its material, and its paint if it has texture coordinates.
     Material(usize, Option<Paint>),
 }
 
-/// What a vertex's colour is.
+/// The colour of a vertex.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Claim {
+    /// Not yet decided.
     Free,
-    /// To have none, since a material would be taken for less than it.
+    /// No colour, because readers would prefer it over the grey material of a face at the vertex.
     Closed,
+    /// This colour.
     Color([u8; 3]),
 }
 
-/// The materials that were asked for, in that order.
+/// The materials in the order of first use, and the colours of the vertices.
 struct Looks<'s> {
     scene: &'s Scene,
     mesh: &'s PaintedMesh,
     materials: Vec<Written>,
     known: FxHashMap<Key<'s>, usize>,
     names: FxHashSet<String>,
-    /// How often a name was wanted.
+    /// How often each name was requested, to number duplicates.
     wanted: FxHashMap<String, usize>,
-    /// Picture files with their names.
+    /// Texture files with their names.
     pictures: Vec<(String, Arc<[u8]>)>,
     known_pictures: FxHashMap<&'s [u8], usize>,
     claims: Vec<Claim>,
@@ -224,7 +227,7 @@ impl<'s> Looks<'s> {
         looks
     }
 
-    /// The colour of a vertex, where it is written.
+    /// The colour of a vertex; `None` if none is written.
     fn of_vertex(&self, vertex: usize) -> Option<[u8; 3]> {
         match self.claims.get(vertex) {
             Some(Claim::Color(color)) => Some(*color),
@@ -232,7 +235,7 @@ impl<'s> Looks<'s> {
         }
     }
 
-    /// How a face looks.
+    /// How a face is written.
     fn of_face(&mut self, face: usize) -> Look {
         let paint = self.mesh.paint.get(face).copied().unwrap_or(PAINTLESS);
         let (key, places) = match self.seen(paint) {
@@ -251,6 +254,7 @@ impl<'s> Looks<'s> {
         self.material(key).map_or(Look::Bare, |material| Look::Material(material, places))
     }
 
+    /// The key of a textured material.
     fn pictured(&mut self, name: &'s str, tint: [u8; 4], texture: &'s Texture) -> Key<'s> {
         let next = self.pictures.len();
         let picture = *self.known_pictures.entry(&texture.bytes).or_insert(next);
@@ -258,12 +262,12 @@ impl<'s> Looks<'s> {
             let ending = extension(&texture.bytes).unwrap_or_default();
             self.pictures.push((format!("texture_{picture}.{ending}"), Arc::clone(&texture.bytes)));
         }
-        // MTL has one word for both sides, and none for mirrors; what has nothing beyond it is nearest to its last pixels.
+        // MTL has one clamp option for both axes, and no mirroring. Clamping is nearest to a texture without continuation.
         let ends = |wrap| matches!(wrap, Wrap::Clamp | Wrap::None);
         Key::Pictured { name, tint, picture, clamp: ends(texture.wrap_u) && ends(texture.wrap_v) }
     }
 
-    /// The number of a material, by a name that no other has; none where there are more than are read again.
+    /// The index of a material with a unique name; `None` if the MTL file has the maximum number of materials already.
     fn material(&mut self, key: Key<'s>) -> Option<usize> {
         if let Some(known) = self.known.get(&key) {
             return Some(*known);
@@ -291,6 +295,7 @@ impl<'s> Looks<'s> {
         Some(self.materials.len() - 1)
     }
 
+    /// The paint of a face, reduced to what OBJ can store.
     fn seen(&self, paint: Paint) -> Seen<'s> {
         let Some(palette) = self.scene.palettes.get(paint.palette as usize) else { return Seen::Nothing };
         if paint.at.iter().any(|&at| at as usize >= palette.len()) {
@@ -305,7 +310,7 @@ impl<'s> Looks<'s> {
                 let material = &materials[paint.at[0] as usize];
                 named(&material.name, material.color)
             }
-            // Vertices have no opacity, and a face that does not have the same colour all over is in those of its vertices.
+            // Vertex colours have no alpha; only faces with one colour keep it.
             Palette::Colors(colors) => match paint.at.map(|at| colors[at as usize]) {
                 [a, b, c] if a == b && b == c => Seen::Colored([a; 3]),
                 running => Seen::Colored(running.map(|[r, g, b, _]| [r, g, b, 255])),
@@ -313,7 +318,7 @@ impl<'s> Looks<'s> {
             Palette::Textured { texture, name, tint, .. } => {
                 let (name, tint) = (name.as_deref().unwrap_or_default(), *tint);
                 match self.scene.textures.get(*texture as usize) {
-                    // A picture in black is black.
+                    // A black tint makes the texture black.
                     Some(texture) if media_type(&texture.bytes).is_some() && tint[..3] != [0; 3] => {
                         Seen::Pictured { name, tint, texture }
                     }
@@ -323,9 +328,10 @@ impl<'s> Looks<'s> {
         }
     }
 
-    /// The colours of vertices, if there is any need of them. Faces whose colours run over them are first; then those of one colour take the
-    /// colours of their vertices where these are theirs. A face that can't have its vertices' colours, since another one has them already, has
-    /// the colour of its first corner all over.
+    /// Decides the colours of vertices; empty if no face has a colour gradient.
+    ///
+    /// Faces with gradients come first. Faces with one colour then use vertex colours if their vertices allow it. A face with a gradient whose
+    /// vertices already have other colours is written in the colour of its first corner.
     fn claims(&self) -> Vec<Claim> {
         let faces = || self.mesh.soup.faces.iter().copied().zip(self.mesh.paint.iter().map(|&paint| self.seen(paint)));
         let runs = |colors: [[u8; 4]; 3]| colors[0] != colors[1] || colors[1] != colors[2];
@@ -334,7 +340,7 @@ impl<'s> Looks<'s> {
         }
         let mut claims = vec![Claim::Free; self.mesh.soup.positions.len()];
         for (face, seen) in faces() {
-            // Whoever reads takes a shade of grey for less than colours of vertices.
+            // Readers prefer vertex colours over grey materials.
             if matches!(seen, Seen::Named(_, [r, g, b, _]) if r == g && g == b) {
                 face.iter().for_each(|&v| claims[v as usize] = Claim::Closed);
             }
@@ -362,7 +368,7 @@ impl<'s> Looks<'s> {
     }
 }
 
-/// Gives the vertices of a face these colours, unless one of them has another one.
+/// Gives the vertices of a face these colours; `false` if one of them has another colour already.
 fn claim(claims: &mut [Claim], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
     let wanted = colors.map(|[r, g, b, _]| [r, g, b]);
     let differ = |i: usize, j: usize| face[i] == face[j] && wanted[i] != wanted[j];
@@ -378,7 +384,7 @@ fn claim(claims: &mut [Claim], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
     true
 }
 
-/// Whether the vertices of a face have its colours.
+/// Whether the vertices of a face have exactly its colours.
 fn is_claimed(claims: &[Claim], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
     !claims.is_empty()
         && face
@@ -387,7 +393,7 @@ fn is_claimed(claims: &[Claim], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
             .all(|(&v, [r, g, b, alpha])| alpha == 255 && claims.get(v as usize) == Some(&Claim::Color([r, g, b])))
 }
 
-/// A name as readers of OBJ take it for one: without blanks, marks of comments and of lines that go on.
+/// A name without characters that OBJ readers would misread: blanks, control characters, `#` and backslashes.
 fn sayable(name: &str) -> String {
     name.chars().map(|c| if c.is_whitespace() || c.is_control() || matches!(c, '#' | '\\') { '_' } else { c }).collect()
 }
@@ -398,7 +404,7 @@ mod tests {
     use crate::format::paint::byte;
 
     #[test]
-    fn every_part_of_a_colour_is_read_again() {
+    fn every_colour_component_survives_writing_and_reading() {
         for part in 0..=255 {
             assert_eq!(byte(fraction(part)), part);
             assert_eq!(byte(f64::from(fraction(part) as f32)), part);
@@ -406,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_is_one_word() {
+    fn a_written_name_is_one_word() {
         assert_eq!(sayable("a b\t#1\\\n\u{a0}ü"), "a_b__1___ü");
     }
 }
