@@ -1,6 +1,6 @@
-//! PLY: elements of named properties, as text or binary of either byte order (Turk, "The PLY Polygon File Format", 1994).
+//! PLY: elements with named properties, as text or as binary of either byte order (Turk, "The PLY Polygon File Format", 1994).
 //!
-//! `header` says what elements there are, `values` reads their numbers one after the other, and here they become a mesh with its colours.
+//! `header` parses the declaration of the elements, and `values` reads their numbers. This module builds the mesh and its colours.
 
 mod header;
 mod values;
@@ -22,7 +22,7 @@ use header::{Element, Encoding, Header, Kind, Meaning, Role, Row, Scalar};
 use values::{AsciiValues, BinaryValues, Values, list_length};
 pub(super) use write::{write, write_painted};
 
-/// Reads PLY of any encoding, with its colours where they are asked for.
+/// Reads PLY of any encoding; `painted` tells whether to read colours.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result<Painted, ReadError> {
     let header = Header::read(bytes)?;
     header.check_counts(bytes.len(), &options.limits)?;
@@ -44,14 +44,15 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result
     Ok(Painted { mesh, paints })
 }
 
+/// The error for a file without triangles.
 fn no_faces(header: &Header) -> ReadError {
     let count = |role| header.elements.iter().filter(|e| e.role == role).map(|e| e.count).sum::<u64>();
     let (vertices, faces) = (count(Role::Vertices), count(Role::Faces) + count(Role::Strips));
     let detail = if faces > 0 {
-        format!("none of the PLY file's {faces} faces has three corners; export the model again")
+        format!("none of the PLY file's {faces} faces has three or more corners; export the model again")
     } else if vertices > 0 {
         format!(
-            "the PLY file holds {vertices} vertices and no faces: it is a point cloud; make a surface from it first"
+            "the PLY file holds {vertices} vertices and no faces, so it is a point cloud; reconstruct a surface from it first"
         )
     } else {
         "the PLY file holds no vertices and no faces; export the model again".to_owned()
@@ -59,10 +60,10 @@ fn no_faces(header: &Header) -> ReadError {
     ReadError::whole(ReadErrorKind::NoFaces, detail)
 }
 
-/// A colour of which nothing is said but that it is one.
+/// The initial value of a colour. Files without the `alpha` property have opaque colours.
 const OPAQUE: [u8; 4] = [0, 0, 0, 255];
 
-/// A part of a colour from a number of this type: the largest that it has is all, but of those with a point 1 is.
+/// A colour component as a byte. Floats range from 0 to 1, integers up to the largest value of their type.
 fn part(scalar: Scalar, value: f64) -> u8 {
     byte(match scalar {
         Scalar::F32 | Scalar::F64 => value,
@@ -71,7 +72,7 @@ fn part(scalar: Scalar, value: f64) -> u8 {
     })
 }
 
-/// What the elements came to.
+/// The result of reading all elements.
 struct Read {
     soup: Soup,
     normals: Option<CornerNormals>,
@@ -80,18 +81,19 @@ struct Read {
     warnings: Vec<String>,
 }
 
-/// Reads the elements in the order in which the header names them.
+/// Reads the elements, in the order in which the header declares them.
 struct Elements<V> {
     values: V,
     options: ReadOptions,
     positions: Vec<DVec3>,
-    /// One for each vertex, where the header names all three numbers.
+    /// One normal for each vertex, if the header declares all three components.
     normals: Vec<[f32; 3]>,
-    /// The header's count of vertices, against which indices are checked; faces may come first.
+    /// The header's vertex count, against which indices are checked. Faces may come before vertices.
     vertices: u64,
     corners: Vec<u32>,
+    /// Number of strip triangles that repeat a vertex.
     repeated: u64,
-    /// What is painted, where somebody wants to know.
+    /// The colours read so far; `None` if colours are not requested.
     colors: Option<Colors>,
 }
 
@@ -102,11 +104,11 @@ impl<V: Values> Elements<V> {
         Self { values, options: *options, positions, normals, vertices: 0, corners, repeated: 0, colors }
     }
 
-    /// The mesh, its normals and what there is to tell. The header's counts must have been held to the file's size.
+    /// Reads all elements. [`Header::check_counts`] must have accepted the header.
     fn read(mut self, header: &Header) -> Result<Read, ReadError> {
         let count = |role| header.elements.iter().filter(|e| e.role == role).map(|e| e.count).sum::<u64>();
         self.vertices = count(Role::Vertices);
-        // A face takes a byte at least, so that this is no more than a few times the file's size.
+        // A face takes at least one byte, so the capacity is at most a few times the file's size.
         let mut faces = Faces::new(&self.options, usize::try_from(count(Role::Faces)).unwrap_or(0));
         for element in &header.elements {
             match element.role {
@@ -119,16 +121,13 @@ impl<V: Values> Elements<V> {
         let mut warnings = header.warnings.clone();
         let (faces, polygons) = faces.finish(&self.positions, &mut warnings);
         if self.repeated > 0 {
-            warnings.push(format!(
-                "triangles of strips that name a vertex twice only join the strips and were left out: {}",
-                self.repeated
-            ));
+            warnings.push(format!("degenerate triangles that join triangle strips were dropped: {}", self.repeated));
         }
         warnings.extend(self.values.left_over());
         let paints = self.colors.map(|colors| colors.paint(&faces)).unwrap_or_default();
         if header.has_picture && painted {
             warnings.push(
-                "the places of faces in a picture were left out; to keep it, send 3MF, GLB, or OBJ with its pictures in a ZIP archive"
+                "the texture coordinates of faces were dropped; to keep the texture, send 3MF, GLB, or OBJ with its textures in a ZIP archive"
                     .to_owned(),
             );
         }
@@ -180,7 +179,7 @@ impl<V: Values> Elements<V> {
         let has_colors = element.has_colors() && self.colors.is_some();
         for row in element.rows() {
             let (first, mut color) = (faces.len(), OPAQUE);
-            // The first list of indices counts, should there be two.
+            // Of several index lists, the first counts.
             let mut taken = false;
             for property in &element.properties {
                 match property.kind {
@@ -201,7 +200,7 @@ impl<V: Values> Elements<V> {
                             return Err(self.values.refuse(
                                 ReadErrorKind::Truncated,
                                 format!(
-                                    "'{}' {} of {} has a list of {length} vertices, which the rest of the file can't hold; the file is cut off or damaged",
+                                    "'{}' {} of {} has a list of {length} vertices, more than the rest of the file can hold; the file is cut off or damaged, so send it again",
                                     element.name, row.number, element.count
                                 ),
                             ));
@@ -232,7 +231,7 @@ impl<V: Values> Elements<V> {
         faces.polygon(&self.positions, &self.corners)
     }
 
-    /// Triangle strips, one after the other with -1 between them; every second triangle of a strip is turned.
+    /// Reads triangle strips, separated by -1. Every second triangle of a strip has reversed orientation.
     fn strips(&mut self, row: Row<'_>, item: Scalar, length: u64, faces: &mut Faces) -> Result<(), ReadError> {
         let mut last = [0; 2];
         let mut in_strip = 0_u64;
@@ -259,6 +258,7 @@ impl<V: Values> Elements<V> {
         Ok(())
     }
 
+    /// Checks a vertex index.
     #[inline]
     fn vertex(&self, index: i64, row: Row<'_>) -> Result<u32, ReadError> {
         match u32::try_from(index) {
@@ -272,23 +272,24 @@ impl<V: Values> Elements<V> {
         self.values.refuse(
             ReadErrorKind::IndexOutOfRange,
             format!(
-                "'{}' {} of {} names vertex {index}, but the file has {} vertices, counted from 0; export the model again",
+                "'{}' {} of {} refers to vertex {index}, but the file has {} vertices, counted from 0; export the model again",
                 row.element.name, row.number, row.element.count, self.vertices
             ),
         )
     }
 }
 
-/// The colours of vertices and of triangles, as they are read. Where vertices have some, those of triangles are not used.
+/// The colours of vertices and triangles. If vertices have colours, those of triangles are ignored.
 #[derive(Default)]
 struct Colors {
+    /// One colour for each vertex; empty if vertices have none.
     of_vertices: Vec<[u8; 4]>,
-    /// Of the first triangles, up to the last that has one.
+    /// One colour for each triangle, up to the last triangle that has one.
     of_triangles: Vec<Option<[u8; 4]>>,
 }
 
 impl Colors {
-    /// Gives some triangles, which come in order, a colour.
+    /// Sets the colour of a range of triangles. Ranges must be in ascending order.
     fn of_triangles(&mut self, triangles: Range<usize>, color: [u8; 4]) {
         self.of_triangles.resize(triangles.start, None);
         self.of_triangles.resize(triangles.end, Some(color));

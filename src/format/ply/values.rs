@@ -1,39 +1,39 @@
-//! The numbers of a PLY file's elements, one after the other: as binary of either byte order or as words.
+//! Reading the numbers of PLY elements in sequence: from binary of either byte order, or from text.
 
 use super::super::errors::{ReadError, ReadErrorKind, shown};
 use super::super::text::{Text, number};
 use super::header::{Element, Kind, Row, Scalar};
 
-/// Where the elements' numbers come from, one after the other.
+/// A source of the elements' numbers, read in sequence.
 pub(super) trait Values {
-    /// A number as f64. `row` is for the words of an error.
+    /// Reads a number as f64. `row` is named in errors.
     fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError>;
 
-    /// A number that the mesh can do without: what is none is read as not-a-number.
+    /// Reads an optional number, such as a normal's; malformed text gives not-a-number.
     fn real_or_nothing(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
         self.real(scalar, row)
     }
 
-    /// A whole number.
+    /// Reads a whole number.
     fn whole(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError>;
 
-    /// Goes past some numbers.
+    /// Skips `count` numbers.
     fn skip(&mut self, scalar: Scalar, count: u64, row: Row<'_>) -> Result<(), ReadError>;
 
-    /// Goes past all rows of an element.
+    /// Skips all rows of an element.
     fn skip_element(&mut self, element: &Element) -> Result<(), ReadError>;
 
-    /// How many numbers there can be in what is left, at most.
+    /// An upper bound of the numbers left in the file.
     fn most_left(&self, scalar: Scalar) -> u64;
 
-    /// An error about the number that was read last.
+    /// An error at the number that was read last.
     fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError;
 
-    /// What stands after the last element, as a warning.
+    /// A warning about bytes after the last element; `None` if there are none.
     fn left_over(&mut self) -> Option<String>;
 }
 
-/// Goes past the rows of an element one number at a time.
+/// Skips the rows of an element number by number, for elements with lists and for text.
 fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadError> {
     if element.properties.is_empty() {
         return Ok(());
@@ -52,33 +52,37 @@ fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadErr
     Ok(())
 }
 
-/// The length of a list, which stands before it.
+/// Reads the length of a list.
 pub(super) fn list_length<V: Values>(values: &mut V, count: Scalar, row: Row<'_>) -> Result<u64, ReadError> {
     let length = values.whole(count, row)?;
     u64::try_from(length).map_err(|_| {
         values.refuse(
             ReadErrorKind::Malformed,
             format!(
-                "a list in {row_name} has the length {length}, below zero; export the model again",
+                "a list in {row_name} has the length {length}; a length can't be below zero, so export the model again",
                 row_name = name(row)
             ),
         )
     })
 }
 
+/// A row for an error message, such as `'vertex' 7 of 100`.
 fn name(row: Row<'_>) -> String {
     let Row { element, number } = row;
     format!("'{}' {number} of {}", shown(element.name.as_bytes()), element.count)
 }
 
-/// Binary numbers; `LITTLE` for little-endian.
+/// Binary numbers; little-endian if `LITTLE` is true.
 pub(super) struct BinaryValues<'a, const LITTLE: bool> {
     bytes: &'a [u8],
+    /// Offset of the next number.
     at: usize,
+    /// Offset of the number that was read last.
     last: usize,
 }
 
 impl<'a, const LITTLE: bool> BinaryValues<'a, LITTLE> {
+    /// Starts at the byte offset `at`.
     pub fn new(bytes: &'a [u8], at: usize) -> Self {
         Self { bytes, at, last: at }
     }
@@ -100,7 +104,7 @@ impl<'a, const LITTLE: bool> BinaryValues<'a, LITTLE> {
         ReadError::at_byte(
             ReadErrorKind::Truncated,
             self.bytes.len(),
-            format!("the file ends within {}; it was cut off, or its counts are wrong, so send it again", name(row)),
+            format!("the file ends within {}; it was cut off or its counts are wrong, so send it again", name(row)),
         )
     }
 }
@@ -137,7 +141,7 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
             Scalar::I8 => i64::from(number!(self, i8, row)),
             Scalar::I16 => i64::from(number!(self, i16, row)),
             Scalar::U16 => i64::from(number!(self, u16, row)),
-            // The header has been checked to ask for whole numbers here.
+            // Not reachable: the header allows only integer types here.
             Scalar::F32 | Scalar::F64 => -1,
         })
     }
@@ -156,7 +160,7 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
 
     fn skip_element(&mut self, element: &Element) -> Result<(), ReadError> {
         match element.fixed_size() {
-            // In whole rows, of which the counts have been held to the bytes.
+            // `Header::check_counts` has checked the total size.
             Some(size) => self.skip(Scalar::U8, element.count.saturating_mul(size as u64), Row { element, number: 0 }),
             None => skip_rows(self, element),
         }
@@ -172,19 +176,21 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
 
     fn left_over(&mut self) -> Option<String> {
         let rest = &self.bytes[self.at..];
-        // A line end after the last element is an editor's habit.
+        // Editors may add a line end after the last element.
         let bare = rest.trim_ascii().is_empty() && rest.len() <= 2;
-        (!bare).then(|| format!("{} bytes after the last element were left out", rest.len()))
+        (!bare).then(|| format!("{} bytes after the last element were ignored", rest.len()))
     }
 }
 
-/// Numbers as words.
+/// Numbers as text.
 pub(super) struct AsciiValues<'a> {
     text: Text<'a>,
+    /// Offset of the word that was read last.
     last: usize,
 }
 
 impl<'a> AsciiValues<'a> {
+    /// Starts at the byte offset `at`.
     pub fn new(bytes: &'a [u8], at: usize) -> Self {
         Self { text: Text::starting_at(bytes, at), last: at }
     }
@@ -201,7 +207,7 @@ impl Values for AsciiValues<'_> {
         let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         self.last = word.at;
         let value = self.text.number(word, "a number")?;
-        // What the header calls a float is one, however many digits are written; so it is to every other reader.
+        // A property declared as float is rounded to f32, as other readers do, however many digits the text has.
         #[expect(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
         let narrow = value as f32;
         Ok(if scalar == Scalar::F32 && narrow.is_finite() { f64::from(narrow) } else { value })
@@ -242,6 +248,6 @@ impl Values for AsciiValues<'_> {
     }
 
     fn left_over(&mut self) -> Option<String> {
-        self.text.word().map(|_| "text after the last element was left out".to_owned())
+        self.text.word().map(|_| "text after the last element was ignored".to_owned())
     }
 }
