@@ -1,5 +1,5 @@
-//! The parts of a model as one scene: their groups of properties as palettes, and objects in an order in which those that others are made of
-//! come first. What mixes groups is told by colours alone, since a palette knows no mixtures.
+//! Building one scene from the parts of a model: property groups become palettes, and objects are sorted so that components come before the
+//! objects that use them. Mixtures become plain colours, because palettes can't represent them.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -12,7 +12,10 @@ use crate::scene::{
     Component, Item, Material, Note, Object, ObjectKind, PAINTLESS, PaintedMesh, Palette, Scene, Shape, Texture, Up,
 };
 
-/// Makes the scene of parts, the first of which is the model.
+/// Builds the scene of all parts, of which the first is the root model.
+///
+/// # Errors
+/// A [`ReadError`] if a reference to an object, group or texture is invalid, or components are nested too deep.
 pub(super) fn scene(
     mut parts: Vec<Part>,
     archive: &mut Archive<'_>,
@@ -50,7 +53,7 @@ pub(super) fn scene(
         let object = order.number(0, &item)?;
         if scene.objects[object as usize].kind == ObjectKind::Other {
             return Err(refused(format!(
-                "an item of the build is the object {}, which is of the type 'other' and not to be built",
+                "a build item refers to the object {}, whose type 'other' must not be built",
                 item.id
             )));
         }
@@ -61,13 +64,13 @@ pub(super) fn scene(
     Ok(scene)
 }
 
-/// The name of a build item: the core specification gives it none, but notes, of which `Title` is one.
+/// Takes the name of a build item from its metadata `Title`, because build items have no name attribute.
 fn take_title(notes: &mut Vec<Note>) -> Option<String> {
     let title = notes.iter().position(|note| note.name == "Title" && note.kind.is_none() && !note.preserve)?;
     Some(notes.remove(title).value)
 }
 
-/// The pictures that have been unpacked.
+/// Texture files that have been unpacked, and the bytes that may still be.
 struct Pictures {
     known: HashMap<String, Arc<[u8]>>,
     left: u64,
@@ -87,24 +90,26 @@ impl Pictures {
     }
 }
 
-/// How far an object has been looked at.
+/// The state of an object in the depth-first search.
 #[derive(Clone, Copy)]
 enum Seen {
+    /// Not visited.
     Not,
-    /// Those that it is made of are looked at.
+    /// Its components are being visited.
     Open,
-    /// It is made of so many levels.
+    /// Visited; the value is the number of levels below it.
     Whole(usize),
 }
 
-/// Where objects are, and the order in which none comes before those that it is made of.
+/// Topological order of the objects: components come before the objects that use them.
 struct Order {
-    /// The parts by [`key`].
+    /// Index of each part by [`key`].
     parts: HashMap<String, usize>,
-    /// Where an object is in its part, by part and id.
+    /// Index of each object in its part, by part and id.
     places: HashMap<(usize, u32), usize>,
+    /// Part and index of each object, in order.
     sorted: Vec<(usize, usize)>,
-    /// The place of objects in `sorted`.
+    /// Position of each object in `sorted`.
     numbers: HashMap<(usize, usize), u32>,
 }
 
@@ -128,7 +133,7 @@ impl Order {
         Ok(order)
     }
 
-    /// Puts an object after those that it is made of. Answers of how many levels it is made.
+    /// Visits an object's components, then appends the object. Returns the number of levels below it.
     fn visit(
         &mut self,
         (part, place): (usize, usize),
@@ -139,7 +144,7 @@ impl Order {
         let object = &parts[part].objects[place];
         match seen[part][place] {
             Seen::Whole(height) => return Ok(height),
-            Seen::Open => return Err(refused(format!("the object {} is made of itself", object.id))),
+            Seen::Open => return Err(refused(format!("the object {} contains itself", object.id))),
             Seen::Not => seen[part][place] = Seen::Open,
         }
         let mut height = 0;
@@ -159,7 +164,7 @@ impl Order {
         Ok(height)
     }
 
-    /// Where the object is that is named in a part.
+    /// Part and index of the object that a component or item of a part refers to.
     fn place(&self, part: usize, placed: &Placed) -> Result<(usize, usize), ReadError> {
         let part = match &placed.path {
             Some(path) => self.parts.get(&key(path)).copied(),
@@ -168,7 +173,7 @@ impl Order {
         let found = part.and_then(|part| Some((part, *self.places.get(&(part, placed.id))?)));
         found.ok_or_else(|| {
             let of = placed.path.as_deref().map_or_else(String::new, |path| format!(" of the part {}", shown(path)));
-            refused(format!("a component or an item of the build is the object {}{of}, which is not there", placed.id))
+            refused(format!("a component or build item refers to the object {}{of}, which does not exist", placed.id))
         })
     }
 
@@ -190,8 +195,7 @@ impl Order {
 }
 
 fn too_deep() -> ReadError {
-    let detail =
-        format!("objects are made of objects more than {} deep; export the model with fewer levels", Scene::DEPTH);
+    let detail = format!("components are nested more than {} deep; export the model with fewer levels", Scene::DEPTH);
     ReadError::whole(ReadErrorKind::TooLarge, detail)
 }
 
@@ -199,13 +203,14 @@ fn refused(detail: String) -> ReadError {
     ReadError::whole(ReadErrorKind::Malformed, format!("{detail}; export the model again"))
 }
 
-/// What a group has become.
+/// The palette that a property group has become.
 struct Known {
     kind: Kind,
     palette: u32,
     entries: Entries,
 }
 
+/// The type of a property group, as far as multiproperties depend on it.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Materials,
@@ -214,10 +219,11 @@ enum Kind {
     Texture,
 }
 
-/// The entries of a palette that are those of a group.
+/// The palette entries of a property group's entries.
 enum Entries {
-    /// The first ones, as many.
+    /// The same entries; the value is their number.
     First(usize),
+    /// The palette entry of each group entry.
     These(Vec<u32>),
 }
 
@@ -230,7 +236,7 @@ impl Entries {
     }
 }
 
-/// Takes a part's groups over into palettes, and makes its paint name them. Its textures are `first_texture` and the following.
+/// Turns a part's property groups into palettes, and updates the paint of its objects. `first_texture` is the scene index of its first texture.
 fn take_palettes(
     part: &mut Part,
     first_texture: u32,
@@ -242,7 +248,7 @@ fn take_palettes(
     for id in &part.painted_by.groups {
         let group = known.get(id);
         used.push(group.ok_or_else(|| {
-            refused_in(&part.name, format!("an object names the property group {id}, which is not there"))
+            refused_in(&part.name, format!("an object refers to the property group {id}, which does not exist"))
         })?);
     }
     for object in &mut part.objects {
@@ -252,7 +258,7 @@ fn take_palettes(
             for at in &mut paint.at {
                 *at = group.entries.get(*at).ok_or_else(|| {
                     let detail =
-                        format!("the object {} names entry {at} of a property group that has fewer", object.id);
+                        format!("the object {} refers to entry {at} of a property group that has fewer", object.id);
                     ReadError { kind: ReadErrorKind::IndexOutOfRange, ..refused_in(&part.name, detail) }
                 })?;
             }
@@ -265,6 +271,7 @@ fn take_palettes(
     Ok(())
 }
 
+/// The palettes of a part's property groups, by group id.
 fn groups(
     part: &mut Part,
     first_texture: u32,
@@ -281,13 +288,13 @@ fn groups(
             GroupKind::Materials(materials) => (Kind::Materials, Palette::Materials(materials)),
             GroupKind::Colors(colors) => (Kind::Colors, Palette::Colors(colors)),
             GroupKind::Composites { .. } => {
-                warnings.tell("mixtures of materials (composite materials) became colours");
+                warnings.tell("mixtures of materials (composite materials) were replaced by colours");
                 (Kind::Composites, Palette::Colors(std::mem::take(mixed)))
             }
             GroupKind::Places { texture, places } => {
                 let index = part.textures.iter().position(|it| it.id == texture);
                 let index = index.ok_or_else(|| {
-                    refused(format!("the texture group {id} names the texture {texture}, which is not there"))
+                    refused(format!("the texture group {id} refers to the texture {texture}, which does not exist"))
                 })?;
                 let texture = first_texture + u32::try_from(index).unwrap_or(u32::MAX);
                 (Kind::Texture, Palette::Textured { texture, name: None, tint: [255; 4], places })
@@ -309,7 +316,7 @@ fn groups(
         let chosen = chosen.map(|&entry| {
             group.entries.get(entry).ok_or_else(|| {
                 refused(format!(
-                    "the multiproperties {id} name entry {entry} of the group {}, which has fewer",
+                    "the multiproperties {id} refer to entry {entry} of the group {}, which has fewer",
                     of[top]
                 ))
             })
@@ -319,26 +326,28 @@ fn groups(
             palette: group.palette,
             entries: Entries::These(chosen.collect::<Result<_, _>>()?),
         };
-        warnings.tell("of properties on one another (multiproperties) only the uppermost colours or texture were kept");
+        warnings.tell("layered properties (multiproperties) were reduced to their topmost colour or texture");
         layers.push((*id, layer));
     }
     known.extend(layers);
     Ok(known)
 }
 
-/// The colours of a group of mixtures, each the mean of its materials' colours.
+/// The colours of a composite group: each the mean of its materials' colours, weighted by their shares.
 fn mix(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, String> {
     let GroupKind::Composites { of, materials, shares } = &group.kind else { return Ok(Vec::new()) };
     let base = groups.iter().find_map(|it| match &it.kind {
         GroupKind::Materials(materials) if it.id == *of => Some(materials),
         _ => None,
     });
-    let base = base
-        .ok_or_else(|| format!("the mixtures {} are of the group {of}, which is none of base materials", group.id))?;
+    let base = base.ok_or_else(|| {
+        format!("the composite materials {} refer to the group {of}, which is no base materials group", group.id)
+    })?;
     let colors = materials.iter().map(|&index| base.get(index as usize).map(|material: &Material| material.color));
     let colors: Option<Vec<_>> = colors.collect();
-    let colors =
-        colors.ok_or_else(|| format!("the mixtures {} name a material that the group {of} does not have", group.id))?;
+    let colors = colors.ok_or_else(|| {
+        format!("the composite materials {} refer to a material that the group {of} does not have", group.id)
+    })?;
     let mean = |shares: &[f64]| {
         let sum: f64 = shares.iter().sum();
         let of_channel = |channel: usize| {
@@ -360,12 +369,12 @@ fn mix(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, String> {
     Ok(shares.chunks_exact(colors.len().max(1)).map(mean).collect())
 }
 
-/// The last of the layers that has colours or a texture, else the first; the rules for what may be a layer are those of the materials
-/// extension, chapter 5.
+/// The index of the last layer with colours or a texture, else the first. The rules for layers are those of the materials extension, chapter
+/// 5.
 fn top_layer(known: &HashMap<u32, Known>, of: &[u32]) -> Result<usize, String> {
     let kinds = of
         .iter()
-        .map(|id| known.get(id).map(|it| it.kind).ok_or_else(|| format!("{} is no group that can be a layer", id)));
+        .map(|id| known.get(id).map(|it| it.kind).ok_or_else(|| format!("{} is not a group that can be a layer", id)));
     let kinds: Vec<Kind> = kinds.collect::<Result<_, _>>()?;
     let is_material = |kind: &Kind| matches!(kind, Kind::Materials | Kind::Composites);
     if kinds.iter().skip(1).any(is_material) {

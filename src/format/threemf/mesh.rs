@@ -1,4 +1,4 @@
-//! The element `mesh` (core specification, 4.1), of which a file has up to millions of children: nothing is made for any of them.
+//! The element `mesh` (core specification, 4.1). Files have millions of its child elements, so reading one allocates nothing.
 
 use glam::DVec3;
 
@@ -9,7 +9,7 @@ use crate::format::errors::{ReadError, ReadErrorKind, shown};
 use crate::mesh::Soup;
 use crate::scene::{PAINTLESS, Paint};
 
-/// Reads a mesh; triangles without a property of their own have `default`: a group and an entry of it.
+/// Reads a mesh. `default` is the property group and entry of triangles without their own.
 pub(super) fn read(
     reader: &mut ModelReader,
     xml: &mut Xml<'_>,
@@ -41,7 +41,7 @@ pub(super) fn read(
                     let triangle = triangle(reader, xml, tag)?;
                     let have = soup.positions.len();
                     if let Some(v) = triangle.corners.into_iter().find(|&v| v as usize >= have) {
-                        let detail = format!("a triangle names vertex {v}, and its mesh has {have}, counted from 0; export the model again");
+                        let detail = format!("a triangle refers to vertex {v}, but its mesh has {have} vertices, counted from 0; export the model again");
                         return Err(xml.error(ReadErrorKind::IndexOutOfRange, detail));
                     }
                     if colored {
@@ -83,7 +83,7 @@ fn vertex(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<DVec
     }
 }
 
-/// A triangle as it stands in the file.
+/// A triangle element.
 struct Triangle {
     corners: [u32; 3],
     group: Option<u32>,
@@ -119,7 +119,7 @@ fn triangle(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Tr
     }
 }
 
-/// An attribute that vertices and triangles of the core specification don't have.
+/// Handles an attribute that the core specification does not define for vertices and triangles.
 #[cold]
 fn other(reader: &mut ModelReader, xml: &Xml<'_>, key: &[u8], value: &[u8]) -> Result<(), ReadError> {
     let (space, name) = match key.iter().position(|&b| b == b':') {
@@ -143,11 +143,11 @@ fn not_a_number(xml: &Xml<'_>, value: &[u8]) -> ReadError {
     }
 }
 
-/// Gives triangles their paint, in which a palette is an index into the part's list of groups.
+/// Collects the paint of triangles. Until the palettes are built, `palette` is an index into [`PaintedBy::groups`].
 struct Painter<'p> {
     default: Option<(u32, u32)>,
     groups: &'p mut PaintedBy,
-    /// The group that was named last, and its index.
+    /// The property group that was used last, and its index.
     last: Option<(u32, u32)>,
     paint: Vec<Paint>,
 }
@@ -157,6 +157,7 @@ impl<'p> Painter<'p> {
         Self { default, groups, last: None, paint: Vec::new() }
     }
 
+    /// The index of a property group.
     fn palette(&mut self, group: u32) -> u32 {
         match self.last {
             Some((last, palette)) if last == group => palette,
@@ -168,6 +169,7 @@ impl<'p> Painter<'p> {
         }
     }
 
+    /// The paint of triangles without their own.
     fn of_default(&mut self) -> Paint {
         match self.default {
             Some((group, entry)) => Paint { palette: self.palette(group), at: [entry; 3] },
@@ -175,6 +177,7 @@ impl<'p> Painter<'p> {
         }
     }
 
+    /// Adds the paint of the triangle with the index `face`.
     fn paint(&mut self, xml: &Xml<'_>, triangle: &Triangle, face: usize) -> Result<(), ReadError> {
         let [Some(p1), p2, p3] = triangle.entries else {
             if !self.paint.is_empty() {
@@ -184,9 +187,9 @@ impl<'p> Painter<'p> {
             return Ok(());
         };
         let Some(group) = triangle.group.or(self.default.map(|(group, _)| group)) else {
-            return Err(
-                xml.malformed("a triangle has a p1, and neither it nor its object has a pid; export the model again")
-            );
+            return Err(xml.malformed(
+                "a triangle has a p1, but neither the triangle nor its object has a pid; export the model again",
+            ));
         };
         if self.paint.is_empty() {
             let default = self.of_default();
@@ -197,6 +200,7 @@ impl<'p> Painter<'p> {
         Ok(())
     }
 
+    /// The paint of all triangles; empty if none is painted.
     fn finish(mut self, faces: usize) -> Vec<Paint> {
         let default = self.of_default();
         if !self.paint.is_empty() || default != PAINTLESS {

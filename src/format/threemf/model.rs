@@ -1,4 +1,4 @@
-//! The element `model`: its unit, notes, resources and build (core specification, 3.4).
+//! The element `model`: unit, metadata, resources and build (core specification, 3.4).
 
 use std::collections::HashSet;
 
@@ -11,7 +11,7 @@ use crate::mesh::Soup;
 use crate::scene::{Note, ObjectKind, Unit};
 
 impl ModelReader {
-    /// Reads one part.
+    /// Reads one model part.
     pub fn read(&mut self, xml: &mut Xml<'_>) -> Result<Part, ReadError> {
         self.budget.part(xml)?;
         let mut part = Part { name: xml.part().to_owned(), ..Part::default() };
@@ -19,7 +19,7 @@ impl ModelReader {
             b"model" if root.space.is_core() => self.model(xml, root, &mut part),
             name => {
                 let detail = format!(
-                    "its root is <{}>, where a <model> of 3MF was expected; export the model again",
+                    "the root element is <{}>, but must be the <model> of 3MF; export the model again",
                     shown(name)
                 );
                 Err(xml.malformed(detail))
@@ -40,7 +40,7 @@ impl ModelReader {
             Ok(())
         })?;
         if root.space == Space::Draft {
-            self.warnings.tell("the file is after a draft of 3MF; its shapes were read, and its colours left out");
+            self.warnings.tell("the file follows a draft of 3MF; its shapes were read, but its colours were ignored");
         }
         let (mut resources, mut builds) = (0, 0);
         let mut ids = HashSet::new();
@@ -58,8 +58,9 @@ impl ModelReader {
         })?;
         for (name, count) in [("resources", resources), ("build", builds)] {
             if count != 1 {
-                let detail =
-                    format!("the model has {count} elements <{name}>, where 3MF asks for one; export the model again");
+                let detail = format!(
+                    "the model has {count} elements <{name}>, but 3MF requires exactly one; export the model again"
+                );
                 return Err(xml.malformed(detail));
             }
         }
@@ -99,7 +100,7 @@ impl ModelReader {
                     return Ok(());
                 }
                 (Space::Material, _) => {
-                    self.warnings.tell("how materials shine (display properties) was left out");
+                    self.warnings.tell("display properties of materials, such as shininess, were ignored");
                     return Ok(());
                 }
                 _ => return self.unknown(xml, tag),
@@ -130,7 +131,7 @@ impl ModelReader {
             (None, None) => None,
             (None, Some(_)) => {
                 return Err(
-                    xml.malformed(format_args!("the object {id} has a pindex and no pid; export the model again"))
+                    xml.malformed(format_args!("the object {id} has a pindex but no pid; export the model again"))
                 );
             }
         };
@@ -145,12 +146,12 @@ impl ModelReader {
             };
             match shape.replace(found) {
                 None => Ok(()),
-                Some(_) => {
-                    Err(xml.malformed(format_args!("the object {id} has more than one shape; export the model again")))
-                }
+                Some(_) => Err(xml.malformed(format_args!(
+                    "the object {id} has more than one mesh or list of components; export the model again"
+                ))),
             }
         })?;
-        // What an extension that was passed over describes.
+        // The shape may be described by an extension that was ignored.
         let shape = shape.unwrap_or_else(|| ShapeResource::Mesh { soup: Soup::default(), paint: Vec::new() });
         part.objects.push(ObjectResource { id, name, part_number, kind, notes, shape });
         Ok(())
@@ -185,7 +186,7 @@ impl ModelReader {
         })
     }
 
-    /// A component or a build item.
+    /// Reads a component or a build item.
     fn placed(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<Placed, ReadError> {
         self.budget.placed(xml)?;
         let (mut path, mut id, mut part_number) = (None, None, None);
@@ -197,7 +198,8 @@ impl ModelReader {
                 (Space::None, b"transform") => {
                     transform = matrix(attribute.value).ok_or_else(|| not_a_matrix(xml, attribute.value))?;
                     if transform.matrix3.determinant() == 0.0 {
-                        let detail = "a transform has no volume: it makes its object flat; export the model again";
+                        let detail =
+                            "a transform flattens its object, because its determinant is zero; export the model again";
                         return Err(xml.malformed(detail));
                     }
                 }
@@ -206,7 +208,7 @@ impl ModelReader {
                     let found = resolve("", &reference).filter(|_| reference.starts_with('/'));
                     path = Some(found.ok_or_else(|| {
                         xml.malformed(format_args!(
-                            "'{}' is the name of no part; export the model again",
+                            "'{}' is not the absolute path of a part; export the model again",
                             shown(reference.as_bytes())
                         ))
                     })?);
@@ -217,7 +219,7 @@ impl ModelReader {
         })?;
         let Some(id) = id else {
             return Err(
-                xml.malformed(format_args!("a <{}> names no object; export the model again", shown(tag.name())))
+                xml.malformed(format_args!("a <{}> has no objectid; export the model again", shown(tag.name())))
             );
         };
         Ok(Placed { path, id, transform, part_number, notes: Vec::new() })
@@ -246,7 +248,7 @@ impl ModelReader {
             Ok(())
         })?;
         let Some(mut name) = name.filter(|name| !name.trim().is_empty()) else {
-            return Err(xml.malformed("a note (<metadata>) has no name; export the model again"));
+            return Err(xml.malformed("a <metadata> element has no name; export the model again"));
         };
         let mut namespace = match name.split_once(':') {
             Some((prefix, _)) => Some(xml.address(prefix.as_bytes())?),
@@ -260,7 +262,7 @@ impl ModelReader {
         }
         if all.iter().any(|note| note.name == name && note.namespace == namespace) {
             let detail =
-                format!("two notes (<metadata>) are called '{}'; export the model again", shown(name.as_bytes()));
+                format!("two <metadata> elements have the name '{}'; export the model again", shown(name.as_bytes()));
             return Err(xml.malformed(detail));
         }
         let value = xml.text(tag)?;
@@ -289,17 +291,17 @@ fn object_kind(xml: &Xml<'_>, value: &[u8]) -> Result<ObjectKind, ReadError> {
         b"support" => ObjectKind::Support,
         b"surface" => ObjectKind::Surface,
         b"other" => ObjectKind::Other,
-        _ => return Err(not_a(xml, "a type of objects (model, solidsupport, support, surface, other)", value)),
+        _ => return Err(not_a(xml, "an object type (model, solidsupport, support, surface, other)", value)),
     })
 }
 
-/// Refuses a model that means nothing without an extension that is not read.
+/// Rejects a model that requires an extension without which it is incomplete.
 fn required(xml: &Xml<'_>, value: &[u8]) -> Result<(), ReadError> {
     for prefix in words(value) {
         let address = xml.address(prefix)?;
         if !can_be_passed(&address) {
             let detail = format!(
-                "the model requires an extension of 3MF that is not read here: {}; export it as triangles without",
+                "the model requires a 3MF extension that is not supported: {}; export the model as plain triangles",
                 subject(&address)
             );
             return Err(xml.error(ReadErrorKind::UnsupportedFormat, detail));
@@ -311,6 +313,6 @@ fn required(xml: &Xml<'_>, value: &[u8]) -> Result<(), ReadError> {
 fn not_a_matrix(xml: &Xml<'_>, value: &[u8]) -> ReadError {
     match value.contains(&b',') {
         true => xml.malformed("a transform has decimal commas; export the model with decimal points"),
-        false => not_a(xml, "a transform of twelve numbers", value),
+        false => not_a(xml, "a transform of 12 numbers", value),
     }
 }

@@ -1,4 +1,4 @@
-//! Materials, colours and textures as resources (core specification, chapter 5; materials extension, chapters 2 to 6).
+//! Resources for materials, colours and textures (core specification, chapter 5; materials extension, chapters 2 to 6).
 
 use super::part::{GroupKind, ModelReader, TextureResource, index_in, not_a};
 use super::schema::{Space, color, number, resolve, words};
@@ -6,10 +6,10 @@ use super::xml::{Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, shown};
 use crate::scene::{Material, Wrap};
 
-/// Most groups or materials that one resource mixes.
+/// Maximum number of groups or materials that a resource combines.
 const MIXED: usize = 256;
 
-/// The id of a resource.
+/// Reads the id of a resource.
 pub(super) fn id(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<u32, ReadError> {
     let mut id = None;
     xml.attributes(tag, |attribute| {
@@ -21,7 +21,7 @@ pub(super) fn id(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<u32, ReadError> {
     id.ok_or_else(|| xml.malformed(format_args!("a <{}> has no id; export the model again", shown(tag.name()))))
 }
 
-/// The values of attributes without a namespace, by name, as text that is not kept; others are passed over.
+/// The values of the named attributes without a namespace; other attributes are ignored or reported.
 fn values<const N: usize>(
     reader: &mut ModelReader,
     xml: &Xml<'_>,
@@ -45,7 +45,7 @@ fn missing(xml: &Xml<'_>, tag: &Tag<'_>, name: &str) -> ReadError {
     xml.malformed(format_args!("a <{}> has no {name}; export the model again", shown(tag.name())))
 }
 
-/// Reads the elements of a group, each of the same name, which `entry` takes one by one.
+/// Calls `entry` with the child elements that have this name; other elements are reported.
 fn entries(
     reader: &mut ModelReader,
     xml: &mut Xml<'_>,
@@ -103,7 +103,7 @@ pub(super) fn texture(
         values(reader, xml, tag, [b"path", b"contenttype", b"tilestyleu", b"tilestylev", b"filter"])?;
     let reference = reader.text(xml, &path.ok_or_else(|| missing(xml, tag, "path"))?)?;
     let path = resolve("", &reference).filter(|_| reference.starts_with('/'));
-    let path = path.ok_or_else(|| not_a(xml, "the name of a part", reference.as_bytes()))?;
+    let path = path.ok_or_else(|| not_a(xml, "the absolute path of a part", reference.as_bytes()))?;
     let media_type = match media_type.ok_or_else(|| missing(xml, tag, "contenttype"))?.as_slice() {
         b"image/png" => "image/png",
         b"image/jpeg" => "image/jpeg",
@@ -137,7 +137,7 @@ pub(super) fn places(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<'_>)
         let [u, v] = values(reader, xml, tag, [b"u", b"v"])?;
         let coordinate = |value: Option<Vec<u8>>| {
             let value = value.ok_or_else(|| missing(xml, tag, "u or v"))?;
-            number(&value).ok_or_else(|| not_a(xml, "a place in a texture", &value))
+            number(&value).ok_or_else(|| not_a(xml, "a texture coordinate", &value))
         };
         places.push([coordinate(u)?, coordinate(v)?]);
         Ok(())
@@ -145,11 +145,11 @@ pub(super) fn places(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<'_>)
     Ok(GroupKind::Places { texture, places })
 }
 
-/// A list of whole numbers, not longer than what may be mixed.
+/// A list of at most [`MIXED`] whole numbers.
 fn indices(xml: &Xml<'_>, value: &[u8]) -> Result<Vec<u32>, ReadError> {
     let indices: Vec<u32> = words(value).take(MIXED + 1).map(|word| index_in(xml, word)).collect::<Result<_, _>>()?;
     if indices.len() > MIXED {
-        let detail = format!("a resource mixes more than {MIXED} others; export the model again");
+        let detail = format!("a resource combines more than {MIXED} others; export the model again");
         return Err(xml.error(ReadErrorKind::TooLarge, detail));
     }
     Ok(indices)
@@ -168,7 +168,7 @@ pub(super) fn composites(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<
         let end = shares.len() + materials.len();
         for word in words(&values).take(materials.len()) {
             let share = number(word).filter(|share| *share >= 0.0);
-            shares.push(share.ok_or_else(|| not_a(xml, "a share of a material", word))?);
+            shares.push(share.ok_or_else(|| not_a(xml, "a share of a material, 0 or more", word))?);
         }
         shares.resize(end, 0.0);
         Ok(())
@@ -186,7 +186,11 @@ pub(super) fn layers(reader: &mut ModelReader, xml: &mut Xml<'_>, tag: &Tag<'_>)
         return Err(not_a(xml, "mix or multiply", method));
     }
     if methods.len() >= of.len() {
-        let detail = format!("{} groups are blended by {} methods; export the model again", of.len(), methods.len());
+        let detail = format!(
+            "a <multiproperties> has {} groups and {} blend methods, but needs fewer methods than groups; export the model again",
+            of.len(),
+            methods.len()
+        );
         return Err(xml.malformed(detail));
     }
     let mut rows = Vec::new();

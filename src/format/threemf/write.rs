@@ -1,5 +1,5 @@
-//! 3MF as it is written: a package of parts, what they are and how they belong together, and the model part with its resources, objects and
-//! build. The same scene gives the same bytes.
+//! Writing 3MF: the package with content types and relationships, and the model part with resources, objects and build. The same scene always
+//! gives the same bytes.
 
 use std::fmt::Write as _;
 use std::io::{self, Cursor, Write};
@@ -17,17 +17,20 @@ use crate::scene::{
 
 const ROOT: &str = "3D/3dmodel.model";
 
-/// Writes 3MF. What it has no words for is left out: a palette's tint and name, textures that are neither PNG nor JPEG.
+/// Writes 3MF. Tints and names of textured palettes, and textures that are neither PNG nor JPEG, are dropped.
+///
+/// # Errors
+/// [`WriteError::NotFinite`] for infinite or not-a-number values, [`WriteError::TooLarge`] if the package exceeds ZIP's limits.
 pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
     match package(scene) {
         Ok((true, archive)) => Ok(archive),
         Ok((false, _)) => Err(WriteError::NotFinite),
-        // To memory nothing else can fail.
+        // Writing to memory fails only if a size is too large.
         Err(_) => Err(WriteError::TooLarge),
     }
 }
 
-/// The archive, and whether all numbers in it are finite.
+/// Writes the package. The flag tells whether all numbers are finite.
 fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
     let pictures = Pictures::of(&scene.textures);
     let packed = compressed(false);
@@ -50,7 +53,7 @@ fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
     Ok((finite, zip.finish()?.into_inner()))
 }
 
-/// Whether the model's text may be too long for the sizes of a ZIP entry, which have 32 bits unless they are given 64.
+/// Whether the model part may need ZIP64, which entries over 4 GiB do.
 fn is_long(scene: &Scene) -> bool {
     let lengths = scene
         .objects
@@ -60,10 +63,10 @@ fn is_long(scene: &Scene) -> bool {
     lengths.sum::<u64>() > u64::from(u32::MAX) / 2
 }
 
-/// The parts of pictures.
+/// The texture parts of the package.
 struct Pictures<'s> {
     files: Vec<(String, &'s Texture)>,
-    /// For each texture its part; none where 3MF does not take it.
+    /// The part of each texture; `None` if it is neither PNG nor JPEG.
     of_textures: Vec<Option<String>>,
 }
 
@@ -98,6 +101,7 @@ impl<'s> Pictures<'s> {
 
 const DECLARATION: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
 
+/// The content types part.
 fn content_types(pictures: &Pictures<'_>) -> String {
     let mut text =
         format!("{DECLARATION}<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n");
@@ -114,6 +118,7 @@ fn content_types(pictures: &Pictures<'_>) -> String {
     text + "</Types>\n"
 }
 
+/// A relationships part, from pairs of type and target.
 fn relationships<'t>(all: impl Iterator<Item = (&'t str, &'t str)>) -> String {
     let mut text = format!(
         "{DECLARATION}<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">\n"
@@ -124,27 +129,27 @@ fn relationships<'t>(all: impl Iterator<Item = (&'t str, &'t str)>) -> String {
     text + "</Relationships>\n"
 }
 
-/// How much text is collected before it is packed.
+/// Size in bytes at which collected text is compressed.
 const CHUNK: usize = 64 << 10;
 
 /// Writes the model part of a scene.
 struct ModelWriter<'s> {
     scene: &'s Scene,
-    /// The part of each texture, where it has one.
+    /// The part of each texture; `None` if it is not written.
     pictures: &'s [Option<String>],
     prefixes: Prefixes<'s>,
-    /// The ids of resources, where they are written.
+    /// Resource ids of textures and palettes; `None` if they are not written.
     textures: Vec<Option<u32>>,
     palettes: Vec<Option<u32>>,
     first_object: u32,
-    /// Whether an object is an item of the build.
+    /// Whether each object is a build item.
     built: Vec<bool>,
     text: String,
     /// Whether all numbers so far were finite.
     finite: bool,
 }
 
-// Writing to a string can't fail, so that what `write!` answers says nothing.
+// Writing to a String can't fail, so the results of `write!` are ignored.
 impl<'s> ModelWriter<'s> {
     fn new(scene: &'s Scene, pictures: &'s [Option<String>]) -> Self {
         let mut next = 0;
@@ -170,7 +175,7 @@ impl<'s> ModelWriter<'s> {
         Self { scene, pictures, prefixes, textures, palettes, first_object, built, text, finite: true }
     }
 
-    /// Writes it. Answers whether all its numbers are finite, as they have to be.
+    /// Writes the model part. Returns whether all numbers are finite, as 3MF requires.
     fn write(mut self, target: &mut impl Write) -> io::Result<bool> {
         let _ = write!(
             self.text,
@@ -199,7 +204,7 @@ impl<'s> ModelWriter<'s> {
         Ok(self.finite)
     }
 
-    /// Hands on what has been collected.
+    /// Compresses the collected text once it is long enough.
     fn pack(&mut self, target: &mut impl Write) -> io::Result<()> {
         if self.text.len() >= CHUNK {
             target.write_all(self.text.as_bytes())?;
@@ -208,6 +213,7 @@ impl<'s> ModelWriter<'s> {
         Ok(())
     }
 
+    /// Writes a number, and records whether it is finite.
     fn number(&mut self, number: f64) {
         self.finite &= number.is_finite();
         let _ = write!(self.text, "{number}");
@@ -250,7 +256,7 @@ impl<'s> ModelWriter<'s> {
                 let texture = self.textures.get(*texture as usize).copied().flatten().unwrap_or_default();
                 let _ = writeln!(self.text, "<m:texture2dgroup id=\"{id}\" texid=\"{texture}\">");
                 for place in places {
-                    // A place that is none spoils no shape.
+                    // Texture coordinates that are not finite must not make writing fail.
                     let [u, v] = place.map(|it| if it.is_finite() { it } else { 0.0 });
                     let _ = writeln!(self.text, "<m:tex2coord u=\"{u}\" v=\"{v}\"/>");
                     self.pack(target)?;
@@ -294,7 +300,7 @@ impl<'s> ModelWriter<'s> {
         Ok(())
     }
 
-    /// The type of an object, which is not `other` where it is to be built, as the specification forbids.
+    /// The type of an object; `None` stands for `model`. Build items may not have the type `other`.
     fn kind(&self, number: usize, kind: ObjectKind) -> Option<&'static str> {
         Some(match kind {
             ObjectKind::Model => return None,
@@ -306,6 +312,7 @@ impl<'s> ModelWriter<'s> {
         })
     }
 
+    /// Writes an attribute unless its value is empty.
     fn words(&mut self, name: &str, value: Option<&str>) {
         let value = attribute(value.unwrap_or_default());
         if !value.is_empty() {
@@ -313,6 +320,7 @@ impl<'s> ModelWriter<'s> {
         }
     }
 
+    /// Writes a metadata group unless it would be empty.
     fn notes<'n>(&mut self, notes: impl Iterator<Item = &'n Note>) {
         let before = self.text.len();
         self.text.push_str("<metadatagroup>\n");
@@ -324,7 +332,7 @@ impl<'s> ModelWriter<'s> {
         }
     }
 
-    /// A face's paint with the id of its group, if it is written.
+    /// The resource id and entries of a face's paint; `None` if it is not painted or its palette is not written.
     fn paint(&self, paint: Paint) -> Option<(u32, [u32; 3])> {
         if paint == PAINTLESS {
             return None;
@@ -338,7 +346,7 @@ impl<'s> ModelWriter<'s> {
         at.iter().all(|&entry| (entry as usize) < palette.len()).then_some((id, at))
     }
 
-    /// What an object's faces have if they have nothing of their own: only where all are painted.
+    /// The default property of an object: that of its first face, if all faces are painted.
     fn default_paint(&self, mesh: &PaintedMesh) -> Option<(u32, u32)> {
         let all =
             mesh.paint.len() == mesh.soup.faces.len() && mesh.paint.iter().all(|&paint| self.paint(paint).is_some());
@@ -398,7 +406,7 @@ impl<'s> ModelWriter<'s> {
         self.transform(self.scene.stood(Up::Z, item.transform));
         self.words("partnumber", item.part_number.as_deref());
         self.text.push('>');
-        // The specification gives items no name, but notes, of which one is a title.
+        // Build items have no name attribute, so the name becomes the metadata `Title`.
         let title = item.name.as_ref().filter(|name| !attribute(name).is_empty()).map(|name| Note {
             name: "Title".to_owned(),
             namespace: None,
