@@ -149,7 +149,7 @@ impl Findings {
 
     /// Number of further places of this kind that [`Findings::push`] keeps.
     #[must_use]
-    pub fn room(&self, kind: DefectKind) -> usize {
+    pub fn remaining_places(&self, kind: DefectKind) -> usize {
         self.most.saturating_sub(self.places[kind as usize].len())
     }
 

@@ -142,11 +142,11 @@ pub fn characteristics(
     level: Level,
     context: &Context<'_>,
 ) -> Result<Characteristics, Cancelled> {
-    let (shells, turning) = shells(analysis, context)?;
-    let attributes = Attributes::new(measures, &turning);
+    let (shells, orientation) = shells(analysis, context)?;
+    let attributes = Attributes::new(measures, &orientation);
     let statistics = match level {
         Level::None => None,
-        Level::Basic | Level::Full => Some(statistics(analysis, &attributes, &turning, context)?),
+        Level::Basic | Level::Full => Some(statistics(analysis, &attributes, &orientation, context)?),
     };
     Ok(Characteristics { attributes, elements: Elements::new(analysis, measures), shells, statistics })
 }

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::analysis::get_or_find;
+use super::analysis::get_or_try_init;
 use super::intersections::materials_in;
 use super::{Analysis, BoundingBox, Measures, Subject, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
@@ -46,7 +46,7 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
 impl Analysis<'_> {
     /// The cached measures, without self-intersections.
     fn measures(&self, context: &Context<'_>) -> Result<&Measures, Cancelled> {
-        get_or_find(&self.measures, || count(self, context))
+        get_or_try_init(&self.measures, || count(self, context))
     }
 }
 

@@ -46,6 +46,6 @@ pub use print::{
     Fit, NoWallReason, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
 };
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing, Spacing, spacing};
-pub use shells::{Answer, Attributes, Shell, Shells, Turning, Unmeasurable, shells};
+pub use shells::{Answer, Attributes, OrientationCounts, Shell, Shells, Unmeasurable, shells};
 pub use solids::{Solid, doubled_areas, nesting, nesting_depths, solids};
 pub use statistics::{EdgeAngles, Side, Statistics, aspect_ratio, statistics};

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::analysis::Pair;
 use super::super::distribution::percentile;
-use super::super::sampling::{InsideTest, Sample, ask};
+use super::super::sampling::{InsideTest, Sample, run_queries};
 use super::super::{Analysis, finite, percent};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, r3};
@@ -105,7 +105,7 @@ pub(super) fn distances(
     let own_positions = pair.from.unit();
     let tree = pair.to.tree();
     let count = missing.len() + apart.len();
-    let answers = ask(count, BUDGET + BUDGET_PER_POINT * count as u64, context, |i, steps| {
+    let answers = run_queries(count, BUDGET + BUDGET_PER_POINT * count as u64, context, |i, steps| {
         let point =
             missing.get(i).map_or_else(|| own_positions[apart[i - missing.len()] as usize], |&i| samples[i].point);
         let nearest = tree.nearest(point * pair.ratio, f64::INFINITY, steps, |f| pair.to.unit_corners(f));
@@ -232,14 +232,18 @@ pub(super) fn inside_agreement(
     }
     let insides = [InsideTest::new(pair.from), InsideTest::new(pair.to)];
     context.check()?;
-    let answers =
-        ask(points as usize, INSIDE_BUDGET + INSIDE_BUDGET_PER_POINT * u64::from(points), context, |i, steps| {
+    let answers = run_queries(
+        points as usize,
+        INSIDE_BUDGET + INSIDE_BUDGET_PER_POINT * u64::from(points),
+        context,
+        |i, steps| {
             let share = DVec3::from(r3(i as f64));
             let point = bounds.min * (DVec3::ONE - share) + bounds.max * share;
             let is_inside = [insides[0].winding(point, steps), insides[1].winding(point * pair.ratio, steps)];
             let found = (is_inside[0] >= least_before, is_inside[1] >= INSIDE_WINDING);
             (*steps > 0).then_some(found)
-        })?;
+        },
+    )?;
     let count = |predicate: fn(&(bool, bool)) -> bool| {
         answers.values.iter().flatten().filter(|sides| predicate(sides)).count() as f64
     };
@@ -288,7 +292,7 @@ pub(super) fn are_buried(
     context: &Context<'_>,
 ) -> Result<Vec<Option<bool>>, Cancelled> {
     let inside = InsideTest::new(pair.to);
-    let answers = ask(points.len(), BURIED_BUDGET, context, |i, steps| {
+    let answers = run_queries(points.len(), BURIED_BUDGET, context, |i, steps| {
         let (point, normal) = points[i];
         let sides = inside.windings(point * pair.ratio, normal * NORMAL_OFFSET, steps);
         (*steps > 0).then(|| sides.iter().all(|&number| number >= MATERIAL))

@@ -5,7 +5,7 @@ use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 use crate::inspect::analysis::Pair;
 use crate::inspect::matching::NO_FACE;
-use crate::inspect::sampling::{InsideTest, ask, spread_by_area};
+use crate::inspect::sampling::{InsideTest, run_queries, spread_by_area};
 use crate::math::nearest_on_triangle;
 use crate::mesh::Parts;
 
@@ -97,7 +97,7 @@ impl<'a> PointLocator<'a> {
     pub fn locate(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<PointLocation>>, Cancelled> {
         let count = probes.points.len();
         let budget = BUDGET + BUDGET_PER_POINT * count as u64;
-        let found = ask(count, budget, context, |i, steps| {
+        let found = run_queries(count, budget, context, |i, steps| {
             let location = self.classify(probes.points[i], probes.part[i], probes.reach[i], steps);
             (*steps > 0).then_some(location)
         })?;

@@ -5,7 +5,7 @@ use super::original::{FAR, Original, ROUNDING};
 use crate::context::{Cancelled, Context};
 use crate::inspect::analysis::Pair;
 use crate::inspect::matching::Common;
-use crate::inspect::sampling::ask;
+use crate::inspect::sampling::run_queries;
 use crate::inspect::{Analysis, finite};
 use crate::math::Nearest;
 
@@ -178,7 +178,7 @@ fn find_nearby(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Contex
     let (tree, ratio) = (pair.to.tree(), pair.ratio);
     let reach = (FAR * diagonal).max(ROUNDING);
     let budget = BUDGET + BUDGET_PER_POINT * points.len() as u64;
-    let answers = ask(points.len(), budget, context, |i, steps| {
+    let answers = run_queries(points.len(), budget, context, |i, steps| {
         let nearest = tree.nearest(points[i] * ratio, reach * ratio, steps, |f| pair.to.unit_corners(f));
         let found = nearest.map(|n| Match::Found(Nearest { distance: n.distance / ratio, ..n }));
         Some(if *steps == 0 { Some(Match::Unknown) } else { found })
