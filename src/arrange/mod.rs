@@ -17,7 +17,7 @@ use cells::Cells;
 use complex::Complex;
 
 use crate::context::Context;
-use crate::mesh::{ClosedSurface, Surface, is_made};
+use crate::mesh::{ClosedSurface, Surface, is_generated};
 
 pub use complex::ArrangeError;
 
@@ -40,12 +40,12 @@ pub struct Rule {
     pub winding_rule: WindingRule,
     /// Whether to reopen patches (faces without an input face). A region counts as outside if only patches close it and
     /// it would hide surface that is visible through the patched holes.
-    pub doubts_patches: bool,
+    pub reopens_patches: bool,
 }
 
 impl From<WindingRule> for Rule {
     fn from(winding_rule: WindingRule) -> Self {
-        Self { winding_rule, doubts_patches: false }
+        Self { winding_rule, reopens_patches: false }
     }
 }
 
@@ -56,7 +56,7 @@ pub struct Solid {
     pub surface: Surface,
     /// Zero-thickness facets outside: places where oppositely oriented surface coincides. They enclose nothing, so the
     /// boundary does not contain them.
-    pub flaps: Surface,
+    pub zero_thickness: Surface,
     /// Faces with the outside on both sides after patches were reopened: the skin of reopened regions. In ascending
     /// order, oriented so that the former inside is behind them.
     pub opened: Surface,
@@ -90,8 +90,8 @@ impl Arrangement for Exact {
         let complex = Complex::new(&surface, context)?;
         let cells = Cells::new(&complex, context)?;
         let inside: Vec<bool> = cells.number.iter().map(|&number| is_inside(rule.winding_rule, number)).collect();
-        let opened = if rule.doubts_patches {
-            openings::seen_into(&complex, &cells, &inside, |f| is_made(surface.source[f as usize]), context)?
+        let opened = if rule.reopens_patches {
+            openings::seen_into(&complex, &cells, &inside, |f| is_generated(surface.source[f as usize]), context)?
         } else {
             None
         };
@@ -116,7 +116,7 @@ fn is_inside(winding_rule: WindingRule, number: i32) -> bool {
 /// facets with winding number 0 on both sides; and the skin between cells that were `opened`.
 fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[bool]>, surface: &Surface) -> Solid {
     let is_open = |cell: usize| opened.is_some_and(|opened| opened[cell]);
-    let (mut kept, mut flaps, mut skins) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut kept, mut zero_thickness, mut skins) = (Vec::new(), Vec::new(), Vec::new());
     for (at, facet) in complex.facets.iter().enumerate() {
         let sides = cells.beside(at);
         let was_inside = sides.map(|cell| inside[cell]);
@@ -125,10 +125,10 @@ fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[b
         if before != behind {
             kept.push((facet.faces[0], if behind { [a, b, c] } else { [a, c, b] }));
         } else if sides.map(|cell| cells.number[cell]) == [0, 0] {
-            flaps.push((facet.faces[0], [a, b, c]));
+            zero_thickness.push((facet.faces[0], [a, b, c]));
         } else if !before
             && sides.into_iter().any(is_open)
-            && let Some(&face) = facet.faces.iter().find(|&&face| !is_made(surface.source[face as usize]))
+            && let Some(&face) = facet.faces.iter().find(|&&face| !is_generated(surface.source[face as usize]))
         {
             let [p, q, r] = facet.corners.map(|point| complex.points.place(point));
             let has_same_orientation = (q - p).cross(r - p).dot(surface.area_vector(face as usize)) > 0.0;
@@ -138,7 +138,7 @@ fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[b
     }
     Solid {
         surface: surface_of(complex, kept, surface),
-        flaps: surface_of(complex, flaps, surface),
+        zero_thickness: surface_of(complex, zero_thickness, surface),
         opened: faces_of(skins, surface),
     }
 }

@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::errors::{ReadError, ReadErrorKind, shown};
 use super::text::{Text, Word, integer};
 use super::{Format, Limits, ReadMesh};
-use crate::mesh::{LeftOutFace, Numbering, Soup};
+use crate::mesh::{OmittedFace, Numbering, Soup};
 
 /// Maximum number of faces with missing vertices, and of missing vertices, whose numbers are recorded.
 const MOST_KEPT: usize = 10_000;
@@ -155,7 +155,7 @@ impl<'a> Reader<'a> {
             }
             let at = middle(&self.positions, &indices).unwrap_or(last);
             if numbering.omitted.len() < MOST_KEPT {
-                numbering.omitted.push(LeftOutFace { number, at: at.to_array() });
+                numbering.omitted.push(OmittedFace { number, at: at.to_array() });
             }
             false
         });

@@ -96,7 +96,7 @@ pub fn area_vanishes(a: DVec3, b: DVec3, c: DVec3) -> bool {
 
 /// The index of the middle one of three different, collinear points.
 #[must_use]
-pub fn midmost(points: [DVec3; 3]) -> usize {
+pub fn index_of_middle(points: [DVec3; 3]) -> usize {
     // Along a line the lexicographic order is the geometric order, and comparing needs no arithmetic.
     let key = |i: usize| points[i].to_array();
     let mut order = [0, 1, 2];
@@ -196,9 +196,9 @@ mod tests {
     #[test]
     fn the_middle_of_a_line_is_found_in_any_order() {
         let [a, b, c] = [DVec3::ZERO, DVec3::new(0.0, -1.0, 1.0), DVec3::new(0.0, -2.0, 2.0)];
-        assert_eq!(midmost([a, b, c]), 1);
-        assert_eq!(midmost([b, c, a]), 0);
-        assert_eq!(midmost([c, a, b]), 2);
+        assert_eq!(index_of_middle([a, b, c]), 1);
+        assert_eq!(index_of_middle([b, c, a]), 0);
+        assert_eq!(index_of_middle([c, a, b]), 2);
     }
 
     #[test]

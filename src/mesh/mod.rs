@@ -15,9 +15,9 @@ mod weld;
 pub use adjacency::{Edges, Stars};
 pub use connectivity::{Fans, Parts, UnionFind};
 pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};
-pub use soup::{CornerNormals, LeftOutFace, Numbering, Soup};
+pub use soup::{CornerNormals, Numbering, OmittedFace, Soup};
 pub use surface::{
-    BASE_SOURCE, ClosedSurface, Ingest, NO_SOURCE, NotClosed, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, is_made,
+    BASE_SOURCE, ClosedSurface, Ingest, NO_SOURCE, NotClosed, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, is_generated,
     position_key,
 };
 pub use weld::weld_exactly;

@@ -76,7 +76,7 @@ pub struct Numbering {
     /// Faces that reference an undefined vertex; the soup does not contain them.
     pub faces_without_vertex: u64,
     /// The first of those faces, in the order of the file.
-    pub omitted: Vec<LeftOutFace>,
+    pub omitted: Vec<OmittedFace>,
     /// The first of the undefined vertex numbers, in ascending order.
     pub missing: Vec<u32>,
     /// The number of each vertex of the soup; empty if the numbers are 1, 2, 3, ...
@@ -87,7 +87,7 @@ pub struct Numbering {
 
 /// A face that references a vertex which the file does not define.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LeftOutFace {
+pub struct OmittedFace {
     /// The face's number in the file.
     pub number: u32,
     /// The centre of the face's defined corners; for a face without any, the location of the previous such face.

@@ -22,7 +22,7 @@ pub const BASE_SOURCE: u32 = u32::MAX - 3;
 
 /// Whether a source marks a face without an input face.
 #[must_use]
-pub const fn is_made(source: u32) -> bool {
+pub const fn is_generated(source: u32) -> bool {
     source >= BASE_SOURCE
 }
 
@@ -38,7 +38,7 @@ pub struct Surface {
     /// Faces as indices into `positions`.
     pub faces: Vec<[u32; 3]>,
     /// For each face, the index of the input face that it comes from, or a constant for its purpose if it has none
-    /// ([`is_made`]).
+    /// ([`is_generated`]).
     pub source: Vec<u32>,
 }
 
@@ -88,11 +88,11 @@ impl Surface {
 
     /// Adds a face with [`NO_SOURCE`].
     pub fn push_patch(&mut self, face: [u32; 3]) {
-        self.push_made(face, NO_SOURCE);
+        self.push_generated(face, NO_SOURCE);
     }
 
     /// Adds a face without an input face, with the source constant of its purpose.
-    pub fn push_made(&mut self, face: [u32; 3], source: u32) {
+    pub fn push_generated(&mut self, face: [u32; 3], source: u32) {
         self.faces.push(face);
         self.source.push(source);
     }

@@ -184,7 +184,7 @@ pub struct Deviation {
     /// From the input's surface, where it borders the inside, to the result: what was lost.
     pub lost: Distances,
     /// From the result to the input's surface: what was added, such as patches over holes.
-    pub made: Distances,
+    pub added: Distances,
 }
 
 /// Statistics of distances.
@@ -218,10 +218,10 @@ pub(super) fn deviation(
         let is_border = (depths[0] > LEVEL) != (depths[1] > LEVEL);
         is_border.then(|| tree.nearest(point, f64::INFINITY, steps, corners).map(|nearest| nearest.distance))
     })?;
-    let made = evaluate(&area_samples(count(faces), corners), &mut steps, context, |&(_, point), steps| {
+    let added = evaluate(&area_samples(count(faces), corners), &mut steps, context, |&(_, point), steps| {
         Some(field.distance(point, steps))
     })?;
-    Ok(Deviation { lost: Distances::of(lost), made: Distances::of(made) })
+    Ok(Deviation { lost: Distances::of(lost), added: Distances::of(added) })
 }
 
 impl Distances {

@@ -66,7 +66,7 @@ pub struct Remeshed {
     /// Distance between the result and the input.
     pub deviation: Deviation,
     /// Number of samples forced inside, to preserve thin parts and to keep the surface manifold.
-    pub made_inside: u64,
+    pub forced_inside: u64,
 }
 
 /// Why no new surface could be built.
@@ -127,7 +127,7 @@ impl Remesh {
                         *p /= scale;
                     }
                     result.cell /= scale;
-                    let Deviation { lost, made: added } = &mut result.deviation;
+                    let Deviation { lost, added } = &mut result.deviation;
                     (*lost, *added) = (lost.scaled(1.0 / scale), added.scaled(1.0 / scale));
                     return Ok(result);
                 }
@@ -171,7 +171,7 @@ impl Remesh {
         let source = vec![NO_SOURCE; contour.faces.len()];
         let mut surface = Surface { positions: contour.points, faces: contour.faces, source };
         surface.drop_unreferenced();
-        Ok(Some(Remeshed { surface, cell, deviation, made_inside: forced }))
+        Ok(Some(Remeshed { surface, cell, deviation, forced_inside: forced }))
     }
 
     /// Samples the inside on a grid and corrects the samples.

@@ -12,7 +12,7 @@ use crate::inspect::{
     Analysis, Changes, ComparedMesh, Findings, InspectOptions, Inspection, Level, Measures, Original, PartAccounting,
     SurfaceShares, inspect_analysis, measure_analysis,
 };
-use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_made};
+use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_generated};
 use crate::scene::{LengthUnit, UnitSource};
 
 /// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
@@ -100,7 +100,7 @@ impl Judging<'_, '_> {
         let part_accounting = part_accounting(input, &analysis, options, verification)?;
         // Faces are written and read in their order.
         let patches: Vec<bool> = match patches {
-            Patches::BySource => surface.source.iter().map(|&source| is_made(source)).collect(),
+            Patches::BySource => surface.source.iter().map(|&source| is_generated(source)).collect(),
             Patches::None => Vec::new(),
         };
         let dropped = parts_dropped(&part_accounting, input.analysis().parts.count);

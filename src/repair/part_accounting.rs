@@ -8,7 +8,7 @@ use super::red_flags::Standing;
 use super::sheets::open_sheets;
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Analysis, Dispensable, Original, PartAccounting, PartReason, solids};
-use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, is_made};
+use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, is_generated};
 
 /// Mean thickness of a closed part up to which it encloses nothing, as a share of its own diagonal, and of the model's largest
 /// coordinate: what f32 can't tell apart.
@@ -108,7 +108,7 @@ fn volumes_enclosed(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>)
 /// What of the input is in a surface. Where every part is accounted for, none is gone by becoming one with others.
 pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, part_accounting: &PartAccounting) -> Standing {
     let mut stands = vec![false; input.subject.soup.faces.len()];
-    for &source in surface.source.iter().filter(|&&source| !is_made(source)) {
+    for &source in surface.source.iter().filter(|&&source| !is_generated(source)) {
         if let Some(stands) = stands.get_mut(source as usize) {
             *stands = true;
         }

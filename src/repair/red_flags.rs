@@ -7,7 +7,7 @@ use super::report::{RedFlag, RedFlagCode};
 use crate::context::Context;
 use crate::inspect::{Changes, LostPart, Measures, PartAccounting, Volume, percent};
 use crate::math::Box3;
-use crate::mesh::{BASE_SOURCE, Edges, NO_SOURCE, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, UnionFind, is_made};
+use crate::mesh::{BASE_SOURCE, Edges, NO_SOURCE, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, UnionFind, is_generated};
 
 /// Share of the sound faces that must stand for parts to have been joined rather than lost; the rest are slivers that
 /// rounding made degenerate.
@@ -258,7 +258,7 @@ impl Invented {
             }
             *sum += area;
         }
-        if surface.source.iter().any(|&source| is_made(source)) {
+        if surface.source.iter().any(|&source| is_generated(source)) {
             found.patches = patches(surface, &areas);
             let least = LARGE * found.area;
             found.patches.retain(|patch| patch.area > least);

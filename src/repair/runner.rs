@@ -17,7 +17,7 @@ use super::time_budget::TimeBudget;
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::Format;
 use crate::inspect::{Analysis, doubled_areas, thin_walls};
-use crate::mesh::{NO_SOURCE, Surface, is_made};
+use crate::mesh::{NO_SOURCE, Surface, is_generated};
 
 /// Shares of a voxel's side in a triangle: a surface of area A meets at most 1.74 A / size^2 voxel sides, each two
 /// triangles.
@@ -317,7 +317,7 @@ const MAX_UNFIXED: usize = 1000;
 
 /// Faces that an operator could not fix, as the faces of the input that they come from.
 fn unfixed_faces(unfixed: &[u32], surface: &Surface) -> Option<UnfixedFaces> {
-    let source = |&f: &u32| surface.source.get(f as usize).copied().filter(|&source| !is_made(source));
+    let source = |&f: &u32| surface.source.get(f as usize).copied().filter(|&source| !is_generated(source));
     let mut faces: Vec<u32> = unfixed.iter().filter_map(source).collect();
     faces.sort_unstable();
     faces.dedup();

@@ -276,7 +276,7 @@ fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
     let (done, surface) =
         (1..100).find_map(|looks| reduced(looks).ok().filter(|it| it.0.faces_after < it.0.faces_before)).unwrap();
     assert!(done.is_late && surface.faces.len() > 100 && surface.faces.len() < ball.faces.len(), "{done:?}");
-    assert!(done.left.unwrap().contains("time was over"));
+    assert!(done.shortfall.unwrap().contains("time was over"));
     let clock = Clock::default();
     let it = run(&surface.to_soup(), &Options::default(), None, &NoProgress, &clock).unwrap();
     assert_eq!(it.report.outcome, Outcome::AlreadyPrintable, "every state between is a good one");

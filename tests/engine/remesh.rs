@@ -134,7 +134,7 @@ fn a_turned_box_keeps_its_volume_its_sides_and_its_edges() {
     let made = solid(&soup, 64.0);
     assert_near(volume(&made), 1.0, 1e-4);
     assert!(made.deviation.lost.max < made.cell / 4.0, "{:?}", made.deviation);
-    assert!(made.deviation.made.p99 < 0.02 * made.cell, "{:?}", made.deviation);
+    assert!(made.deviation.added.p99 < 0.02 * made.cell, "{:?}", made.deviation);
     let corners: Vec<DVec3> = turned(Soup {
         positions: (0..8).map(|i| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2))).collect(),
         faces: Vec::new(),
@@ -153,7 +153,7 @@ fn a_turned_box_keeps_its_volume_its_sides_and_its_edges() {
 fn a_box_along_the_axes_has_flat_sides() {
     let made = solid(&cube(DVec3::ZERO, 10.0, 2), 80.0);
     assert_near(volume(&made), 1000.0, 1e-4);
-    assert!(made.deviation.made.p99 < 1e-5, "{:?}", made.deviation);
+    assert!(made.deviation.added.p99 < 1e-5, "{:?}", made.deviation);
 }
 
 #[test]
@@ -161,7 +161,7 @@ fn a_ball_keeps_its_volume_and_its_shape() {
     let made = solid(&sphere(DVec3::splat(5.0), 1.0, 48, 24), 100.0);
     let wanted = with_context(|c| measure(&sphere(DVec3::ZERO, 1.0, 48, 24), c)).unwrap().volume.value;
     assert_near(volume(&made), wanted, 1e-3);
-    assert!(made.deviation.lost.max < made.cell / 4.0 && made.deviation.made.max < made.cell / 4.0);
+    assert!(made.deviation.lost.max < made.cell / 4.0 && made.deviation.added.max < made.cell / 4.0);
 }
 
 #[test]

@@ -53,7 +53,7 @@ fn a_cube_of_many_faces_comes_back_as_twelve() {
     assert_eq!(surface.faces.len(), 12, "{done:?}");
     let it = as_stl(&surface);
     assert!(it.printable() && it.volume.value == 1.0, "{it:?}");
-    assert!(done.error < 1e-12 && done.left.is_none(), "{done:?}");
+    assert!(done.error < 1e-12 && done.shortfall.is_none(), "{done:?}");
 }
 
 #[test]
@@ -115,7 +115,7 @@ fn a_ring_keeps_its_hole_however_few_faces_are_asked_for() {
     assert!(it.printable() && it.parts == 1, "{it:?}");
     let (faces, vertices) = (surface.faces.len() as i64, surface.positions.len() as i64);
     assert_eq!(vertices - faces / 2, 0, "the Euler characteristic of a torus");
-    assert!(faces < 100 && done.left.is_some(), "{done:?}");
+    assert!(faces < 100 && done.shortfall.is_some(), "{done:?}");
 }
 
 #[test]
@@ -206,7 +206,7 @@ fn a_vertex_of_very_many_faces_does_not_take_all_day() {
         soup.faces.extend([[0, a, b], [1, b, a]]);
     }
     let (_, done) = simplified(&soup, &Simplify { precision: Precision::F64, ..to(100) });
-    assert!(done.left.unwrap().ends_with("the search was given up"));
+    assert!(done.shortfall.unwrap().ends_with("the search was given up"));
 }
 
 #[test]

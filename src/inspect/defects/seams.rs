@@ -19,7 +19,7 @@ use super::super::measure::unshared_edges;
 use super::chains::chains;
 use super::scan::{Location, ROUNDING, Scan};
 use crate::context::Cancelled;
-use crate::math::{Tree, collinear, midmost};
+use crate::math::{Tree, collinear, index_of_middle};
 use crate::mesh::Edges;
 
 /// Budgets: boundary edges examined per query, and by all queries together: per edge plus a fixed allowance.
@@ -254,7 +254,7 @@ fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &Boundary, index: &mut Bo
             {
                 return;
             }
-            let lies_exactly = collinear(a, p, b) && midmost([a, p, b]) == 1;
+            let lies_exactly = collinear(a, p, b) && index_of_middle([a, p, b]) == 1;
             if !lies_exactly && (gap > reach || reach == 0.0) {
                 return;
             }

@@ -163,7 +163,7 @@ fn extrude(surface: &mut Surface, faces: &[u32], view: &HeightField, plane: f64)
         if view.flipped {
             face.swap(1, 2);
         }
-        surface.push_made(face, BASE_SOURCE);
+        surface.push_generated(face, BASE_SOURCE);
     }
     if view.flipped {
         for &f in faces {

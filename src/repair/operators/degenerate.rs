@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::slivers::RemoveSlivers;
-use crate::math::{area_vanishes, collinear, midmost, to_unit_range};
+use crate::math::{area_vanishes, collinear, index_of_middle, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -83,7 +83,7 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
         let before = (flipped, dropped);
         for &cap in &caps {
             let face = surface.faces[cap as usize];
-            let middle = midmost(face.map(|v| unit[v as usize]));
+            let middle = index_of_middle(face.map(|v| unit[v as usize]));
             let [m, a, b] = [face[middle], face[(middle + 1) % 3], face[(middle + 2) % 3]];
             let Some(long) = pass.edges.find(a, b) else { continue };
             match *pass.edges.half_edges(long) {
@@ -148,7 +148,7 @@ impl<'a> Pass<'a> {
         if d == m
             || self.touched.contains(&cap)
             || self.touched.contains(&beyond)
-            || (is_flat(self.unit, other) && other[midmost(other.map(|v| self.unit[v as usize]))] != d)
+            || (is_flat(self.unit, other) && other[index_of_middle(other.map(|v| self.unit[v as usize]))] != d)
             || self.edges.find(m, d).is_some()
             || !self.made.insert(new_edge)
         {

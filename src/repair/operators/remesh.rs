@@ -59,13 +59,13 @@ impl RemeshInside {
             Err(RemeshError::Cancelled(canceled)) => return Err(canceled),
             Err(error) => return Ok(Applied { failed: Some(error.into()), ..Applied::default() }),
         };
-        let (lost, added) = (made.deviation.lost, made.deviation.made);
+        let (lost, added) = (made.deviation.lost, made.deviation.added);
         if lost.max > self.max_deviation {
             return Ok(Applied { failed: Some(Failure::TooFar { away: lost.max }), ..Applied::default() });
         }
         let faces = made.surface.faces.len() as u64;
         let mut changes =
-            Change::list([(ChangeKind::FacesCreated, faces), (ChangeKind::ThinPlacesThickened, made.made_inside)]);
+            Change::list([(ChangeKind::FacesCreated, faces), (ChangeKind::ThinPlacesThickened, made.forced_inside)]);
         let mut result = made.surface;
         let mut reduced = Applied::default();
         if self.reduce {
@@ -184,7 +184,7 @@ impl ReduceFaces {
         let done = simplify.apply(surface, context)?;
         let changes = Change::list([(ChangeKind::FacesRemoved, done.faces_before - done.faces_after)]);
         let is_late = done.is_late;
-        Ok(Applied { changes, moved: done.error, left: done.left, is_late, ..Applied::default() })
+        Ok(Applied { changes, moved: done.error, left: done.shortfall, is_late, ..Applied::default() })
     }
 }
 

@@ -178,12 +178,12 @@ fn replace_faces(surface: &mut Surface, cover: &Cover, vertices: &SideVertices) 
         surface.faces[f as usize] = [0, 1, 2].map(|c| id(3 * i + c, 0));
     }
     for i in 0..cover.faces.len() {
-        surface.push_made([0, 2, 1].map(|c| id(3 * i + c, 1)), SKIN_SOURCE);
+        surface.push_generated([0, 2, 1].map(|c| id(3 * i + c, 1)), SKIN_SOURCE);
     }
     for &h in &cover.boundary {
         let (u, v) = (h as usize, Edges::next(h) as usize);
-        surface.push_made([id(v, 0), id(u, 0), id(u, 1)], SKIN_SOURCE);
-        surface.push_made([id(v, 0), id(u, 1), id(v, 1)], SKIN_SOURCE);
+        surface.push_generated([id(v, 0), id(u, 0), id(u, 1)], SKIN_SOURCE);
+        surface.push_generated([id(v, 0), id(u, 1), id(v, 1)], SKIN_SOURCE);
     }
 }
 

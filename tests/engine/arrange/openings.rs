@@ -30,7 +30,7 @@ fn solid(soup: &Soup, rule: Rule) -> Solid {
 }
 
 fn doubting(winding_rule: WindingRule) -> Rule {
-    Rule { winding_rule, doubts_patches: true }
+    Rule { winding_rule, reopens_patches: true }
 }
 
 fn volume(solid: &Solid) -> f64 {

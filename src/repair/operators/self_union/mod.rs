@@ -6,7 +6,7 @@
 mod rounds;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
-use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_made, position_key};
+use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated, position_key};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Overlaps, WindingRuleChoice};
@@ -74,7 +74,7 @@ impl SelfUnionRounds {
         let intersections = crossings(surface, context)?;
         let before = count(&intersections);
         // Without intersections, one part may still enclose another because its holes were filled.
-        let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_made(source));
+        let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_generated(source));
         if before == 0 && !may_open && !self.always {
             return Ok(Resolved::default());
         }

@@ -163,14 +163,14 @@ impl<'a> Rounds<'a> {
     /// Computes the arrangement. In the first round zero-thickness facets become thin solids and are arranged again.
     fn arrange(&mut self, work: &mut Surface, first: bool) -> Result<Solid, ArrangeError> {
         let sheets = self.settings.sheets.filter(|_| first);
-        let rule = Rule { winding_rule: self.settings.winding_rule, doubts_patches: sheets.is_some() };
+        let rule = Rule { winding_rule: self.settings.winding_rule, reopens_patches: sheets.is_some() };
         let mut solid = arranged(self.engine, work, rule, self.context)?;
-        let Some(thickness) = sheets.filter(|_| !(solid.flaps.faces.is_empty() && solid.opened.faces.is_empty()))
+        let Some(thickness) = sheets.filter(|_| !(solid.zero_thickness.faces.is_empty() && solid.opened.faces.is_empty()))
         else {
             return Ok(solid);
         };
         if let Some(thick) = thickened(&solid, thickness, self.context)? {
-            self.totals.thickened = solid.flaps.faces.len() as u64;
+            self.totals.thickened = solid.zero_thickness.faces.len() as u64;
             self.totals.opened = solid.opened.faces.len() as u64;
             if self.totals.opened > 0 {
                 // The opened surface has none of the patches that closed the region.
@@ -242,7 +242,7 @@ fn arranged(
 /// `None` where there are no such faces.
 fn thickened(solid: &Solid, thickness: f64, context: &Context<'_>) -> Result<Option<Surface>, Cancelled> {
     let mut all = Surface::default();
-    for (sheets, skins) in [(&solid.flaps, Skins::BothSides), (&solid.opened, Skins::Behind)] {
+    for (sheets, skins) in [(&solid.zero_thickness, Skins::BothSides), (&solid.opened, Skins::Behind)] {
         let mut thick = sheets.clone();
         // One facet may consist of faces with opposite windings.
         if skins == Skins::BothSides {
