@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::free_positions::{FreePositions, keep_facing};
+use super::free_positions::{FreePositions, keeps_orientation};
 use super::operator::{Applied, Counter, Operation, Scope};
-use super::orient::{agree, turn_faces};
+use super::orient::{consistent_winding, flip_faces};
 use crate::inspect::doubled_areas;
 use crate::math::Precision;
 use crate::mesh::{Edges, Surface, UnionFind};
@@ -54,8 +54,8 @@ impl CutNonOrientable {
         if !edges.iter().any(|h| in_conflict(&surface.faces, h)) {
             return Ok(Applied::default());
         }
-        let agreement = agree(surface, &edges, &doubled_areas(surface), context)?;
-        turn_faces(surface, &agreement.turn);
+        let winding = consistent_winding(surface, &edges, &doubled_areas(surface), context)?;
+        flip_faces(surface, &winding.flip);
         let edges = Edges::new(&surface.faces);
         let copies = cut(surface, &edges);
         let (mut moved, mut coincident) = (0.0f64, 0u64);
@@ -71,8 +71,8 @@ impl CutNonOrientable {
         let after = Edges::new(&surface.faces);
         let left = after.iter().filter(|h| in_conflict(&surface.faces, h)).count() as u64;
         let changes = Change::list([
-            (ChangeKind::NonOrientablePartsCut, if copies.is_empty() { 0 } else { agreement.one_sided }),
-            (ChangeKind::EdgesCut, agreement.conflicts.saturating_sub(left)),
+            (ChangeKind::NonOrientablePartsCut, if copies.is_empty() { 0 } else { winding.non_orientable }),
+            (ChangeKind::EdgesCut, winding.conflicts.saturating_sub(left)),
             (ChangeKind::VerticesDuplicated, copies.len() as u64),
             (ChangeKind::CoincidentVerticesLeft, coincident),
             (ChangeKind::OrientationConflictsLeft, left),
@@ -205,7 +205,7 @@ impl CopyFans {
             .flat_map(|&(_, f)| others(f))
             .map(|w| (surface.positions[w as usize] - p).normalize_or_zero())
             .sum();
-        let fits = |q: DVec3| keep_facing(surface, fan.iter().map(|&(_, f)| f), v, q);
+        let fits = |q: DVec3| keeps_orientation(surface, fan.iter().map(|&(_, f)| f), v, q);
         let directions = [inward.try_normalize()].into_iter().flatten().chain([
             DVec3::X,
             DVec3::NEG_X,

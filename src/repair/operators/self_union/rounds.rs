@@ -165,7 +165,8 @@ impl<'a> Rounds<'a> {
         let sheets = self.settings.sheets.filter(|_| first);
         let rule = Rule { winding_rule: self.settings.winding_rule, reopens_patches: sheets.is_some() };
         let mut solid = arranged(self.engine, work, rule, self.context)?;
-        let Some(thickness) = sheets.filter(|_| !(solid.zero_thickness.faces.is_empty() && solid.opened.faces.is_empty()))
+        let Some(thickness) =
+            sheets.filter(|_| !(solid.zero_thickness.faces.is_empty() && solid.opened.faces.is_empty()))
         else {
             return Ok(solid);
         };
