@@ -166,8 +166,8 @@ impl<'a> WindingNumbers<'a> {
         Self { complex, dipoles: faces.tree.dipoles(|f| faces.triangle(f)) }
     }
 
-    /// The winding number of the cell in front of a facet. Faces that cover the facet contribute nothing at its centre,
-    /// and the contribution of all other faces is the mean of the winding numbers on both sides.
+    /// The winding number of the cell in front of a facet. Faces that cover the facet contribute nothing at its centre.
+    /// All other faces contribute the mean of the winding numbers on both sides.
     fn before(&self, facet: usize) -> Result<i32, ArrangeError> {
         let facet = &self.complex.facets[facet];
         let faces = &self.complex.solid_faces;

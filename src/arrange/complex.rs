@@ -14,19 +14,19 @@ use crate::mesh::{NotClosed, Surface};
 
 /// Step budget of the search for meeting faces, and the additional steps for each face.
 const STEPS: u64 = 512_000_000;
-const STEPS_A_FACE: u64 = 2_000;
+const STEPS_PER_FACE: u64 = 2_000;
 /// Limits on meeting face pairs and on points. Each takes a few hundred bytes, so both together stay below two
 /// gigabytes.
-const MOST_PAIRS: usize = 4_000_000;
-const MOST_POINTS: usize = 3_000_000;
+const MAX_PAIRS: usize = 4_000_000;
+const MAX_POINTS: usize = 3_000_000;
 /// Points that an arrangement of few faces may create, and additional points for each face. A few hundred faces that
 /// all meet each other have millions of common points; such input is not a surface with defects.
-const ENOUGH_POINTS: usize = 250_000;
-const POINTS_A_FACE: usize = 8;
+const BASE_POINTS: usize = 250_000;
+const POINTS_PER_FACE: usize = 8;
 /// Maximum total length of the lists of faces that cover facets of one plane.
-const MOST_COVERS: usize = 50_000_000;
+const MAX_COVERS: usize = 50_000_000;
 /// Distance from the origin, in grid steps, of the corners of the triangle that encloses overlapping faces.
-const OUT: i64 = 1 << 43;
+const ENCLOSING_DISTANCE: i64 = 1 << 43;
 
 /// Why an arrangement could not be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -96,7 +96,7 @@ impl SolidFaces {
 
     /// Scales a position in grid steps.
     pub fn to_unit(place: DVec3) -> DVec3 {
-        place / OUT as f64
+        place / ENCLOSING_DISTANCE as f64
     }
 
     /// The scaled corners of a face with area.
@@ -139,7 +139,7 @@ impl Complex {
         let groups = groups(&mut contacts);
         let planes: Vec<u32> = groups.iter().map(|group| contacts.plane(group[0])).collect();
         let cuts = std::mem::take(&mut contacts.cuts);
-        let most = surface.positions.len() + (ENOUGH_POINTS + POINTS_A_FACE * solid.len()).min(MOST_POINTS);
+        let most = surface.positions.len() + (BASE_POINTS + POINTS_PER_FACE * solid.len()).min(MAX_POINTS);
         let cutter = Cutter { faces: &solid, cuts: &cuts, limits: SplitLimits { context, most } };
         let mut is_cut = vec![false; solid.len()];
         for (at, (group, plane)) in groups.iter().zip(planes).enumerate() {
@@ -201,13 +201,13 @@ fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u3
             Contact::Coplanar | Contact::Same => Some(true),
         }
     };
-    let search = PairSearch { look, budget: STEPS + STEPS_A_FACE * corners.len() as u64 };
+    let search = PairSearch { look, budget: STEPS + STEPS_PER_FACE * corners.len() as u64 };
     let mut pairs = Vec::new();
     let too_many = || ArrangeError::Failed("too many faces meet".to_owned());
     let complete = search.within(tree, |hits| -> Result<(), ArrangeError> {
         pairs.extend(hits.into_iter().map(|(pair, overlap)| (pair.map(|f| numbers[f as usize]), overlap)));
         context.check()?;
-        if pairs.len() > MOST_PAIRS { Err(too_many()) } else { Ok(()) }
+        if pairs.len() > MAX_PAIRS { Err(too_many()) } else { Ok(()) }
     })?;
     if !complete {
         return Err(too_many());
@@ -299,7 +299,7 @@ impl Cutter<'_, '_> {
     ) -> Result<(), ArrangeError> {
         let axis = points.planes[plane as usize].axis();
         let upward = points.planes[plane as usize].normal[axis] > 0;
-        let outer = points.outer(axis, upward, OUT);
+        let outer = points.outer(axis, upward, ENCLOSING_DISTANCE);
         // Whether each face is oriented like the plane; computed before the triangulation borrows the points.
         let normal = points.planes[plane as usize].normal;
         let agrees_with_plane: Vec<bool> = group
@@ -321,7 +321,7 @@ impl Cutter<'_, '_> {
             self.insert_cuts(&mut triangulation, face)?;
         }
         triangulation.improve();
-        let covers = triangulation.covers(MOST_COVERS).ok_or_else(too_many_points)?;
+        let covers = triangulation.covers(MAX_COVERS).ok_or_else(too_many_points)?;
         facets.extend(triangulation.triangles().zip(covers).filter(|(_, cover)| !cover.is_empty()).map(
             |(corners, cover)| {
                 let weight = cover

@@ -22,7 +22,7 @@ pub(super) struct Contacts<'a> {
     faces: &'a [[u32; 3]],
     /// The points of the arrangement, which grow with each contact.
     pub points: &'a mut Points,
-    /// The plane of each face that meets others, by face.
+    /// The index in [`Points`] of the plane of each face that meets others, by face.
     planes: FxHashMap<u32, u32>,
     /// The cuts of each face that meets another.
     pub cuts: FxHashMap<u32, Cuts>,

@@ -7,8 +7,8 @@ use crate::math::{Box3, Sign};
 /// A position in grid steps.
 pub(super) type Whole = [i64; 3];
 
-/// Coordinates lie within `2^BITS` steps of the grid's origin. This is enough to represent f32 numbers of the model's
-/// size exactly, and few enough that the plane of three positions and the side of a fourth fit in `i128`.
+/// Coordinates lie within `2^BITS` steps of the grid's origin. This represents f32 numbers of the model's size exactly.
+/// It also keeps the plane of three positions and the side of a fourth within `i128`.
 const BITS: i32 = 40;
 
 /// Half a unit in the last place of 1.

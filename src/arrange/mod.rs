@@ -2,8 +2,8 @@
 //! implementation.
 //!
 //! After Zhou, Grinspun, Zorin and Jacobson 2016, "Mesh Arrangements for Solid Geometry". Every face is split where it
-//! meets other faces, the cells between the resulting facets are labelled by winding number, and the facets with the
-//! inside on exactly one side are kept.
+//! meets other faces. The cells between the resulting facets are labelled by winding number. Facets with the inside on
+//! exactly one side are kept.
 
 mod cells;
 mod complex;
@@ -79,9 +79,9 @@ pub trait Arrangement {
 /// meet, their common points, the relative position of those points, and the cell on each side of a facet. Faces that
 /// meet no other face keep their vertices bit for bit, and their order.
 ///
-/// After Zhou, Grinspun, Zorin and Jacobson 2016, "Mesh Arrangements for Solid Geometry"; Attene 2020, "Indirect Predicates
-/// for Geometric Constructions"; Cherchi, Livesu, Scateni and Attene 2020, "Fast and Robust Mesh Arrangements using
-/// Floating-point Arithmetic".
+/// After Zhou, Grinspun, Zorin and Jacobson 2016, "Mesh Arrangements for Solid Geometry"; Attene 2020, "Indirect
+/// Predicates for Geometric Constructions"; Cherchi, Livesu, Scateni and Attene 2020, "Fast and Robust Mesh
+/// Arrangements using Floating-point Arithmetic".
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Exact;
 
@@ -112,8 +112,9 @@ fn is_inside(winding_rule: WindingRule, number: i32) -> bool {
     }
 }
 
-/// Collects the boundary facets, oriented outward, in the order of the faces they were split from; the zero-thickness
-/// facets with winding number 0 on both sides; and the skin between cells that were `opened`.
+/// Collects three kinds of facets: the boundary, the zero-thickness facets, and the skin between cells that were
+/// `opened`. Boundary facets are oriented outward, in the order of the faces they were split from. Zero-thickness
+/// facets have winding number 0 on both sides.
 fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[bool]>, surface: &Surface) -> Solid {
     let is_open = |cell: usize| opened.is_some_and(|opened| opened[cell]);
     let (mut kept, mut zero_thickness, mut skins) = (Vec::new(), Vec::new(), Vec::new());

@@ -32,8 +32,8 @@ const CORNER_OFFSET: f64 = 1e-3;
 /// Share of all surface that must be hidden before patches are reopened.
 const MIN_HIDDEN_SHARE: f64 = 0.005;
 /// Weight of skin that would be left open, relative to the same area of hidden surface that is visible in all
-/// directions. Openings reduce it by `OPENING_DISCOUNT` times their area, so it is zero where they reach half the area of the
-/// skin.
+/// directions. Openings reduce the weight by `OPENING_DISCOUNT` times their area: it is zero where they reach half the
+/// area of the skin.
 const SKIN_WEIGHT: f64 = 0.01;
 const OPENING_DISCOUNT: f64 = 2.0;
 /// Weight of a patch that would stay as boundary.
@@ -143,7 +143,7 @@ impl<'a> Regions<'a> {
         *steps > 0
     }
 
-    /// The region of each cell. A ray leaves each piece in a fixed direction, from its outermost point; the region
+    /// The region of each cell. From the outermost point of each piece a ray runs in a fixed direction. The region
     /// around the piece is that of the next facet along the ray. All rays have the same direction, so pieces cannot
     /// refer to each other in a cycle. None if the steps run out.
     fn find(&self, context: &Context<'_>) -> Result<Option<Vec<u32>>, ArrangeError> {

@@ -53,9 +53,9 @@ enum Location {
 /// A triangulation in a plane that contains given points and lines, built by inserting them one after another with
 /// exact signs. A new point is created where two lines cross.
 ///
-/// Points are inserted by splitting and Lawson's flips, lines by flipping the edges that they cross (Sloan 1993, "A
-/// fast algorithm for generating constrained Delaunay triangulations"). Floating point decides how close the result is
-/// to Delaunay, which affects only triangle shape; the validity of the triangulation is exact.
+/// Points are inserted by splitting and Lawson's flips. Lines are inserted by flipping the edges that they cross (Sloan
+/// 1993, "A fast algorithm for generating constrained Delaunay triangulations"). Floating point decides how close the
+/// result is to Delaunay, which affects only triangle shape; the validity of the triangulation is exact.
 pub(super) struct Triangulation<'a> {
     points: &'a mut Points,
     /// The projection axis, and whether the plane's normal points against it. If so, points that are counter-clockwise

@@ -106,9 +106,9 @@ impl Tree {
     /// `direction`: the shrinking ball of Ma, Bae and Choi (2012). None if rounding leaves no such ball or the steps
     /// run out.
     ///
-    /// A smaller ball through the same point lies within the larger one, so a subtree that was skipped never needs
-    /// another visit, and one traversal suffices. The traversal visits the surroundings of `point` first, because they
-    /// shrink the ball most: in a round body the largest ball meets nearly every triangle. `triangle` and `steps` as in
+    /// A smaller ball through the same point lies within the larger one, so a skipped subtree never needs another
+    /// visit. One traversal suffices. The traversal visits the surroundings of `point` first, because they shrink the
+    /// ball most: in a round body the largest ball meets nearly every triangle. `triangle` and `steps` as in
     /// [`Tree::nearest`].
     pub fn shrunk_ball(
         &self,

@@ -72,7 +72,7 @@ impl Tree {
     /// opposite to none.
     #[must_use]
     pub fn opposite_faces(&self, cosine: f64, normal: impl Fn(u32) -> DVec3) -> OppositeFaces<'_> {
-        #[expect(clippy::cast_possible_truncation, reason = "rounded, with slack for it")]
+        #[expect(clippy::cast_possible_truncation, reason = "rounded; the slack covers the rounding")]
         let limit = SLACK - cosine as f32;
         OppositeFaces { tree: self, below: self.below(normal), limit }
     }
@@ -108,7 +108,7 @@ impl OppositeFaces<'_> {
     pub fn may_be_within(&self, reach: f64, faces: usize) -> Vec<bool> {
         let mut answers = vec![false; faces];
         let Some(bvh) = &self.tree.bvh else { return answers };
-        #[expect(clippy::cast_possible_truncation, reason = "rounded, with slack for it")]
+        #[expect(clippy::cast_possible_truncation, reason = "rounded; the slack covers the rounding")]
         let reach = (reach * self.tree.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK;
         let remaining: Vec<u32> = clusters(bvh, &self.below)
             .into_par_iter()

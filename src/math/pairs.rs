@@ -60,7 +60,7 @@ impl<L> PairSearch<L> {
     where
         L: Fn(u32, u32, &mut u64) -> Option<T> + Sync,
     {
-        debug_assert!(a.frame == b.frame, "trees of one frame");
+        debug_assert!(a.frame == b.frame, "the trees must have the same frame");
         let (Some(a), Some(b)) = (&a.bvh, &b.bvh) else { return Ok(true) };
         self.search(a, b, false, take)
     }

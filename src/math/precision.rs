@@ -47,8 +47,8 @@ impl Rounding {
     }
 }
 
-/// The smallest magnitude that [`to_unit_range`] keeps. A product of three such factors, with 53 bits below it, is
-/// still above the smallest subnormal number, so the expansions of the predicates do not underflow.
+/// The smallest magnitude that [`to_unit_range`] keeps. A product of three such factors, with 53 bits below it, exceeds
+/// the smallest subnormal number, so the predicates' expansions do not underflow.
 const FLUSH: f64 = 4.909_093_465_297_727e-91; // 2^-300
 
 /// Scales coordinates by one power of two so that the largest magnitude is in `[1, 2)`.
@@ -81,9 +81,9 @@ pub fn unit_scale(positions: &[DVec3]) -> f64 {
     }
     #[expect(clippy::cast_possible_wrap, reason = "11 bits")]
     let exponent = ((largest.to_bits() >> 52) & 0x7ff) as i64 - 1023;
-    let wanted = (-exponent).clamp(-1022, 1023);
+    let shift = (-exponent).clamp(-1022, 1023);
     #[expect(clippy::cast_sign_loss, reason = "at least 1 by the clamp")]
-    f64::from_bits(((wanted + 1023) as u64) << 52)
+    f64::from_bits(((shift + 1023) as u64) << 52)
 }
 
 #[cfg(test)]

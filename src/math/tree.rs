@@ -22,7 +22,9 @@ pub(super) const FAR: f64 = 1.152_921_504_606_847e18; // 2^60
 ///
 /// Queries return candidates, not hits: boxes are in f32 and rounded outward, and the exact predicates decide.
 pub struct Tree {
+    /// The hierarchy; none without triangles.
     pub(super) bvh: Option<Bvh2>,
+    /// The coordinate frame of the boxes.
     pub(super) frame: Frame,
 }
 
@@ -93,12 +95,12 @@ impl Tree {
         self.walk(|aabb| aabb.min.cmple(high).all() && aabb.max.cmpge(low).all(), visit);
     }
 
-    /// Visits the triangles of all leaves for which `wanted` accepts the boxes of the leaf and of all its ancestors.
-    pub(super) fn walk(&self, wanted: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(u32) -> bool) {
+    /// Visits the triangles of all leaves for which `accepts` holds for the boxes of the leaf and of all its ancestors.
+    pub(super) fn walk(&self, accepts: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(u32) -> bool) {
         let Some(bvh) = &self.bvh else { return };
-        let wanted = |node: &u32| wanted(bvh.nodes[*node as usize].aabb());
+        let accepts = |node: &u32| accepts(bvh.nodes[*node as usize].aabb());
         let mut stack = Vec::with_capacity(DEPTH);
-        stack.extend(Some(0u32).filter(wanted));
+        stack.extend(Some(0u32).filter(accepts));
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             if node.is_leaf() {
@@ -109,7 +111,7 @@ impl Tree {
                 }
             } else {
                 for child in [node.first_index + 1, node.first_index] {
-                    if wanted(&child) {
+                    if accepts(&child) {
                         stack.push(child);
                     }
                 }

@@ -7,8 +7,8 @@ use glam::DVec3;
 use super::tree::{DEPTH, Tree, box_distance_squared, spend, triangles_of};
 
 /// Distance of a point from a cluster, in radii of the cluster, beyond which the cluster counts as one dipole. At 2 the
-/// sum over a closed surface errs by about 0.02, far from the 0.5 that separates inside from outside, at half the time
-/// of 3.
+/// sum over a closed surface errs by about 0.02, far from the 0.5 that separates inside from outside. A value of 3
+/// takes twice the time.
 const DIPOLE_DISTANCE: f64 = 2.0;
 /// Distance from the model, in half-sides of the model, beyond which its winding number is 0.
 const FAR: f64 = 1e18;

@@ -5,8 +5,8 @@ const INSERTION_SORT_LIMIT: usize = 16;
 
 /// The edges of a list of faces, sorted by their vertices.
 ///
-/// A half-edge has the index of its corner `3 * face + i` and runs from corner `i` of the face to corner `i + 1`. Faces
-/// with a repeated vertex have no half-edges here.
+/// A half-edge has the index of its corner, `3 * face + i`. It runs from corner `i` of the face to corner `i + 1`.
+/// Faces with a repeated vertex have no half-edges here.
 #[derive(Debug, Clone, Default)]
 pub struct Edges {
     /// The two vertices of each edge, the smaller first.

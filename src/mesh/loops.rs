@@ -7,7 +7,7 @@ use super::surface::Surface;
 /// The holes of a surface, as closed walks along its boundary.
 ///
 /// ```text
-///      face            a loop runs against the half-edges of the faces,
+///      face            a loop runs against the faces' half-edges,
 ///   u -----> v         so that a patch whose edges run along the loop
 ///   u <----- v         fits the faces around it
 ///      loop

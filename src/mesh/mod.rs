@@ -1,7 +1,7 @@
 //! Triangle meshes, as types with growing guarantees.
 //!
 //! [`Soup`] holds the triangles of a file and guarantees little. [`Surface`] is finite, indexed and welded at equal
-//! positions, and records the input face of each face; it may still be non-manifold, open or inconsistently wound.
+//! positions, and records the input face of each face. It may still be non-manifold, open or inconsistently wound.
 //! [`Edges`], [`Parts`] and [`Fans`] answer further questions about its connectivity. [`ClosedSurface`] is checked
 //! once, on construction.
 

@@ -174,7 +174,7 @@ impl<'a> ClosedSurface<'a> {
     /// Checks every edge of the surface; `edges` must be the edges of its faces. Linear time.
     ///
     /// # Errors
-    /// [`NotClosed`].
+    /// [`NotClosed`] if some edge is not used equally often in both directions.
     pub fn new(surface: &'a Surface, edges: &Edges) -> Result<Self, NotClosed> {
         let is_forward = |&&half_edge: &&u32| Edges::is_forward(&surface.faces, half_edge);
         let is_closed = edges.iter().all(|of_edge| 2 * of_edge.iter().filter(is_forward).count() == of_edge.len());

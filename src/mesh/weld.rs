@@ -14,8 +14,8 @@ const UNUSED: u32 = u32::MAX;
 const OMITTED: u32 = u32::MAX - 1;
 /// An empty slot of the hash table.
 const EMPTY: u32 = u32::MAX;
-/// Average number of slots that one lookup may probe. Linear probing at a load of 3/4 probes 7.5 slots for an absent
-/// position (Knuth, The Art of Computer Programming 3, 6.4) and far fewer for a present one.
+/// Average number of slots that one lookup may probe. At a load of 3/4, linear probing visits 7.5 slots for an absent
+/// position and far fewer for a present one (Knuth, The Art of Computer Programming 3, 6.4).
 const PROBES_PER_LOOKUP: u64 = 24;
 /// Additional probes, so that a few clusters in a small mesh do not matter.
 const BASE_PROBES: u64 = 1 << 16;

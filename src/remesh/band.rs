@@ -48,16 +48,15 @@ pub(super) struct Sampling<'a> {
 }
 
 impl Sampling<'_> {
-    /// Samples the corners of cells, and continues with the cells around every edge at which the inside ends, until no
-    /// such edge leaves the sampled region. The surface in between is therefore closed, even where the input has a
-    /// hole.
+    /// Samples the corners of cells. Continues with the cells around every edge at which the inside ends, until no such
+    /// edge leaves the sampled region. The surface in between is therefore closed, even where the input has a hole.
     ///
     /// # Errors
     /// [`Stop`] if a limit is exceeded or the work is cancelled.
     pub fn sample_around(&mut self, mut cells: Vec<GridIndex>) -> Result<(), Stop> {
         while !cells.is_empty() {
             cells.retain(|&cell| self.samples.mark_seen(cell));
-            let (mut wanted, mut border) = (Vec::new(), Vec::new());
+            let (mut missing, mut border) = (Vec::new(), Vec::new());
             for &cell in &cells {
                 for c in 0..8 {
                     let index = corner(cell, c);
@@ -65,12 +64,12 @@ impl Sampling<'_> {
                         // Marks the sample, so that it is taken only once. Samples of the outermost layer keep this
                         // value.
                         self.samples.set(index, 0.0);
-                        if self.grid.is_limit(index) { &mut border } else { &mut wanted }.push(index);
+                        if self.grid.is_limit(index) { &mut border } else { &mut missing }.push(index);
                     }
                 }
             }
             self.limits.check(&self.samples)?;
-            let blocks = by_block(wanted);
+            let blocks = by_block(missing);
             let depths = evaluate(&blocks, &mut self.limits.steps, self.context, |indices, steps| {
                 depths(self.field, &self.grid, indices, steps)
             })?;
@@ -157,7 +156,7 @@ fn cell_of(key: u64) -> GridIndex {
 }
 
 /// Estimates how many cells a triangle meets. Coordinates are in cells.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an estimate, and it saturates")]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a saturating estimate")]
 fn estimate([a, b, c]: [DVec3; 3]) -> usize {
     let area = (b - a).cross(c - a).length() / 2.0;
     let around = a.distance(b) + b.distance(c) + c.distance(a);
@@ -231,8 +230,8 @@ fn floor(x: f64) -> u32 {
 /// The depth inside of each of some samples of one block.
 ///
 /// The winding number of all triangles except those near the block is a harmonic function that is smooth in the block.
-/// It is evaluated at 27 nodes and interpolated quadratically along each axis, with an error of at most a few
-/// hundredths, like that of the fast sum. Near triangles are summed exactly. If this would cost more, each sample is
+/// It is evaluated at 27 nodes and interpolated quadratically along each axis. Like the fast sum, the interpolation
+/// errs by at most a few hundredths. Near triangles are summed exactly. If this would cost more, each sample is
 /// evaluated separately.
 fn depths(field: &Field<'_>, grid: &Grid, indices: &[GridIndex], steps: &mut u64) -> Vec<f64> {
     let Some(&first) = indices.first() else { return Vec::new() };

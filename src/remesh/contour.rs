@@ -57,8 +57,8 @@ enum Connection {
 ///     2 ------ 3       2 -.--.- 3
 /// ```
 ///
-/// The envelope of an edge consists of the four tetrahedra between the edge and each two neighbouring vertices. It lies
-/// in the four cells, because each vertex lies in its own cell, and the envelopes of different edges have disjoint
+/// The envelope of an edge consists of the four tetrahedra between the edge and each two neighbouring vertices. Each
+/// vertex lies in its own cell, so the envelope lies in the four cells. The envelopes of different edges have disjoint
 /// interiors (Ju and Udeshi 2006). A fan around a point of the edge lies in the envelope; for two triangles this is
 /// tested exactly. Therefore no two triangles intersect, wherever the vertices lie. The surface is manifold because the
 /// samples are well-composed.
@@ -128,8 +128,8 @@ fn choose_connection(ends: [DVec3; 2], crossing: &Crossing, corners: [DVec3; 4],
     }
 }
 
-/// Whether both triangles of the diagonal from `a` to `c` lie in the envelope of the edge. This holds if the diagonal
-/// passes between an end of the edge and the vertex on one side, and the edge passes through the triangle on the other.
+/// Whether both triangles of the diagonal from `a` to `c` lie in the envelope of the edge. The diagonal must pass
+/// between an end of the edge and the vertex on one side. The edge must pass through the triangle on the other side.
 fn within_envelope([p, q]: [DVec3; 2], [a, b, c, d]: [DVec3; 4]) -> bool {
     let through = |from, to, triangle| matches!(crossing(from, to, triangle), Meeting::Enters | Meeting::Leaves);
     [(b, d), (d, b)].into_iter().any(|(near, far)| through(a, c, [p, q, near]) && through(p, q, [a, c, far]))
@@ -141,9 +141,9 @@ fn height([a, b, c]: [DVec3; 3]) -> f64 {
     if longest > 0.0 { (b - a).cross(c - a).length() / longest } else { 0.0 }
 }
 
-/// Moves vertices whose optimal position is outside of their cell, such as those on sharp edges. A move is made only
-/// if, by exact tests, no triangle then meets another except in shared vertices and edges, so the surface stays free of
-/// intersections. Returns the number of moved vertices.
+/// Moves vertices whose optimal position is outside of their cell, such as those on sharp edges. Before each move,
+/// exact tests confirm that no triangle then meets another except in shared vertices and edges. The surface thus stays
+/// free of intersections. Returns the number of moved vertices.
 ///
 /// # Errors
 /// [`Stop::Cancelled`] if the work is cancelled.

@@ -11,8 +11,8 @@ const SIDE_OFFSETS: [f64; 3] = [1.0 / 64.0, 1.0 / 1024.0, 1.0 / 16384.0];
 /// Winding number above which one side of a face counts as solid. Beside an open sheet, which has no inside, it is one
 /// half.
 const SOLID_LEVEL: f64 = 0.6;
-/// Distance from a face's edges at which it is sampled, in cells, or as a share of the way to the face's centroid if
-/// that is shorter.
+/// Distance of a test point from a face's edges, in cells. If shorter, the same share of the way to the face's
+/// centroid.
 const EDGE_OFFSET: f64 = 0.1;
 /// Maximum triangles tested per cell.
 const MAX_TRIANGLES: usize = 64;
@@ -67,8 +67,8 @@ impl Sampling<'_> {
         Ok(indices)
     }
 
-    /// Forces samples inside until the inside is well-composed (Latecki 1997): on no side of a cell are the inside
-    /// corners only diagonally opposite, and no cell has exactly two corners of one kind at opposite ends.
+    /// Forces samples inside until the inside is well-composed (Latecki 1997). No side of a cell then has only
+    /// diagonally opposite inside corners. No cell has exactly two corners of one kind at opposite ends.
     ///
     /// ```text
     ///    o---x        o---x

@@ -59,7 +59,7 @@ impl Grid {
         let requested = requested.max(largest * MIN_F32_STEPS * f64::from(f32::EPSILON));
         let bits = (F32_BITS - exponent(largest / requested) - 2).clamp(1, BITS);
         let unit = 2f64.powi(exponent(requested) - bits);
-        #[expect(clippy::cast_possible_truncation, reason = "it has at most 9 bits")]
+        #[expect(clippy::cast_possible_truncation, reason = "at most 9 bits")]
         let step = (requested / unit).ceil() as i64;
         let cell = unit * step as f64;
         let (mut offset, mut size) = ([0; 3], [0; 3]);

@@ -1,10 +1,10 @@
 //! Remeshing: builds a closed, manifold surface without self-intersections around the inside of any input. This is the
 //! fallback that always terminates.
 //!
-//! Generalized winding numbers decide what is inside (Jacobson, Kavan and Sorkine-Hornung 2013; fast sums by Barill et
-//! al. 2018), so the input may have holes, overlaps and internal faces. They are sampled on a sparse grid along the
-//! surface. Dual contouring (Ju, Losasso, Schaefer and Warren 2002) builds the result in a variant with three
-//! guarantees by construction:
+//! Generalized winding numbers decide what is inside (Jacobson, Kavan and Sorkine-Hornung 2013), summed fast as by
+//! Barill et al. (2018). The input may therefore have holes, overlaps and internal faces. The winding numbers are
+//! sampled on a sparse grid along the surface. Dual contouring (Ju, Losasso, Schaefer and Warren 2002) builds the
+//! result in a variant with three guarantees by construction:
 //!
 //! - The result is **closed**, because it separates the inside samples from the outside samples.
 //! - The result is **manifold**, because the inside samples are first made well-composed (`corrections`): the surface

@@ -110,9 +110,9 @@ struct Quadric {
     count: u32,
 }
 
-/// Numbers the cells that the surface passes through, and places a vertex in each: at the intersection of the planes of
-/// the triangles on the cell's edges (Ju et al. 2002), so that the vertex lies on an edge or corner of the input if
-/// there is one.
+/// Numbers the cells that the surface passes through, and places a vertex in each. The vertex lies at the intersection
+/// of the planes of the triangles on the cell's edges (Ju et al. 2002). It therefore lies on an edge or corner of the
+/// input if there is one.
 pub(super) fn place_vertices(
     grid: &Grid,
     samples: &mut Samples,

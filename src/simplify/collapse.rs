@@ -13,8 +13,8 @@ use crate::mesh::{Edges, Parts};
 const MAX_FACES: u32 = 512;
 /// Distances below this count as rounding, in the scaled coordinates of the exact predicates.
 const ROUNDING_DISTANCE: f64 = 4e-15;
-/// Maximum ratio of the error bound to the measured error. While the number of faces halves, each face is changed by
-/// about three collapses and the error doubles, so the sum is about seven times the last error.
+/// Maximum ratio of the error bound to the measured error. While the number of faces halves, about three collapses
+/// change each face and the error doubles. The sum is therefore about seven times the last error.
 const MAX_BOUND_RATIO: f64 = 8.0;
 /// Smallest share of its volume to which a closed part may shrink. It may grow by the inverse.
 const MIN_VOLUME_SHARE: f64 = 0.5;
@@ -339,7 +339,7 @@ impl<'a> Collapser<'a> {
         let most = self.max_error * self.unscale;
         distance(&self.new.faces, most).is_some()
             || distance(&self.old.faces, f64::INFINITY)
-                .is_some_and(|old_position| old_position > most && distance(&self.new.faces, old_position).is_some())
+                .is_some_and(|before| before > most && distance(&self.new.faces, before).is_some())
     }
 
     /// The new volume of the vertex's closed part, with the part's index. None if the volume falls below half of the

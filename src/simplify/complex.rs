@@ -14,8 +14,8 @@ pub(super) const LINE: u8 = 1;
 /// A boundary edge, which has one face.
 pub(super) const OPEN: u8 = 8;
 
-/// Share of its trace that is added to a quadric's diagonal. The quadric then has a unique minimum even if its planes
-/// meet in a line or are coplanar; the minimum is the point nearest to the start of the search.
+/// Share of its trace that is added to a quadric's diagonal. The quadric then has a unique minimum, even if its planes
+/// meet in a line or are coplanar: the candidate nearest to the start of the search.
 const REGULARISATION: f64 = 1e-4;
 
 /// Weight of the planes that keep a line in place, relative to surface planes, per squared length of the line.

@@ -52,8 +52,8 @@ pub struct Simplified {
     pub faces_before: u64,
     /// Number of faces after.
     pub faces_after: u64,
-    /// Distance between the result and the original surface, defined as for `max_error`, in the model's unit; 0 if
-    /// nothing collapsed or all collapses were within planes.
+    /// Distance between the result and the original surface, defined as for `max_error`, in the model's unit. It is 0
+    /// if nothing collapsed or all collapses were within planes.
     pub error: f64,
     /// Guaranteed upper bound of the distance at every point, in the model's unit.
     pub bound: f64,
@@ -112,12 +112,9 @@ impl Simplify<'_> {
         let mut collapser = Collapser::new(complex, bodies, self.max_error * scale, 1.0 / scale, self.toward);
         let ended = self.collapse_all(&mut collapser, rounding, constraints, context)?;
         let complex = &collapser.complex;
+        let (shortfall, is_late) = (self.shortfall(complex.alive, &ended), ended.is_late);
         if complex.alive == surface.faces.len() {
-            return Ok(Simplified {
-                shortfall: self.shortfall(complex.alive, &ended),
-                is_late: ended.is_late,
-                ..untouched
-            });
+            return Ok(Simplified { shortfall, is_late, ..untouched });
         }
         for (w, &v) in index_of.iter().enumerate().filter(|(w, v)| **v != NONE && complex.version[*w] > 0) {
             let position = &mut surface.positions[v as usize];
@@ -144,8 +141,8 @@ impl Simplify<'_> {
             faces_after: surface.faces.len() as u64,
             error: f64::from(error) / scale,
             bound: collapser.bound / scale,
-            shortfall: self.shortfall(complex.alive, &ended),
-            is_late: ended.is_late,
+            shortfall,
+            is_late,
         })
     }
 
@@ -190,10 +187,10 @@ impl Simplify<'_> {
                 }
                 match collapser.attempt(choice, candidate.deferred) {
                     Attempt::Done => {
-                        push_around(&mut queue, &mut collapser.complex, choice.kept, &mut around, rounding)
+                        push_around(&mut queue, &mut collapser.complex, choice.kept, &mut around, rounding);
                     }
                     Attempt::Later => queue.push(candidate.deferred(DEFERRED_COST_FACTOR)),
-                    Attempt::Refused(why) => ended.refused[why as usize] += 1,
+                    Attempt::Refused(refusal) => ended.refused[refusal as usize] += 1,
                 }
             }
             let gone = before_pass - collapser.complex.alive;
@@ -216,8 +213,11 @@ impl Simplify<'_> {
             line.push_str(": too many faces are close together to check for intersections");
             return Some(line);
         }
-        let mut reasons: Vec<(u64, &str)> =
-            Refusal::ALL.iter().map(|&(why, words)| (ended.refused[why as usize], words)).filter(|r| r.0 > 0).collect();
+        let mut reasons: Vec<(u64, &str)> = Refusal::ALL
+            .iter()
+            .map(|&(refusal, words)| (ended.refused[refusal as usize], words))
+            .filter(|r| r.0 > 0)
+            .collect();
         reasons.sort_by_key(|reason| std::cmp::Reverse(reason.0));
         for (i, (count, words)) in reasons.iter().enumerate() {
             line.push_str(if i == 0 { "; " } else { ", " });

@@ -61,9 +61,9 @@ impl Patch {
 /// have the same rim.
 ///
 /// Both patches are projected along their common normal. If no face is vertical or faces down, the projection maps one
-/// patch to the other. The map is linear on each piece that the edges of both patches cut out, so the largest
-/// displacement occurs at a corner of a piece: at a vertex, or where edges cross (Bajaj and Schikore 1996; Cohen,
-/// Manocha and Olano 1997). Otherwise the result is none. `origin` is a nearby point.
+/// patch to the other. The map is linear on each piece that the edges of both patches cut out. The largest displacement
+/// therefore occurs at a corner of a piece: at a vertex, or where edges cross (Bajaj and Schikore 1996; Cohen, Manocha
+/// and Olano 1997). Otherwise the result is none. `origin` is a nearby point.
 pub(super) fn deviation(old: &Patch, new: &Patch, origin: DVec3) -> Option<f64> {
     let sum: DVec3 = old.faces.iter().map(|f| normal(*f)).sum();
     let up = sum.try_normalize()?;
@@ -173,6 +173,7 @@ pub(super) struct Witnesses {
 }
 
 impl Witnesses {
+    /// Starts without witnesses, from the original surface.
     pub fn new(at: Vec<DVec3>, faces: Vec<[u32; 3]>) -> Self {
         let (vertices, count) = (at.len(), faces.len());
         let (first, next) = (vec![NONE; count], vec![UNMOVED; vertices]);
@@ -207,8 +208,8 @@ impl Witnesses {
         most
     }
 
-    /// Assigns each gathered witness to the new face above or below it, the nearest if there are several, or to the
-    /// nearest face if there is none. The faces form one fan around `centre`.
+    /// Assigns each gathered witness to the new face above or below it, and to the nearest of several. A witness above
+    /// or below no face goes to the nearest face. The faces form one fan around `centre`.
     pub fn assign(&mut self, new: &[[DVec3; 3]], centre: DVec3) {
         if self.gathered.len() > MAX_WITNESSES {
             self.farthest(new);
@@ -238,7 +239,7 @@ impl Witnesses {
     pub fn distance(&self, p: DVec3, bound: f64) -> Option<f64> {
         let tree = self.tree.get_or_init(|| Tree::new(&self.at, &self.faces));
         let corners = |f: u32| self.faces[f as usize].map(|v| self.at[v as usize]);
-        tree.nearest(p, bound, &mut u64::MAX.clone(), corners).map(|it| it.distance)
+        tree.nearest(p, bound, &mut u64::MAX.clone(), corners).map(|nearest| nearest.distance)
     }
 
     /// Transfers the gathered witnesses to the new faces; `new` maps an index among the new faces to a face. `old` are

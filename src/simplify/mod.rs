@@ -4,7 +4,7 @@
 //! ```text
 //!      x---x            x---x
 //!     / \ / \          / \ / \
-//!    x---a---b    ->  x---p   x      the two faces between a and b go
+//!    x---a---b    ->  x---p   x      removes the two faces at edge a-b
 //!     \ / \ /          \ / \ /
 //!      x---x            x---x
 //! ```
@@ -38,8 +38,8 @@ impl Simplify<'_> {
     /// - no closed part shrinks to less than half of its volume or grows to more than twice its volume;
     /// - no face turns by more than 78 degrees in one collapse, loses its area or becomes a needle;
     /// - the error stays within its bound;
-    /// - the changed faces meet no other face. This test is exact on the output positions, rounded to f32 if requested,
-    ///   and treats vertices at one position as one, as a reader of STL does.
+    /// - the changed faces meet no other face. This test is exact on the output positions, rounded to f32 if requested.
+    ///   Like a reader of STL, the test treats vertices at one position as one.
     ///
     /// There is no precondition. Vertices whose faces do not form one fan, or are inconsistently oriented, keep their
     /// position and all their edges. Where faces intersect, a collapse that would leave one of its faces intersecting

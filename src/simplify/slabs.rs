@@ -37,13 +37,13 @@ pub(super) fn is_large(surface: &Surface) -> bool {
 /// ```text
 ///      slab 0  :  slab 1  :  slab 2
 ///    +-------+---+------+---+-------+
-///    |       |///|      |///|       |       ///  faces that cross a plane between two slabs: they stay, with all their vertices
+///    |       |///|      |///|       |       ///  faces across a plane between slabs: they stay, with all vertices
 ///    +-------+---+------+---+-------+
 /// ```
 ///
-/// Faces with all vertices on one side of a plane never meet those on the other side, so slabs are independent as long
-/// as no vertex leaves its slab. The final pass over the whole surface checks the volume of parts that extend over
-/// several slabs.
+/// Faces with all vertices on one side of a plane never meet those on the other side. Slabs are therefore independent
+/// as long as no vertex leaves its slab. The final pass over the whole surface checks the volume of parts that extend
+/// over several slabs.
 ///
 /// # Errors
 /// [`Cancelled`] if the work is cancelled; the surface is then unchanged.

@@ -97,7 +97,7 @@ impl SeparableFace {
         Self { face, bounds: Box3::of(corners), corners, normal, outward }
     }
 
-    /// Whether one of the planes certainly separates this face from another, so that they share only vertices with the
+    /// Whether one of the planes certainly separates this face from another. They then share only vertices with the
     /// same index, and the edge between those. If false, the faces may still be apart.
     ///
     /// A plane through an edge has the face on its inner side, and meets the face only in that edge. If every vertex of
