@@ -7,7 +7,7 @@ use glam::DAffine3;
 use super::errors::{ReadError, ReadErrorKind};
 use super::formats::Format;
 use super::limits::Limits;
-use super::paint::Paints;
+use super::paint::MeshPaint;
 use crate::math::Box3;
 use crate::mesh::{CornerNormals, Numbering, Soup};
 use crate::scene::{LengthUnit, Paint, PaintedMesh, Scene, Unit, UnitSource, Up};
@@ -117,7 +117,7 @@ impl ReadScene {
     pub(super) fn into_file(self, limits: &Limits) -> Result<ReadFile, ReadError> {
         let Self { scene, format, dialect, warnings } = self;
         let whole = scene.placed(limits.max_faces).map_err(|error| {
-            ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
+            ReadError::for_file(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
         })?;
         let materials = (format == Format::ThreeMf).then(|| face_materials(&scene)).flatten();
         let mesh = ReadMesh { materials, warnings, ..ReadMesh::of(whole.soup, format, dialect) };
@@ -131,7 +131,8 @@ const MAX_MATERIALS: u32 = 200;
 /// The material number of each face of the placed mesh; `None` if all faces have one material.
 fn face_materials(scene: &Scene) -> Option<Vec<u32>> {
     let instances = scene.instances(u64::MAX).ok()?;
-    let materials = scene.materials_of(&instances).filter(|it| it.iter().all(|&number| number < MAX_MATERIALS))?;
+    let materials =
+        scene.materials_of(&instances).filter(|materials| materials.iter().all(|&number| number < MAX_MATERIALS))?;
     let mut of_face = Vec::new();
     for (instance, material) in instances.iter().zip(materials).filter(|(instance, _)| instance.is_printed) {
         let faces = scene.objects[instance.object as usize].mesh().map_or(0, |mesh| mesh.soup.faces.len());
@@ -142,28 +143,28 @@ fn face_materials(scene: &Scene) -> Option<Vec<u32>> {
 
 /// A mesh or a scene, as the format's reader returned it.
 pub(super) enum Content {
-    Mesh(Box<Painted>),
+    Mesh(Box<MeshAndPaint>),
     Scene(ReadScene),
 }
 
 /// A mesh and the paint of its faces.
-pub(super) struct Painted {
+pub(super) struct MeshAndPaint {
     pub mesh: ReadMesh,
-    pub paints: Paints,
+    pub paints: MeshPaint,
 }
 
-impl From<ReadMesh> for Painted {
+impl From<ReadMesh> for MeshAndPaint {
     fn from(mesh: ReadMesh) -> Self {
-        Self { mesh, paints: Paints::default() }
+        Self { mesh, paints: MeshPaint::default() }
     }
 }
 
 impl Content {
     /// Mutable access to format, dialect and warnings.
-    pub fn account(&mut self) -> (&mut Format, &mut String, &mut Vec<String>) {
+    pub fn metadata_mut(&mut self) -> (&mut Format, &mut String, &mut Vec<String>) {
         match self {
-            Self::Mesh(it) => (&mut it.mesh.format, &mut it.mesh.dialect, &mut it.mesh.warnings),
-            Self::Scene(it) => (&mut it.format, &mut it.dialect, &mut it.warnings),
+            Self::Mesh(read) => (&mut read.mesh.format, &mut read.mesh.dialect, &mut read.mesh.warnings),
+            Self::Scene(read) => (&mut read.format, &mut read.dialect, &mut read.warnings),
         }
     }
 
@@ -175,7 +176,7 @@ impl Content {
         match self {
             Self::Scene(read) => read.into_file(limits),
             Self::Mesh(painted) => {
-                let Painted { mesh, paints: Paints { of_faces, palettes, textures } } = *painted;
+                let MeshAndPaint { mesh, paints: MeshPaint { of_faces, palettes, textures } } = *painted;
                 let scene = (!of_faces.is_empty()).then(|| {
                     let whole = PaintedMesh { soup: mesh.soup.clone(), paint: of_faces.clone() };
                     Scene { palettes, textures, ..Scene::of_mesh(whole) }
@@ -190,8 +191,8 @@ impl Content {
         match self {
             Self::Scene(read) => read,
             Self::Mesh(painted) => {
-                let Painted { mesh: ReadMesh { soup, format, dialect, warnings, .. }, paints } = *painted;
-                let Paints { of_faces, palettes, textures } = paints;
+                let MeshAndPaint { mesh: ReadMesh { soup, format, dialect, warnings, .. }, paints } = *painted;
+                let MeshPaint { of_faces, palettes, textures } = paints;
                 let scene = Scene::of_mesh(PaintedMesh { soup, paint: of_faces });
                 ReadScene { scene: Scene { palettes, textures, ..scene }, format, dialect, warnings }
             }

@@ -50,7 +50,7 @@ pub struct ReadError {
 
 impl ReadError {
     /// An error that concerns the whole file.
-    pub(super) fn whole(kind: ReadErrorKind, detail: impl Into<String>) -> Self {
+    pub(super) fn for_file(kind: ReadErrorKind, detail: impl Into<String>) -> Self {
         Self { kind, place: None, detail: detail.into() }
     }
 
@@ -102,12 +102,12 @@ pub enum WriteError {
 }
 
 /// A word of the file for use in a message: escaped, and shortened after 32 bytes.
-pub(super) fn shown(word: &[u8]) -> String {
-    shown_up_to(32, word)
+pub(super) fn excerpt(word: &[u8]) -> String {
+    excerpt_up_to(32, word)
 }
 
-/// As [`shown`], shortened after `most` bytes.
-pub(super) fn shown_up_to(most: usize, word: &[u8]) -> String {
+/// As [`excerpt`], shortened after `most` bytes.
+pub(super) fn excerpt_up_to(most: usize, word: &[u8]) -> String {
     let mut text: String =
         String::from_utf8_lossy(&word[..word.len().min(most)]).chars().flat_map(char::escape_debug).collect();
     if word.len() > most {

@@ -129,17 +129,17 @@ impl Loss {
 /// The properties of a scene that are lost when it is written in `format`, in the order of [`Loss`].
 #[must_use]
 pub fn losses(scene: &Scene, format: Format) -> Vec<Loss> {
-    let mut losses = of_paint(scene);
-    if is_several(scene) {
+    let mut losses = paint_losses(scene);
+    if has_several_instances(scene) {
         losses.push(Loss::Objects);
     }
     if scene.unit.is_some_and(|unit| unit != Unit::Millimetre) {
         losses.push(Loss::Unit);
     }
-    let noted = |notes: &[Note]| !notes.is_empty();
-    if noted(&scene.notes)
-        || scene.objects.iter().any(|object| noted(&object.notes))
-        || scene.items.iter().any(|item| noted(&item.notes))
+    let has_notes = |notes: &[Note]| !notes.is_empty();
+    if has_notes(&scene.notes)
+        || scene.objects.iter().any(|object| has_notes(&object.notes))
+        || scene.items.iter().any(|item| has_notes(&item.notes))
     {
         losses.push(Loss::Notes);
     }
@@ -154,13 +154,13 @@ pub fn losses_in_words(scene: &Scene, format: Format) -> Option<String> {
     let losses = losses(scene, format);
     let words: Vec<&str> = losses.iter().map(|loss| loss.as_str()).collect();
     let (last, before) = words.split_last()?;
-    let what = if before.is_empty() { (*last).to_owned() } else { format!("{} and {last}", before.join(", ")) };
+    let lost = if before.is_empty() { (*last).to_owned() } else { format!("{} and {last}", before.join(", ")) };
     let keeps = |other: &Format| !losses.iter().any(|loss| loss.is_of(*other));
     let others: Vec<&str> = [Format::ThreeMf, Format::Glb].into_iter().filter(keeps).map(name).collect();
     let (name, others) = (name(format), others.join(" or "));
     let advice =
         if others.is_empty() { String::new() } else { format!("; choose {others} as output format to keep them") };
-    Some(format!("{name} can't store {what}, so they were dropped{advice}"))
+    Some(format!("{name} can't store {lost}, so they were dropped{advice}"))
 }
 
 /// The format's name for a message.
@@ -178,7 +178,7 @@ fn name(format: Format) -> &'static str {
 }
 
 /// Whether the scene has more than one object or instance.
-fn is_several(scene: &Scene) -> bool {
+fn has_several_instances(scene: &Scene) -> bool {
     match &scene.items[..] {
         [item] => match scene.objects.get(item.object as usize).map(|object| &object.shape) {
             Some(Shape::Components(parts)) => parts.len() > 1,
@@ -189,7 +189,7 @@ fn is_several(scene: &Scene) -> bool {
 }
 
 /// What would be lost of the faces' paint in a format that stores none.
-fn of_paint(scene: &Scene) -> Vec<Loss> {
+fn paint_losses(scene: &Scene) -> Vec<Loss> {
     let mut used = vec![false; scene.palettes.len()];
     let meshes = scene.objects.iter().filter_map(|object| object.mesh());
     for Paint { palette, .. } in meshes.flat_map(|mesh| &mesh.paint).filter(|paint| **paint != PAINTLESS) {
@@ -201,7 +201,9 @@ fn of_paint(scene: &Scene) -> Vec<Loss> {
     for (palette, _) in scene.palettes.iter().zip(used).filter(|(_, used)| *used) {
         let own: &[Loss] = match palette {
             Palette::Colors(_) => &[Loss::Colors],
-            Palette::Materials(materials) if materials.iter().all(|it| it.name.is_empty()) => &[Loss::Colors],
+            Palette::Materials(materials) if materials.iter().all(|material| material.name.is_empty()) => {
+                &[Loss::Colors]
+            }
             Palette::Materials(_) => &[Loss::Colors, Loss::Materials],
             Palette::Textured { tint: [255, 255, 255, 255], .. } => &[Loss::Pictures],
             Palette::Textured { .. } => &[Loss::Pictures, Loss::Tints],

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::errors::{ReadError, ReadErrorKind};
 
 /// Number of bytes that determine a file's format. Readers use the same number as [`sniff`](super::sniff), so both find the same format.
-pub(super) const HEAD: usize = 4096;
+pub(super) const SNIFFED_BYTES: usize = 4096;
 
 /// Limits on one file. Readers check them before they allocate memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,28 +53,28 @@ impl Limits {
     pub const NONE: Self = Self { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
 
     /// # Errors
-    /// A [`ReadError`] of kind `TooLarge` if a file of `found` bytes is over the limit.
-    pub(super) fn check_bytes(&self, found: u64) -> Result<(), ReadError> {
-        check("bytes", found, self.max_bytes)
+    /// A [`ReadError`] of kind `TooLarge` if a file of `count` bytes is over the limit.
+    pub(super) fn check_bytes(&self, count: u64) -> Result<(), ReadError> {
+        check_limit("bytes", count, self.max_bytes)
     }
 
     /// # Errors
-    /// A [`ReadError`] of kind `TooLarge` if `found` faces are over the limit.
-    pub(super) fn check_faces(&self, found: u64) -> Result<(), ReadError> {
-        check("faces", found, self.max_faces)
+    /// A [`ReadError`] of kind `TooLarge` if `count` faces are over the limit.
+    pub(super) fn check_faces(&self, count: u64) -> Result<(), ReadError> {
+        check_limit("faces", count, self.max_faces)
     }
 
     /// The limit on vertices is never above `u32::MAX`, because indices have 32 bits.
     ///
     /// # Errors
-    /// A [`ReadError`] of kind `TooLarge` if `found` vertices are over the limit.
-    pub(super) fn check_vertices(&self, found: u64) -> Result<(), ReadError> {
-        check("vertices", found, self.max_vertices.min(u64::from(u32::MAX)))
+    /// A [`ReadError`] of kind `TooLarge` if `count` vertices are over the limit.
+    pub(super) fn check_vertices(&self, count: u64) -> Result<(), ReadError> {
+        check_limit("vertices", count, self.max_vertices.min(u64::from(u32::MAX)))
     }
 }
 
-fn check(what: &str, found: u64, most: u64) -> Result<(), ReadError> {
-    if found <= most {
+fn check_limit(what: &str, count: u64, limit: u64) -> Result<(), ReadError> {
+    if count <= limit {
         return Ok(());
     }
     let advice = if what == "bytes" {
@@ -82,8 +82,8 @@ fn check(what: &str, found: u64, most: u64) -> Result<(), ReadError> {
     } else {
         "simplify the model before you send it"
     };
-    Err(ReadError::whole(
+    Err(ReadError::for_file(
         ReadErrorKind::TooLarge,
-        format!("the file has {found} {what}, over the limit of {most}; {advice}"),
+        format!("the file has {count} {what}, over the limit of {limit}; {advice}"),
     ))
 }

@@ -35,7 +35,7 @@ use crate::mesh::Soup;
 use crate::scene::{PaintedMesh, Scene};
 use archive::Archive;
 use content::Content;
-use sidecar::{Files, Sidecars};
+use sidecar::{ObjZipFiles, Sidecars};
 
 /// Reads a file of any supported format as one mesh.
 ///
@@ -85,7 +85,7 @@ fn read_content(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result<Co
     match sniff(bytes, Some(bytes.len() as u64))? {
         // Only the archive's directory, at its end, shows whether the archive is a 3MF package.
         Format::ThreeMf | Format::Zip => read_archive(bytes, options, painted),
-        format => read_model(format, bytes, options, painted, &Sidecars::nothing()),
+        format => read_model(format, bytes, options, painted, &Sidecars::none()),
     }
 }
 
@@ -95,15 +95,15 @@ fn read_archive(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result<Co
     if let Some(scene) = threemf::read(&mut archive, options)? {
         return Ok(Content::Scene(scene));
     }
-    let (name, format) = sidecar::model_of(&archive)?;
-    let model = archive.bytes(name, options.limits.max_bytes)?.unwrap_or_default();
-    let sidecars = Sidecars::of(name, &archive, &options.limits);
+    let (name, format) = sidecar::find_model(&archive)?;
+    let model = archive.read_file(name, options.limits.max_bytes)?.unwrap_or_default();
+    let sidecars = Sidecars::in_archive(name, &archive, &options.limits);
     let within = |error: ReadError| {
-        let detail = format!("in the archive's file {}: {}", archive::shown(name), error.detail);
+        let detail = format!("in the archive's file {}: {}", archive::name_excerpt(name), error.detail);
         ReadError { detail, ..error }
     };
     let mut content = read_model(format, &model, options, painted, &sidecars).map_err(within)?;
-    let (format, dialect, warnings) = content.account();
+    let (format, dialect, warnings) = content.metadata_mut();
     if *format == Format::Obj {
         *format = Format::Zip;
     }
@@ -131,7 +131,7 @@ fn read_model(
             let read = threemf::read(&mut Archive::open(bytes, &options.limits)?, options)?;
             return read.map(Content::Scene).ok_or_else(|| {
                 let detail = "the ZIP archive holds no 3MF model; unpack the archive and send the model file itself";
-                ReadError::whole(ReadErrorKind::UnsupportedFormat, detail)
+                ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail)
             });
         }
     };
@@ -155,7 +155,7 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
         Format::Ply => Ok(ply::write(soup)),
         Format::Off => Ok(off::write(soup)),
         Format::Mesh => Ok(vertex_face::write(soup)),
-        Format::Zip => sidecar::pack(&Files { obj: obj::write(soup), mtl: None, pictures: Vec::new() }),
+        Format::Zip => sidecar::pack(&ObjZipFiles { obj: obj::write(soup), mtl: None, textures: Vec::new() }),
         Format::Glb | Format::ThreeMf => {
             write_scene(&Scene::of_mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() }), format)
         }
@@ -175,7 +175,7 @@ pub fn write_scene(scene: &Scene, format: Format) -> Result<Vec<u8>, WriteError>
     match format {
         Format::ThreeMf => threemf::write(scene),
         Format::Glb => gltf::write(scene),
-        Format::Zip => sidecar::pack(&obj::write_painted(&placed()?, scene, sidecar::MATERIALS)),
+        Format::Zip => sidecar::pack(&obj::write_painted(&placed()?, scene, sidecar::MTL_NAME)),
         Format::Ply => Ok(ply::write_painted(&placed()?, scene)),
         Format::Stl | Format::Obj | Format::Off | Format::Mesh => write(&placed()?.soup, format),
     }

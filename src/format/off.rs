@@ -5,16 +5,16 @@ use std::fmt::Write as _;
 use glam::DVec3;
 
 use super::content::{Polygons, ReadMesh};
-use super::errors::{ReadError, ReadErrorKind, shown};
-use super::faces::Faces;
+use super::errors::{ReadError, ReadErrorKind, excerpt};
+use super::faces::FaceCollector;
 use super::formats::Format;
 use super::limits::ReadOptions;
 use super::text::{Text, Word};
 use crate::mesh::Soup;
 
 /// Minimum bytes of a vertex (`0 0 0` and a line end) and of a face (`0` and a line end).
-const LEAST_VERTEX: u64 = 6;
-const LEAST_FACE: u64 = 2;
+const MIN_VERTEX_BYTES: u64 = 6;
+const MIN_FACE_BYTES: u64 = 2;
 
 /// Reads text OFF with any of its prefixes, such as COFF and NOFF.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadError> {
@@ -38,9 +38,9 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, Read
     text.skip_line();
 
     let remaining = text.remaining() as u64;
-    let least = vertices.saturating_mul(LEAST_VERTEX).saturating_add(faces.saturating_mul(LEAST_FACE));
+    let min_bytes = vertices.saturating_mul(MIN_VERTEX_BYTES).saturating_add(faces.saturating_mul(MIN_FACE_BYTES));
     // The last line may have no line end.
-    if least > remaining + 2 {
+    if min_bytes > remaining + 2 {
         return Err(text.error(
             ReadErrorKind::Truncated,
             counts_at,
@@ -66,7 +66,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, Read
         } else {
             "the OFF file holds no vertices and no faces; export the model again".to_owned()
         };
-        return Err(ReadError::whole(ReadErrorKind::NoFaces, detail));
+        return Err(ReadError::for_file(ReadErrorKind::NoFaces, detail));
     }
     let soup = Soup { positions, faces: soup_faces };
     Ok(ReadMesh { polygons, warnings, ..ReadMesh::of(soup, Format::Off, dialect) })
@@ -113,18 +113,18 @@ fn dialect(text: &Text<'_>, keyword: Word<'_>) -> Result<String, ReadError> {
     Ok(name.to_ascii_uppercase())
 }
 
-fn next_count(text: &mut Text<'_>, what: &str) -> Result<u64, ReadError> {
-    let Some(word) = text.word() else { return Err(text.ended(&format!("the count of {what}"))) };
-    count_of(text, word, what)
+fn next_count(text: &mut Text<'_>, element: &str) -> Result<u64, ReadError> {
+    let Some(word) = text.word() else { return Err(text.ended(&format!("the count of {element}"))) };
+    count_of(text, word, element)
 }
 
-fn count_of(text: &Text<'_>, word: Word<'_>, what: &str) -> Result<u64, ReadError> {
-    let count = text.integer(word, &format!("the count of {what}"))?;
+fn count_of(text: &Text<'_>, word: Word<'_>, element: &str) -> Result<u64, ReadError> {
+    let count = text.integer(word, &format!("the count of {element}"))?;
     u64::try_from(count).map_err(|_| {
         text.error(
             ReadErrorKind::Malformed,
             word.at,
-            format!("the count of {what} is {count}; a count can't be below zero, so export the model again"),
+            format!("the count of {element} is {count}; a count can't be below zero, so export the model again"),
         )
     })
 }
@@ -155,8 +155,8 @@ fn read_faces(
     options: &ReadOptions,
     warnings: &mut Vec<String>,
 ) -> Result<(Vec<[u32; 3]>, Polygons), ReadError> {
-    let room = count.min(text.remaining() as u64 / LEAST_FACE + 1);
-    let mut faces = Faces::new(options, usize::try_from(room).unwrap_or(0));
+    let capacity = count.min(text.remaining() as u64 / MIN_FACE_BYTES + 1);
+    let mut faces = FaceCollector::new(options, usize::try_from(capacity).unwrap_or(0));
     let mut corners = Vec::new();
     for face in 0..count {
         let Some(word) = text.word() else {
@@ -170,14 +170,14 @@ fn read_faces(
             };
             let index = text.integer(word, "the index of a vertex")?;
             match u32::try_from(index) {
-                Ok(known) if (known as usize) < positions.len() => corners.push(known),
+                Ok(vertex) if (vertex as usize) < positions.len() => corners.push(vertex),
                 _ => {
                     return Err(text.error(
                         ReadErrorKind::IndexOutOfRange,
                         word.at,
                         format!(
                             "face {face} refers to vertex {}, but the file has {} vertices, counted from 0; export the model again",
-                            shown(word.bytes),
+                            excerpt(word.bytes),
                             positions.len()
                         ),
                     ));

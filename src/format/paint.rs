@@ -7,7 +7,7 @@ use crate::scene::{Material, Paint, Palette, Texture};
 
 /// The paint of a mesh's faces, with its palettes and textures; empty if no face is painted.
 #[derive(Default)]
-pub(super) struct Paints {
+pub(super) struct MeshPaint {
     /// The paint of each face; empty if no face is painted.
     pub of_faces: Vec<Paint>,
     /// The palettes that `of_faces` refers to.
@@ -19,7 +19,7 @@ pub(super) struct Paints {
 /// Builds palettes: one of all untextured materials, one of all colours, and one for each textured material, in the order of first use. An
 /// entry is identified by the index of its palette and its index there.
 #[derive(Default)]
-pub(super) struct Palettes {
+pub(super) struct PaletteBuilder {
     all: Vec<Palette>,
     materials: Option<u32>,
     colors: Option<u32>,
@@ -27,7 +27,7 @@ pub(super) struct Palettes {
     colored: FxHashMap<[u8; 4], u32>,
 }
 
-impl Palettes {
+impl PaletteBuilder {
     /// The finished palettes.
     pub fn finish(self) -> Vec<Palette> {
         self.all
@@ -65,7 +65,7 @@ impl Palettes {
     }
 
     /// Adds texture coordinates to a palette; returns the index of the first.
-    pub fn places(&mut self, palette: u32, new: impl Iterator<Item = [f64; 2]>) -> u32 {
+    pub fn add_texture_coordinates(&mut self, palette: u32, new: impl Iterator<Item = [f64; 2]>) -> u32 {
         match self.all.get_mut(palette as usize) {
             Some(Palette::Textured { places, .. }) => {
                 let base = index(places.len());
@@ -91,20 +91,20 @@ fn index(number: usize) -> u32 {
 // Textures are kept as files; nothing here decodes an image.
 
 /// Maximum total bytes of the textures that a model refers to as sidecar files.
-pub(super) const MOST_PICTURE_BYTES: u64 = 128 << 20;
+pub(super) const MAX_TEXTURE_BYTES: u64 = 128 << 20;
 
 /// Signature, media type and usual extension of the image formats that 3MF and glTF allow.
-const KINDS: [(&[u8], &str, &str); 2] =
+const IMAGE_TYPES: [(&[u8], &str, &str); 2] =
     [(b"\x89PNG\r\n\x1A\n", "image/png", "png"), (b"\xFF\xD8\xFF", "image/jpeg", "jpg")];
 
 /// The media type of an image; `None` unless it is PNG or JPEG.
 pub(super) fn media_type(bytes: &[u8]) -> Option<&'static str> {
-    KINDS.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|(_, media_type, _)| *media_type)
+    IMAGE_TYPES.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|(_, media_type, _)| *media_type)
 }
 
 /// The usual file name extension of an image; `None` unless it is PNG or JPEG.
 pub(super) fn extension(bytes: &[u8]) -> Option<&'static str> {
-    KINDS.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|(.., extension)| *extension)
+    IMAGE_TYPES.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|(.., extension)| *extension)
 }
 
 // Colours in linear light, as glTF stores them, and in sRGB, as scenes store them (IEC 61966-2-1).
@@ -121,9 +121,9 @@ pub(super) fn byte(value: f64) -> u8 {
 }
 
 /// An sRGB component in linear light, from 0 to 1.
-fn linear(part: u8) -> f64 {
-    let part = f64::from(part) / 255.0;
-    if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
+fn linear(component: u8) -> f64 {
+    let component = f64::from(component) / 255.0;
+    if component <= 0.04045 { component / 12.92 } else { ((component + 0.055) / 1.055).powf(2.4) }
 }
 
 /// A component in linear light as the nearest sRGB byte.
@@ -140,7 +140,7 @@ pub(super) fn linear_factor([r, g, b, alpha]: [u8; 4]) -> [f64; 4] {
 /// An sRGB colour with alpha as a glTF vertex colour. 16 bits of linear light are enough to restore each 8-bit sRGB component.
 pub(super) fn linear_vertex([r, g, b, alpha]: [u8; 4]) -> [u16; 4] {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 65535")]
-    let wide = |part: u8| (linear(part) * 65535.0).round() as u16;
+    let wide = |component: u8| (linear(component) * 65535.0).round() as u16;
     [wide(r), wide(g), wide(b), u16::from(alpha) * 257]
 }
 
@@ -155,9 +155,9 @@ mod tests {
 
     #[test]
     fn every_colour_survives_conversion_to_a_vertex_colour_and_to_a_factor() {
-        for part in 0..=255 {
-            let color = [part, 255 - part, part, part];
-            let wide = linear_vertex(color).map(|part| f64::from(f32::from(part) / 65535.0));
+        for component in 0..=255 {
+            let color = [component, 255 - component, component, component];
+            let wide = linear_vertex(color).map(|component| f64::from(f32::from(component) / 65535.0));
             assert_eq!(srgb_of_linear(wide), color);
             assert_eq!(srgb_of_linear(linear_factor(color)), color);
         }

@@ -15,7 +15,7 @@ use robust::{Coord, orient2d};
 use super::content::Polygons;
 
 /// Triangulates polygons, and reuses its buffers from one polygon to the next.
-pub(super) struct Cutter {
+pub(super) struct Triangulator {
     earcut: Earcut<f64>,
     refiner: Refiner,
     flat: Vec<[f64; 2]>,
@@ -54,7 +54,7 @@ const MAX_TWISTED_CORNERS: usize = 64;
 /// Total work, in cubed corner counts, after which all twisted polygons are triangulated as flat ones.
 const MAX_FOLD_WORK: u64 = 500_000_000;
 
-impl Cutter {
+impl Triangulator {
     /// Polygons twisted by more than `twist_angle_deg` are triangulated with the least fold.
     pub fn new(twist_angle_deg: f64) -> Self {
         let sine = twist_angle_deg.max(0.0).to_radians().sin();
@@ -95,7 +95,7 @@ impl Cutter {
 
     /// Triangulates one polygon. `corners` are indices into `positions`, all in range. The n - 2 triangles go to `push` as indices into
     /// `corners`.
-    pub fn cut(&mut self, positions: &[DVec3], corners: &[u32], mut push: impl FnMut([usize; 3])) {
+    pub fn triangulate(&mut self, positions: &[DVec3], corners: &[u32], mut push: impl FnMut([usize; 3])) {
         let count = corners.len();
         if count < 3 {
             return;
@@ -293,11 +293,11 @@ impl Cutter {
             let Some(next) = (at + 1..=first + count).find(|&k| used[k % count]) else { return };
             if next > at + 1 {
                 let (a, b) = (name(at), name(next));
-                let Some(found) = self.triangles.chunks_exact(3).position(|t| has_side(t, a, b)) else { return };
-                let apex = self.triangles[3 * found..3 * found + 3].iter().copied().find(|&k| k != a && k != b);
+                let Some(index) = self.triangles.chunks_exact(3).position(|t| has_side(t, a, b)) else { return };
+                let apex = self.triangles[3 * index..3 * index + 3].iter().copied().find(|&k| k != a && k != b);
                 let Some(apex) = apex else { return };
                 for (k, slot) in [a, name(at + 1), apex].into_iter().enumerate() {
-                    self.triangles[3 * found + k] = slot;
+                    self.triangles[3 * index + k] = slot;
                 }
                 for k in at + 1..next {
                     self.triangles.extend([name(k), name(k + 1), apex]);
@@ -359,7 +359,7 @@ fn has_side(triangle: &[u32], a: u32, b: u32) -> bool {
 enum Triangulation {
     /// A fan of triangles from one corner.
     FanFrom(usize),
-    /// The triangles are in `Cutter::triangles`, as corner indices of the polygon.
+    /// The triangles are in `Triangulator::triangles`, as corner indices of the polygon.
     Ears,
 }
 

@@ -4,9 +4,9 @@
 //! count exactly, the file is binary STL. A text file would have to be gigabytes long to fit by chance, so this check comes first. If the
 //! count is wrong, plausible coordinates decide.
 
-use super::errors::{ReadError, ReadErrorKind, shown};
+use super::errors::{ReadError, ReadErrorKind, excerpt};
 use super::formats::Format;
-use super::limits::HEAD;
+use super::limits::SNIFFED_BYTES;
 use super::off::is_off_keyword;
 use super::text::{Text, UTF8_MARK, integer, number};
 use super::{archive, gltf, stl, vertex_face};
@@ -19,15 +19,15 @@ use super::{archive, gltf, stl, vertex_face};
 /// # Errors
 /// [`ReadErrorKind::Empty`], [`ReadErrorKind::UnknownFormat`] or [`ReadErrorKind::UnsupportedFormat`], with a description of the file.
 pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
-    let head = &head[..head.len().min(HEAD)];
+    let head = &head[..head.len().min(SNIFFED_BYTES)];
     if head.is_empty() {
-        return Err(ReadError::whole(ReadErrorKind::Empty, "the file is empty; send it again"));
+        return Err(ReadError::for_file(ReadErrorKind::Empty, "the file is empty; send it again"));
     }
     if stl::length_fits(head, length) {
         return Ok(Format::Stl);
     }
-    if is_mangled(head) {
-        return Err(ReadError::whole(
+    if is_damaged_by_text_conversion(head) {
+        return Err(ReadError::for_file(
             ReadErrorKind::UnknownFormat,
             "this binary file was converted as if it were text, which destroyed it; send the original file",
         ));
@@ -37,31 +37,31 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
         return Ok(Format::Glb);
     }
     // Only the archive's directory, at its end, lists all files; the reader decides from that.
-    if head.starts_with(archive::LOCAL) {
+    if head.starts_with(archive::LOCAL_HEADER_SIGNATURE) {
         let is_unknown = archive::names_in_head(head).next().is_none();
         return Ok(if is_unknown || archive::is_likely_3mf(head) { Format::ThreeMf } else { Format::Zip });
     }
-    if let Some(found) = recognise_foreign(head) {
-        return Err(ReadError::whole(
+    if let Some(unsupported) = recognise_unsupported(head) {
+        return Err(ReadError::for_file(
             ReadErrorKind::UnsupportedFormat,
-            format!("this is {}, which can't be read; {}, and send that file", found.name, found.advice),
+            format!("this is {}, which can't be read; {}, and send that file", unsupported.name, unsupported.advice),
         ));
     }
     let first = Text::new(&head[start..]).with_comments().word().map_or(&[][..], |word| word.bytes);
     if is_ply(&head[start..]) {
         return Ok(Format::Ply);
     }
-    if is_off_keyword(first) && !looks_binary(head) {
+    if is_off_keyword(first) && !has_binary_bytes(head) {
         return Ok(Format::Off);
     }
-    if stl::starts_as_text(head) || (looks_binary(head) && stl::looks_like_facets(head)) {
+    if stl::starts_as_text(head) || (has_binary_bytes(head) && stl::looks_like_facets(head)) {
         return Ok(Format::Stl);
     }
     if is_off_keyword(first) {
         // Binary OFF: the reader reports that it is not supported.
         return Ok(Format::Off);
     }
-    if !looks_binary(head) {
+    if !has_binary_bytes(head) {
         if vertex_face::starts(head) {
             return Ok(Format::Mesh);
         }
@@ -82,13 +82,13 @@ fn text_start(head: &[u8]) -> usize {
 }
 
 /// Whether there are control characters that no text file contains.
-fn looks_binary(head: &[u8]) -> bool {
+fn has_binary_bytes(head: &[u8]) -> bool {
     head.iter().any(|&b| b < 0x20 && !matches!(b, b'\t' | b'\n' | b'\r' | 0x0B | 0x0C | 0x1A))
 }
 
 /// Whether a program took a binary file for UTF-8 and replaced its invalid bytes by U+FFFD. The whole file is then valid UTF-8. The bytes of
 /// U+FFFD alone prove nothing: they may be a colour that repeats for every face.
-fn is_mangled(head: &[u8]) -> bool {
+fn is_damaged_by_text_conversion(head: &[u8]) -> bool {
     let is_text = std::str::from_utf8(head).map_or_else(|error| error.error_len().is_none(), |_| true);
     is_text && head.contains(&0) && head.windows(3).filter(|w| w == b"\xEF\xBF\xBD").count() >= 3
 }
@@ -146,8 +146,8 @@ fn is_obj(head: &[u8]) -> bool {
         return true;
     }
     let mut word = Some(first);
-    while let Some(found) = word {
-        if found.bytes == b"v" {
+    while let Some(statement) = word {
+        if statement.bytes == b"v" {
             let coordinates = (0..3).map_while(|_| text.word_on_line()).filter(|w| number(w.bytes).is_some()).count();
             if coordinates == 3 {
                 return true;
@@ -165,21 +165,21 @@ fn unknown(head: &[u8]) -> ReadError {
         "this is text in UTF-16; save it as UTF-8 or ASCII text, or export a binary format, and send that file"
             .to_owned()
     } else {
-        let cut = if looks_binary(head) && head.len() < stl::LEAST_BINARY {
+        let cut = if has_binary_bytes(head) && head.len() < stl::MIN_BINARY_BYTES {
             "; if it was binary STL, it was cut off, so send it again"
         } else {
             ""
         };
         format!(
             "the file begins with '{}', which matches no supported format; send STL, OBJ, PLY, OFF, 3MF or GLB{cut}",
-            shown(&head[..head.len().min(16)])
+            excerpt(&head[..head.len().min(16)])
         )
     };
-    ReadError::whole(ReadErrorKind::UnknownFormat, detail)
+    ReadError::for_file(ReadErrorKind::UnknownFormat, detail)
 }
 
 /// A format that is recognised but not read.
-struct Foreign {
+struct UnsupportedFormat {
     /// Name of the format, with an article.
     name: &'static str,
     /// How to get a file that can be read.
@@ -248,29 +248,29 @@ const ELEMENTS: [(&[u8], &str, &str); 9] = [
 ];
 
 /// Recognises a format that meshmend does not read.
-fn recognise_foreign(head: &[u8]) -> Option<Foreign> {
+fn recognise_unsupported(head: &[u8]) -> Option<UnsupportedFormat> {
     let mark = if head.starts_with(UTF8_MARK) { 3 } else { 0 };
     let text = head[mark..].trim_ascii_start();
     for (signature, name, advice) in SIGNATURES {
         if head.starts_with(signature) || text.starts_with(signature) {
-            return Some(Foreign { name, advice });
+            return Some(UnsupportedFormat { name, advice });
         }
     }
     match text.first()? {
         b'<' => {
             let lower = text.to_ascii_lowercase();
-            let found = ELEMENTS.iter().find(|(element, ..)| contains(&lower, element));
-            match found {
-                Some((_, name, advice)) => Some(Foreign { name, advice }),
-                None if lower.starts_with(b"<?xml") => Some(Foreign { name: "an XML file", advice: EXPORT }),
+            let known = ELEMENTS.iter().find(|(element, ..)| contains(&lower, element));
+            match known {
+                Some((_, name, advice)) => Some(UnsupportedFormat { name, advice }),
+                None if lower.starts_with(b"<?xml") => Some(UnsupportedFormat { name: "an XML file", advice: EXPORT }),
                 None => None,
             }
         }
         b'{' if contains(text, b"\":") || contains(text, b"\" :") => {
-            Some(Foreign { name: "a JSON file", advice: NOT_A_MODEL })
+            Some(UnsupportedFormat { name: "a JSON file", advice: NOT_A_MODEL })
         }
-        b'0' | b'9' if is_dxf(text) => Some(Foreign { name: "a DXF file", advice: EXPORT }),
-        _ if is_iges(head) => Some(Foreign { name: "an IGES file", advice: EXPORT }),
+        b'0' | b'9' if is_dxf(text) => Some(UnsupportedFormat { name: "a DXF file", advice: EXPORT }),
+        _ if is_iges(head) => Some(UnsupportedFormat { name: "an IGES file", advice: EXPORT }),
         _ => None,
     }
 }

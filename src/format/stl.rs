@@ -2,29 +2,29 @@
 
 use glam::DVec3;
 
-use super::errors::{ReadError, ReadErrorKind, WriteError, shown};
-use super::limits::{HEAD, Limits};
+use super::errors::{ReadError, ReadErrorKind, WriteError, excerpt};
+use super::limits::{Limits, SNIFFED_BYTES};
 use super::text::{Text, Word, number};
 use super::{Format, ReadMesh};
 use crate::mesh::{CornerNormals, Soup};
 
 /// Size of the binary header in bytes: 80 bytes of free text and the facet count.
-const HEADER: usize = 84;
+const HEADER_BYTES: usize = 84;
 /// Size of a binary facet in bytes: a normal, three corners, and two bytes without an agreed meaning.
-const FACET: usize = 50;
+const FACET_BYTES: usize = 50;
 
 /// Size of the smallest binary file with a facet, in bytes.
-pub(super) const LEAST_BINARY: usize = HEADER + FACET;
+pub(super) const MIN_BINARY_BYTES: usize = HEADER_BYTES + FACET_BYTES;
 
 /// Whether a file of this length has exactly as many facets as its header counts.
 pub(super) fn length_fits(head: &[u8], length: Option<u64>) -> bool {
-    let (Some(count), Some(length)) = (declared(head), length) else { return false };
-    length == HEADER as u64 + FACET as u64 * u64::from(count)
+    let (Some(count), Some(length)) = (declared_facets(head), length) else { return false };
+    length == HEADER_BYTES as u64 + FACET_BYTES as u64 * u64::from(count)
 }
 
 /// The facet count in a binary header.
-fn declared(head: &[u8]) -> Option<u32> {
-    head.get(80..HEADER)?.try_into().ok().map(u32::from_le_bytes)
+fn declared_facets(head: &[u8]) -> Option<u32> {
+    head.get(80..HEADER_BYTES)?.try_into().ok().map(u32::from_le_bytes)
 }
 
 /// Whether the first bytes start as ASCII STL does, and continue with facets or at least without binary data.
@@ -49,7 +49,7 @@ pub(super) fn starts_as_text(head: &[u8]) -> bool {
 /// Whether the bytes after the header look like facets although the facet count is wrong: there is at least one record, and nine tenths of
 /// the numbers have a plausible magnitude.
 pub(super) fn looks_like_facets(head: &[u8]) -> bool {
-    let facets = head.get(HEADER..).unwrap_or_default().chunks_exact(FACET);
+    let facets = head.get(HEADER_BYTES..).unwrap_or_default().chunks_exact(FACET_BYTES);
     let mut numbers = 0_u32;
     let mut usual = 0_u32;
     for facet in facets {
@@ -69,7 +69,7 @@ fn float(bytes: &[u8]) -> f32 {
 
 /// Reads binary or ASCII STL.
 pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
-    let head = &bytes[..bytes.len().min(HEAD)];
+    let head = &bytes[..bytes.len().min(SNIFFED_BYTES)];
     if !length_fits(head, Some(bytes.len() as u64)) && starts_as_text(head) {
         read_ascii(bytes, limits)
     } else {
@@ -79,13 +79,13 @@ pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError>
 
 /// How many facets to read, if the header declares `declared` and `length` bytes follow it.
 fn facets_to_read(declared: u32, length: usize, warnings: &mut Vec<String>) -> Result<usize, ReadError> {
-    let (whole, rest) = (length / FACET, length % FACET);
+    let (whole, rest) = (length / FACET_BYTES, length % FACET_BYTES);
     let count = usize::try_from(declared).unwrap_or(usize::MAX);
     if count > whole {
         if whole == 0 {
             return Err(ReadError::at_byte(
                 ReadErrorKind::Truncated,
-                HEADER + length,
+                HEADER_BYTES + length,
                 format!(
                     "the header counts {declared} facets, but the file ends before the first facet is complete; send the file again"
                 ),
@@ -103,13 +103,13 @@ fn facets_to_read(declared: u32, length: usize, warnings: &mut Vec<String>) -> R
         }
         Ok(whole)
     } else if count == 0 {
-        Err(ReadError::whole(
+        Err(ReadError::for_file(
             ReadErrorKind::NoFaces,
             "the STL file counts 0 facets and holds none; export the model again",
         ))
     } else {
-        let left = length - count * FACET;
-        if left >= FACET {
+        let left = length - count * FACET_BYTES;
+        if left >= FACET_BYTES {
             warnings.push(format!(
                 "the header counts {declared} facets, but bytes for {whole} follow; {declared} facets were read and {left} bytes ignored"
             ));
@@ -122,25 +122,27 @@ fn facets_to_read(declared: u32, length: usize, warnings: &mut Vec<String>) -> R
 
 fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
     let length = bytes.len();
-    let Some(declared) = declared(bytes) else {
+    let Some(declared) = declared_facets(bytes) else {
         return Err(ReadError::at_byte(
             ReadErrorKind::Truncated,
             length,
-            format!("the file ends within the {HEADER}-byte header of binary STL; it was cut off, so send it again"),
+            format!(
+                "the file ends within the {HEADER_BYTES}-byte header of binary STL; it was cut off, so send it again"
+            ),
         ));
     };
-    let body = &bytes[HEADER..];
+    let body = &bytes[HEADER_BYTES..];
     let mut warnings = Vec::new();
     let facets = facets_to_read(declared, body.len(), &mut warnings)?;
     limits.check_faces(facets as u64)?;
     limits.check_vertices(3 * facets as u64)?;
     let mut positions = Vec::with_capacity(3 * facets);
     let mut normals = FacetNormals::default();
-    for (facet, number) in body.chunks_exact(FACET).take(facets).zip(0..) {
+    for (facet, number) in body.chunks_exact(FACET_BYTES).take(facets).zip(0..) {
         let [normal, corners @ ..] = [0, 12, 24, 36].map(|at| [0, 4, 8].map(|k| float(&facet[at + k..])));
         let corners = corners.map(|corner| DVec3::from_array(corner.map(f64::from)));
         positions.extend(corners);
-        normals.take(number, normal, corners);
+        normals.add(number, normal, corners);
     }
     let (soup, dialect, normals) = (unindexed(positions), "binary STL".to_owned(), normals.finish());
     Ok(ReadMesh { normals, warnings, ..ReadMesh::of(soup, Format::Stl, dialect) })
@@ -151,17 +153,17 @@ fn read_binary(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
 #[derive(Debug, Default)]
 struct FacetNormals {
     opposed: Vec<(u32, [f32; 3])>,
-    any: bool,
+    has_any: bool,
 }
 
 impl FacetNormals {
     /// Takes the normal of a facet; facets come in order.
     #[inline]
-    fn take(&mut self, facet: u32, normal: [f32; 3], [a, b, c]: [DVec3; 3]) {
+    fn add(&mut self, facet: u32, normal: [f32; 3], [a, b, c]: [DVec3; 3]) {
         if normal == [0.0; 3] {
             return;
         }
-        self.any = true;
+        self.has_any = true;
         // Products of f32 values neither overflow nor underflow in f64. Comparisons with not-a-number are false.
         if (b - a).cross(c - a).dot(DVec3::from_array(normal.map(f64::from))) < 0.0 {
             self.opposed.push((facet, normal));
@@ -170,7 +172,7 @@ impl FacetNormals {
 
     /// The collected normals; `None` if no facet had a normal.
     fn finish(self) -> Option<CornerNormals> {
-        self.any.then_some(CornerNormals::OfFaces { opposed: self.opposed })
+        self.has_any.then_some(CornerNormals::OfFaces { opposed: self.opposed })
     }
 }
 
@@ -194,7 +196,7 @@ struct Facet {
 }
 
 /// Reader of ASCII STL.
-struct Ascii<'a> {
+struct AsciiReader<'a> {
     text: Text<'a>,
     limits: Limits,
     positions: Vec<DVec3>,
@@ -202,35 +204,35 @@ struct Ascii<'a> {
     facet: Facet,
     solids: u64,
     /// Whether the last solid was closed by `endsolid`.
-    ended: bool,
+    is_closed: bool,
     /// Number of words that do not belong to STL, and the first of them.
-    strange: u64,
-    first_strange: Option<Word<'a>>,
+    unknown_count: u64,
+    first_unknown: Option<Word<'a>>,
 }
 
 fn read_ascii(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
-    let mut reader = Ascii {
+    let mut reader = AsciiReader {
         text: Text::new(bytes),
         limits: *limits,
         positions: Vec::new(),
         normals: FacetNormals::default(),
         facet: Facet::default(),
         solids: 0,
-        ended: true,
-        strange: 0,
-        first_strange: None,
+        is_closed: true,
+        unknown_count: 0,
+        first_unknown: None,
     };
     while let Some(word) = reader.text.word() {
-        if !reader.take(word)? {
+        if !reader.statement(word)? {
             break;
         }
     }
     reader.finish()
 }
 
-impl<'a> Ascii<'a> {
+impl<'a> AsciiReader<'a> {
     /// Reads one keyword with its arguments; `false` if the file ends within them.
-    fn take(&mut self, word: Word<'a>) -> Result<bool, ReadError> {
+    fn statement(&mut self, word: Word<'a>) -> Result<bool, ReadError> {
         if word.is("vertex") {
             return self.vertex(word);
         } else if word.is("facet") {
@@ -241,7 +243,7 @@ impl<'a> Ascii<'a> {
             self.facet.closed = true;
         } else if word.is("endfacet") {
             if self.facet.begin.is_none() {
-                self.stray(word);
+                self.count_unknown(word);
             } else {
                 self.facet.closed = true;
                 self.end_facet(word)?;
@@ -249,21 +251,21 @@ impl<'a> Ascii<'a> {
         } else if word.is("solid") {
             self.end_facet(word)?;
             self.solids += 1;
-            self.ended = false;
+            self.is_closed = false;
             self.skip_name();
         } else if word.is("endsolid") {
             self.end_facet(word)?;
-            self.ended = true;
+            self.is_closed = true;
             self.skip_name();
         } else if !word.is("outer") && !word.is("loop") && !word.is("end") {
-            self.stray(word);
+            self.count_unknown(word);
         }
         Ok(true)
     }
 
-    fn stray(&mut self, word: Word<'a>) {
-        self.strange += 1;
-        self.first_strange.get_or_insert(word);
+    fn count_unknown(&mut self, word: Word<'a>) {
+        self.unknown_count += 1;
+        self.first_unknown.get_or_insert(word);
     }
 
     fn vertex(&mut self, keyword: Word<'a>) -> Result<bool, ReadError> {
@@ -352,7 +354,7 @@ impl<'a> Ascii<'a> {
         self.limits.check_vertices(self.positions.len() as u64 + 3)?;
         // Limits keep the number of positions below 2^32.
         #[expect(clippy::cast_possible_truncation, reason = "as checked")]
-        self.normals.take((self.positions.len() / 3) as u32, self.facet.normal, self.facet.corners);
+        self.normals.add((self.positions.len() / 3) as u32, self.facet.normal, self.facet.corners);
         self.positions.extend(self.facet.corners);
         Ok(())
     }
@@ -373,11 +375,11 @@ impl<'a> Ascii<'a> {
             warnings.push(format!(
                 "the file ends within a facet and was probably cut off; the {whole} complete facets before it were read"
             ));
-        } else if !self.ended && whole > 0 {
+        } else if !self.is_closed && whole > 0 {
             warnings.push("the file ends without 'endsolid' and may have been cut off".to_owned());
         }
         if self.positions.is_empty() {
-            return Err(ReadError::whole(
+            return Err(ReadError::for_file(
                 ReadErrorKind::NoFaces,
                 "the ASCII STL file holds no facet; export the model again",
             ));
@@ -385,11 +387,11 @@ impl<'a> Ascii<'a> {
         if self.solids > 1 {
             warnings.push(format!("the file holds {} solids; all were read as one model", self.solids));
         }
-        if let Some(first) = self.first_strange {
+        if let Some(first) = self.first_unknown {
             warnings.push(format!(
                 "words that do not belong to STL were ignored: {}, the first '{}'",
-                self.strange,
-                shown(first.bytes)
+                self.unknown_count,
+                excerpt(first.bytes)
             ));
         }
         let dialect = "ASCII STL".to_owned();
@@ -409,7 +411,7 @@ fn is_keyword(word: Word<'_>) -> bool {
 pub(super) fn write(soup: &Soup) -> Result<Vec<u8>, WriteError> {
     let faces = soup.faces.len() as u64;
     let count = u32::try_from(faces).map_err(|_| WriteError::TooManyFaces { faces, most: u64::from(u32::MAX) })?;
-    let mut bytes = Vec::with_capacity(HEADER + FACET * soup.faces.len());
+    let mut bytes = Vec::with_capacity(HEADER_BYTES + FACET_BYTES * soup.faces.len());
     // The header must not start with `solid`, because some readers would take the file for ASCII.
     bytes.extend_from_slice(b"meshmend");
     bytes.resize(80, 0);

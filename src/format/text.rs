@@ -2,7 +2,7 @@
 
 use std::num::IntErrorKind;
 
-use super::errors::{Place, ReadError, ReadErrorKind, shown};
+use super::errors::{Place, ReadError, ReadErrorKind, excerpt};
 
 /// A word of a text file and its byte offset.
 #[derive(Debug, Clone, Copy)]
@@ -172,8 +172,8 @@ impl<'a> Text<'a> {
 
     #[cold]
     fn not_a_number(&self, word: Word<'_>, expected: &str) -> ReadError {
-        let found = shown(word.bytes);
-        let comma = word.bytes.contains(&b',') && number(&replaced(word.bytes, b',', b'.')).is_some();
+        let found = excerpt(word.bytes);
+        let comma = word.bytes.contains(&b',') && number(&with_replaced_byte(word.bytes, b',', b'.')).is_some();
         let detail = if comma {
             format!("'{found}' has a decimal comma where {expected} was expected; export with decimal points")
         } else {
@@ -189,7 +189,7 @@ impl<'a> Text<'a> {
             self.error(
                 ReadErrorKind::Malformed,
                 word.at,
-                format!("found '{}' where {expected} was expected; export the model again", shown(word.bytes)),
+                format!("found '{}' where {expected} was expected; export the model again", excerpt(word.bytes)),
             )
         })
     }
@@ -273,7 +273,7 @@ pub(super) fn integer(word: &[u8]) -> Option<i64> {
     (value.fract() == 0.0 && value.abs() < 9_007_199_254_740_992.0).then_some(value as i64)
 }
 
-fn replaced(word: &[u8], from: u8, to: u8) -> Vec<u8> {
+fn with_replaced_byte(word: &[u8], from: u8, to: u8) -> Vec<u8> {
     // Longer words can't be numbers.
     word.iter().take(64).map(|&b| if b == from { to } else { b }).collect()
 }

@@ -6,13 +6,13 @@ use std::fmt::Write as _;
 
 use glam::DVec3;
 
-use super::errors::{ReadError, ReadErrorKind, shown};
+use super::errors::{ReadError, ReadErrorKind, excerpt};
 use super::text::{Text, Word, integer};
 use super::{Format, Limits, ReadMesh};
-use crate::mesh::{OmittedFace, Numbering, Soup};
+use crate::mesh::{Numbering, OmittedFace, Soup};
 
 /// Maximum number of faces with missing vertices, and of missing vertices, whose numbers are recorded.
-const MOST_KEPT: usize = 10_000;
+const MAX_RECORDED: usize = 10_000;
 
 /// Whether the first line is a `Vertex` or `Face` line.
 pub(super) fn starts(head: &[u8]) -> bool {
@@ -83,7 +83,7 @@ impl<'a> Reader<'a> {
                     word.at,
                     format!(
                         "found '{}' after the three vertices of a face; split polygons into triangles and export again",
-                        shown(word.bytes)
+                        excerpt(word.bytes)
                     ),
                 ));
             }
@@ -91,7 +91,7 @@ impl<'a> Reader<'a> {
             self.face_numbers.push(number);
             self.faces_contiguous &= number as usize == self.faces.len();
         } else {
-            let (count, _) = self.unknown.get_or_insert_with(|| (0, shown(keyword.bytes)));
+            let (count, _) = self.unknown.get_or_insert_with(|| (0, excerpt(keyword.bytes)));
             *count += 1;
             self.text.skip_line();
         }
@@ -121,7 +121,7 @@ impl<'a> Reader<'a> {
                 word.at,
                 format!(
                     "found '{}' where {expected} was expected; numbers must be from 1 to {}",
-                    shown(word.bytes),
+                    excerpt(word.bytes),
                     u32::MAX
                 ),
             )
@@ -149,12 +149,12 @@ impl<'a> Reader<'a> {
             missing.extend(face.iter().zip(indices).filter(|(_, index)| index.is_none()).map(|(&number, _)| number));
             if let [Some(a), Some(b), Some(c)] = indices {
                 *face = [a, b, c];
-                last = middle(&self.positions, &indices).unwrap_or(last);
+                last = centroid(&self.positions, &indices).unwrap_or(last);
                 kept.push(number);
                 return true;
             }
-            let at = middle(&self.positions, &indices).unwrap_or(last);
-            if numbering.omitted.len() < MOST_KEPT {
+            let at = centroid(&self.positions, &indices).unwrap_or(last);
+            if numbering.omitted.len() < MAX_RECORDED {
                 numbering.omitted.push(OmittedFace { number, at: at.to_array() });
             }
             false
@@ -162,7 +162,7 @@ impl<'a> Reader<'a> {
         missing.sort_unstable();
         missing.dedup();
         numbering.missing_vertices = missing.len() as u64;
-        numbering.missing = missing.iter().copied().take(MOST_KEPT).collect();
+        numbering.missing = missing.iter().copied().take(MAX_RECORDED).collect();
         if !self.faces_contiguous || kept.len() < given {
             numbering.face_numbers = kept;
         }
@@ -171,7 +171,7 @@ impl<'a> Reader<'a> {
         }
         numbering.faces_without_vertex = (given - self.faces.len()) as u64;
         if self.faces.is_empty() {
-            return Err(ReadError::whole(ReadErrorKind::NoFaces, self.no_faces(given)));
+            return Err(ReadError::for_file(ReadErrorKind::NoFaces, self.no_faces(given)));
         }
         let mut warnings = Vec::new();
         if let Some(first) = missing.first() {
@@ -199,13 +199,13 @@ impl<'a> Reader<'a> {
         sorted.sort_unstable();
         match sorted.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             None => Ok(Some(sorted)),
-            Some(pair) => Err(self.given_twice(bytes, pair[1])),
+            Some(pair) => Err(self.duplicate_vertex(bytes, pair[1])),
         }
     }
 
     /// The error for a vertex number that is defined twice. The file is parsed again to find its line, so lines need not be stored.
     #[cold]
-    fn given_twice(&self, bytes: &[u8], (number, index): (u32, u32)) -> ReadError {
+    fn duplicate_vertex(&self, bytes: &[u8], (number, index): (u32, u32)) -> ReadError {
         let mut text = Text::new(bytes).with_comments();
         let mut left = index;
         let mut at = 0;
@@ -243,7 +243,7 @@ impl<'a> Reader<'a> {
 }
 
 /// The mean of the corners that exist and are finite; `None` if there is none.
-fn middle(positions: &[DVec3], indices: &[Option<u32>]) -> Option<DVec3> {
+fn centroid(positions: &[DVec3], indices: &[Option<u32>]) -> Option<DVec3> {
     let given = indices.iter().flatten().filter_map(|&v| positions.get(v as usize)).filter(|p| p.is_finite());
     let (sum, count) = given.fold((DVec3::ZERO, 0.0), |(sum, count), &p| (sum + p, count + 1.0));
     (count > 0.0 && sum.is_finite()).then(|| sum / count)

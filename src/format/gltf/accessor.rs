@@ -108,7 +108,7 @@ impl<'f> Accessor<'f> {
                     "{what} declares {count} elements without data, more than the file's {} bytes",
                     file.length
                 );
-                return Err(ReadError::whole(ReadErrorKind::TooLarge, format!("{detail}; export the model again")));
+                return Err(ReadError::for_file(ReadErrorKind::TooLarge, format!("{detail}; export the model again")));
             }
             None => {}
         }
@@ -160,7 +160,7 @@ impl<'f> Accessor<'f> {
                 view.bytes.len()
             );
             let place = view.place.map(|at| Place::Byte(at as u64));
-            return Err(ReadError { place, ..ReadError::whole(ReadErrorKind::Truncated, detail) });
+            return Err(ReadError { place, ..ReadError::for_file(ReadErrorKind::Truncated, detail) });
         }
         self.bytes = Cow::Borrowed(view.bytes.get(begin..).unwrap_or_default());
         self.stride = stride;

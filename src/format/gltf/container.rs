@@ -8,7 +8,7 @@ use std::ops::Deref;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, SeqAccess, Unexpected, Visitor};
 
-use super::super::errors::{Place, ReadError, ReadErrorKind, shown};
+use super::super::errors::{Place, ReadError, ReadErrorKind, excerpt};
 
 /// The signature of GLB.
 pub(crate) const MAGIC: &[u8; 4] = b"glTF";
@@ -84,7 +84,9 @@ fn chunks<'a>(bytes: &'a [u8], warnings: &mut Vec<String>) -> Result<Container<'
         let kind = &header[4..];
         match number {
             0 if kind == JSON => json = Some((begin, chunk)),
-            0 => return malformed(at, format!("the GLB file's first chunk has the type '{}', not JSON", shown(kind))),
+            0 => {
+                return malformed(at, format!("the GLB file's first chunk has the type '{}', not JSON", excerpt(kind)));
+            }
             1 if kind == BINARY => binary = Some((begin, chunk)),
             _ if kind == JSON => return malformed(at, "the GLB file has a second JSON chunk".to_owned()),
             _ if kind == BINARY => {
@@ -147,7 +149,7 @@ const MOST_BYTES: usize = 32 << 20;
 pub(super) fn parse<'a, T: Deserialize<'a>>(text: &'a [u8], offset: Option<usize>) -> Result<T, ReadError> {
     if text.len() > MOST_BYTES && outside_texts(text) > MOST_BYTES {
         let detail = format!("the glTF document is longer than {MOST_BYTES} bytes; split the model into several files");
-        return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
+        return Err(ReadError::for_file(ReadErrorKind::TooLarge, detail));
     }
     serde_json::from_slice(text).map_err(|error| {
         let place = match offset {

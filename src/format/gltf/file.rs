@@ -8,7 +8,7 @@ use base64::alphabet::STANDARD;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use super::super::archive::percent_decoded;
-use super::super::errors::{Place, ReadError, ReadErrorKind, shown};
+use super::super::errors::{Place, ReadError, ReadErrorKind, excerpt};
 use super::super::limits::Limits;
 use super::super::sidecar::Sidecars;
 use super::container::Whole;
@@ -91,7 +91,7 @@ impl<'a> File<'a> {
         if self.spent.get() > self.limits.max_vertices.saturating_mul(2) {
             let detail =
                 "the file refers to the same compressed data, sparse data or skins too often; export the model again";
-            return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
+            return Err(ReadError::for_file(ReadErrorKind::TooLarge, detail));
         }
         Ok(())
     }
@@ -117,19 +117,19 @@ impl<'a> File<'a> {
     fn buffer(&self, view: &BufferView) -> Result<(&[u8], Option<usize>), ReadError> {
         match entry(&self.buffers, view.buffer, "buffer")? {
             Source::Here(bytes, place) => Ok((bytes, *place)),
-            Source::Elsewhere(name) => Err(ReadError::whole(
+            Source::Elsewhere(name) => Err(ReadError::for_file(
                 ReadErrorKind::UnsupportedFormat,
                 format!(
                     "the model's data is in another file, '{name}', which was not sent; export a self-contained GLB file, or send both files in a ZIP archive"
                 ),
             )),
-            Source::Nowhere if view.extensions.meshopt.is_some() => Err(ReadError::whole(
+            Source::Nowhere if view.extensions.meshopt.is_some() => Err(ReadError::for_file(
                 ReadErrorKind::UnsupportedFormat,
                 "the file is compressed with meshopt (EXT_meshopt_compression), which is not supported; export the model without compression",
             )),
             Source::Nowhere => {
                 let detail = format!("buffer {} has no data: the file has no binary chunk for it", view.buffer.0);
-                Err(ReadError::whole(ReadErrorKind::Truncated, format!("{detail}; export the model again as GLB")))
+                Err(ReadError::for_file(ReadErrorKind::Truncated, format!("{detail}; export the model again as GLB")))
             }
         }
     }
@@ -148,19 +148,19 @@ fn source<'a>(
         );
         ReadError {
             place: place.map(|at| Place::Byte(at as u64)),
-            ..ReadError::whole(ReadErrorKind::Truncated, detail)
+            ..ReadError::for_file(ReadErrorKind::Truncated, detail)
         }
     };
     match (&buffer.uri, attached.binary) {
         (Some(uri), _) => {
             let bytes = match data(uri) {
                 Some(bytes) => Some(bytes.map_err(|why| malformed(format!("the data of buffer {number} {why}")))?),
-                None => path(uri).and_then(|path| attached.sidecars.file(&path, u64::MAX)),
+                None => path(uri).and_then(|path| attached.sidecars.read_file(&path, u64::MAX)),
             };
             match bytes {
                 Some(bytes) if bytes.len() < told => Err(short(bytes.len(), None)),
                 Some(bytes) => Ok(Source::Here(Cow::Owned(bytes), None)),
-                None => Ok(Source::Elsewhere(shown(uri.as_bytes()))),
+                None => Ok(Source::Elsewhere(excerpt(uri.as_bytes()))),
             }
         }
         (None, Some((place, chunk))) if number == 0 => {
@@ -202,5 +202,5 @@ pub(super) fn entry<'l, T>(list: &'l [T], number: Whole, what: &str) -> Result<&
 
 /// An error about content that violates the specification. The advice to export the model again is added.
 pub(super) fn malformed(detail: impl std::fmt::Display) -> ReadError {
-    ReadError::whole(ReadErrorKind::Malformed, format!("{detail}; export the model again"))
+    ReadError::for_file(ReadErrorKind::Malformed, format!("{detail}; export the model again"))
 }

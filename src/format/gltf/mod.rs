@@ -93,17 +93,17 @@ fn check_version(document: &Document<'_>) -> Result<(), ReadError> {
     if version.starts_with("2.") && newer.is_none() {
         return Ok(());
     }
-    let shown = super::errors::shown(newer.unwrap_or(version).as_bytes());
+    let shown = super::errors::excerpt(newer.unwrap_or(version).as_bytes());
     let detail = format!(
         "this is glTF version {shown}, but only version 2.0 is supported; convert the model to GLB version 2.0 and send that file"
     );
-    Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail))
+    Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail))
 }
 
 /// Rejects unsupported required extensions, and warns about unsupported optional ones.
 fn check_extensions(document: &Document<'_>, warnings: &mut Vec<String>) -> Result<(), ReadError> {
     let strange = |name: &&String| !HARMLESS.contains(&name.as_str()) && !name.starts_with("KHR_materials_");
-    let shown = |name: &String| super::errors::shown(name.as_bytes());
+    let shown = |name: &String| super::errors::excerpt(name.as_bytes());
     let compressed = |name: &&String| name.ends_with("_meshopt_compression");
     if let Some(name) = document.extensions_required.iter().find(strange) {
         let advice = if compressed(&name) {
@@ -112,7 +112,7 @@ fn check_extensions(document: &Document<'_>, warnings: &mut Vec<String>) -> Resu
             "export the model without this extension"
         };
         let detail = format!("the file requires the glTF extension {}, which is not supported; {advice}", shown(name));
-        return Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));
+        return Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail));
     }
     let used: Vec<String> = document.extensions_used.iter().filter(strange).take(5).map(shown).collect();
     if !used.is_empty() {
@@ -266,7 +266,7 @@ impl<'f, 'a> Reading<'f, 'a> {
         } else {
             "the glTF file's scene shows no triangles; add the model to the scene and export it again"
         };
-        ReadError::whole(ReadErrorKind::NoFaces, detail)
+        ReadError::for_file(ReadErrorKind::NoFaces, detail)
     }
 }
 

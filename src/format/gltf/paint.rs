@@ -6,7 +6,7 @@ use std::sync::Arc;
 use rustc_hash::FxHashMap;
 
 use super::super::errors::{ReadError, ReadErrorKind};
-use super::super::paint::{Palettes, media_type, srgb_of_linear};
+use super::super::paint::{PaletteBuilder, media_type, srgb_of_linear};
 use super::accessor::Accessor;
 use super::container::Whole;
 use super::document::{
@@ -21,7 +21,7 @@ pub(super) struct Painter<'f, 'a> {
     file: &'f File<'a>,
     /// The textures in use.
     pub images: Images<'f, 'a>,
-    palettes: Palettes,
+    palettes: PaletteBuilder,
     /// Palette and entry of each untextured material.
     plain: FxHashMap<u32, (u32, u32)>,
     /// The palette of each textured material; `None` if the texture can't be read.
@@ -38,7 +38,7 @@ impl<'f, 'a> Painter<'f, 'a> {
         Self {
             file,
             images: Images::new(file),
-            palettes: Palettes::default(),
+            palettes: PaletteBuilder::default(),
             plain: FxHashMap::default(),
             textured: FxHashMap::default(),
             both: 0,
@@ -77,7 +77,8 @@ impl<'f, 'a> Painter<'f, 'a> {
             self.both += u64::from(colors.is_some());
             let used = Used::of(|| faces.iter().flatten().copied(), vertices);
             let transform = texture(material).and_then(|it| it.extensions.transform.as_ref());
-            let base = self.palettes.places(palette, used.iter().map(|v| place(&places, v, transform)));
+            let base =
+                self.palettes.add_texture_coordinates(palette, used.iter().map(|v| place(&places, v, transform)));
             paint.extend(faces.iter().map(|face| Paint { palette, at: face.map(|v| base + used.rank(v)) }));
         } else if let Some(colors) = colors {
             let used = Used::of(|| faces.iter().flatten().copied(), vertices);
@@ -195,7 +196,7 @@ pub(super) struct Images<'f, 'a> {
     /// Index in `textures` of each texture of the file; `None` if its image can't be kept.
     known: FxHashMap<u32, Option<u32>>,
     /// Index in `textures` by image, wrap modes and filter.
-    shown: FxHashMap<(Whole, u8, u8, bool), usize>,
+    excerpt: FxHashMap<(Whole, u8, u8, bool), usize>,
     /// Image files by the index of their image.
     files: FxHashMap<u32, Option<Picture>>,
     /// Total bytes of all image files.
@@ -207,8 +208,8 @@ pub(super) struct Images<'f, 'a> {
 impl<'f, 'a> Images<'f, 'a> {
     /// No textures yet.
     pub fn new(file: &'f File<'a>) -> Self {
-        let (known, shown, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
-        Self { file, textures: Vec::new(), known, shown, files, bytes: 0, omitted: 0 }
+        let (known, excerpt, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
+        Self { file, textures: Vec::new(), known, excerpt, files, bytes: 0, omitted: 0 }
     }
 
     /// The index in [`Self::textures`] of a texture of the file; `None` if its image can't be kept.
@@ -229,7 +230,7 @@ impl<'f, 'a> Images<'f, 'a> {
                 let wrap_u = wrap(sampler.and_then(|it| it.wrap_s));
                 let wrap_v = wrap(sampler.and_then(|it| it.wrap_t));
                 let nearest = sampler.and_then(|it| it.mag_filter) == Some(Whole(NEAREST));
-                let at = *self.shown.entry((source, wrap_u as u8, wrap_v as u8, nearest)).or_insert_with(|| {
+                let at = *self.excerpt.entry((source, wrap_u as u8, wrap_v as u8, nearest)).or_insert_with(|| {
                     self.textures.push(scene::Texture {
                         bytes,
                         media_type: media_type.to_owned(),
@@ -263,7 +264,7 @@ impl<'f, 'a> Images<'f, 'a> {
                     &copied[..]
                 }
                 None => {
-                    let picture = path(uri).and_then(|path| self.file.sidecars.picture(&path));
+                    let picture = path(uri).and_then(|path| self.file.sidecars.read_texture(&path));
                     self.files.insert(number.0, picture.clone());
                     return Ok(picture);
                 }
@@ -280,7 +281,7 @@ impl<'f, 'a> Images<'f, 'a> {
                 // The total exceeds the file's size only if images overlap.
                 if self.bytes > self.file.length {
                     let detail = "the file's images have more bytes in total than the file, so they overlap; export the model again";
-                    return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
+                    return Err(ReadError::for_file(ReadErrorKind::TooLarge, detail));
                 }
                 Some((Arc::from(bytes), media_type))
             }

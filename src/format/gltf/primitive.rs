@@ -66,7 +66,7 @@ impl<'f, 'a> Source<'f, 'a> {
         {
             let detail =
                 format!("a primitive of {vertices} vertices has {name} values for only {} of them", found.count);
-            return Err(ReadError::whole(ReadErrorKind::Malformed, format!("{detail}; export the model again")));
+            return Err(ReadError::for_file(ReadErrorKind::Malformed, format!("{detail}; export the model again")));
         }
         Ok(found)
     }
@@ -121,7 +121,7 @@ impl Decoded {
             let detail =
                 format!("the Draco-compressed data can't be read: {why}; export the model without compression");
             let place = view.place.map(|at| Place::Byte(at as u64));
-            ReadError { place, ..ReadError::whole(kind, detail) }
+            ReadError { place, ..ReadError::for_file(kind, detail) }
         };
         // The decoder promises not to panic. Input is untrusted, so a panic is caught and reported as an error anyway.
         match catch_unwind(AssertUnwindSafe(decode)) {
@@ -254,7 +254,7 @@ fn out_of_range(indices: &Accessor<'_>, number: usize, vertex: u32, vertices: us
             "a face refers to vertex {vertex}, but its primitive has only {vertices} vertices; export the model again"
         )
     };
-    ReadError { place: indices.place(number), ..ReadError::whole(ReadErrorKind::IndexOutOfRange, detail) }
+    ReadError { place: indices.place(number), ..ReadError::for_file(ReadErrorKind::IndexOutOfRange, detail) }
 }
 
 /// The vertices that faces use, renumbered in ascending order.

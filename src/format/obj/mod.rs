@@ -8,12 +8,12 @@ mod write;
 
 use glam::DVec3;
 
-use super::content::{Painted, ReadMesh};
-use super::errors::{ReadError, ReadErrorKind, shown};
-use super::faces::{Faces, Finished, NONE};
+use super::content::{MeshAndPaint, ReadMesh};
+use super::errors::{ReadError, ReadErrorKind, excerpt};
+use super::faces::{CollectedFaces, FaceCollector, NO_INDEX};
 use super::formats::Format;
 use super::limits::{Limits, ReadOptions};
-use super::paint::Paints;
+use super::paint::MeshPaint;
 use super::sidecar::Sidecars;
 use super::text::{Text, Word, integer, number};
 use crate::mesh::{CornerNormals, Soup};
@@ -59,7 +59,7 @@ struct Reader<'a> {
     text: Text<'a>,
     limits: Limits,
     positions: Vec<DVec3>,
-    faces: Faces,
+    faces: FaceCollector,
     corners: Vec<u32>,
     /// Normals of `vn` statements; zeros if malformed.
     normals: Vec<[f32; 3]>,
@@ -80,16 +80,20 @@ struct Reader<'a> {
 }
 
 /// Reads OBJ. Colours are read if `sidecars` is given.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: Option<&Sidecars<'_>>) -> Result<Painted, ReadError> {
+pub(super) fn read(
+    bytes: &[u8],
+    options: &ReadOptions,
+    sidecars: Option<&Sidecars<'_>>,
+) -> Result<MeshAndPaint, ReadError> {
     let mut reader = Reader {
         text: Text::new(bytes).with_comments().with_continued_lines(),
         limits: options.limits,
         positions: Vec::new(),
-        faces: Faces::new(options, 0),
+        faces: FaceCollector::new(options, 0),
         corners: Vec::new(),
         normals: Vec::new(),
         corner_normals: Vec::new(),
-        statements: sidecars.map(|sidecars| PaintStatements::new(options.limits, sidecars.is_something())),
+        statements: sidecars.map(|sidecars| PaintStatements::new(options.limits, sidecars.has_archive())),
         corner_places: Vec::new(),
         ahead: None,
         face_statements: 0,
@@ -194,11 +198,11 @@ impl<'a> Reader<'a> {
             let index = self.vertex_index(word)?;
             self.corners.push(index);
             if let Some(normal) = self.normal_index(word) {
-                self.corner_normals.resize(self.corners.len() - 1, NONE);
+                self.corner_normals.resize(self.corners.len() - 1, NO_INDEX);
                 self.corner_normals.push(normal);
             }
             if let Some(place) = self.statements.as_ref().and_then(|statements| statements.place_index(word)) {
-                self.corner_places.resize(self.corners.len() - 1, NONE);
+                self.corner_places.resize(self.corners.len() - 1, NO_INDEX);
                 self.corner_places.push(place);
             }
             // Checked here so that one face can't exceed the limit for all faces.
@@ -209,7 +213,7 @@ impl<'a> Reader<'a> {
         }
         for numbers in [&mut self.corner_normals, &mut self.corner_places] {
             if !numbers.is_empty() {
-                numbers.resize(self.corners.len(), NONE);
+                numbers.resize(self.corners.len(), NO_INDEX);
             }
         }
         self.faces.polygon_with(&self.positions, &self.corners, [&self.corner_normals, &self.corner_places])
@@ -229,7 +233,7 @@ impl<'a> Reader<'a> {
                 word.at,
                 format!(
                     "found '{}' in a face where a vertex number such as 7, 7/1 or 7/1/3 was expected; export the model again",
-                    shown(word.bytes)
+                    excerpt(word.bytes)
                 ),
             ));
         };
@@ -253,7 +257,7 @@ impl<'a> Reader<'a> {
         self.text.error(ReadErrorKind::IndexOutOfRange, at, detail)
     }
 
-    fn finish(self, sidecars: Option<&Sidecars<'_>>) -> Result<Painted, ReadError> {
+    fn finish(self, sidecars: Option<&Sidecars<'_>>) -> Result<MeshAndPaint, ReadError> {
         let have = self.positions.len();
         if let Some((most, at)) = self.ahead
             && most as usize >= have
@@ -264,7 +268,7 @@ impl<'a> Reader<'a> {
             return Err(self.no_faces());
         }
         let mut warnings = Vec::new();
-        let Finished { faces, normals: corner_normals, places, polygons } =
+        let CollectedFaces { faces, normals: corner_normals, texture_coordinates, polygons } =
             self.faces.finish_with_all(&self.positions, &mut warnings);
         let has_normals = !self.normals.is_empty() && !corner_normals.is_empty();
         let normals = has_normals.then_some(CornerNormals::OfCorners { normals: self.normals, faces: corner_normals });
@@ -282,17 +286,19 @@ impl<'a> Reader<'a> {
             warnings.push(format!(
                 "lines that do not belong to OBJ were ignored: {}, the first begins with '{}'",
                 self.unknown,
-                shown(first.bytes)
+                excerpt(first.bytes)
             ));
         }
         let paints = match (self.statements, sidecars) {
-            (Some(statements), Some(sidecars)) => statements.paint(&faces, &places, sidecars, &mut warnings),
-            _ => Paints::default(),
+            (Some(statements), Some(sidecars)) => {
+                statements.paint(&faces, &texture_coordinates, sidecars, &mut warnings)
+            }
+            _ => MeshPaint::default(),
         };
         let soup = Soup { positions: self.positions, faces };
         let dialect = "OBJ".to_owned();
         let mesh = ReadMesh { normals, polygons, warnings, ..ReadMesh::of(soup, Format::Obj, dialect) };
-        Ok(Painted { mesh, paints })
+        Ok(MeshAndPaint { mesh, paints })
     }
 
     fn no_faces(&self) -> ReadError {
@@ -316,6 +322,6 @@ impl<'a> Reader<'a> {
         } else {
             "the OBJ file holds no vertices and no faces; export the model again".to_owned()
         };
-        ReadError::whole(ReadErrorKind::NoFaces, detail)
+        ReadError::for_file(ReadErrorKind::NoFaces, detail)
     }
 }

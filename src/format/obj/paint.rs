@@ -3,10 +3,10 @@
 
 use rustc_hash::FxHashMap;
 
-use super::super::errors::shown;
-use super::super::faces::NONE;
+use super::super::errors::excerpt;
+use super::super::faces::NO_INDEX;
 use super::super::limits::Limits;
-use super::super::paint::{Paints, Palettes, byte};
+use super::super::paint::{MeshPaint, PaletteBuilder, byte};
 use super::super::sidecar::Sidecars;
 use super::super::text::{Text, Word, integer, number};
 use super::mtl::{self, Definitions, Picture, UNPAINTED, color_name};
@@ -64,12 +64,12 @@ impl<'a> PaintStatements<'a> {
         let number = match self.numbers.get(name) {
             Some(number) => *number,
             None if self.names.len() < mtl::MOST => {
-                let number = u32::try_from(self.names.len()).unwrap_or(NONE);
+                let number = u32::try_from(self.names.len()).unwrap_or(NO_INDEX);
                 self.names.push(name);
                 self.numbers.insert(name, number);
                 number
             }
-            None => NONE,
+            None => NO_INDEX,
         };
         match self.uses.last_mut() {
             Some(last) if last.1 == number => {}
@@ -99,9 +99,9 @@ impl<'a> PaintStatements<'a> {
         places_of_triangles: &[[u32; 3]],
         sidecars: &Sidecars<'_>,
         warnings: &mut Vec<String>,
-    ) -> Paints {
+    ) -> MeshPaint {
         if self.uses.is_empty() && self.colors.is_empty() {
-            return Paints::default();
+            return MeshPaint::default();
         }
         let colors = self.colors_of_vertices();
         let mut materials = Materials::new(&self.names, &self.libraries, &self.places, sidecars);
@@ -113,7 +113,7 @@ impl<'a> PaintStatements<'a> {
                 material = Some(*next);
             }
             let named = material.map_or(Named::Nothing, |material| materials.named(material));
-            let places = places_of_triangles.get(number).copied().unwrap_or([NONE; 3]);
+            let places = places_of_triangles.get(number).copied().unwrap_or([NO_INDEX; 3]);
             of_faces.push(match materials.pictured(named, places) {
                 Some(paint) => paint,
                 None => {
@@ -124,10 +124,10 @@ impl<'a> PaintStatements<'a> {
         }
         materials.tell(warnings);
         if of_faces.iter().all(|paint: &Paint| *paint == PAINTLESS) {
-            return Paints::default();
+            return MeshPaint::default();
         }
         let (palettes, textures) = materials.finish();
-        Paints { of_faces, palettes, textures }
+        MeshPaint { of_faces, palettes, textures }
     }
 
     /// The colours of vertices as bytes. Components range from 0 to 1, or from 0 to 255 if any is above 1.
@@ -185,7 +185,7 @@ struct Materials<'m> {
     pictures: FxHashMap<Picture, Option<u32>>,
     /// Palette index of each texture coordinate, by palette and coordinate.
     placed: FxHashMap<(u32, u32), u32>,
-    palettes: Palettes,
+    palettes: PaletteBuilder,
     textures: Vec<Texture>,
     /// Number of triangles with undefined materials, and the first such material.
     unknown: (u64, Option<u32>),
@@ -218,14 +218,14 @@ impl<'m> Materials<'m> {
             names,
             places,
             sidecars,
-            alone: if sidecars.is_something() { None } else { libraries.first().copied() },
+            alone: if sidecars.has_archive() { None } else { libraries.first().copied() },
             definitions,
             named,
             plain: FxHashMap::default(),
             textured: FxHashMap::default(),
             pictures: FxHashMap::default(),
             placed: FxHashMap::default(),
-            palettes: Palettes::default(),
+            palettes: PaletteBuilder::default(),
             textures: Vec::new(),
             unknown: (0, None),
             displaced: 0,
@@ -245,7 +245,7 @@ impl<'m> Materials<'m> {
     /// The textured paint of a triangle; `None` if its material has no texture or the triangle has no texture coordinates.
     fn pictured(&mut self, named: Named, places: [u32; 3]) -> Option<Paint> {
         let Named::Known { number, color, has_picture: true, .. } = named else { return None };
-        if places.contains(&NONE) {
+        if places.contains(&NO_INDEX) {
             return None;
         }
         let palette = match self.textured.get(&number) {
@@ -261,7 +261,7 @@ impl<'m> Materials<'m> {
             return None;
         }
         let at = places.map(|place| {
-            let new = || self.palettes.places(palette, std::iter::once(self.places[place as usize]));
+            let new = || self.palettes.add_texture_coordinates(palette, std::iter::once(self.places[place as usize]));
             *self.placed.entry((palette, place)).or_insert_with(new)
         });
         Some(Paint { palette, at })
@@ -296,11 +296,11 @@ impl<'m> Materials<'m> {
             warnings.push(match self.alone {
                 Some(library) => format!(
                     "the model's colours are in the file '{}', which was not sent; to keep them, send both files in one ZIP archive",
-                    shown(library)
+                    excerpt(library)
                 ),
                 None => format!(
                     "triangles with an undefined material were left without colour: {count}, the first has the material '{}'",
-                    shown(name)
+                    excerpt(name)
                 ),
             });
         }
@@ -331,7 +331,7 @@ impl<'m> Materials<'m> {
     }
 
     fn texture(&mut self, picture: &Picture) -> Option<u32> {
-        let (bytes, media_type) = self.sidecars.picture(&picture.file)?;
+        let (bytes, media_type) = self.sidecars.read_texture(&picture.file)?;
         let wrap = if picture.clamp { Wrap::Clamp } else { Wrap::Repeat };
         let media_type = media_type.to_owned();
         self.textures.push(Texture { bytes, media_type, wrap_u: wrap, wrap_v: wrap, nearest: false });
@@ -344,7 +344,7 @@ fn read_libraries(names: &[u8], sidecars: &Sidecars<'_>, definitions: &mut Defin
     let whole = String::from_utf8_lossy(names);
     let whole = whole.trim_matches('"');
     let mut read = |name: &str| {
-        if let Some(bytes) = sidecars.file(name, mtl::MOST_BYTES) {
+        if let Some(bytes) = sidecars.read_file(name, mtl::MOST_BYTES) {
             mtl::read(&bytes, definitions);
         }
     };

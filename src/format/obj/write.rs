@@ -7,7 +7,7 @@ use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::super::paint::{extension, media_type};
-use super::super::sidecar::Files;
+use super::super::sidecar::ObjZipFiles;
 use super::mtl::{self, UNPAINTED, color_name};
 use crate::mesh::Soup;
 use crate::scene::{PAINTLESS, Paint, PaintedMesh, Palette, Scene, Texture, Wrap};
@@ -32,7 +32,7 @@ pub(crate) fn write(soup: &Soup) -> Vec<u8> {
 ///
 /// Dropped, because OBJ can't store them: the alpha of colour gradients, a vertex colour that differs between faces (see [`Looks`]), and
 /// blanks in names.
-pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) -> Files {
+pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) -> ObjZipFiles {
     let soup = &mesh.soup;
     let mut looks = Looks::new(scene, mesh);
     let mut places = Places::new(scene);
@@ -61,7 +61,7 @@ pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) ->
         }
     }
     if looks.materials.is_empty() {
-        return Files { obj: write(soup), mtl: None, pictures: Vec::new() };
+        return ObjZipFiles { obj: write(soup), mtl: None, textures: Vec::new() };
     }
     let mut text = String::with_capacity(48 * soup.positions.len() + places.text.len() + faces.len());
     let _ = writeln!(text, "mtllib {library}");
@@ -75,7 +75,7 @@ pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) ->
     }
     text.push_str(&places.text);
     text.push_str(&faces);
-    Files { obj: text.into_bytes(), mtl: Some(materials(&looks)), pictures: looks.pictures }
+    ObjZipFiles { obj: text.into_bytes(), mtl: Some(materials(&looks)), textures: looks.pictures }
 }
 
 fn vertex(text: &mut String, p: DVec3) {

@@ -1,6 +1,6 @@
 //! The PLY header: the declared elements and properties, and their meaning for a mesh.
 
-use super::super::errors::{ReadError, ReadErrorKind, shown};
+use super::super::errors::{ReadError, ReadErrorKind, excerpt};
 use super::super::limits::Limits;
 use super::super::text::{Text, Word, integer};
 
@@ -69,7 +69,7 @@ impl Scalar {
 
 /// The value type of a property.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum PropertyType {
     /// One number.
     Scalar(Scalar),
     /// A length of type `count`, then that many numbers of type `item`.
@@ -88,7 +88,7 @@ pub(super) enum Meaning {
     /// Vertex indices of a face or a strip.
     Indices,
     /// Texture coordinates of a face's corners.
-    Places,
+    TextureCoordinates,
     /// A property that is skipped.
     Other,
 }
@@ -96,7 +96,7 @@ pub(super) enum Meaning {
 /// A property of an element.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Property {
-    pub kind: Kind,
+    pub value_type: PropertyType,
     pub meaning: Meaning,
 }
 
@@ -145,19 +145,22 @@ impl Element {
 
     /// Size of a binary row in bytes; `None` if the element has a list.
     pub fn fixed_size(&self) -> Option<usize> {
-        self.properties.iter().map(|p| if let Kind::Scalar(s) = p.kind { Some(s.size()) } else { None }).sum()
+        self.properties
+            .iter()
+            .map(|p| if let PropertyType::Scalar(s) = p.value_type { Some(s.size()) } else { None })
+            .sum()
     }
 
     /// Minimum size of a row in bytes.
-    fn least_size(&self, encoding: Encoding) -> u64 {
+    fn min_size(&self, encoding: Encoding) -> u64 {
         match encoding {
             // One digit and one separator for each property.
             Encoding::Ascii => 2 * self.properties.len() as u64,
             _ => self
                 .properties
                 .iter()
-                .map(|p| match p.kind {
-                    Kind::Scalar(s) | Kind::List { count: s, .. } => s.size() as u64,
+                .map(|p| match p.value_type {
+                    PropertyType::Scalar(s) | PropertyType::List { count: s, .. } => s.size() as u64,
                 })
                 .sum(),
         }
@@ -186,7 +189,7 @@ pub(super) struct Header {
     /// The elements, in file order.
     pub elements: Vec<Element>,
     /// Whether the header refers to a texture.
-    pub has_picture: bool,
+    pub has_texture: bool,
     /// Oddities that did not prevent reading.
     pub warnings: Vec<String>,
     /// Byte offset of the first byte after the header.
@@ -205,13 +208,13 @@ impl Header {
         text.skip_line();
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
-        let mut strange = None;
-        let mut has_picture = false;
+        let mut unknown = None;
+        let mut has_texture = false;
         loop {
             let Some(word) = text.word() else { return Err(text.ended("the header's 'end_header'")) };
             match word.bytes {
                 b"comment" | b"obj_info" => {
-                    has_picture |= text.word_on_line().is_some_and(|word| word.is("texturefile"));
+                    has_texture |= text.word_on_line().is_some_and(|word| word.is("texturefile"));
                     text.skip_line();
                 }
                 b"format" => encoding = Some(read_format(&mut text, word)?),
@@ -226,7 +229,7 @@ impl Header {
                 b"end_header" => break,
                 // Some exporters omit the word `comment`.
                 _ => {
-                    strange.get_or_insert(word);
+                    unknown.get_or_insert(word);
                     text.skip_line();
                 }
             }
@@ -238,43 +241,43 @@ impl Header {
                 "the header has no line such as 'format binary_little_endian 1.0'; export the model again",
             ));
         };
-        let warnings = strange
+        let warnings = unknown
             .map(|word: Word<'_>| {
                 format!(
                     "lines that do not belong to a PLY header were ignored, the first begins with '{}'",
-                    shown(word.bytes)
+                    excerpt(word.bytes)
                 )
             })
             .into_iter()
             .collect();
-        has_picture |= elements.iter().any(|element| element.has(Meaning::Places));
-        let header = Self { encoding, elements, has_picture, warnings, body: body_start(bytes, text.at()) };
+        has_texture |= elements.iter().any(|element| element.has(Meaning::TextureCoordinates));
+        let header = Self { encoding, elements, has_texture, warnings, body: body_start(bytes, text.at()) };
         header.check_elements(&text)?;
         Ok(header)
     }
 
     /// Checks that the elements describe a mesh.
     fn check_elements(&self, text: &Text<'_>) -> Result<(), ReadError> {
-        let mut seen = false;
+        let mut has_vertices = false;
         for element in &self.elements {
-            let refuse = |detail: String| Err(text.error(ReadErrorKind::Malformed, element.at, detail));
+            let error = |detail: String| Err(text.error(ReadErrorKind::Malformed, element.at, detail));
             match element.role {
-                Role::Vertices if seen => {
-                    return refuse("the header has a second element 'vertex'; export the model again".to_owned());
+                Role::Vertices if has_vertices => {
+                    return error("the header has a second element 'vertex'; export the model again".to_owned());
                 }
                 Role::Vertices => {
-                    seen = true;
+                    has_vertices = true;
                     if let Some(k) = (0..3).find(|&k| !element.has(Meaning::Coordinate(k))) {
-                        return refuse(format!(
+                        return error(format!(
                             "the element 'vertex' has no property '{}', but needs x, y and z; export the model again",
                             ["x", "y", "z"][k]
                         ));
                     }
                 }
                 Role::Faces | Role::Strips if element.count > 0 && !element.has(Meaning::Indices) => {
-                    return refuse(format!(
+                    return error(format!(
                         "the element '{}' has no list of whole numbers named 'vertex_indices' or 'vertex_index'; export the model again",
-                        shown(element.name.as_bytes())
+                        excerpt(element.name.as_bytes())
                     ));
                 }
                 _ => {}
@@ -286,18 +289,18 @@ impl Header {
     /// Checks all counts against the file's size of `length` bytes, and against the limits.
     pub fn check_counts(&self, length: usize, limits: &Limits) -> Result<(), ReadError> {
         let available = (length - self.body) as u64;
-        let mut least = 0_u64;
+        let mut min_bytes = 0_u64;
         for element in &self.elements {
-            least = least.saturating_add(element.count.saturating_mul(element.least_size(self.encoding)));
+            min_bytes = min_bytes.saturating_add(element.count.saturating_mul(element.min_size(self.encoding)));
             // The last word of a text file needs no separator.
-            if least > available + 1 {
+            if min_bytes > available + 1 {
                 return Err(ReadError::at_byte(
                     ReadErrorKind::Truncated,
                     length,
                     format!(
                         "the header counts {} rows of the element '{}', but the {available} bytes after the header can't hold them; the file was cut off or its counts are wrong, so send it again",
                         element.count,
-                        shown(element.name.as_bytes())
+                        excerpt(element.name.as_bytes())
                     ),
                 ));
             }
@@ -319,7 +322,7 @@ fn malformed(text: &Text<'_>, word: Word<'_>, expected: &str) -> ReadError {
         word.at,
         format!(
             "found '{}' in the PLY header where {expected} was expected; export the model again",
-            shown(word.bytes)
+            excerpt(word.bytes)
         ),
     )
 }
@@ -359,38 +362,38 @@ fn read_property(text: &mut Text<'_>, keyword: Word<'_>, role: Role) -> Result<P
         Scalar::named(word).ok_or_else(|| malformed(text, word, "a number type such as 'float' or 'int'"))
     };
     let ahead = text.clone().word_on_line();
-    let kind = if ahead.is_some_and(|word| word.bytes == b"list") {
+    let value_type = if ahead.is_some_and(|word| word.bytes == b"list") {
         let list = text.word_on_line().unwrap_or(keyword);
         let count = scalar(text, list)?;
         if !count.is_integer() {
             return Err(malformed(text, list, "a list whose count is a whole number"));
         }
-        Kind::List { count, item: scalar(text, list)? }
+        PropertyType::List { count, item: scalar(text, list)? }
     } else {
-        Kind::Scalar(scalar(text, keyword)?)
+        PropertyType::Scalar(scalar(text, keyword)?)
     };
     let name = text.word_on_line().ok_or_else(|| malformed(text, keyword, "a property's type and name"))?;
     text.skip_line();
-    let meaning = match (role, kind, name.bytes) {
-        (Role::Vertices, Kind::Scalar(_), b"x") => Meaning::Coordinate(0),
-        (Role::Vertices, Kind::Scalar(_), b"y") => Meaning::Coordinate(1),
-        (Role::Vertices, Kind::Scalar(_), b"z") => Meaning::Coordinate(2),
-        (Role::Vertices, Kind::Scalar(_), b"nx") => Meaning::Normal(0),
-        (Role::Vertices, Kind::Scalar(_), b"ny") => Meaning::Normal(1),
-        (Role::Vertices, Kind::Scalar(_), b"nz") => Meaning::Normal(2),
-        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"red" | b"diffuse_red") => Meaning::Color(0),
-        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"green" | b"diffuse_green") => Meaning::Color(1),
-        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"blue" | b"diffuse_blue") => Meaning::Color(2),
-        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"alpha") => Meaning::Color(3),
-        (Role::Faces, Kind::List { .. }, b"texcoord") => Meaning::Places,
-        (Role::Faces | Role::Strips, Kind::List { item, .. }, b"vertex_indices" | b"vertex_index")
+    let meaning = match (role, value_type, name.bytes) {
+        (Role::Vertices, PropertyType::Scalar(_), b"x") => Meaning::Coordinate(0),
+        (Role::Vertices, PropertyType::Scalar(_), b"y") => Meaning::Coordinate(1),
+        (Role::Vertices, PropertyType::Scalar(_), b"z") => Meaning::Coordinate(2),
+        (Role::Vertices, PropertyType::Scalar(_), b"nx") => Meaning::Normal(0),
+        (Role::Vertices, PropertyType::Scalar(_), b"ny") => Meaning::Normal(1),
+        (Role::Vertices, PropertyType::Scalar(_), b"nz") => Meaning::Normal(2),
+        (Role::Vertices | Role::Faces, PropertyType::Scalar(_), b"red" | b"diffuse_red") => Meaning::Color(0),
+        (Role::Vertices | Role::Faces, PropertyType::Scalar(_), b"green" | b"diffuse_green") => Meaning::Color(1),
+        (Role::Vertices | Role::Faces, PropertyType::Scalar(_), b"blue" | b"diffuse_blue") => Meaning::Color(2),
+        (Role::Vertices | Role::Faces, PropertyType::Scalar(_), b"alpha") => Meaning::Color(3),
+        (Role::Faces, PropertyType::List { .. }, b"texcoord") => Meaning::TextureCoordinates,
+        (Role::Faces | Role::Strips, PropertyType::List { item, .. }, b"vertex_indices" | b"vertex_index")
             if item.is_integer() =>
         {
             Meaning::Indices
         }
         _ => Meaning::Other,
     };
-    Ok(Property { kind, meaning })
+    Ok(Property { value_type, meaning })
 }
 
 /// The byte offset of the elements: after one line end of the kind that the first line has. A binary number may follow that looks like a

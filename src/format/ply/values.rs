@@ -1,21 +1,21 @@
 //! Reading the numbers of PLY elements in sequence: from binary of either byte order, or from text.
 
-use super::super::errors::{ReadError, ReadErrorKind, shown};
+use super::super::errors::{ReadError, ReadErrorKind, excerpt};
 use super::super::text::{Text, number};
-use super::header::{Element, Kind, Row, Scalar};
+use super::header::{Element, PropertyType, Row, Scalar};
 
 /// A source of the elements' numbers, read in sequence.
 pub(super) trait Values {
     /// Reads a number as f64. `row` is named in errors.
-    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError>;
+    fn read_number(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError>;
 
     /// Reads an optional number, such as a normal's; malformed text gives not-a-number.
-    fn real_or_nothing(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
-        self.real(scalar, row)
+    fn read_optional(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+        self.read_number(scalar, row)
     }
 
     /// Reads a whole number.
-    fn whole(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError>;
+    fn read_integer(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError>;
 
     /// Skips `count` numbers.
     fn skip(&mut self, scalar: Scalar, count: u64, row: Row<'_>) -> Result<(), ReadError>;
@@ -24,13 +24,13 @@ pub(super) trait Values {
     fn skip_element(&mut self, element: &Element) -> Result<(), ReadError>;
 
     /// An upper bound of the numbers left in the file.
-    fn most_left(&self, scalar: Scalar) -> u64;
+    fn max_left(&self, scalar: Scalar) -> u64;
 
     /// An error at the number that was read last.
-    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError;
+    fn error(&self, kind: ReadErrorKind, detail: String) -> ReadError;
 
     /// A warning about bytes after the last element; `None` if there are none.
-    fn left_over(&mut self) -> Option<String>;
+    fn trailing_warning(&mut self) -> Option<String>;
 }
 
 /// Skips the rows of an element number by number, for elements with lists and for text.
@@ -40,9 +40,9 @@ fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadErr
     }
     for row in element.rows() {
         for property in &element.properties {
-            match property.kind {
-                Kind::Scalar(scalar) => values.skip(scalar, 1, row)?,
-                Kind::List { count, item } => {
+            match property.value_type {
+                PropertyType::Scalar(scalar) => values.skip(scalar, 1, row)?,
+                PropertyType::List { count, item } => {
                     let length = list_length(values, count, row)?;
                     values.skip(item, length, row)?;
                 }
@@ -54,22 +54,22 @@ fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadErr
 
 /// Reads the length of a list.
 pub(super) fn list_length<V: Values>(values: &mut V, count: Scalar, row: Row<'_>) -> Result<u64, ReadError> {
-    let length = values.whole(count, row)?;
+    let length = values.read_integer(count, row)?;
     u64::try_from(length).map_err(|_| {
-        values.refuse(
+        values.error(
             ReadErrorKind::Malformed,
             format!(
                 "a list in {row_name} has the length {length}; a length can't be below zero, so export the model again",
-                row_name = name(row)
+                row_name = row_name(row)
             ),
         )
     })
 }
 
 /// A row for an error message, such as `'vertex' 7 of 100`.
-fn name(row: Row<'_>) -> String {
+fn row_name(row: Row<'_>) -> String {
     let Row { element, number } = row;
-    format!("'{}' {number} of {}", shown(element.name.as_bytes()), element.count)
+    format!("'{}' {number} of {}", excerpt(element.name.as_bytes()), element.count)
 }
 
 /// Binary numbers; little-endian if `LITTLE` is true.
@@ -104,7 +104,7 @@ impl<'a, const LITTLE: bool> BinaryValues<'a, LITTLE> {
         ReadError::at_byte(
             ReadErrorKind::Truncated,
             self.bytes.len(),
-            format!("the file ends within {}; it was cut off or its counts are wrong, so send it again", name(row)),
+            format!("the file ends within {}; it was cut off or its counts are wrong, so send it again", row_name(row)),
         )
     }
 }
@@ -119,7 +119,7 @@ macro_rules! number {
 
 impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
     #[inline]
-    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+    fn read_number(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
         Ok(match scalar {
             Scalar::F32 => f64::from(number!(self, f32, row)),
             Scalar::F64 => number!(self, f64, row),
@@ -133,7 +133,7 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
     }
 
     #[inline]
-    fn whole(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
+    fn read_integer(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
         Ok(match scalar {
             Scalar::U8 => i64::from(number!(self, u8, row)),
             Scalar::I32 => i64::from(number!(self, i32, row)),
@@ -166,19 +166,19 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
         }
     }
 
-    fn most_left(&self, scalar: Scalar) -> u64 {
+    fn max_left(&self, scalar: Scalar) -> u64 {
         ((self.bytes.len() - self.at) / scalar.size()) as u64
     }
 
-    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError {
+    fn error(&self, kind: ReadErrorKind, detail: String) -> ReadError {
         ReadError::at_byte(kind, self.last, detail)
     }
 
-    fn left_over(&mut self) -> Option<String> {
+    fn trailing_warning(&mut self) -> Option<String> {
         let rest = &self.bytes[self.at..];
         // Editors may add a line end after the last element.
-        let bare = rest.trim_ascii().is_empty() && rest.len() <= 2;
-        (!bare).then(|| format!("{} bytes after the last element were ignored", rest.len()))
+        let is_line_end = rest.trim_ascii().is_empty() && rest.len() <= 2;
+        (!is_line_end).then(|| format!("{} bytes after the last element were ignored", rest.len()))
     }
 }
 
@@ -197,13 +197,13 @@ impl<'a> AsciiValues<'a> {
 
     #[cold]
     fn ended(&self, row: Row<'_>) -> ReadError {
-        self.text.ended(&name(row))
+        self.text.ended(&row_name(row))
     }
 }
 
 impl Values for AsciiValues<'_> {
     #[inline]
-    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+    fn read_number(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
         let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         self.last = word.at;
         let value = self.text.number(word, "a number")?;
@@ -214,13 +214,13 @@ impl Values for AsciiValues<'_> {
     }
 
     #[inline]
-    fn real_or_nothing(&mut self, _: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+    fn read_optional(&mut self, _: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
         let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         Ok(number(word.bytes).unwrap_or(f64::NAN))
     }
 
     #[inline]
-    fn whole(&mut self, _: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
+    fn read_integer(&mut self, _: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
         let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         self.last = word.at;
         self.text.integer(word, "a whole number")
@@ -239,15 +239,15 @@ impl Values for AsciiValues<'_> {
         skip_rows(self, element)
     }
 
-    fn most_left(&self, _: Scalar) -> u64 {
+    fn max_left(&self, _: Scalar) -> u64 {
         self.text.remaining() as u64 / 2 + 1
     }
 
-    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError {
+    fn error(&self, kind: ReadErrorKind, detail: String) -> ReadError {
         self.text.error(kind, self.last, detail)
     }
 
-    fn left_over(&mut self) -> Option<String> {
+    fn trailing_warning(&mut self) -> Option<String> {
         self.text.word().map(|_| "text after the last element was ignored".to_owned())
     }
 }

@@ -32,22 +32,22 @@ fn colors(mesh: &PaintedMesh, scene: &Scene) -> Colors {
         scene.palettes.get(paint.palette as usize)?.colors(paint.at)
     };
     let faces = 0..mesh.soup.faces.len();
-    let runs = |colors: [[u8; 4]; 3]| colors[0] != colors[1] || colors[1] != colors[2];
-    let (mut any, mut run) = (false, false);
+    let is_gradient = |colors: [[u8; 4]; 3]| colors[0] != colors[1] || colors[1] != colors[2];
+    let (mut any, mut has_gradient) = (false, false);
     for colors in faces.clone().filter_map(colors) {
         any = true;
-        run |= runs(colors);
+        has_gradient |= is_gradient(colors);
     }
     if !any {
         return Colors::None;
     }
-    if !run {
+    if !has_gradient {
         return Colors::OfFaces(faces.map(|face| colors(face).map_or(WHITE, |[color, ..]| color)).collect());
     }
     let mut of_vertices: Vec<Option<[u8; 4]>> = vec![None; mesh.soup.positions.len()];
     for running in [true, false] {
         for (face, corners) in mesh.soup.faces.iter().enumerate() {
-            let Some(colors) = colors(face).filter(|&colors| runs(colors) == running) else { continue };
+            let Some(colors) = colors(face).filter(|&colors| is_gradient(colors) == running) else { continue };
             for (&v, color) in corners.iter().zip(colors) {
                 of_vertices[v as usize].get_or_insert(color);
             }
@@ -56,7 +56,7 @@ fn colors(mesh: &PaintedMesh, scene: &Scene) -> Colors {
     let of_vertices: Vec<[u8; 4]> = of_vertices.into_iter().map(|color| color.unwrap_or(WHITE)).collect();
     let seen = |face: usize| mesh.soup.faces[face].map(|v| of_vertices[v as usize]);
     // A gradient can occur only on degenerate faces that repeat a vertex, and then disappears here.
-    match faces.clone().map(seen).any(runs) {
+    match faces.clone().map(seen).any(is_gradient) {
         true => Colors::OfVertices(of_vertices),
         false => Colors::OfFaces(faces.map(|face| seen(face)[0]).collect()),
     }
@@ -64,11 +64,11 @@ fn colors(mesh: &PaintedMesh, scene: &Scene) -> Colors {
 
 fn write_with(soup: &Soup, colors: &Colors) -> Vec<u8> {
     #[expect(clippy::cast_possible_truncation, reason = "tests whether the cast is exact")]
-    let single = soup
+    let fits_f32 = soup
         .positions
         .iter()
         .all(|p| p.to_array().into_iter().all(|x| x.is_nan() || f64::from(x as f32).to_bits() == x.to_bits()));
-    let kind = if single { "float" } else { "double" };
+    let kind = if fits_f32 { "float" } else { "double" };
     // Most readers expect signed indices.
     let index = if soup.positions.len() > i32::MAX as usize { "uint" } else { "int" };
     let (of_vertices, of_faces): (&[[u8; 4]], &[[u8; 4]]) = match colors {
@@ -90,13 +90,13 @@ fn write_with(soup: &Soup, colors: &Colors) -> Vec<u8> {
         soup.faces.len(),
         properties(in_face)
     );
-    let vertex = if single { 12 } else { 24 } + in_vertex;
+    let vertex = if fits_f32 { 12 } else { 24 } + in_vertex;
     let mut bytes =
         Vec::with_capacity(header.len() + vertex * soup.positions.len() + (13 + in_face) * soup.faces.len());
     bytes.extend_from_slice(header.as_bytes());
     for (number, position) in soup.positions.iter().enumerate() {
         for value in position.to_array() {
-            if single {
+            if fits_f32 {
                 #[expect(clippy::cast_possible_truncation, reason = "exact, as checked")]
                 bytes.extend_from_slice(&(value as f32).to_le_bytes());
             } else {

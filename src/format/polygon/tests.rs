@@ -2,12 +2,12 @@ use glam::DQuat;
 
 use super::*;
 
-fn cut(positions: &[DVec3]) -> (Vec<[u32; 3]>, Cutter) {
+fn triangulate(positions: &[DVec3]) -> (Vec<[u32; 3]>, Triangulator) {
     let corners: Vec<u32> = (0..positions.len() as u32).collect();
-    let mut cutter = Cutter::new(5.0);
+    let mut triangulator = Triangulator::new(5.0);
     let mut triangles = Vec::new();
-    cutter.cut(positions, &corners, |t| triangles.push(t.map(|k| k as u32)));
-    (triangles, cutter)
+    triangulator.triangulate(positions, &corners, |t| triangles.push(t.map(|k| k as u32)));
+    (triangles, triangulator)
 }
 
 /// Asserts that each polygon edge is a side of one triangle, and that all other sides come in opposite pairs.
@@ -65,10 +65,10 @@ fn a_concave_polygon_is_covered_once_in_every_orientation() {
         for start in 0..COMB.len() {
             let mut around = positions.clone();
             around.rotate_left(start);
-            let (triangles, cutter) = cut(&around);
+            let (triangles, triangulator) = triangulate(&around);
             assert_disk(around.len(), &triangles);
             assert_cover(&around, &triangles);
-            assert_eq!(cutter.fan_count(), 0);
+            assert_eq!(triangulator.fan_count(), 0);
         }
     }
 }
@@ -77,7 +77,7 @@ fn a_concave_polygon_is_covered_once_in_every_orientation() {
 fn a_clockwise_polygon_gives_clockwise_triangles() {
     let mut positions = turned(&COMB, 0);
     positions.reverse();
-    let (triangles, _) = cut(&positions);
+    let (triangles, _) = triangulate(&positions);
     assert_disk(12, &triangles);
     assert!(triangles.iter().all(|&t| double_area(&positions, t).z < 0.0));
 }
@@ -94,9 +94,9 @@ fn collinear_corners_are_kept() {
             }));
         }
         let positions = turned(&outline, k);
-        let (triangles, cutter) = cut(&positions);
+        let (triangles, triangulator) = triangulate(&positions);
         assert_disk(positions.len(), &triangles);
-        assert_eq!(cutter.fan_count(), 0, "turn {k}");
+        assert_eq!(triangulator.fan_count(), 0, "turn {k}");
         let whole: DVec3 = (1..35).map(|k| double_area(&positions, [0, k, k + 1])).sum();
         let covered: f64 = triangles.iter().map(|&t| double_area(&positions, t).length()).sum();
         assert!((covered - whole.length()).abs() < 1e-6);
@@ -109,7 +109,7 @@ fn a_square_with_a_straight_corner_keeps_its_area() {
     for start in 0..4 {
         let mut positions = turned(&outline, 0);
         positions.rotate_left(start);
-        let (triangles, _) = cut(&positions);
+        let (triangles, _) = triangulate(&positions);
         assert_disk(4, &triangles);
         assert_cover(&positions, &triangles);
     }
@@ -121,7 +121,7 @@ fn an_arrowhead_is_split_at_its_reflex_corner() {
     for start in 0..4 {
         let mut positions = turned(&outline, 5);
         positions.rotate_left(start);
-        let (triangles, _) = cut(&positions);
+        let (triangles, _) = triangulate(&positions);
         assert_disk(4, &triangles);
         assert_cover(&positions, &triangles);
     }
@@ -130,14 +130,14 @@ fn an_arrowhead_is_split_at_its_reflex_corner() {
 #[test]
 fn a_polygon_without_a_normal_is_split_as_a_fan() {
     let on_a_line: Vec<DVec3> = (0..7).map(|k| DVec3::splat(f64::from(k))).collect();
-    let (triangles, cutter) = cut(&on_a_line);
+    let (triangles, triangulator) = triangulate(&on_a_line);
     assert_disk(7, &triangles);
-    assert_eq!((cutter.degenerate_count(), cutter.fan_count()), (1, 0));
+    assert_eq!((triangulator.degenerate_count(), triangulator.fan_count()), (1, 0));
     for strange in [f64::NAN, f64::INFINITY, f64::MAX] {
         let mut positions = turned(&COMB, 1);
         positions[4].x = strange;
         positions[5].x = -strange;
-        let (triangles, _) = cut(&positions);
+        let (triangles, _) = triangulate(&positions);
         assert_disk(12, &triangles);
     }
 }
@@ -146,9 +146,9 @@ fn a_polygon_without_a_normal_is_split_as_a_fan() {
 fn very_small_and_very_large_polygons_are_triangulated_like_others() {
     for scale in [1e-300, 1e-120, 1e120, 1e300] {
         let positions: Vec<DVec3> = COMB.iter().map(|p| DVec3::new(p[0], p[1], 0.0) * scale).collect();
-        let (triangles, cutter) = cut(&positions);
+        let (triangles, triangulator) = triangulate(&positions);
         assert_disk(12, &triangles);
-        assert_eq!((cutter.degenerate_count(), cutter.fan_count()), (0, 0), "{scale}");
+        assert_eq!((triangulator.degenerate_count(), triangulator.fan_count()), (0, 0), "{scale}");
     }
 }
 
@@ -166,7 +166,7 @@ fn scattered(count: u32, seed: u64) -> Vec<DVec3> {
 fn a_self_intersecting_polygon_still_gives_a_disk() {
     for seed in 0..200 {
         let positions = scattered(5 + seed % 60, u64::from(seed));
-        let (triangles, _) = cut(&positions);
+        let (triangles, _) = triangulate(&positions);
         assert_disk(positions.len(), &triangles);
     }
 }
@@ -175,12 +175,12 @@ fn a_self_intersecting_polygon_still_gives_a_disk() {
 fn adversarial_polygons_are_triangulated_in_acceptable_time() {
     for (polygons, corners) in [(60, MAX_CORNERS), (5000, MAX_CROSSING_CORNERS)] {
         let begin = std::time::Instant::now();
-        let mut cutter = Cutter::new(5.0);
+        let mut triangulator = Triangulator::new(5.0);
         let mut count = 0;
         for seed in 0..polygons {
             let positions = scattered(corners as u32, seed);
             let corners: Vec<u32> = (0..positions.len() as u32).collect();
-            cutter.cut(&positions, &corners, |_| count += 1);
+            triangulator.triangulate(&positions, &corners, |_| count += 1);
         }
         assert_eq!(count, polygons as usize * (corners - 2));
         assert!(begin.elapsed().as_secs() < 20, "{:?}", begin.elapsed());
@@ -198,8 +198,8 @@ fn a_large_spiral_is_triangulated_without_folds_in_acceptable_time() {
     };
     let mut positions: Vec<DVec3> = (0..half).map(|k| arm(k, 0.0)).collect();
     positions.extend((0..half).rev().map(|k| arm(k, 0.5)));
-    let (triangles, cutter) = cut(&positions);
-    assert_eq!(cutter.fan_count(), 0);
+    let (triangles, triangulator) = triangulate(&positions);
+    assert_eq!(triangulator.fan_count(), 0);
     assert_eq!(triangles.len(), 2 * half - 2);
     assert_cover(&positions, &triangles);
     assert!(begin.elapsed().as_secs() < 10, "{:?}", begin.elapsed());
@@ -221,9 +221,9 @@ fn a_hole_that_a_bridge_edge_joins_to_the_outline_stays_a_hole() {
     ];
     for k in 0..20 {
         let positions = turned(&outline, k);
-        let (triangles, cutter) = cut(&positions);
+        let (triangles, triangulator) = triangulate(&positions);
         assert_disk(10, &triangles);
-        assert_eq!(cutter.fan_count(), 0);
+        assert_eq!(triangulator.fan_count(), 0);
         let covered: f64 = triangles.iter().map(|&t| double_area(&positions, t).length()).sum();
         assert!((covered - 24.0).abs() < 1e-9, "turn {k}: {covered}");
     }
@@ -237,7 +237,7 @@ fn a_convex_polygon_of_any_size_is_triangulated_in_linear_time() {
             DVec3::new(angle.cos(), 0.0, angle.sin())
         })
         .collect();
-    let (triangles, cutter) = cut(&positions);
+    let (triangles, triangulator) = triangulate(&positions);
     assert_eq!(triangles.len(), 199_998);
-    assert_eq!(cutter.fan_count(), 0);
+    assert_eq!(triangulator.fan_count(), 0);
 }

@@ -5,9 +5,9 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::part::{Group, GroupKind, ObjectResource, Part, Placed, ShapeResource, Warnings};
-use crate::format::archive::{Archive, key, shown};
+use crate::format::archive::{Archive, name_excerpt, name_key};
 use crate::format::errors::{self, ReadError, ReadErrorKind};
-use crate::format::paint::MOST_PICTURE_BYTES;
+use crate::format::paint::MAX_TEXTURE_BYTES;
 use crate::scene::{
     Component, Item, Material, Note, Object, ObjectKind, PAINTLESS, PaintedMesh, Palette, Scene, Shape, Texture, Up,
 };
@@ -22,7 +22,7 @@ pub(super) fn scene(
     warnings: &mut Warnings,
 ) -> Result<Scene, ReadError> {
     let mut scene = Scene { up: Some(Up::Z), ..Scene::default() };
-    let mut pictures = Pictures { known: HashMap::new(), left: MOST_PICTURE_BYTES };
+    let mut pictures = Pictures { known: HashMap::new(), left: MAX_TEXTURE_BYTES };
     for part in &mut parts {
         let first_texture = u32::try_from(scene.textures.len()).unwrap_or(u32::MAX);
         for texture in &part.textures {
@@ -78,14 +78,14 @@ struct Pictures {
 
 impl Pictures {
     fn get(&mut self, path: &str, archive: &mut Archive<'_>) -> Result<Arc<[u8]>, ReadError> {
-        if let Some(bytes) = self.known.get(&key(path)) {
+        if let Some(bytes) = self.known.get(&name_key(path)) {
             return Ok(Arc::clone(bytes));
         }
-        let bytes = archive.bytes(path, self.left)?;
+        let bytes = archive.read_file(path, self.left)?;
         let bytes: Arc<[u8]> =
-            bytes.ok_or_else(|| refused(format!("the texture {} is not in the file", shown(path))))?.into();
+            bytes.ok_or_else(|| refused(format!("the texture {} is not in the file", name_excerpt(path))))?.into();
         self.left -= bytes.len() as u64;
-        self.known.insert(key(path), Arc::clone(&bytes));
+        self.known.insert(name_key(path), Arc::clone(&bytes));
         Ok(bytes)
     }
 }
@@ -103,7 +103,7 @@ enum Seen {
 
 /// Topological order of the objects: components come before the objects that use them.
 struct Order {
-    /// Index of each part by [`key`].
+    /// Index of each part by [`name_key`].
     parts: HashMap<String, usize>,
     /// Index of each object in its part, by part and id.
     places: HashMap<(usize, u32), usize>,
@@ -116,7 +116,7 @@ struct Order {
 impl Order {
     fn of(parts: &[Part]) -> Result<Self, ReadError> {
         let mut order = Self {
-            parts: parts.iter().enumerate().map(|(index, part)| (key(&part.name), index)).collect(),
+            parts: parts.iter().enumerate().map(|(index, part)| (name_key(&part.name), index)).collect(),
             places: HashMap::new(),
             sorted: Vec::new(),
             numbers: HashMap::new(),
@@ -167,12 +167,13 @@ impl Order {
     /// Part and index of the object that a component or item of a part refers to.
     fn place(&self, part: usize, placed: &Placed) -> Result<(usize, usize), ReadError> {
         let part = match &placed.path {
-            Some(path) => self.parts.get(&key(path)).copied(),
+            Some(path) => self.parts.get(&name_key(path)).copied(),
             None => Some(part),
         };
         let found = part.and_then(|part| Some((part, *self.places.get(&(part, placed.id))?)));
         found.ok_or_else(|| {
-            let of = placed.path.as_deref().map_or_else(String::new, |path| format!(" of the part {}", shown(path)));
+            let of =
+                placed.path.as_deref().map_or_else(String::new, |path| format!(" of the part {}", name_excerpt(path)));
             refused(format!("a component or build item refers to the object {}{of}, which does not exist", placed.id))
         })
     }
@@ -196,11 +197,11 @@ impl Order {
 
 fn too_deep() -> ReadError {
     let detail = format!("components are nested more than {} deep; export the model with fewer levels", Scene::DEPTH);
-    ReadError::whole(ReadErrorKind::TooLarge, detail)
+    ReadError::for_file(ReadErrorKind::TooLarge, detail)
 }
 
 fn refused(detail: String) -> ReadError {
-    ReadError::whole(ReadErrorKind::Malformed, format!("{detail}; export the model again"))
+    ReadError::for_file(ReadErrorKind::Malformed, format!("{detail}; export the model again"))
 }
 
 /// The palette that a property group has become.
@@ -387,6 +388,6 @@ fn top_layer(known: &HashMap<u32, Known>, of: &[u32]) -> Result<usize, String> {
 }
 
 fn refused_in(part: &str, detail: String) -> ReadError {
-    let detail = format!("in the part {}: {detail}; export the model again", errors::shown(part.as_bytes()));
-    ReadError::whole(ReadErrorKind::Malformed, detail)
+    let detail = format!("in the part {}: {detail}; export the model again", errors::excerpt(part.as_bytes()));
+    ReadError::for_file(ReadErrorKind::Malformed, detail)
 }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::part::{ModelReader, PaintedBy, Part, ShapeResource, index_in, not_a};
 use super::schema::{Space, number};
 use super::xml::{Attribute, Tag, Xml};
-use crate::format::errors::{ReadError, ReadErrorKind, shown};
+use crate::format::errors::{ReadError, ReadErrorKind, excerpt};
 use crate::mesh::Soup;
 use crate::scene::{PAINTLESS, Paint};
 
@@ -132,7 +132,7 @@ fn other(reader: &mut ModelReader, xml: &Xml<'_>, key: &[u8], value: &[u8]) -> R
 
 #[cold]
 fn twice(xml: &Xml<'_>, name: &[u8]) -> ReadError {
-    xml.malformed(format_args!("an element has the attribute '{}' twice; export the model again", shown(name)))
+    xml.malformed(format_args!("an element has the attribute '{}' twice; export the model again", excerpt(name)))
 }
 
 #[cold]

@@ -16,7 +16,7 @@ use std::collections::HashSet;
 
 pub(super) use write::write;
 
-use super::archive::{Archive, key, shown};
+use super::archive::{Archive, name_excerpt, name_key};
 use super::content::ReadScene;
 use super::errors::{ReadError, ReadErrorKind};
 use super::formats::Format;
@@ -30,7 +30,7 @@ use xml::Xml;
 pub(super) fn read(archive: &mut Archive<'_>, options: &ReadOptions) -> Result<Option<ReadScene>, ReadError> {
     let Some(root) = root_model(archive)? else { return Ok(None) };
     let mut reader = ModelReader::new(options.limits);
-    let mut known = HashSet::from([key(&root)]);
+    let mut known = HashSet::from([name_key(&root)]);
     let mut names = vec![root];
     let mut parts: Vec<Part> = Vec::new();
     while let Some(name) = names.get(parts.len()) {
@@ -38,12 +38,12 @@ pub(super) fn read(archive: &mut Archive<'_>, options: &ReadOptions) -> Result<O
         let Some(mut xml) = xml(name, archive)? else {
             let detail = format!(
                 "the model refers to the part {}, which is not in the file; export the model again",
-                shown(name)
+                name_excerpt(name)
             );
-            return Err(ReadError::whole(ReadErrorKind::Malformed, detail));
+            return Err(ReadError::for_file(ReadErrorKind::Malformed, detail));
         };
         let part = reader.read(&mut xml)?;
-        names.extend(others(&part).filter(|path| known.insert(key(path))).map(str::to_owned));
+        names.extend(others(&part).filter(|path| known.insert(name_key(path))).map(str::to_owned));
         parts.push(part);
     }
     let ModelReader { mut warnings, .. } = reader;
@@ -70,12 +70,12 @@ fn others(part: &Part) -> impl Iterator<Item = &str> {
 fn check(scene: &Scene, options: &ReadOptions) -> Result<(), ReadError> {
     if scene.items.is_empty() {
         let detail = "the 3MF file has no build items; put the objects on the build plate and export the model again";
-        return Err(ReadError::whole(ReadErrorKind::NoFaces, detail));
+        return Err(ReadError::for_file(ReadErrorKind::NoFaces, detail));
     }
     match scene.placed_faces() {
         0 => {
             let detail = "the build items of the 3MF file have no triangles; export the model as triangles";
-            Err(ReadError::whole(ReadErrorKind::NoFaces, detail))
+            Err(ReadError::for_file(ReadErrorKind::NoFaces, detail))
         }
         faces => options.limits.check_faces(faces),
     }
@@ -99,13 +99,14 @@ struct Relationship {
 
 /// The name of the root model part; `None` if the archive is not a 3MF package.
 fn root_model(archive: &mut Archive<'_>) -> Result<Option<String>, ReadError> {
-    let mut models = relationships("", archive)?.into_iter().filter(|it| it.kind == MODEL_RELATIONSHIP);
+    let mut models =
+        relationships("", archive)?.into_iter().filter(|relationship| relationship.kind == MODEL_RELATIONSHIP);
     match (models.next(), models.next()) {
         (Some(model), None) => Ok(Some(model.target)),
         (Some(_), Some(_)) => {
             Err(malformed("the package has more than one root model, which 3MF forbids; export the model again"))
         }
-        (None, _) if archive.has("3D/3dmodel.model") || archive.has("[Content_Types].xml") => {
+        (None, _) if archive.contains("3D/3dmodel.model") || archive.contains("[Content_Types].xml") => {
             Err(malformed("the package's relationships (_rels/.rels) name no 3MF model; export the model again"))
         }
         (None, _) => Ok(None),
@@ -114,12 +115,12 @@ fn root_model(archive: &mut Archive<'_>) -> Result<Option<String>, ReadError> {
 
 /// Checks the relationships of a model part.
 fn check_model_part(part: &str, archive: &mut Archive<'_>) -> Result<(), ReadError> {
-    let tickets = relationships(part, archive)?.iter().filter(|it| it.kind == PRINT_TICKET).count();
+    let tickets = relationships(part, archive)?.iter().filter(|relationship| relationship.kind == PRINT_TICKET).count();
     match tickets {
         0 | 1 => Ok(()),
         _ => Err(malformed(format!(
             "the part {} has more than one print ticket, which 3MF forbids; export the model again",
-            shown(part)
+            name_excerpt(part)
         ))),
     }
 }
@@ -130,16 +131,20 @@ fn relationships(part: &str, archive: &mut Archive<'_>) -> Result<Vec<Relationsh
         Some(mut xml) => read_relationships(part, &mut xml)?,
         None => Vec::new(),
     };
-    for it in &relationships {
-        if it.kind == ENCRYPTED {
-            let detail = format!("the part {} is encrypted; export the model without encryption", shown(&it.target));
-            return Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));
+    for relationship in &relationships {
+        if relationship.kind == ENCRYPTED {
+            let detail = format!(
+                "the part {} is encrypted; export the model without encryption",
+                name_excerpt(&relationship.target)
+            );
+            return Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail));
         }
-        let of_3mf = [MODEL_RELATIONSHIP, TEXTURE_RELATIONSHIP, PRINT_TICKET, THUMBNAIL].contains(&it.kind.as_str());
-        if of_3mf && !archive.has(&it.target) {
+        let of_3mf =
+            [MODEL_RELATIONSHIP, TEXTURE_RELATIONSHIP, PRINT_TICKET, THUMBNAIL].contains(&relationship.kind.as_str());
+        if of_3mf && !archive.contains(&relationship.target) {
             let detail = format!(
                 "a relationship refers to the part {}, which is not in the file; export the model again",
-                shown(&it.target)
+                name_excerpt(&relationship.target)
             );
             return Err(malformed(detail));
         }
@@ -178,7 +183,7 @@ fn read_relationships(source: &str, xml: &mut Xml<'_>) -> Result<Vec<Relationshi
             let Some(inside) = inside else {
                 let detail = format!(
                     "a relationship refers to '{}', outside the file, which 3MF forbids; export the model again",
-                    shown(&target)
+                    name_excerpt(&target)
                 );
                 return Err(xml.malformed(detail));
             };
@@ -194,7 +199,7 @@ fn read_relationships(source: &str, xml: &mut Xml<'_>) -> Result<Vec<Relationshi
 }
 
 fn malformed(detail: impl Into<String>) -> ReadError {
-    ReadError::whole(ReadErrorKind::Malformed, detail)
+    ReadError::for_file(ReadErrorKind::Malformed, detail)
 }
 
 /// The name of the part with a part's relationships, or with the package's if `part` is empty.

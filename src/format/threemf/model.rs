@@ -6,7 +6,7 @@ use super::part::{Group, ModelReader, ObjectResource, Part, Placed, ShapeResourc
 use super::schema::{self, Space, boolean, can_be_passed, matrix, resolve, subject, words};
 use super::xml::{Tag, Xml};
 use super::{mesh, properties};
-use crate::format::errors::{ReadError, ReadErrorKind, shown};
+use crate::format::errors::{ReadError, ReadErrorKind, excerpt};
 use crate::mesh::Soup;
 use crate::scene::{Note, ObjectKind, Unit};
 
@@ -20,7 +20,7 @@ impl ModelReader {
             name => {
                 let detail = format!(
                     "the root element is <{}>, but must be the <model> of 3MF; export the model again",
-                    shown(name)
+                    excerpt(name)
                 );
                 Err(xml.malformed(detail))
             }
@@ -209,7 +209,7 @@ impl ModelReader {
                     path = Some(found.ok_or_else(|| {
                         xml.malformed(format_args!(
                             "'{}' is not the absolute path of a part; export the model again",
-                            shown(reference.as_bytes())
+                            excerpt(reference.as_bytes())
                         ))
                     })?);
                 }
@@ -219,7 +219,7 @@ impl ModelReader {
         })?;
         let Some(id) = id else {
             return Err(
-                xml.malformed(format_args!("a <{}> has no objectid; export the model again", shown(tag.name())))
+                xml.malformed(format_args!("a <{}> has no objectid; export the model again", excerpt(tag.name())))
             );
         };
         Ok(Placed { path, id, transform, part_number, notes: Vec::new() })
@@ -262,7 +262,7 @@ impl ModelReader {
         }
         if all.iter().any(|note| note.name == name && note.namespace == namespace) {
             let detail =
-                format!("two <metadata> elements have the name '{}'; export the model again", shown(name.as_bytes()));
+                format!("two <metadata> elements have the name '{}'; export the model again", excerpt(name.as_bytes()));
             return Err(xml.malformed(detail));
         }
         let value = xml.text(tag)?;

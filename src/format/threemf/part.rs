@@ -6,7 +6,7 @@ use glam::DAffine3;
 
 use super::schema::{Space, index, subject};
 use super::xml::{Attribute, Tag, Xml};
-use crate::format::errors::{ReadError, ReadErrorKind, shown};
+use crate::format::errors::{ReadError, ReadErrorKind, excerpt};
 use crate::format::limits::Limits;
 use crate::mesh::Soup;
 use crate::scene::{Material, Note, ObjectKind, Paint, Unit, Wrap};
@@ -162,7 +162,7 @@ impl ModelReader {
             _ => {
                 let detail = format!(
                     "the attribute '{}' has a namespace that 3MF forbids here; export the model again",
-                    shown(attribute.name)
+                    excerpt(attribute.name)
                 );
                 Err(xml.malformed(detail))
             }
@@ -176,7 +176,7 @@ impl ModelReader {
             Space::SchemaInstance | Space::Xml => {
                 let detail = format!(
                     "the element <{}> has a namespace that 3MF forbids; export the model again",
-                    shown(tag.name())
+                    excerpt(tag.name())
                 );
                 return Err(xml.malformed(detail));
             }
@@ -189,7 +189,7 @@ impl ModelReader {
 /// The error for a value that is not `expected`.
 #[cold]
 pub(super) fn not_a(xml: &Xml<'_>, expected: &str, value: &[u8]) -> ReadError {
-    xml.malformed(format_args!("found '{}' where {expected} was expected; export the model again", shown(value)))
+    xml.malformed(format_args!("found '{}' where {expected} was expected; export the model again", excerpt(value)))
 }
 
 /// Parses a resource id or an index.
@@ -310,13 +310,13 @@ impl Warnings {
     /// Records an ignored attribute or element.
     pub fn name(&mut self, name: &[u8]) {
         self.names.0 += 1;
-        self.names.1.get_or_insert_with(|| shown(name));
+        self.names.1.get_or_insert_with(|| excerpt(name));
     }
 
     /// Records metadata with an unknown name.
     pub fn note(&mut self, name: &str) {
         self.notes.0 += 1;
-        self.notes.1.get_or_insert_with(|| shown(name.as_bytes()));
+        self.notes.1.get_or_insert_with(|| excerpt(name.as_bytes()));
     }
 
     /// Records another warning, unless it was recorded before.

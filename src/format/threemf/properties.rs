@@ -3,7 +3,7 @@
 use super::part::{GroupKind, ModelReader, TextureResource, index_in, not_a};
 use super::schema::{Space, color, number, resolve, words};
 use super::xml::{Tag, Xml};
-use crate::format::errors::{ReadError, ReadErrorKind, shown};
+use crate::format::errors::{ReadError, ReadErrorKind, excerpt};
 use crate::scene::{Material, Wrap};
 
 /// Maximum number of groups or materials that a resource combines.
@@ -18,7 +18,7 @@ pub(super) fn id(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<u32, ReadError> {
         }
         Ok(())
     })?;
-    id.ok_or_else(|| xml.malformed(format_args!("a <{}> has no id; export the model again", shown(tag.name()))))
+    id.ok_or_else(|| xml.malformed(format_args!("a <{}> has no id; export the model again", excerpt(tag.name()))))
 }
 
 /// The values of the named attributes without a namespace; other attributes are ignored or reported.
@@ -42,7 +42,7 @@ fn values<const N: usize>(
 }
 
 fn missing(xml: &Xml<'_>, tag: &Tag<'_>, name: &str) -> ReadError {
-    xml.malformed(format_args!("a <{}> has no {name}; export the model again", shown(tag.name())))
+    xml.malformed(format_args!("a <{}> has no {name}; export the model again", excerpt(tag.name())))
 }
 
 /// Calls `entry` with the child elements that have this name; other elements are reported.

@@ -7,7 +7,7 @@ use std::str::FromStr;
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::format::archive;
-use crate::format::errors::shown_up_to;
+use crate::format::errors::excerpt_up_to;
 use crate::scene::{Note, Scene};
 
 /// Namespace of the core specification.
@@ -83,7 +83,7 @@ const EXTENSIONS: [(&str, &str, bool); 13] = [
 /// The subject of an extension; its URI if the extension is unknown.
 pub(super) fn subject(uri: &str) -> String {
     let known = EXTENSIONS.iter().find(|(address, ..)| *address == uri);
-    known.map_or_else(|| format!("'{}'", shown_up_to(100, uri.as_bytes())), |(_, subject, _)| (*subject).to_owned())
+    known.map_or_else(|| format!("'{}'", excerpt_up_to(100, uri.as_bytes())), |(_, subject, _)| (*subject).to_owned())
 }
 
 /// Whether a model that requires this extension is complete without it.

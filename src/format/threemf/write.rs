@@ -9,7 +9,7 @@ use zip::ZipWriter;
 use zip::result::ZipResult;
 
 use super::schema::{CORE, MATERIAL, MODEL_RELATIONSHIP, Prefixes, TEXTURE_RELATIONSHIP, attribute};
-use crate::format::archive::{compressed, stored};
+use crate::format::archive::{deflate_options, store_options};
 use crate::format::errors::WriteError;
 use crate::scene::{
     Item, Note, Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit, Up, Wrap,
@@ -33,13 +33,13 @@ pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
 /// Writes the package. The flag tells whether all numbers are finite.
 fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
     let pictures = Pictures::of(&scene.textures);
-    let packed = compressed(false);
+    let packed = deflate_options(false);
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     zip.start_file("[Content_Types].xml", packed)?;
     zip.write_all(content_types(&pictures).as_bytes())?;
     zip.start_file("_rels/.rels", packed)?;
     zip.write_all(relationships([(MODEL_RELATIONSHIP, ROOT)].into_iter()).as_bytes())?;
-    zip.start_file(ROOT, compressed(is_long(scene)))?;
+    zip.start_file(ROOT, deflate_options(is_long(scene)))?;
     let finite = ModelWriter::new(scene, &pictures.of_textures).write(&mut zip)?;
     if !pictures.files.is_empty() {
         zip.start_file("3D/_rels/3dmodel.model.rels", packed)?;
@@ -47,7 +47,7 @@ fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
         zip.write_all(relationships(targets).as_bytes())?;
     }
     for (path, texture) in &pictures.files {
-        zip.start_file(path.as_str(), stored())?;
+        zip.start_file(path.as_str(), store_options())?;
         zip.write_all(&texture.bytes)?;
     }
     Ok((finite, zip.finish()?.into_inner()))

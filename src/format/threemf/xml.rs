@@ -12,8 +12,8 @@ use quick_xml::events::{BytesStart, BytesText, Event};
 use quick_xml::{Error, Reader};
 
 use super::schema::Space;
-use crate::format::archive::{Stop, Stream};
-use crate::format::errors::{ReadError, ReadErrorKind, shown, shown_up_to};
+use crate::format::archive::{Stream, StreamError};
+use crate::format::errors::{ReadError, ReadErrorKind, excerpt, excerpt_up_to};
 
 /// Maximum depth of elements; models need seven.
 const DEPTH: usize = 64;
@@ -85,7 +85,7 @@ impl<'a> Xml<'a> {
         if head.starts_with(b"\xFF\xFE") || head.starts_with(b"\xFE\xFF") || head.iter().take(4).any(|&b| b == 0) {
             let detail =
                 format!("the part {part} is text in UTF-16 or UTF-32, but 3MF requires UTF-8; export the model again");
-            return Err(ReadError::whole(ReadErrorKind::Malformed, detail));
+            return Err(ReadError::for_file(ReadErrorKind::Malformed, detail));
         }
         let mut reader = Reader::from_reader(stream);
         reader.config_mut().trim_text_start = true;
@@ -135,7 +135,7 @@ impl<'a> Xml<'a> {
                     if !encoding.is_empty() && !encoding.eq_ignore_ascii_case(b"utf-8") {
                         let detail = format!(
                             "the part declares the encoding {}, but 3MF requires UTF-8; export the model again",
-                            shown(&encoding)
+                            excerpt(&encoding)
                         );
                         return Err(self.malformed(detail));
                     }
@@ -319,7 +319,7 @@ impl<'a> Xml<'a> {
         self.bindings.iter().rev().find(|binding| is_it(&binding.prefix)).ok_or_else(|| {
             self.malformed(format_args!(
                 "the namespace prefix '{}' is not declared; export the model again",
-                shown(prefix)
+                excerpt(prefix)
             ))
         })
     }
@@ -421,15 +421,15 @@ impl<'a> Xml<'a> {
 
 /// An error near a byte of a part.
 fn at(part: &str, byte: u64, kind: ReadErrorKind, detail: impl std::fmt::Display) -> ReadError {
-    ReadError::whole(kind, format!("in the part {} near byte {byte}: {detail}", shown(part.as_bytes())))
+    ReadError::for_file(kind, format!("in the part {} near byte {byte}: {detail}", excerpt(part.as_bytes())))
 }
 
 /// The error for a failure of the XML parser or of unpacking.
 #[cold]
 fn failed(part: &str, byte: u64, error: &Error) -> ReadError {
     let (kind, detail) = match error {
-        Error::Io(io) => match io.get_ref().and_then(|inner| inner.downcast_ref::<Stop>()) {
-            Some(stop) => (ReadErrorKind::TooLarge, format!("{stop}; export the model again")),
+        Error::Io(io) => match io.get_ref().and_then(|inner| inner.downcast_ref::<StreamError>()) {
+            Some(stream_error) => (ReadErrorKind::TooLarge, format!("{stream_error}; export the model again")),
             None => (ReadErrorKind::Malformed, format!("the part can't be unpacked ({io}); send the file again")),
         },
         Error::Syntax(_) => (
@@ -439,7 +439,7 @@ fn failed(part: &str, byte: u64, error: &Error) -> ReadError {
         // The parser may quote the file at any length.
         _ => (
             ReadErrorKind::Malformed,
-            format!("{}; export the model again", shown_up_to(150, error.to_string().as_bytes())),
+            format!("{}; export the model again", excerpt_up_to(150, error.to_string().as_bytes())),
         ),
     };
     at(part, byte, kind, detail)

@@ -105,11 +105,11 @@ fn shorts(values: &[u16]) -> Vec<u8> {
 }
 
 fn read(bytes: &[u8]) -> Result<ReadScene, ReadError> {
-    super::read(bytes, &ReadOptions::default(), &Sidecars::nothing())
+    super::read(bytes, &ReadOptions::default(), &Sidecars::none())
 }
 
 fn read_within(bytes: &[u8], limits: Limits) -> Result<ReadScene, ReadError> {
-    super::read(bytes, &ReadOptions::within(limits), &Sidecars::nothing())
+    super::read(bytes, &ReadOptions::within(limits), &Sidecars::none())
 }
 
 #[track_caller]
