@@ -12,7 +12,7 @@ use tracing_opentelemetry::OpenTelemetrySpanExt;
 
 /// The type of a metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum MetricKind {
     /// A value that only grows, from 0 at the start of the process.
     Counter,
     /// The current value.
@@ -27,7 +27,7 @@ pub struct Metric {
     /// The metric's name.
     pub name: &'static str,
     /// The metric's type.
-    pub kind: Kind,
+    pub kind: MetricKind,
     /// The labels of the metric's series.
     pub labels: &'static [&'static str],
     /// The help text in `/metrics`.
@@ -40,7 +40,7 @@ macro_rules! metrics {
 
         /// All metrics of the service.
         pub const METRICS: &[Metric] =
-            &[$(Metric { name: $name, kind: Kind::$kind, labels: &[$($label),*], help: $help }),*];
+            &[$(Metric { name: $name, kind: MetricKind::$kind, labels: &[$($label),*], help: $help }),*];
     };
 }
 
@@ -88,7 +88,7 @@ metrics! {
     DISK_FREE: Gauge "meshmend_disk_free_bytes" ["folder"] "Free bytes on the disks of this process's folders: `files`, unless the file store is a bucket, and `scratch`.";
 }
 
-impl Kind {
+impl MetricKind {
     /// Returns the type's name in the Prometheus text format.
     #[must_use]
     pub fn as_str(self) -> &'static str {
@@ -105,11 +105,11 @@ impl Kind {
 pub fn describe() {
     for metric in METRICS {
         match metric.kind {
-            Kind::Counter => metrics::describe_counter!(metric.name, metric.help),
-            Kind::Gauge => metrics::describe_gauge!(metric.name, metric.help),
-            Kind::Histogram => metrics::describe_histogram!(metric.name, metric.help),
+            MetricKind::Counter => metrics::describe_counter!(metric.name, metric.help),
+            MetricKind::Gauge => metrics::describe_gauge!(metric.name, metric.help),
+            MetricKind::Histogram => metrics::describe_histogram!(metric.name, metric.help),
         }
-        if metric.kind == Kind::Counter && metric.labels.is_empty() {
+        if metric.kind == MetricKind::Counter && metric.labels.is_empty() {
             metrics::counter!(metric.name).increment(0);
         }
     }

@@ -89,8 +89,8 @@ impl Secret {
 
     /// Returns the hash that the store keeps.
     #[must_use]
-    pub fn token(&self) -> Token {
-        Token::of(&self.0)
+    pub fn hash(&self) -> SecretHash {
+        SecretHash::of(&self.0)
     }
 }
 
@@ -102,9 +102,9 @@ impl fmt::Debug for Secret {
 
 /// The hash of a secret, by which the store finds its key. SHA-256 without salt is enough, since secrets are random.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct Token(String);
+pub struct SecretHash(String);
 
-impl Token {
+impl SecretHash {
     /// Hashes a secret that a client sent.
     #[must_use]
     pub fn of(secret: &str) -> Self {
@@ -118,9 +118,9 @@ impl Token {
     }
 }
 
-impl From<Token> for String {
-    fn from(token: Token) -> Self {
-        token.0
+impl From<SecretHash> for String {
+    fn from(hash: SecretHash) -> Self {
+        hash.0
     }
 }
 
@@ -308,8 +308,8 @@ mod tests {
         assert_ne!(one.reveal(), other.reveal());
         assert!(one.reveal().starts_with("mm_key_") && one.reveal().len() == 7 + 64, "{}", one.reveal());
         assert!(!format!("{one:?}").contains(&one.reveal()[7..]));
-        assert_eq!(one.token(), Token::of(one.reveal()));
-        assert!(!one.token().as_str().contains(&one.reveal()[7..]));
+        assert_eq!(one.hash(), SecretHash::of(one.reveal()));
+        assert!(!one.hash().as_str().contains(&one.reveal()[7..]));
     }
 
     #[test]

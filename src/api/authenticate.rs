@@ -12,7 +12,7 @@ use time::OffsetDateTime;
 use super::extract::text_header;
 use super::problem::{Problem, ProblemCode};
 use super::state::{ApiState, Auth};
-use crate::access::{AccessKey, DEFAULT_TENANT, KeyKind, Scope, TenantLimits, TenantName, Token};
+use crate::access::{AccessKey, DEFAULT_TENANT, KeyKind, Scope, SecretHash, TenantLimits, TenantName};
 use crate::jobs::Job;
 use crate::telemetry;
 
@@ -246,7 +246,7 @@ async fn find_caller(state: &ApiState, headers: &HeaderMap, secret: Option<&str>
 
 /// Returns the key of a secret and the limits of its tenant. Records the key's use if the last record is old.
 async fn find_key(state: &ApiState, secret: &str) -> Result<(AccessKey, TenantLimits), Problem> {
-    let known = if secret.len() <= SECRET_BYTES { state.store.find_key(&Token::of(secret)).await? } else { None };
+    let known = if secret.len() <= SECRET_BYTES { state.store.find_key(&SecretHash::of(secret)).await? } else { None };
     let Some((key, limits)) = known else {
         metrics::counter!(telemetry::KEYS_REFUSED).increment(1);
         return Err(unauthorized("This key is unknown, revoked or expired."));

@@ -24,7 +24,7 @@ const LIFE_S: std::ops::RangeInclusive<u64> = 30..=315_360_000;
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = NewApiKey)]
-pub(super) struct NewView {
+pub(super) struct NewKeyBody {
     /// The key's tenant: 1 to 63 lower-case letters, digits and hyphens. A tenant's first key creates the tenant.
     #[schema(min_length = 1, max_length = 63, pattern = "^[a-z0-9][a-z0-9-]*$", example = "shop")]
     tenant: String,
@@ -119,7 +119,7 @@ pub(super) struct KeysQuery {
 /// The key may belong to any tenant. The response contains the `secret`, which is never shown again. Requires the scope `admin`.
 #[utoipa::path(
     post, path = "/v1/keys", tag = "access",
-    request_body = NewView,
+    request_body = NewKeyBody,
     responses(
         (status = 201, description = "The created key with its secret", body = KeyView, headers(("Location" = String, description = "The key's path"))),
         (status = 400, description = "The body is malformed", body = Problem, content_type = "application/problem+json"),
@@ -129,7 +129,7 @@ pub(super) struct KeysQuery {
 pub(super) async fn create_key(
     State(state): State<ApiState>,
     RequireAdmin(_caller): RequireAdmin,
-    ApiJson(requested): ApiJson<NewView>,
+    ApiJson(requested): ApiJson<NewKeyBody>,
 ) -> Result<Response, Problem> {
     let tenant = tenant_name("tenant", &requested.tenant).map_err(Problem::invalid_value)?;
     if requested.label.chars().count() > LABEL_CHARS || requested.label.chars().any(char::is_control) {
@@ -153,7 +153,7 @@ pub(super) async fn create_key(
         life_s: requested.expires_in_s,
         parent: None,
     };
-    let key = state.store.create_key(new, &secret.token()).await?;
+    let key = state.store.create_key(new, &secret.hash()).await?;
     tracing::info!(created_key_id = key.id, of_tenant = key.tenant.as_str(), scopes = %key.scopes, "created API key");
     let headers = [(header::CACHE_CONTROL, "no-store".to_owned()), (header::LOCATION, format!("/v1/keys/{}", key.id))];
     let view = KeyView { secret: Some(secret.reveal().to_owned()), ..key.into() };
@@ -256,7 +256,7 @@ const SHORTEST_TOKEN_LIFE_S: u64 = 30;
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = NewBrowserToken)]
-pub(super) struct NewToken {
+pub(super) struct NewTokenBody {
     /// The origin of the page, such as `https://shop.example`. The token is invalid for other origins.
     #[schema(
         max_length = 255,
@@ -314,7 +314,7 @@ pub(super) struct BrowserToken {
 /// only to jobs submitted with it.
 #[utoipa::path(
     post, path = "/v1/browser-tokens", tag = "access",
-    request_body = NewToken,
+    request_body = NewTokenBody,
     responses(
         (status = 201, description = "The created token", body = BrowserToken),
         (status = 400, description = "The body is malformed", body = Problem, content_type = "application/problem+json"),
@@ -324,7 +324,7 @@ pub(super) struct BrowserToken {
 pub(super) async fn make_token(
     State(state): State<ApiState>,
     RequireTokens(caller): RequireTokens,
-    ApiJson(requested): ApiJson<NewToken>,
+    ApiJson(requested): ApiJson<NewTokenBody>,
 ) -> Result<Response, Problem> {
     let origin = normalize_origin(&requested.origin).ok_or_else(|| {
         let message = "`origin` must be a scheme, a host and optionally a port, such as https://shop.example.";
@@ -360,7 +360,7 @@ pub(super) async fn make_token(
         life_s: Some(life_s),
         parent: caller.key.map(|key| key.id),
     };
-    let key = state.store.create_key(new, &secret.token()).await?;
+    let key = state.store.create_key(new, &secret.hash()).await?;
     let token = BrowserToken {
         id: key.id,
         token: secret.reveal().to_owned(),

@@ -11,7 +11,7 @@ use super::extract::{contains_etag, text_header};
 use super::problem::{Problem, ProblemCode, truncated};
 use super::state::ApiState;
 use crate::manual;
-use crate::web::{self, File};
+use crate::web::{self, StaticFile};
 
 /// Cache-Control for files with a fixed name: the browser revalidates them each time.
 const REVALIDATE: &str = "no-cache";
@@ -84,7 +84,7 @@ async fn picture(Path(name): Path<String>, headers: HeaderMap) -> Result<Respons
     manual::picture(&name).map(|file| manual_file(file, &headers)).ok_or_else(|| page_not_found(&name))
 }
 
-fn manual_file(file: &'static File, headers: &HeaderMap) -> Response {
+fn manual_file(file: &'static StaticFile, headers: &HeaderMap) -> Response {
     respond(file, headers, REVALIDATE, Embedding::SameOrigin)
 }
 
@@ -109,7 +109,7 @@ enum Embedding {
 }
 
 /// Responds with a file, compressed if the client accepts gzip, or with 304 if the client has the current version.
-fn respond(file: &'static File, headers: &HeaderMap, cache: &'static str, embedding: Embedding) -> Response {
+fn respond(file: &'static StaticFile, headers: &HeaderMap, cache: &'static str, embedding: Embedding) -> Response {
     let common = [
         (header::CACHE_CONTROL, cache),
         (header::ETAG, file.etag()),

@@ -68,7 +68,7 @@ impl Health {
         let required = [("store", store), ("blobs", blobs), ("disk", disk), ("scratch", scratch)];
         let draining = self.draining.is_cancelled();
         let ready = !draining && required.iter().all(|(_, result)| result.is_ok());
-        let mut checks = self.found.clone();
+        let mut checks = self.startup_checks.clone();
         checks.extend(required.map(|(name, result)| (name, result.err().unwrap_or_else(|| "ok".to_owned()))));
         if draining {
             checks.insert("service", "stopping".to_owned());

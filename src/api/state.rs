@@ -101,7 +101,7 @@ pub struct Health {
     /// Bytes that must stay free on the disks of the file store and of the scratch folders.
     pub min_free: u64,
     /// Results of startup checks that do not affect readiness, such as whether Blender is available.
-    pub found: BTreeMap<&'static str, String>,
+    pub startup_checks: BTreeMap<&'static str, String>,
     /// Cancelled by the first stop signal. The process is then not ready, serves reads and rejects other requests.
     pub draining: CancellationToken,
     /// Renders the metrics.

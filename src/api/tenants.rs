@@ -59,7 +59,7 @@ pub(super) struct TenantsView {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = TenantChange)]
-pub(super) struct ChangeView {
+pub(super) struct ChangeTenantBody {
     /// The class under which the metrics count the tenant's jobs: 1 to 63 lower-case letters, digits and hyphens.
     #[serde(default, deserialize_with = "present")]
     #[schema(value_type = Option<String>, min_length = 1, max_length = 63, pattern = "^[a-z0-9][a-z0-9-]*$", example = "gold")]
@@ -159,7 +159,7 @@ pub(super) async fn get_tenant(
 #[utoipa::path(
     patch, path = "/v1/tenants/{id}", tag = "access",
     params(("id" = String, Path, description = "The tenant's name")),
-    request_body = ChangeView,
+    request_body = ChangeTenantBody,
     responses(
         (status = 200, description = "The tenant with all its settings", body = TenantView),
         (status = 400, description = "The body or the path is malformed", body = Problem, content_type = "application/problem+json"),
@@ -170,7 +170,7 @@ pub(super) async fn change_tenant(
     State(state): State<ApiState>,
     RequireAdmin(_caller): RequireAdmin,
     ApiPath(id): ApiPath<String>,
-    ApiJson(requested): ApiJson<ChangeView>,
+    ApiJson(requested): ApiJson<ChangeTenantBody>,
 ) -> Result<Json<TenantView>, Problem> {
     let name: TenantName = id.parse().map_err(|error| {
         Problem::invalid_value(format!("The tenant name '{}' in the path is invalid: {error}.", truncated(&id)))

@@ -28,7 +28,7 @@ const DESCRIPTION_CHARS: usize = 200;
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = NewWebhookEndpoint)]
-pub(super) struct NewView {
+pub(super) struct NewEndpointBody {
     /// The https URL that receives the messages.
     #[schema(format = "uri", max_length = 2048, example = "https://shop.example/hooks/meshmend")]
     url: String,
@@ -45,7 +45,7 @@ pub(super) struct NewView {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = WebhookEndpointChange)]
-pub(super) struct ChangeView {
+pub(super) struct ChangeEndpointBody {
     /// The https URL that receives the messages.
     #[schema(format = "uri", max_length = 2048)]
     url: Option<String>,
@@ -173,7 +173,7 @@ pub(super) async fn find(state: &ApiState, caller: &Caller, id: &str) -> Result<
 /// response of 410 disables the endpoint. The response to this request contains the `secret`, which is never truncated again.
 #[utoipa::path(
     post, path = "/v1/webhook-endpoints", tag = "webhooks",
-    request_body = NewView,
+    request_body = NewEndpointBody,
     responses(
         (status = 201, description = "The created endpoint", body = EndpointView, headers(("Location" = String, description = "The endpoint's path"))),
         (status = 400, description = "The body is malformed", body = Problem, content_type = "application/problem+json"),
@@ -184,7 +184,7 @@ pub(super) async fn find(state: &ApiState, caller: &Caller, id: &str) -> Result<
 pub(super) async fn create_endpoint(
     State(state): State<ApiState>,
     RequireWebhooks(caller): RequireWebhooks,
-    ApiJson(requested): ApiJson<NewView>,
+    ApiJson(requested): ApiJson<NewEndpointBody>,
 ) -> Result<Response, Problem> {
     let new = NewEndpoint {
         tenant: caller.tenant.to_string(),
@@ -241,7 +241,7 @@ pub(super) async fn get_endpoint(
 #[utoipa::path(
     patch, path = "/v1/webhook-endpoints/{id}", tag = "webhooks",
     params(("id" = String, Path, description = "The endpoint's id")),
-    request_body = ChangeView,
+    request_body = ChangeEndpointBody,
     responses(
         (status = 200, description = "The endpoint", body = EndpointView),
         (status = 400, description = "The body or the path is malformed", body = Problem, content_type = "application/problem+json"),
@@ -253,7 +253,7 @@ pub(super) async fn change_endpoint(
     State(state): State<ApiState>,
     RequireWebhooks(caller): RequireWebhooks,
     ApiPath(id): ApiPath<String>,
-    ApiJson(requested): ApiJson<ChangeView>,
+    ApiJson(requested): ApiJson<ChangeEndpointBody>,
 ) -> Result<Json<EndpointView>, Problem> {
     check_id(&id)?;
     let change = EndpointChange {

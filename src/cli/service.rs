@@ -148,7 +148,7 @@ impl ServiceData {
             blobs: self.blobs.clone(),
             scratch: self.scratch(),
             min_free: args.min_free_mib << 20,
-            found: BTreeMap::from([("blender", blender)]),
+            startup_checks: BTreeMap::from([("blender", blender)]),
             draining,
             metrics: install_metrics()?,
             classes: Arc::default(),

@@ -14,7 +14,7 @@ use super::webhooks::{
     Backlog, Delivery, DeliveryAttempt, DeliveryQuery, DeliveryResult, DueDelivery, Endpoint, EndpointChange,
     NewEndpoint, Secrets, SigningSecret,
 };
-use crate::access::{AccessKey, KeyQuery, NewKey, Tenant, TenantChange, TenantLimits, TenantName, Token};
+use crate::access::{AccessKey, KeyQuery, NewKey, SecretHash, Tenant, TenantChange, TenantLimits, TenantName};
 
 /// The result of a request to cancel a job.
 #[derive(Debug, Clone, PartialEq)]
@@ -260,11 +260,11 @@ pub trait RetentionStore: Send + Sync {
 /// Where API keys and the limits of tenants are kept.
 #[async_trait]
 pub trait AccessStore: Send + Sync {
-    /// Creates a key, which `token` identifies from now on.
-    async fn create_key(&self, key: NewKey, token: &Token) -> Result<AccessKey, StoreError>;
+    /// Creates a key whose secret has this hash.
+    async fn create_key(&self, key: NewKey, hash: &SecretHash) -> Result<AccessKey, StoreError>;
 
-    /// The key of that token and the limits of its tenant; none if the key is unknown, revoked or expired, or if its parent key is.
-    async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError>;
+    /// Returns the key whose secret has this hash, with its tenant's limits; none if the key or its parent is unknown, revoked or expired.
+    async fn find_key(&self, hash: &SecretHash) -> Result<Option<(AccessKey, TenantLimits)>, StoreError>;
 
     /// Records that a key was used.
     async fn touch_key(&self, id: &str) -> Result<(), StoreError>;

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use self::markdown::document;
 pub use self::markdown::{Heading, Outline, PAGES};
-use crate::web::File;
+use crate::web::StaticFile;
 
 /// A page of the documentation.
 #[derive(Debug)]
@@ -18,9 +18,9 @@ pub struct Page {
     /// The page's title, summary and headings.
     pub outline: Outline,
     /// The page as HTML.
-    pub html: File,
+    pub html: StaticFile,
     /// The page as Markdown.
-    pub markdown: File,
+    pub markdown: StaticFile,
 }
 
 impl Page {
@@ -39,8 +39,8 @@ pub fn pages() -> &'static [Page] {
         let pages = PAGES.iter().zip(&outlines).map(|(&(name, text), (_, outline))| Page {
             name,
             outline: outline.clone(),
-            html: File::new("page.html", document(name, text, &outlines).into_bytes()),
-            markdown: File::new("page.md", text.as_bytes()),
+            html: StaticFile::new("page.html", document(name, text, &outlines).into_bytes()),
+            markdown: StaticFile::new("page.md", text.as_bytes()),
         });
         pages.collect()
     })
@@ -60,23 +60,23 @@ pub fn page(name: &str) -> Option<&'static Page> {
 
 /// Returns an image of the documentation, by its file name.
 #[must_use]
-pub fn picture(name: &str) -> Option<&'static File> {
-    static FILES: OnceLock<Vec<(&str, File)>> = OnceLock::new();
-    let files =
-        FILES.get_or_init(|| markdown::PICTURES.iter().map(|&(name, bytes)| (name, File::new(name, bytes))).collect());
+pub fn picture(name: &str) -> Option<&'static StaticFile> {
+    static FILES: OnceLock<Vec<(&str, StaticFile)>> = OnceLock::new();
+    let files = FILES
+        .get_or_init(|| markdown::PICTURES.iter().map(|&(name, bytes)| (name, StaticFile::new(name, bytes))).collect());
     files.iter().find(|(known, _)| *known == name).map(|(_, file)| file)
 }
 
 /// Returns the list of all pages for language models, in the format of llmstxt.org.
-pub fn llms() -> &'static File {
-    static FILE: OnceLock<File> = OnceLock::new();
-    FILE.get_or_init(|| File::new("llms.txt", list_of_pages(pages()).into_bytes()))
+pub fn llms() -> &'static StaticFile {
+    static FILE: OnceLock<StaticFile> = OnceLock::new();
+    FILE.get_or_init(|| StaticFile::new("llms.txt", list_of_pages(pages()).into_bytes()))
 }
 
 /// Returns all pages as one text.
-pub fn llms_full() -> &'static File {
-    static FILE: OnceLock<File> = OnceLock::new();
-    FILE.get_or_init(|| File::new("llms-full.txt", all_pages().into_bytes()))
+pub fn llms_full() -> &'static StaticFile {
+    static FILE: OnceLock<StaticFile> = OnceLock::new();
+    FILE.get_or_init(|| StaticFile::new("llms-full.txt", all_pages().into_bytes()))
 }
 
 /// The beginning of `/llms.txt`.

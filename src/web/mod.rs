@@ -18,7 +18,7 @@ mod dist {
 
 /// A static file with its media type, entity tag and compressed form.
 #[derive(Debug)]
-pub struct File {
+pub struct StaticFile {
     /// The file's media type.
     pub media_type: &'static str,
     plain: Cow<'static, [u8]>,
@@ -26,7 +26,7 @@ pub struct File {
     compressed: OnceLock<Vec<u8>>,
 }
 
-impl File {
+impl StaticFile {
     /// Creates a file from its bytes. The extension of `name` determines the media type.
     pub fn new(name: &str, plain: impl Into<Cow<'static, [u8]>>) -> Self {
         Self { media_type: media_type(name), plain: plain.into(), etag: OnceLock::new(), compressed: OnceLock::new() }
@@ -57,15 +57,15 @@ impl File {
 }
 
 /// Returns the HTML document at `/`.
-pub fn document() -> &'static File {
-    static DOCUMENT: OnceLock<File> = OnceLock::new();
-    DOCUMENT.get_or_init(|| File::new("index.html", dist::DOCUMENT.as_bytes()))
+pub fn document() -> &'static StaticFile {
+    static DOCUMENT: OnceLock<StaticFile> = OnceLock::new();
+    DOCUMENT.get_or_init(|| StaticFile::new("index.html", dist::DOCUMENT.as_bytes()))
 }
 
 /// Returns the widget's script.
-pub fn widget() -> &'static File {
-    static WIDGET: OnceLock<File> = OnceLock::new();
-    WIDGET.get_or_init(|| File::new("widget.js", dist::WIDGET.as_bytes()))
+pub fn widget() -> &'static StaticFile {
+    static WIDGET: OnceLock<StaticFile> = OnceLock::new();
+    WIDGET.get_or_init(|| StaticFile::new("widget.js", dist::WIDGET.as_bytes()))
 }
 
 /// Returns the HTML template of the documentation pages, with the placeholders `{title}`, `{summary}`, `{name}`, `{pages}`, `{sections}`
@@ -77,10 +77,10 @@ pub fn manual() -> &'static str {
 
 /// Returns an asset of the page, the widget or the documentation, by its name under `/assets/`.
 #[must_use]
-pub fn asset(name: &str) -> Option<&'static File> {
-    static ASSETS: OnceLock<Vec<(&str, File)>> = OnceLock::new();
+pub fn asset(name: &str) -> Option<&'static StaticFile> {
+    static ASSETS: OnceLock<Vec<(&str, StaticFile)>> = OnceLock::new();
     let assets =
-        ASSETS.get_or_init(|| dist::ASSETS.iter().map(|&(name, bytes)| (name, File::new(name, bytes))).collect());
+        ASSETS.get_or_init(|| dist::ASSETS.iter().map(|&(name, bytes)| (name, StaticFile::new(name, bytes))).collect());
     assets.iter().find(|(known, _)| *known == name).map(|(_, file)| file)
 }
 

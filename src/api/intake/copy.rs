@@ -107,7 +107,7 @@ async fn from_upload(
     }
     let name = clean_name(name.or(found.upload.name.as_deref()));
     if let Some(job) = found.job {
-        // A client retries when the response was lost. The upload is files_expired by then, but its job still knows the inputs.
+        // A client retries when the response was lost. The upload is gone by then, but its job still knows the inputs.
         return match key {
             IdempotencyState::Used { job: before, .. } if *before == job => {
                 let job = idempotency::job_of_key(state.store.as_ref(), job).await?;

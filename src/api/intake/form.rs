@@ -18,7 +18,6 @@ use crate::api::problem::{Problem, ProblemCode, truncated};
 use crate::blobs::Blobs;
 use crate::jobs::{JobOptions, Metadata, Mode};
 
-/// Largest `options` part of a form.
 /// Largest text part of a form, such as `options`, in bytes.
 const TEXT_PART_BYTES: usize = 64 << 10;
 /// Most bytes of a form between two files: headers, boundaries, the preamble, and the part of a file that arrives in the

@@ -11,7 +11,7 @@ use time::OffsetDateTime;
 use utoipa::{IntoParams, ToSchema};
 
 use super::submission::clean_name;
-use crate::access::{Token, random_hex};
+use crate::access::{SecretHash, random_hex};
 use crate::api::authenticate::RequireJobsWrite;
 use crate::api::extract::{
     ApiPath, ApiQuery, RawModel, UploadBudget, parse, read_small, text_header, too_large, whole, with_idle_limit,
@@ -115,7 +115,7 @@ pub async fn announce_upload(
         id,
         tenant: caller.tenant.to_string(),
         name: requested.name.map(|name| clean_name(Some(&name))),
-        token_sha256: signed.is_none().then(|| Token::of(&token).into()),
+        token_sha256: signed.is_none().then(|| SecretHash::of(&token).into()),
     };
     let Some(recorded) = state.store.add_upload(upload, state.config.max_queued).await? else {
         let detail = format!("{} uploads wait for a job, the maximum. Retry later.", state.config.max_queued);
@@ -168,7 +168,7 @@ pub async fn put_upload(
 ) -> Result<Response, Problem> {
     state.accept_work()?;
     let PendingUpload { upload, is_open, job, .. } = find_upload(&state, &id).await?;
-    if upload.token_sha256.as_deref() != Some(Token::of(&query.token).as_str()) {
+    if upload.token_sha256.as_deref() != Some(SecretHash::of(&query.token).as_str()) {
         return Err(upload_not_found(&id));
     }
     let key = Blobs::incoming_key(upload.id);

@@ -6,7 +6,9 @@ use async_trait::async_trait;
 
 use super::statement::{Columns, Reader, SqlConnection, corrupt, millis, sql};
 use super::store::{Dialect, SqlStore};
-use crate::access::{AccessKey, KeyQuery, NewKey, Tenant, TenantChange, TenantClass, TenantLimits, TenantName, Token};
+use crate::access::{
+    AccessKey, KeyQuery, NewKey, SecretHash, Tenant, TenantChange, TenantClass, TenantLimits, TenantName,
+};
 use crate::jobs::error::StoreError;
 use crate::jobs::store::{AccessStore, EndpointStore, Page};
 use crate::jobs::webhooks::{Endpoint, EndpointChange, JobEvent, NewEndpoint, Secrets, SigningSecret};
@@ -44,7 +46,7 @@ macro_rules! endpoint_columns {
 
 #[async_trait]
 impl<D: Dialect> AccessStore for SqlStore<D> {
-    async fn create_key(&self, key: NewKey, token: &Token) -> Result<AccessKey, StoreError> {
+    async fn create_key(&self, key: NewKey, hash: &SecretHash) -> Result<AccessKey, StoreError> {
         let statement = sql(concat!(
             "INSERT INTO access_keys (id, secret_hash, tenant, kind, label, scopes, origin, max_bytes, parent, created_at, \
                                       expires_at) \
@@ -52,7 +54,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
             key_columns!()
         ))
         .bind(self.new_id("key"))
-        .bind(token.as_str())
+        .bind(hash.as_str())
         .bind(key.tenant.as_str())
         .bind(key.kind.as_str())
         .bind(&key.label)
@@ -65,7 +67,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
         Ok(self.write_one(statement, read_key).await?.ok_or(sqlx::Error::RowNotFound)?)
     }
 
-    async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError> {
+    async fn find_key(&self, hash: &SecretHash) -> Result<Option<(AccessKey, TenantLimits)>, StoreError> {
         let statement = sql(concat!(
             "SELECT ",
             key_columns!(),
@@ -76,7 +78,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
               AND NOT EXISTS (SELECT 1 FROM access_keys p WHERE p.id = k.parent \
                               AND (p.revoked_at IS NOT NULL OR p.expires_at <= meshmend_now($2)))"
         ));
-        let statement = statement.bind(token.as_str()).bind(self.now());
+        let statement = statement.bind(hash.as_str()).bind(self.now());
         self.read_one(statement, |row| Ok((read_key(row)?, read_limits(row)?))).await
     }
 
