@@ -177,7 +177,10 @@ fn near_coincident_defects(analysis: &Analysis<'_>) -> u64 {
     let Some(joined) = joined_by_decimals(&analysis.surface) else { return 0 };
     let collapsed = |faces: &[[u32; 3]]| faces.iter().filter(|[a, b, c]| a == b || b == c || c == a).count() as u64;
     let unpaired = |edges: &Edges, faces: &[[u32; 3]]| {
-        let paired = |half_edges: &[u32]| matches!(half_edges, [x, y] if Edges::is_forward(faces, *x) != Edges::is_forward(faces, *y));
+        let paired = |half_edges: &[u32]| match half_edges {
+            [x, y] => Edges::is_forward(faces, *x) != Edges::is_forward(faces, *y),
+            _ => false,
+        };
         edges.iter().filter(|half_edges| !paired(half_edges)).count() as u64
     };
     let faces = &analysis.surface.faces;

@@ -7,12 +7,10 @@ use crate::inspect::Analysis;
 use crate::inspect::sampling::{InsideTest, QUERY_BUDGET_DIVISOR, Sample, SpreadOrder, run_each, samples};
 use crate::math::{Box3, OppositeFaces, hit};
 
-/// Winding numbers from which a point is in material, and up to which a point is in air. Between the two, the surface
-/// is too open to decide.
+/// Winding numbers from which a point is in material, and up to which it is in air. Otherwise the surface is too open.
 const MATERIAL: f64 = 0.75;
 const AIR: f64 = 0.25;
-/// Offset from the surface at which material and air are tested: a fraction of the diagonal, and the resolution of
-/// f64.
+/// Offset from the surface of tests for material and air: a fraction of the diagonal, and at least f64's resolution.
 const SIDE_OFFSET: [f64; 2] = [1e-9, 1e-13];
 /// Rays ignore faces nearer than this fraction of the diagonal, since these touch the ray's own face.
 const TOUCHING: f64 = 1e-6;
@@ -32,8 +30,7 @@ const THIN_MULTIPLE: f64 = 1.25;
 const MAX_REGIONS: usize = 100;
 /// Number of points spread by area: an eighth of the number of faces, within these limits.
 const SPREAD_POINTS: [usize; 2] = [512, 100_000];
-/// Number of points per block, initially and at most. Results of a block bound the rays of the next, which search
-/// thinner walls only.
+/// Number of points per block, initially and at most. Thin walls found in a block shorten the rays of the next.
 const BLOCK: [usize; 2] = [256, 16_384];
 /// Minimum number of points per thread.
 const MIN_PER_THREAD: usize = 64;
@@ -41,8 +38,7 @@ const MIN_PER_THREAD: usize = 64;
 /// where material tests cost more and the walls are not the ones to be printed.
 const BUDGET: [u64; 2] = [10_000_000, 200];
 const UNPRINTABLE_BUDGET: [u64; 2] = [1_000_000, 30];
-/// Maximum number of moves towards a thinner wall, and the step lengths tried per move, as fractions of the way to
-/// the thinnest point of the two faces.
+/// Maximum number of moves towards a thinner wall, and the fractions of the way that each move tries.
 const MOVES: usize = 16;
 const STEP_FRACTIONS: [f64; 3] = [0.999, 0.75, 0.25];
 /// Budget of all moves: boxes and triangles visited.
@@ -129,7 +125,7 @@ impl<'a> Prober<'a> {
             return Probe::NoWall;
         }
         let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.distance_to_air(sample, inward, longest, steps) else { return Probe::NoWall };
+        let Some((length, face)) = self.path_to_air(sample, inward, longest, steps) else { return Probe::NoWall };
         if self.is_opposite(face, inward, OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
     }
 
@@ -137,9 +133,7 @@ impl<'a> Prober<'a> {
     /// The ball touches the sample and shrinks until it contains no surface (Ma et al. 2012).
     pub fn probe_by_ball(&self, sample: &Sample, steps: &mut u64) -> Probe {
         let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.distance_to_air(sample, inward, self.reach, steps) else {
-            return Probe::NoWall;
-        };
+        let Some((length, face)) = self.path_to_air(sample, inward, self.reach, steps) else { return Probe::NoWall };
         if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
             return wall;
         }
@@ -167,9 +161,8 @@ impl<'a> Prober<'a> {
 
     /// Whether a face is within a length of a sample along its normal, on either side.
     fn meets_anything(&self, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
-        [-sample.normal, sample.normal]
-            .into_iter()
-            .any(|direction| self.first_hit(sample, direction * longest, None, steps).is_some())
+        let rays = [-sample.normal * longest, sample.normal * longest];
+        rays.into_iter().any(|ray| self.first_hit(sample, ray, None, steps).is_some())
     }
 
     /// The first face that a ray from a sample hits, with the position as a fraction of the ray.
@@ -215,7 +208,7 @@ impl<'a> Prober<'a> {
     }
 
     /// Distance from a sample through the material to the air, if at most `longest`, and the face there.
-    fn distance_to_air(&self, sample: &Sample, inward: DVec3, longest: f64, steps: &mut u64) -> Option<(f64, u32)> {
+    fn path_to_air(&self, sample: &Sample, inward: DVec3, longest: f64, steps: &mut u64) -> Option<(f64, u32)> {
         let ray = inward * longest;
         let mut passed = None;
         for _ in 0..MAX_PASSED {
@@ -303,10 +296,8 @@ impl<'a> Search<'a> {
     /// [`Cancelled`] when the context says stop.
     pub fn run(&mut self, prober: &Prober<'_>, is_printable: bool, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces = self.analysis.surface.faces.len();
-        let spread = samples(
-            self.analysis,
-            u32::try_from((faces / 8).clamp(SPREAD_POINTS[0], SPREAD_POINTS[1])).unwrap_or(u32::MAX),
-        );
+        let count = (faces / 8).clamp(SPREAD_POINTS[0], SPREAD_POINTS[1]);
+        let spread = samples(self.analysis, u32::try_from(count).unwrap_or(u32::MAX));
         let points = (faces + spread.len()) as u64;
         let [base, per_point] = if is_printable { BUDGET } else { UNPRINTABLE_BUDGET };
         let budget = base + per_point * points;
@@ -419,8 +410,7 @@ impl<'a> Search<'a> {
     /// The thinnest wall of each thin region, thinnest first. Omits walls within a region's width of a thinner one.
     pub fn regions(&self) -> Vec<Wall> {
         let limit = self.limit();
-        let mut thin: Vec<Wall> =
-            self.thinnest.iter().flatten().copied().filter(|wall| wall.thickness <= limit).collect();
+        let mut thin: Vec<Wall> = self.thinnest.iter().flatten().copied().filter(|w| w.thickness <= limit).collect();
         thin.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
         let mut regions: Vec<Wall> = Vec::new();
         for wall in thin {
