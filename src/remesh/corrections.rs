@@ -77,9 +77,9 @@ impl Sampling<'_> {
     /// ```
     ///
     /// The surface then passes through every cell in one disc, and through every side of a cell in one line. Of the
-    /// samples that would help, the one deepest inside is chosen. Each round forces at least one sample inside, and the
-    /// whole grid except its outermost layer is well-composed, so the loop terminates. Returns the number of samples
-    /// forced inside.
+    /// samples that would help, the one deepest inside is chosen. The loop terminates: each round forces at least one
+    /// sample inside, and a grid with all samples inside except the outermost layer is well-composed. Returns the
+    /// number of samples forced inside.
     ///
     /// # Errors
     /// [`Stop`] if a limit is exceeded or the work is cancelled.

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::complex::{Bodies, Complex, LINE, NONE, OPEN};
 use super::deviation::{Patch, Reference, Witnesses, deviation, line_deviation};
+use super::dynamic_mesh::{DynamicMesh, LINE, NONE, OPEN, PartVolumes};
 use super::queue::Choice;
 use super::validity::{Clearance, Shape, shape};
 use crate::mesh::{Edges, Parts};
@@ -13,8 +13,8 @@ use crate::mesh::{Edges, Parts};
 const MAX_FACES: u32 = 512;
 /// Distances below this count as rounding, in the scaled coordinates of the exact predicates.
 const ROUNDING_DISTANCE: f64 = 4e-15;
-/// Maximum ratio of the error bound to the measured error. While the number of faces halves, about three collapses
-/// change each face and the error doubles. The sum is therefore about seven times the last error.
+/// Maximum ratio of the error bound to `max_error`, which limits the measured error. While the number of faces halves,
+/// about three collapses change each face and the error doubles. The sum is therefore about seven times the last error.
 const MAX_BOUND_RATIO: f64 = 8.0;
 /// Smallest share of its volume to which a closed part may shrink. It may grow by the inverse.
 const MIN_VOLUME_SHARE: f64 = 0.5;
@@ -65,9 +65,9 @@ struct FaceError {
 /// Collapses edges one by one, or refuses to.
 pub(super) struct Collapser<'a> {
     /// The current faces.
-    pub complex: Complex,
+    pub mesh: DynamicMesh,
     /// The parts of the original surface, and their volumes.
-    pub bodies: Bodies,
+    pub part_volumes: PartVolumes,
     /// The search for intersecting faces.
     pub clearance: Clearance,
     witnesses: Witnesses,
@@ -95,20 +95,26 @@ pub(super) struct Collapser<'a> {
 }
 
 impl<'a> Collapser<'a> {
-    /// Prepares the search structures for a complex.
-    pub fn new(complex: Complex, bodies: Bodies, max_error: f64, unscale: f64, toward: Option<Reference<'a>>) -> Self {
+    /// Prepares the search structures for a mesh.
+    pub fn new(
+        mesh: DynamicMesh,
+        part_volumes: PartVolumes,
+        max_error: f64,
+        unscale: f64,
+        toward: Option<Reference<'a>>,
+    ) -> Self {
         Self {
-            clearance: Clearance::new(&complex),
-            witnesses: Witnesses::new(complex.at.clone(), complex.faces.clone()),
-            bodies,
+            clearance: Clearance::new(&mesh),
+            witnesses: Witnesses::new(mesh.at.clone(), mesh.faces.clone()),
+            part_volumes,
             max_error,
             unscale,
             toward,
             bound: 0.0,
             epoch: 0,
-            vertex_mark: vec![0; complex.at.len()],
-            face_mark: vec![0; complex.faces.len()],
-            complex,
+            vertex_mark: vec![0; mesh.at.len()],
+            face_mark: vec![0; mesh.faces.len()],
+            mesh,
             removed: Vec::new(),
             kept: Vec::new(),
             changed: Vec::new(),
@@ -123,12 +129,12 @@ impl<'a> Collapser<'a> {
     /// Collapses an edge if every condition holds. `deferred` means that the edge was already postponed once.
     pub fn attempt(&mut self, choice: Choice, deferred: bool) -> Attempt {
         let Choice { removed, kept, at, .. } = choice;
-        if self.complex.degree[removed as usize] + self.complex.degree[kept as usize] > MAX_FACES {
+        if self.mesh.degree[removed as usize] + self.mesh.degree[kept as usize] > MAX_FACES {
             return Attempt::Refused(Refusal::Topology);
         }
-        self.complex.star(removed, &mut self.removed);
-        self.complex.star(kept, &mut self.kept);
-        let moved = at != self.complex.at[kept as usize];
+        self.mesh.star(removed, &mut self.removed);
+        self.mesh.star(kept, &mut self.kept);
+        let moved = at != self.mesh.at[kept as usize];
         let Some(line) = self.keeps_topology(removed, kept) else { return Attempt::Refused(Refusal::Topology) };
         self.list_changes(removed, kept, at, moved);
         match shape(&self.vanishing, &self.shapes) {
@@ -138,11 +144,11 @@ impl<'a> Collapser<'a> {
         }
         let Some(error) = self.error_of(choice, moved, line) else { return Attempt::Refused(Refusal::Error) };
         let Some(volume) = self.keeps_volume(kept, at) else { return Attempt::Refused(Refusal::Shape) };
-        let old_position = std::mem::replace(&mut self.complex.at[kept as usize], at);
+        let old_position = std::mem::replace(&mut self.mesh.at[kept as usize], at);
         let new: Vec<[u32; 3]> = self.changed.iter().map(|(_, face)| *face).collect();
         let (marks, epoch) = (&self.face_mark, self.epoch);
-        if !self.clearance.is_clear(&self.complex, &new, |f| marks[f as usize] == epoch) {
-            self.complex.at[kept as usize] = old_position;
+        if !self.clearance.is_clear(&self.mesh, &new, |f| marks[f as usize] == epoch) {
+            self.mesh.at[kept as usize] = old_position;
             return Attempt::Refused(Refusal::Clearance);
         }
         if !error.measured {
@@ -153,7 +159,7 @@ impl<'a> Collapser<'a> {
         self.witnesses.transfer(old, |i| self.changed[i as usize].0);
         self.apply(removed, kept, error);
         if let Some((part, volume)) = volume {
-            self.bodies.volumes[part] = Some(volume);
+            self.part_volumes.volumes[part] = Some(volume);
         }
         self.bound = self.bound.max(error.bound);
         Attempt::Done
@@ -170,8 +176,8 @@ impl<'a> Collapser<'a> {
             self.face_mark.fill(0);
         }
         self.epoch += 2;
-        let (epoch, complex) = (self.epoch, &self.complex);
-        let vertex = |corner: u32| complex.faces[corner as usize / 3][corner as usize % 3];
+        let (epoch, mesh) = (self.epoch, &self.mesh);
+        let vertex = |corner: u32| mesh.faces[corner as usize / 3][corner as usize % 3];
         let others = |corner: u32| [vertex(Edges::next(corner)), vertex(Edges::previous(corner))];
         let mut shared = 0;
         for &corner in &self.removed {
@@ -201,7 +207,7 @@ impl<'a> Collapser<'a> {
             for (edge, v) in
                 [(corner, vertex(Edges::next(corner))), (Edges::previous(corner), vertex(Edges::previous(corner)))]
             {
-                let marks = complex.marks(edge);
+                let marks = mesh.marks(edge);
                 if marks & LINE == 0 || v == kept {
                     continue;
                 }
@@ -217,22 +223,22 @@ impl<'a> Collapser<'a> {
 
     /// Lists the changing faces, and the patches before and after the collapse.
     fn list_changes(&mut self, removed: u32, kept: u32, at: DVec3, moved: bool) {
-        let Self { complex, changed, vanishing, vanishing_faces, shapes, old, new, face_mark, epoch, .. } = self;
+        let Self { mesh, changed, vanishing, vanishing_faces, shapes, old, new, face_mark, epoch, .. } = self;
         changed.clear();
         vanishing.clear();
         vanishing_faces.clear();
         shapes.clear();
         old.clear();
         new.clear();
-        let position = |v: u32| if v == kept { at } else { complex.at[v as usize] };
+        let position = |v: u32| if v == kept { at } else { mesh.at[v as usize] };
         let of_kept: &[u32] = if moved { &self.kept } else { &[] };
         for &corner in self.removed.iter().chain(of_kept) {
             let f = corner as usize / 3;
-            let face = complex.faces[f];
+            let face = mesh.faces[f];
             if face.contains(&removed) && face[corner as usize % 3] == kept {
                 continue;
             }
-            let before = complex.corners(f);
+            let before = mesh.corners(f);
             old.faces.push(before);
             face_mark[f] = *epoch;
             if face.contains(&kept) && face.contains(&removed) {
@@ -246,21 +252,21 @@ impl<'a> Collapser<'a> {
             shapes.push((before, after));
             new.faces.push(after);
         }
-        old.centres.push(complex.at[removed as usize]);
+        old.centres.push(mesh.at[removed as usize]);
         if moved {
-            old.centres.push(complex.at[kept as usize]);
+            old.centres.push(mesh.at[kept as usize]);
             new.centres.push(at);
         }
-        let vertex = |corner: u32| complex.faces[corner as usize / 3][corner as usize % 3];
+        let vertex = |corner: u32| mesh.faces[corner as usize / 3][corner as usize % 3];
         let target = if moved { NONE } else { kept };
         for (&corner, centre) in self.removed.iter().map(|c| (c, removed)).chain(of_kept.iter().map(|c| (c, kept))) {
-            let open = (complex.marks(Edges::previous(corner)) & OPEN != 0).then(|| Edges::previous(corner));
+            let open = (mesh.marks(Edges::previous(corner)) & OPEN != 0).then(|| Edges::previous(corner));
             for v in [Some(Edges::next(corner)), open].into_iter().flatten().map(vertex) {
                 if v == removed {
                     continue;
                 }
-                let end = complex.at[v as usize];
-                old.spokes.push(([complex.at[centre as usize], end], [v, centre]));
+                let end = mesh.at[v as usize];
+                old.spokes.push(([mesh.at[centre as usize], end], [v, centre]));
                 if v != kept {
                     new.spokes.push(([at, end], [v, target]));
                 }
@@ -272,13 +278,13 @@ impl<'a> Collapser<'a> {
     /// too large.
     fn error_of(&mut self, choice: Choice, moved: bool, line: Option<(u32, u8)>) -> Option<FaceError> {
         let Choice { removed, kept, at, .. } = choice;
-        let complex = &self.complex;
-        let [p, q] = [removed, kept].map(|v| complex.at[v as usize]);
+        let mesh = &self.mesh;
+        let [p, q] = [removed, kept].map(|v| mesh.at[v as usize]);
         // Moving each face with its corner also maps one patch to the other.
         let step = deviation(&self.old, &self.new, at).unwrap_or_else(|| at.distance(p).max(at.distance(q)));
         let step = match line {
             Some((beyond, marks)) => {
-                let aside = line_deviation(p, [complex.at[beyond as usize], at]);
+                let aside = line_deviation(p, [mesh.at[beyond as usize], at]);
                 // An open line has surface on one side only, so moving the line also moves the end of the surface.
                 if marks & OPEN != 0 { step + aside } else { step.max(aside) }
             }
@@ -287,8 +293,8 @@ impl<'a> Collapser<'a> {
         let step = if step < ROUNDING_DISTANCE { 0.0 } else { step };
         let of_kept: &[u32] = if moved { &self.kept } else { &[] };
         let faces = || self.removed.iter().chain(of_kept).map(|&corner| corner as usize / 3);
-        let bound = f64::from(faces().map(|f| complex.bound[f]).fold(0.0, f32::max)) + step;
-        let error = f64::from(faces().map(|f| complex.error[f]).fold(0.0, f32::max)) + step;
+        let bound = f64::from(faces().map(|f| mesh.bound[f]).fold(0.0, f32::max)) + step;
+        let error = f64::from(faces().map(|f| mesh.error[f]).fold(0.0, f32::max)) + step;
         if bound > MAX_BOUND_RATIO * self.max_error || !self.stays_near_reference() {
             return None;
         }
@@ -346,8 +352,8 @@ impl<'a> Collapser<'a> {
     /// original volume or exceeds twice that volume.
     #[expect(clippy::option_option, reason = "no volume to check differs from a failed check")]
     fn keeps_volume(&self, kept: u32, at: DVec3) -> Option<Option<(usize, [f64; 2])>> {
-        let part = self.bodies.of_vertex[kept as usize];
-        let volume = if part == Parts::NONE { None } else { self.bodies.volumes[part as usize] };
+        let part = self.part_volumes.of_vertex[kept as usize];
+        let volume = if part == Parts::NONE { None } else { self.part_volumes.volumes[part as usize] };
         let Some([now, start]) = volume else { return Some(None) };
         // Both patches have the same rim, so any origin gives the same difference.
         let sum =
@@ -362,61 +368,61 @@ impl<'a> Collapser<'a> {
 
     /// Applies the listed changes.
     fn apply(&mut self, removed: u32, kept: u32, error: FaceError) {
-        let complex = &mut self.complex;
-        let vertex = |complex: &Complex, corner: u32| complex.faces[corner as usize / 3][corner as usize % 3];
+        let mesh = &mut self.mesh;
+        let vertex = |mesh: &DynamicMesh, corner: u32| mesh.faces[corner as usize / 3][corner as usize % 3];
         // The removed vertex's edges become edges of the kept vertex, with their marks.
         for i in 0..self.removed.len() {
             let corner = self.removed[i];
             let (next, last) = (Edges::next(corner), Edges::previous(corner));
-            let (tip, edge) = if vertex(complex, next) == kept {
-                (vertex(complex, last), next)
-            } else if vertex(complex, last) == kept {
-                (vertex(complex, next), next)
+            let (tip, edge) = if vertex(mesh, next) == kept {
+                (vertex(mesh, last), next)
+            } else if vertex(mesh, last) == kept {
+                (vertex(mesh, next), next)
             } else {
                 continue;
             };
             // Corners are in the order removed, kept, tip or removed, tip, kept. In both cases the edge between kept
             // and tip starts at `next`.
-            let marks = complex.marks(edge);
+            let marks = mesh.marks(edge);
             for &other in &self.removed {
-                if vertex(complex, Edges::next(other)) == tip {
-                    complex.mark(other, marks);
+                if vertex(mesh, Edges::next(other)) == tip {
+                    mesh.mark(other, marks);
                 }
-                if vertex(complex, Edges::previous(other)) == tip {
-                    complex.mark(Edges::previous(other), marks);
+                if vertex(mesh, Edges::previous(other)) == tip {
+                    mesh.mark(Edges::previous(other), marks);
                 }
             }
         }
         for i in 0..self.removed.len() {
             let f = self.removed[i] as usize / 3;
-            if complex.faces[f].contains(&kept) {
-                for v in complex.faces[f] {
-                    complex.degree[v as usize] -= 1;
+            if mesh.faces[f].contains(&kept) {
+                for v in mesh.faces[f] {
+                    mesh.degree[v as usize] -= 1;
                 }
-                complex.faces[f] = [NONE; 3];
-                complex.alive -= 1;
+                mesh.faces[f] = [NONE; 3];
+                mesh.alive -= 1;
             }
         }
         #[expect(clippy::cast_possible_truncation, reason = "rounded up")]
         let up = |x: f64| if x > 0.0 { (x as f32).next_up() } else { 0.0 };
         for (f, face) in &self.changed {
-            complex.faces[*f as usize] = *face;
-            complex.error[*f as usize] = up(error.error);
-            complex.bound[*f as usize] = up(error.bound);
-            complex.flat[*f as usize] = false;
+            mesh.faces[*f as usize] = *face;
+            mesh.error[*f as usize] = up(error.error);
+            mesh.bound[*f as usize] = up(error.bound);
+            mesh.flat[*f as usize] = false;
         }
-        let stays = |corner: &u32| complex.faces[*corner as usize / 3][0] != NONE;
+        let stays = |corner: &u32| mesh.faces[*corner as usize / 3][0] != NONE;
         let corners: Vec<u32> = self.kept.iter().chain(&self.removed).copied().filter(stays).collect();
-        complex.set_star(kept, &corners);
-        complex.set_star(removed, &[]);
-        let quadric = complex.quadric[removed as usize];
-        complex.quadric[kept as usize].add(&quadric);
+        mesh.set_star(kept, &corners);
+        mesh.set_star(removed, &[]);
+        let quadric = mesh.quadric[removed as usize];
+        mesh.quadric[kept as usize].add(&quadric);
         for v in [removed, kept] {
-            complex.version[v as usize] = complex.version[v as usize].wrapping_add(1);
+            mesh.version[v as usize] = mesh.version[v as usize].wrapping_add(1);
         }
         for (f, _) in &self.changed {
-            self.clearance.grow(complex, *f);
+            self.clearance.grow(mesh, *f);
         }
-        self.clearance.refresh(complex);
+        self.clearance.refresh(mesh);
     }
 }

@@ -5,14 +5,14 @@ use std::ops::Range;
 use glam::DVec3;
 
 use super::collapse::{Attempt, Collapser, Refusal};
-use super::complex::{Complex, NONE, prepare};
 use super::deviation::Reference;
+use super::dynamic_mesh::{DynamicMesh, NONE, prepare};
 use super::queue::{Queue, choose, fill, push_around, version};
 use crate::context::{Cancelled, Context};
 use crate::math::{Precision, Rounding, to_unit_range, unit_scale};
 use crate::mesh::{Surface, weld_exactly};
 
-/// Collapses between two checks for cancellation.
+/// Edges processed between two checks for cancellation.
 const CHECK_INTERVAL: u64 = 1024;
 /// Maximum number of passes over all edges.
 const MAX_PASSES: usize = 12;
@@ -98,42 +98,41 @@ impl Simplify<'_> {
         let scale = unit_scale(&welded.positions);
         context.check()?;
         let cosine = self.feature_angle_deg.to_radians().cos();
-        let (mut complex, bodies) = prepare(&welded, unit, cosine, context)?;
+        let (mut mesh, part_volumes) = prepare(&welded, unit, cosine, context)?;
         // The index in the surface of each welded vertex. Vertices that share a position stay, with all their faces.
         let mut index_of = vec![NONE; welded.positions.len()];
         for (v, w) in surface.faces.iter().flatten().zip(welded.faces.iter().flatten()) {
             let slot = &mut index_of[*w as usize];
-            complex.fixed[*w as usize] |=
+            mesh.fixed[*w as usize] |=
                 (*slot != NONE && slot != v) || constraints.fixed.get(*v as usize) == Some(&true);
             *slot = *v;
         }
         drop(welded);
         let rounding = Rounding { scale, precision: self.precision };
-        let mut collapser = Collapser::new(complex, bodies, self.max_error * scale, 1.0 / scale, self.toward);
+        let mut collapser = Collapser::new(mesh, part_volumes, self.max_error * scale, 1.0 / scale, self.toward);
         let ended = self.collapse_all(&mut collapser, rounding, constraints, context)?;
-        let complex = &collapser.complex;
-        let (shortfall, is_late) = (self.shortfall(complex.alive, &ended), ended.is_late);
-        if complex.alive == surface.faces.len() {
+        let mesh = &collapser.mesh;
+        let (shortfall, is_late) = (self.shortfall(mesh.alive, &ended), ended.is_late);
+        if mesh.alive == surface.faces.len() {
             return Ok(Simplified { shortfall, is_late, ..untouched });
         }
-        for (w, &v) in index_of.iter().enumerate().filter(|(w, v)| **v != NONE && complex.version[*w] > 0) {
+        for (w, &v) in index_of.iter().enumerate().filter(|(w, v)| **v != NONE && mesh.version[*w] > 0) {
             let position = &mut surface.positions[v as usize];
             // An unmoved vertex keeps its exact coordinates.
-            if *position * scale != complex.at[w] {
-                *position = complex.at[w] / scale;
+            if *position * scale != mesh.at[w] {
+                *position = mesh.at[w] / scale;
             }
         }
         debug_assert!(merged > 0 || index_of.iter().all(|&v| v != NONE));
-        for (face, now) in surface.faces.iter_mut().zip(&complex.faces).filter(|(_, now)| now[0] != NONE) {
+        for (face, now) in surface.faces.iter_mut().zip(&mesh.faces).filter(|(_, now)| now[0] != NONE) {
             for (v, w) in face.iter_mut().zip(now) {
-                if !complex.fixed[*w as usize] {
+                if !mesh.fixed[*w as usize] {
                     *v = index_of[*w as usize];
                 }
             }
         }
-        let error =
-            (0..complex.faces.len()).filter(|&f| complex.is_alive(f)).map(|f| complex.error[f]).fold(0.0, f32::max);
-        let keep: Vec<bool> = (0..complex.faces.len()).map(|f| complex.is_alive(f)).collect();
+        let error = (0..mesh.faces.len()).filter(|&f| mesh.is_alive(f)).map(|f| mesh.error[f]).fold(0.0, f32::max);
+        let keep: Vec<bool> = (0..mesh.faces.len()).map(|f| mesh.is_alive(f)).collect();
         surface.retain_faces(&keep);
         surface.drop_unreferenced();
         Ok(Simplified {
@@ -154,15 +153,15 @@ impl Simplify<'_> {
         constraints: &Constraints,
         context: &Context<'_>,
     ) -> Result<Ended, Cancelled> {
-        let enough = |complex: &Complex| self.max_faces.is_some_and(|most| complex.alive as u64 <= most);
+        let enough = |mesh: &DynamicMesh| self.max_faces.is_some_and(|most| mesh.alive as u64 <= most);
         let (mut queue, mut steps, mut around) = (Queue::default(), 0u64, Vec::new());
         let mut ended = Ended::default();
         for _ in 0..MAX_PASSES {
-            let before_pass = collapser.complex.alive;
+            let before_pass = collapser.mesh.alive;
             ended = Ended::default();
-            fill(&mut queue, &collapser.complex, rounding);
+            fill(&mut queue, &collapser.mesh, rounding);
             while let Some(candidate) = queue.pop() {
-                if enough(&collapser.complex) {
+                if enough(&collapser.mesh) {
                     return Ok(ended);
                 }
                 steps += 1;
@@ -171,14 +170,14 @@ impl Simplify<'_> {
                     return Ok(ended);
                 }
                 let [a, b] = candidate.ends;
-                if version(&collapser.complex, a, b) != candidate.version {
+                if version(&collapser.mesh, a, b) != candidate.version {
                     continue;
                 }
                 if collapser.clearance.nearby_left == 0 {
                     ended.is_exhausted = true;
                     return Ok(ended);
                 }
-                let Some(choice) = choose(&collapser.complex, [a, b], candidate.along_line, |p| rounding.of(p)) else {
+                let Some(choice) = choose(&collapser.mesh, [a, b], candidate.along_line, |p| rounding.of(p)) else {
                     continue;
                 };
                 if !constraints.allows(choice.at * collapser.unscale) {
@@ -187,13 +186,13 @@ impl Simplify<'_> {
                 }
                 match collapser.attempt(choice, candidate.deferred) {
                     Attempt::Done => {
-                        push_around(&mut queue, &mut collapser.complex, choice.kept, &mut around, rounding);
+                        push_around(&mut queue, &mut collapser.mesh, choice.kept, &mut around, rounding);
                     }
                     Attempt::Later => queue.push(candidate.deferred(DEFERRED_COST_FACTOR)),
                     Attempt::Refused(refusal) => ended.refused[refusal as usize] += 1,
                 }
             }
-            let gone = before_pass - collapser.complex.alive;
+            let gone = before_pass - collapser.mesh.alive;
             if (gone as f64) <= MIN_PASS_SHARE * before_pass as f64 && (gone == 0 || before_pass > 10_000) {
                 break;
             }

@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 
 use glam::{DVec2, DVec3};
 
-use super::complex::NONE;
+use super::dynamic_mesh::NONE;
 use crate::math::{Tree, nearest_on_segment, nearest_on_triangle};
 
 /// Cosine below which a face counts as vertical in the projection.

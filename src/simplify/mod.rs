@@ -13,9 +13,9 @@
 //! allowed.
 
 mod collapse;
-mod complex;
 mod decimate;
 mod deviation;
+mod dynamic_mesh;
 mod queue;
 mod slabs;
 mod validity;

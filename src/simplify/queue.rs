@@ -5,7 +5,7 @@ use std::collections::BinaryHeap;
 
 use glam::DVec3;
 
-use super::complex::{Complex, LINE, OPEN, corner};
+use super::dynamic_mesh::{DynamicMesh, LINE, OPEN, corner};
 use crate::math::Rounding;
 use crate::mesh::Edges;
 
@@ -122,26 +122,26 @@ pub(super) struct Choice {
 /// An existing end is preferred to a new position if its cost is equal up to rounding, so that flat faces keep their
 /// coordinates.
 pub(super) fn choose(
-    complex: &Complex,
+    mesh: &DynamicMesh,
     [a, b]: [u32; 2],
     along_line: bool,
     written: impl Fn(DVec3) -> DVec3,
 ) -> Option<Choice> {
-    if complex.fixed[a as usize] || complex.fixed[b as usize] {
+    if mesh.fixed[a as usize] || mesh.fixed[b as usize] {
         return None;
     }
-    let [p, q] = [a, b].map(|v| complex.at[v as usize]);
+    let [p, q] = [a, b].map(|v| mesh.at[v as usize]);
     let square = p.distance_squared(q);
-    let mut quadric = complex.quadric[a as usize];
-    quadric.add(&complex.quadric[b as usize]);
+    let mut quadric = mesh.quadric[a as usize];
+    quadric.add(&mesh.quadric[b as usize]);
     let of_length = COST_OF_LENGTH * square * square;
-    let may_remove = |v: u32| match complex.lines[v as usize] {
+    let may_remove = |v: u32| match mesh.lines[v as usize] {
         0 => true,
         2 => along_line,
         _ => false,
     };
     let keep_end = |removed: u32, kept: u32| {
-        let at = complex.at[kept as usize];
+        let at = mesh.at[kept as usize];
         may_remove(removed).then(|| Choice { removed, kept, at, cost: quadric.at(at) })
     };
     let end = match (keep_end(a, b), keep_end(b, a)) {
@@ -149,8 +149,8 @@ pub(super) fn choose(
         (one, other) => one.or(other),
     }?;
     let mut best = end;
-    if complex.lines[a as usize] == 0
-        && complex.lines[b as usize] == 0
+    if mesh.lines[a as usize] == 0
+        && mesh.lines[b as usize] == 0
         && end.cost > ROUNDING_DISTANCE * ROUNDING_DISTANCE * quadric.weight
     {
         let middle = p.midpoint(q);
@@ -169,51 +169,50 @@ pub(super) fn choose(
 }
 
 /// The version of an edge: the sum of its vertices' versions.
-pub(super) fn version(complex: &Complex, a: u32, b: u32) -> u32 {
-    complex.version[a as usize].wrapping_add(complex.version[b as usize])
+pub(super) fn version(mesh: &DynamicMesh, a: u32, b: u32) -> u32 {
+    mesh.version[a as usize].wrapping_add(mesh.version[b as usize])
 }
 
 /// Fills the queue with all edges that may collapse.
-pub(super) fn fill(queue: &mut Queue, complex: &Complex, rounding: Rounding) {
-    let corners =
-        (0..complex.faces.len()).filter(|&f| complex.is_alive(f)).flat_map(|f| [0, 1, 2].map(|i| corner(f, i)));
+pub(super) fn fill(queue: &mut Queue, mesh: &DynamicMesh, rounding: Rounding) {
+    let corners = (0..mesh.faces.len()).filter(|&f| mesh.is_alive(f)).flat_map(|f| [0, 1, 2].map(|i| corner(f, i)));
     queue.fill(corners.filter_map(|c| {
-        let [a, b] = [c, Edges::next(c)].map(|c| complex.faces[c as usize / 3][c as usize % 3]);
-        let marks = complex.marks(c);
+        let [a, b] = [c, Edges::next(c)].map(|c| mesh.faces[c as usize / 3][c as usize % 3]);
+        let marks = mesh.marks(c);
         // Each edge once: consistently oriented faces traverse it in both directions.
         if a > b && marks & OPEN == 0 {
             return None;
         }
-        candidate(complex, a, b, marks, rounding)
+        candidate(mesh, a, b, marks, rounding)
     }));
 }
 
-fn candidate(complex: &Complex, a: u32, b: u32, marks: u8, rounding: Rounding) -> Option<Candidate> {
+fn candidate(mesh: &DynamicMesh, a: u32, b: u32, marks: u8, rounding: Rounding) -> Option<Candidate> {
     let along_line = marks & LINE != 0;
-    let edge = Candidate::new([a, b], version(complex, a, b), along_line);
-    choose(complex, edge.ends, along_line, |p| rounding.of(p)).map(|choice| edge.with_cost(choice.cost))
+    let edge = Candidate::new([a, b], version(mesh, a, b), along_line);
+    choose(mesh, edge.ends, along_line, |p| rounding.of(p)).map(|choice| edge.with_cost(choice.cost))
 }
 
 /// Queues the edges around a vertex.
 pub(super) fn push_around(
     queue: &mut Queue,
-    complex: &mut Complex,
+    mesh: &mut DynamicMesh,
     v: u32,
     corners: &mut Vec<u32>,
     rounding: Rounding,
 ) {
-    complex.star(v, corners);
+    mesh.star(v, corners);
     for &c in &*corners {
-        let to = |c: u32| complex.faces[c as usize / 3][c as usize % 3];
+        let to = |c: u32| mesh.faces[c as usize / 3][c as usize % 3];
         let open = Edges::previous(c);
         let mut add = |other: u32, marks: u8| {
-            if let Some(candidate) = candidate(complex, v, other, marks, rounding) {
+            if let Some(candidate) = candidate(mesh, v, other, marks, rounding) {
                 queue.push(candidate);
             }
         };
-        add(to(Edges::next(c)), complex.marks(c));
-        if complex.marks(open) & OPEN != 0 {
-            add(to(open), complex.marks(open));
+        add(to(Edges::next(c)), mesh.marks(c));
+        if mesh.marks(open) & OPEN != 0 {
+            add(to(open), mesh.marks(open));
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::complex::{Complex, area_vector};
+use super::dynamic_mesh::{DynamicMesh, area_vector};
 use crate::math::{Box3, GrowingTree, Tree, collinear, contact};
 
 /// Budget of nearby faces that may be tested: per original face, and in total. Ordinary models need a small fraction.
@@ -81,8 +81,8 @@ struct SeparableFace {
 }
 
 impl SeparableFace {
-    fn new(complex: &Complex, face: [u32; 3]) -> Self {
-        let corners = face.map(|v| complex.at[v as usize]);
+    fn new(mesh: &DynamicMesh, face: [u32; 3]) -> Self {
+        let corners = face.map(|v| mesh.at[v as usize]);
         let [a, b, c] = corners;
         let edges = [b - a, c - b, a - c];
         let normal = edges[0].cross(edges[1]).normalize_or_zero();
@@ -104,9 +104,9 @@ impl SeparableFace {
     /// the other face is an end of the edge or beyond the plane, the faces share only those ends. The same holds for
     /// the face's own plane and all its corners. The normals are rounded, but an exact plane through the same points
     /// exists close enough to separate the faces as well.
-    fn is_separated_from(&self, complex: &Complex, other: [u32; 3]) -> bool {
+    fn is_separated_from(&self, mesh: &DynamicMesh, other: [u32; 3]) -> bool {
         let beyond = |normal: DVec3, from: DVec3, ends: &[u32]| {
-            other.iter().all(|v| ends.contains(v) || normal.dot(complex.at[*v as usize] - from) > CERTAIN)
+            other.iter().all(|v| ends.contains(v) || normal.dot(mesh.at[*v as usize] - from) > CERTAIN)
         };
         let [a, b, c] = self.face;
         let is_thick = self.outward.iter().all(|outward| *outward != DVec3::ZERO);
@@ -134,17 +134,17 @@ pub(super) struct Clearance {
 
 impl Clearance {
     /// Builds the tree over the current faces.
-    pub fn new(complex: &Complex) -> Self {
-        let (tree, face) = tree_of(complex);
+    pub fn new(mesh: &DynamicMesh) -> Self {
+        let (tree, face) = tree_of(mesh);
         let triangle = face.clone();
         let nearby_left = MIN_NEARBY + NEARBY_PER_FACE * face.len() as u64;
         Self { tree, face, triangle, stack: Vec::new(), near: Vec::new(), nearby_left }
     }
 
     /// Rebuilds the tree once half of its faces are removed.
-    pub fn refresh(&mut self, complex: &Complex) {
-        if complex.alive * 2 < self.face.len() {
-            (self.tree, self.face) = tree_of(complex);
+    pub fn refresh(&mut self, mesh: &DynamicMesh) {
+        if mesh.alive * 2 < self.face.len() {
+            (self.tree, self.face) = tree_of(mesh);
             for (&f, triangle) in self.face.iter().zip(0u32..) {
                 self.triangle[f as usize] = triangle;
             }
@@ -152,17 +152,17 @@ impl Clearance {
     }
 
     /// Grows the tree's boxes to cover a changed face.
-    pub fn grow(&mut self, complex: &Complex, face: u32) {
-        self.tree.grow(self.triangle[face as usize], complex.corners(face as usize));
+    pub fn grow(&mut self, mesh: &DynamicMesh, face: u32) {
+        self.tree.grow(self.triangle[face as usize], mesh.corners(face as usize));
     }
 
     /// Whether new faces meet neither each other nor another face, except in shared vertices and edges; exact. Faces
     /// that `is_ignored` accepts, and faces without area, are not tested.
-    pub fn is_clear(&mut self, complex: &Complex, new: &[[u32; 3]], is_ignored: impl Fn(u32) -> bool) -> bool {
+    pub fn is_clear(&mut self, mesh: &DynamicMesh, new: &[[u32; 3]], is_ignored: impl Fn(u32) -> bool) -> bool {
         let mut slow = 0;
-        let new: Vec<SeparableFace> = new.iter().map(|&face| SeparableFace::new(complex, face)).collect();
+        let new: Vec<SeparableFace> = new.iter().map(|&face| SeparableFace::new(mesh, face)).collect();
         let mut apart = |a: &SeparableFace, b: [u32; 3]| {
-            a.is_separated_from(complex, b) || contact(&complex.at, a.face, b, &mut slow).is_apart()
+            a.is_separated_from(mesh, b) || contact(&mesh.at, a.face, b, &mut slow).is_apart()
         };
         for (i, a) in new.iter().enumerate() {
             if !new[i + 1..].iter().all(|b| apart(a, b.face)) {
@@ -174,10 +174,10 @@ impl Clearance {
         near.clear();
         self.tree.overlapping(&bounds, &mut self.stack, |triangle| near.push(face[triangle as usize]));
         self.nearby_left = self.nearby_left.saturating_sub(near.len() as u64);
-        near.retain(|&f| complex.is_alive(f as usize) && !complex.flat[f as usize] && !is_ignored(f));
+        near.retain(|&f| mesh.is_alive(f as usize) && !mesh.flat[f as usize] && !is_ignored(f));
         for &f in &*near {
-            let face = complex.faces[f as usize];
-            let around = Box3::of(face.map(|v| complex.at[v as usize]));
+            let face = mesh.faces[f as usize];
+            let around = Box3::of(face.map(|v| mesh.at[v as usize]));
             if new.iter().any(|own| own.bounds.meets(&around) && !apart(own, face)) {
                 return false;
             }
@@ -187,10 +187,10 @@ impl Clearance {
 }
 
 /// The tree over the current faces, and the face of each of its triangles.
-fn tree_of(complex: &Complex) -> (GrowingTree, Vec<u32>) {
-    let face: Vec<u32> = (0u32..).take(complex.faces.len()).filter(|&f| complex.is_alive(f as usize)).collect();
-    let corners: Vec<[u32; 3]> = face.iter().map(|&f| complex.faces[f as usize]).collect();
-    (GrowingTree::new(Tree::new(&complex.at, &corners)), face)
+fn tree_of(mesh: &DynamicMesh) -> (GrowingTree, Vec<u32>) {
+    let face: Vec<u32> = (0u32..).take(mesh.faces.len()).filter(|&f| mesh.is_alive(f as usize)).collect();
+    let corners: Vec<[u32; 3]> = face.iter().map(|&f| mesh.faces[f as usize]).collect();
+    (GrowingTree::new(Tree::new(&mesh.at, &corners)), face)
 }
 
 #[cfg(test)]

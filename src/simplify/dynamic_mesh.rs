@@ -23,7 +23,7 @@ const LINE_WEIGHT: f64 = 1.0;
 
 /// The faces while edges collapse. The corners of each vertex form a linked list, so that two lists merge in a few
 /// steps. A corner is `3 * face + i`, and also identifies the edge from there to the next corner.
-pub(super) struct Complex {
+pub(super) struct DynamicMesh {
     /// Positions, scaled by a power of two into the range of the exact predicates.
     pub at: Vec<DVec3>,
     /// Faces as indices into `at`; `[NONE; 3]` for a removed face.
@@ -55,11 +55,11 @@ pub(super) struct Complex {
     pub alive: usize,
 }
 
-impl Complex {
-    /// Creates the complex of positions and faces, without marks.
+impl DynamicMesh {
+    /// Creates the mesh of positions and faces, without marks.
     pub fn new(at: Vec<DVec3>, faces: Vec<[u32; 3]>) -> Self {
         let (vertices, count) = (at.len(), faces.len());
-        let mut complex = Self {
+        let mut mesh = Self {
             at,
             first: vec![NONE; vertices],
             next: vec![NONE; 3 * count],
@@ -78,12 +78,12 @@ impl Complex {
         // From last to first, so that the lists are in the order of faces.
         for f in (0..count).rev() {
             for i in 0..3 {
-                let v = complex.faces[f][i] as usize;
-                complex.degree[v] += 1;
-                complex.link(v, corner(f, i));
+                let v = mesh.faces[f][i] as usize;
+                mesh.degree[v] += 1;
+                mesh.link(v, corner(f, i));
             }
         }
-        complex
+        mesh
     }
 
     /// Prepends a corner to a vertex's list.
@@ -158,7 +158,7 @@ pub(super) fn corner(face: usize, i: usize) -> u32 {
 }
 
 /// The parts of the original surface.
-pub(super) struct Bodies {
+pub(super) struct PartVolumes {
     /// The part of each vertex that takes part in collapses.
     pub of_vertex: Vec<u32>,
     /// For each part, six times its current volume and its original volume; none for open parts.
@@ -173,87 +173,87 @@ pub(super) fn prepare(
     unit: Vec<DVec3>,
     feature_cosine: f64,
     context: &Context<'_>,
-) -> Result<(Complex, Bodies), Cancelled> {
+) -> Result<(DynamicMesh, PartVolumes), Cancelled> {
     let edges = Edges::new(&welded.faces);
     context.check()?;
     let parts = Parts::new(welded, &edges);
     let open = parts.open(&edges);
-    let mut complex = Complex::new(unit, welded.faces.clone());
-    fix_irregular(&mut complex, welded, &edges);
+    let mut mesh = DynamicMesh::new(unit, welded.faces.clone());
+    fix_irregular(&mut mesh, welded, &edges);
     context.check()?;
-    let normals: Vec<DVec3> = (0..complex.faces.len()).map(|f| area_vector(complex.corners(f))).collect();
+    let normals: Vec<DVec3> = (0..mesh.faces.len()).map(|f| area_vector(mesh.corners(f))).collect();
     for (f, &normal) in normals.iter().enumerate() {
-        let [a, b, c] = complex.corners(f);
-        complex.flat[f] = collinear(a, b, c);
+        let [a, b, c] = mesh.corners(f);
+        mesh.flat[f] = collinear(a, b, c);
         let doubled = normal.length();
         if doubled > 0.0 {
             let plane = Quadric::plane(normal / doubled, a, doubled * 0.5);
-            for v in complex.faces[f] {
-                complex.quadric[v as usize].add(&plane);
+            for v in mesh.faces[f] {
+                mesh.quadric[v as usize].add(&plane);
             }
         }
     }
     context.check()?;
     for e in 0..edges.len() {
-        mark_line(&mut complex, &edges, e, &normals, feature_cosine);
+        mark_line(&mut mesh, &edges, e, &normals, feature_cosine);
     }
-    let mut bodies = Bodies {
-        of_vertex: vec![Parts::NONE; complex.at.len()],
+    let mut part_volumes = PartVolumes {
+        of_vertex: vec![Parts::NONE; mesh.at.len()],
         volumes: open.iter().map(|&open| (!open).then_some([0.0; 2])).collect(),
     };
     // Parts that share an edge of more than two faces count as one part here, without a volume of its own.
     for half_edges in edges.iter().filter(|h| h.len() > 2) {
         let part = parts.of_face[half_edges[0] as usize / 3];
-        bodies.volumes[part as usize] = None;
+        part_volumes.volumes[part as usize] = None;
     }
     for (f, &part) in parts.of_face.iter().enumerate().filter(|(_, part)| **part != Parts::NONE) {
-        let [a, b, c] = complex.corners(f);
-        if let Some(volume) = &mut bodies.volumes[part as usize] {
+        let [a, b, c] = mesh.corners(f);
+        if let Some(volume) = &mut part_volumes.volumes[part as usize] {
             volume[0] += a.dot(b.cross(c));
         }
-        for v in complex.faces[f] {
-            bodies.of_vertex[v as usize] = part;
+        for v in mesh.faces[f] {
+            part_volumes.of_vertex[v as usize] = part;
         }
     }
-    for volume in bodies.volumes.iter_mut().flatten() {
+    for volume in part_volumes.volumes.iter_mut().flatten() {
         volume[1] = volume[0];
     }
-    Ok((complex, bodies))
+    Ok((mesh, part_volumes))
 }
 
 /// Fixes vertices whose faces do not form one fan or have inconsistent winding.
-fn fix_irregular(complex: &mut Complex, welded: &Surface, edges: &Edges) {
+fn fix_irregular(mesh: &mut DynamicMesh, welded: &Surface, edges: &Edges) {
     for e in 0..edges.len() {
         let half_edges = edges.half_edges(e);
         let regular = match *half_edges {
             [_] => true,
-            [x, y] => Edges::is_forward(&complex.faces, x) != Edges::is_forward(&complex.faces, y),
+            [x, y] => Edges::is_forward(&mesh.faces, x) != Edges::is_forward(&mesh.faces, y),
             _ => false,
         };
         if !regular {
             for v in edges.vertices(e) {
-                complex.fixed[v as usize] = true;
+                mesh.fixed[v as usize] = true;
             }
         }
     }
     let fans = Fans::new(welded, edges);
-    let mut fans_at = vec![0u8; complex.at.len()];
+    let mut fans_at = vec![0u8; mesh.at.len()];
     for (&root, c) in fans.of_corner.iter().zip(0u32..) {
-        let v = complex.faces[c as usize / 3][c as usize % 3] as usize;
+        let v = mesh.faces[c as usize / 3][c as usize % 3] as usize;
         if root == c {
             fans_at[v] = fans_at[v].saturating_add(1);
         }
         // A face with a repeated vertex is in no fan.
-        complex.fixed[v] |= root == u32::MAX;
+        mesh.fixed[v] |= root == u32::MAX;
     }
-    for (fixed, fans) in complex.fixed.iter_mut().zip(fans_at) {
+    for (fixed, fans) in mesh.fixed.iter_mut().zip(fans_at) {
         *fixed |= fans != 1;
     }
 }
 
 /// Marks an edge that must be kept, and adds planes through the edge, perpendicular to its faces, that keep it in
 /// place.
-fn mark_line(complex: &mut Complex, edges: &Edges, e: usize, normals: &[DVec3], feature_cosine: f64) {
+fn mark_line(mesh: &mut DynamicMesh, edges: &Edges, e: usize, normals: &[DVec3], feature_cosine: f64) {
     let half_edges = edges.half_edges(e);
     let marks = match *half_edges {
         [_] => LINE | OPEN,
@@ -265,16 +265,16 @@ fn mark_line(complex: &mut Complex, edges: &Edges, e: usize, normals: &[DVec3], 
         _ => LINE,
     };
     let ends = edges.vertices(e);
-    let [p, q] = ends.map(|v| complex.at[v as usize]);
+    let [p, q] = ends.map(|v| mesh.at[v as usize]);
     for v in ends {
-        complex.lines[v as usize] = complex.lines[v as usize].saturating_add(1);
+        mesh.lines[v as usize] = mesh.lines[v as usize].saturating_add(1);
     }
     for &h in half_edges {
-        complex.mark(h, marks);
+        mesh.mark(h, marks);
         let across = normals[h as usize / 3].cross(q - p).normalize_or_zero();
         let plane = Quadric::plane(across, p, LINE_WEIGHT * p.distance_squared(q));
         for v in ends {
-            complex.quadric[v as usize].add(&plane);
+            mesh.quadric[v as usize].add(&plane);
         }
     }
 }
