@@ -21,7 +21,7 @@ use super::problem::{Problem, ProblemCode, truncated};
 use super::problem_code::describe_job_problem;
 use super::state::ApiState;
 use crate::context::Stage;
-use crate::format::{Format, Place};
+use crate::format::{FileLocation, Format};
 use crate::jobs::{
     Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoreError,
     StoredReport,
@@ -267,7 +267,7 @@ pub(super) struct JobProblemView {
     pub detail: String,
     /// Where in the input file the error is, if it has a location.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub place: Option<Place>,
+    pub place: Option<FileLocation>,
     /// The index in `inputs` of the file that caused the error, from 0. Only present if there are several files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<u32>,
@@ -353,8 +353,8 @@ pub(super) fn answer_view<const N: usize>(
     view: JobView,
     headers: [(HeaderName, String); N],
 ) -> Response {
-    let more = (!view.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
-    (status, headers, [(header::CACHE_CONTROL, "no-cache")], more, Json(view)).into_response()
+    let retry_after = (!view.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
+    (status, headers, [(header::CACHE_CONTROL, "no-cache")], retry_after, Json(view)).into_response()
 }
 
 /// Returns the entity tag of a job in its current state.

@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 
 /// Where in a file a problem is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Place))]
 #[serde(rename_all = "snake_case")]
-pub enum Place {
+pub enum FileLocation {
     /// Offset in bytes from the start of the file.
     Byte(u64),
     /// Line number, counted from 1.
@@ -38,12 +38,12 @@ pub enum ReadErrorKind {
 
 /// An error from reading a file. Its display text is `detail` followed by the location.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{detail}{}", match place { Some(Place::Byte(b)) => format!(" (at byte {b})"), Some(Place::Line(l)) => format!(" (line {l})"), None => String::new() })]
+#[error("{detail}{}", match place { Some(FileLocation::Byte(b)) => format!(" (at byte {b})"), Some(FileLocation::Line(l)) => format!(" (line {l})"), None => String::new() })]
 pub struct ReadError {
     /// The kind of error, for programs.
     pub kind: ReadErrorKind,
     /// The byte or line of the error; `None` if it concerns the whole file.
-    pub place: Option<Place>,
+    pub place: Option<FileLocation>,
     /// What was found, what was expected and what to do, in words.
     pub detail: String,
 }
@@ -56,7 +56,7 @@ impl ReadError {
 
     /// An error at a byte offset.
     pub(super) fn at_byte(kind: ReadErrorKind, at: usize, detail: impl Into<String>) -> Self {
-        Self { kind, place: Some(Place::Byte(at as u64)), detail: detail.into() }
+        Self { kind, place: Some(FileLocation::Byte(at as u64)), detail: detail.into() }
     }
 }
 

@@ -26,7 +26,10 @@ mod threemf;
 mod vertex_face;
 
 pub use content::{Polygons, ReadFile, ReadMesh, ReadScene};
-pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
+/// Former name of [`FileLocation`].
+#[doc(hidden)]
+pub use errors::FileLocation as Place;
+pub use errors::{FileLocation, ReadError, ReadErrorKind, WriteError};
 pub use formats::{Format, Loss, losses, losses_in_words};
 pub use limits::{Limits, ReadOptions};
 pub use sniff::sniff;

@@ -2,7 +2,7 @@
 
 use std::num::IntErrorKind;
 
-use super::errors::{Place, ReadError, ReadErrorKind, excerpt};
+use super::errors::{FileLocation, ReadError, ReadErrorKind, excerpt};
 
 /// A word of a text file and its byte offset.
 #[derive(Debug, Clone, Copy)]
@@ -152,7 +152,7 @@ impl<'a> Text<'a> {
 
     /// An error at the line that contains the byte offset `at`.
     pub fn error(&self, kind: ReadErrorKind, at: usize, detail: impl Into<String>) -> ReadError {
-        ReadError { kind, place: Some(Place::Line(line_of(self.bytes, at))), detail: detail.into() }
+        ReadError { kind, place: Some(FileLocation::Line(line_of(self.bytes, at))), detail: detail.into() }
     }
 
     /// An error for a file that ends where `expected` should be.

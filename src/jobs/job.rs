@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 use super::id::JobId;
 use super::options::JobOptions;
 use crate::context::Stage;
-use crate::format::{Format, Place};
+use crate::format::{FileLocation, Format};
 use crate::repair::{AssumptionKind, RedFlagCode};
 use crate::scene::LengthUnit;
 
@@ -172,7 +172,7 @@ pub struct JobProblem {
     pub detail: String,
     /// The place in the input file, if known.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub place: Option<Place>,
+    pub place: Option<FileLocation>,
     /// The number of the file at fault, counted from 0, if the job has several files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<u32>,

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-use super::super::errors::{Place, ReadError, ReadErrorKind};
-use super::container::Whole;
+use super::super::errors::{FileLocation, ReadError, ReadErrorKind};
+use super::container::Integer;
 use super::document::{AccessorEntry, Shape, Sparse};
 use super::file::{File, entry, malformed};
 
@@ -19,8 +19,8 @@ pub(super) enum Component {
 }
 
 impl Component {
-    /// The component type of a glTF code; `what` is the accessor, for the error.
-    fn of(code: Whole, what: &str) -> Result<Self, ReadError> {
+    /// The component type of a glTF code; `label` is the accessor, for the error.
+    fn of(code: Integer, label: &str) -> Result<Self, ReadError> {
         Ok(match code.0 {
             5120 => Self::I8,
             5121 => Self::U8,
@@ -29,7 +29,7 @@ impl Component {
             5125 => Self::U32,
             5126 => Self::F32,
             other => {
-                return Err(malformed(format!("{what} has the component type {other}, which glTF does not define")));
+                return Err(malformed(format!("{label} has the component type {other}, which glTF does not define")));
             }
         })
     }
@@ -44,7 +44,7 @@ impl Component {
     }
 
     /// The largest index of this type, which would restart a primitive, and which glTF forbids.
-    pub fn restart(self) -> u32 {
+    pub fn restart_index(self) -> u32 {
         match self {
             Self::I8 | Self::U8 => u32::from(u8::MAX),
             Self::I16 | Self::U16 => u32::from(u16::MAX),
@@ -65,23 +65,23 @@ pub(super) struct Accessor<'f> {
     bytes: Cow<'f, [u8]>,
     stride: usize,
     place: Option<usize>,
-    sparse: Option<Replaced<'f>>,
+    sparse: Option<SparseElements<'f>>,
 }
 
 /// Sparse elements, which replace elements of the buffer view.
-struct Replaced<'f> {
+struct SparseElements<'f> {
     /// Indices of the replaced elements, ascending.
-    which: Vec<u32>,
+    indices: Vec<u32>,
     bytes: &'f [u8],
 }
 
 impl<'f> Accessor<'f> {
     /// The accessor with this index in the document.
-    pub fn new(file: &'f File<'_>, number: Whole) -> Result<Self, ReadError> {
-        let told = entry(&file.document.accessors, number, "accessor")?;
-        let what = format!("accessor {}", number.0);
-        let component = Component::of(told.component_type, &what)?;
-        let width = match told.shape {
+    pub fn new(file: &'f File<'_>, number: Integer) -> Result<Self, ReadError> {
+        let declared = entry(&file.document.accessors, number, "accessor")?;
+        let label = format!("accessor {}", number.0);
+        let component = Component::of(declared.component_type, &label)?;
+        let width = match declared.shape {
             Shape::Scalar => 1,
             Shape::Vec2 => 2,
             Shape::Vec3 => 3,
@@ -89,47 +89,47 @@ impl<'f> Accessor<'f> {
             Shape::Mat3 => 9,
             Shape::Mat4 => 16,
         };
-        let count = told.count.index();
-        let mut it = Self {
+        let count = declared.count.index();
+        let mut accessor = Self {
             count,
             component,
             width,
-            normalized: told.normalized,
+            normalized: declared.normalized,
             bytes: Cow::Borrowed(&[]),
             stride: width * component.size(),
             place: None,
             sparse: None,
         };
-        match told.buffer_view {
-            Some(view) => it.find_bytes(file, view, told, &what)?,
+        match declared.buffer_view {
+            Some(view) => accessor.find_bytes(file, view, declared, &label)?,
             // Without a buffer view all elements are zero and take no bytes, so their number is bounded by the file's size.
             None if count > file.length => {
                 let detail = format!(
-                    "{what} declares {count} elements without data, more than the file's {} bytes",
+                    "{label} declares {count} elements without data, more than the file's {} bytes",
                     file.length
                 );
                 return Err(ReadError::for_file(ReadErrorKind::TooLarge, format!("{detail}; export the model again")));
             }
             None => {}
         }
-        if let Some(sparse) = &told.sparse {
-            it.sparse = Some(it.replaced(file, sparse, &what)?);
+        if let Some(sparse) = &declared.sparse {
+            accessor.sparse = Some(accessor.sparse_elements(file, sparse, &label)?);
         }
-        Ok(it)
+        Ok(accessor)
     }
 
     /// An accessor of decoded floats.
-    pub fn of_floats(values: &[f32], width: usize) -> Self {
+    pub fn from_floats(values: &[f32], width: usize) -> Self {
         let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-        Self::of_bytes(bytes, Component::F32, width)
+        Self::from_bytes(bytes, Component::F32, width)
     }
 
     /// An accessor of decoded indices.
-    pub fn of_indices(values: impl Iterator<Item = u32>) -> Self {
-        Self::of_bytes(values.flat_map(u32::to_le_bytes).collect(), Component::U32, 1)
+    pub fn from_indices(values: impl Iterator<Item = u32>) -> Self {
+        Self::from_bytes(values.flat_map(u32::to_le_bytes).collect(), Component::U32, 1)
     }
 
-    fn of_bytes(bytes: Vec<u8>, component: Component, width: usize) -> Self {
+    fn from_bytes(bytes: Vec<u8>, component: Component, width: usize) -> Self {
         let stride = width * component.size();
         let count = bytes.len() / stride;
         Self { count, component, width, normalized: false, bytes: Cow::Owned(bytes), stride, place: None, sparse: None }
@@ -139,27 +139,29 @@ impl<'f> Accessor<'f> {
     fn find_bytes(
         &mut self,
         file: &'f File<'_>,
-        view: Whole,
-        told: &AccessorEntry,
-        what: &str,
+        view: Integer,
+        declared: &AccessorEntry,
+        label: &str,
     ) -> Result<(), ReadError> {
         let view = file.view(view)?;
         let size = self.stride;
         let stride = view.stride.unwrap_or(size);
         if stride < size {
-            return Err(malformed(format!("{what} has elements of {size} bytes, but a stride of only {stride} bytes")));
+            return Err(malformed(format!(
+                "{label} has elements of {size} bytes, but a stride of only {stride} bytes"
+            )));
         }
-        let begin = told.byte_offset.index();
+        let begin = declared.byte_offset.index();
         // The last element needs no padding.
         let needed = self.count.checked_sub(1).map_or(0, |before| before as u64 * stride as u64 + size as u64);
         let end = begin as u64 + needed;
         if end > view.bytes.len() as u64 {
             let detail = format!(
-                "{what} spans {} elements, {needed} bytes from byte {begin}, beyond its buffer view of {} bytes; the file is damaged, so export the model again",
+                "{label} spans {} elements, {needed} bytes from byte {begin}, beyond its buffer view of {} bytes; the file is damaged, so export the model again",
                 self.count,
                 view.bytes.len()
             );
-            let place = view.place.map(|at| Place::Byte(at as u64));
+            let place = view.place.map(|at| FileLocation::Byte(at as u64));
             return Err(ReadError { place, ..ReadError::for_file(ReadErrorKind::Truncated, detail) });
         }
         self.bytes = Cow::Borrowed(view.bytes.get(begin..).unwrap_or_default());
@@ -169,33 +171,38 @@ impl<'f> Accessor<'f> {
     }
 
     /// Reads the sparse elements.
-    fn replaced(&self, file: &'f File<'_>, sparse: &Sparse, what: &str) -> Result<Replaced<'f>, ReadError> {
+    fn sparse_elements(
+        &self,
+        file: &'f File<'_>,
+        sparse: &Sparse,
+        label: &str,
+    ) -> Result<SparseElements<'f>, ReadError> {
         let count = sparse.count.index();
-        let component = Component::of(sparse.indices.component_type, what)?;
-        let part = |view: Whole, offset: Whole, size: usize| {
+        let component = Component::of(sparse.indices.component_type, label)?;
+        let part = |view: Integer, offset: Integer, size: usize| {
             let bytes = file.view(view)?.bytes;
             let end = count.checked_mul(size).and_then(|length| length.checked_add(offset.index()));
             end.and_then(|end| bytes.get(offset.index()..end)).ok_or_else(|| {
-                malformed(format!("{what} declares {count} sparse elements, but their buffer views are too short"))
+                malformed(format!("{label} declares {count} sparse elements, but their buffer views are too short"))
             })
         };
         let size = self.width * self.component.size();
         let bytes = part(sparse.values.buffer_view, sparse.values.byte_offset, size)?;
         let numbers = part(sparse.indices.buffer_view, sparse.indices.byte_offset, component.size())?;
-        file.spend(count)?;
-        let which: Vec<u32> = numbers.chunks_exact(component.size()).map(|bytes| whole(component, bytes)).collect();
-        if !which.is_sorted_by(|a, b| a < b) || which.last().is_some_and(|&last| last as usize >= self.count) {
-            let detail = format!("{what} has sparse indices that are out of range or not in ascending order");
+        file.count_work(count)?;
+        let indices: Vec<u32> = numbers.chunks_exact(component.size()).map(|bytes| integer(component, bytes)).collect();
+        if !indices.is_sorted_by(|a, b| a < b) || indices.last().is_some_and(|&last| last as usize >= self.count) {
+            let detail = format!("{label} has sparse indices that are out of range or not in ascending order");
             return Err(malformed(detail));
         }
-        Ok(Replaced { which, bytes })
+        Ok(SparseElements { indices, bytes })
     }
 
     /// The bytes of an element; empty if it has none.
     fn element(&self, number: usize) -> &[u8] {
         let size = self.width * self.component.size();
         if let Some(sparse) = &self.sparse
-            && let Ok(at) = sparse.which.binary_search_by(|which| (*which as usize).cmp(&number))
+            && let Ok(at) = sparse.indices.binary_search_by(|index| (*index as usize).cmp(&number))
         {
             return &sparse.bytes[at * size..][..size];
         }
@@ -225,17 +232,17 @@ impl<'f> Accessor<'f> {
     }
 
     /// The first N components of an element as whole numbers; fractions are truncated.
-    pub fn wholes<const N: usize>(&self, number: usize) -> [u32; N] {
+    pub fn integers<const N: usize>(&self, number: usize) -> [u32; N] {
         let mut values = [0; N];
         for (value, bytes) in values.iter_mut().zip(self.element(number).chunks_exact(self.component.size())) {
-            *value = whole(self.component, bytes);
+            *value = integer(self.component, bytes);
         }
         values
     }
 
     /// The location of an element in the file; `None` for encoded or sidecar data.
-    pub fn place(&self, number: usize) -> Option<Place> {
-        self.place.map(|place| Place::Byte((place + number * self.stride) as u64))
+    pub fn location(&self, number: usize) -> Option<FileLocation> {
+        self.place.map(|place| FileLocation::Byte((place + number * self.stride) as u64))
     }
 }
 
@@ -256,7 +263,7 @@ fn float(component: Component, bytes: &[u8], normalized: bool) -> f32 {
 }
 
 /// A component as a whole number.
-fn whole(component: Component, bytes: &[u8]) -> u32 {
+fn integer(component: Component, bytes: &[u8]) -> u32 {
     match (component, bytes) {
         (Component::U8 | Component::I8, &[a]) => u32::from(a),
         (Component::U16 | Component::I16, &[a, b]) => u32::from(u16::from_le_bytes([a, b])),

@@ -6,7 +6,7 @@
 use serde::Deserialize;
 use serde_json::value::RawValue;
 
-use super::container::{List, Text, Whole};
+use super::container::{Integer, List, Text};
 
 /// The root of the JSON document (glTF 2.0, 5.17).
 #[derive(Deserialize)]
@@ -17,7 +17,7 @@ pub(super) struct Document<'a> {
     pub extensions_used: List<String>,
     #[serde(default)]
     pub extensions_required: List<String>,
-    pub scene: Option<Whole>,
+    pub scene: Option<Integer>,
     #[serde(default)]
     pub scenes: List<SceneNodes>,
     #[serde(default)]
@@ -57,7 +57,7 @@ pub(super) struct Asset<'a> {
 #[derive(Deserialize)]
 pub(super) struct SceneNodes {
     #[serde(default)]
-    pub nodes: List<Whole>,
+    pub nodes: List<Integer>,
 }
 
 /// A node: a mesh or a group, with its transform.
@@ -66,9 +66,9 @@ pub(super) struct SceneNodes {
 pub(super) struct Node<'a> {
     pub name: Option<Text<'a>>,
     #[serde(default)]
-    pub children: List<Whole>,
-    pub mesh: Option<Whole>,
-    pub skin: Option<Whole>,
+    pub children: List<Integer>,
+    pub mesh: Option<Integer>,
+    pub skin: Option<Integer>,
     pub matrix: Option<Box<[f64; 16]>>,
     pub translation: Option<Box<[f64; 3]>>,
     pub rotation: Option<Box<[f64; 4]>>,
@@ -94,9 +94,9 @@ pub(super) struct Mesh<'a> {
 #[derive(Deserialize)]
 pub(super) struct Primitive {
     pub attributes: Attributes,
-    pub indices: Option<Whole>,
-    pub material: Option<Whole>,
-    pub mode: Option<Whole>,
+    pub indices: Option<Integer>,
+    pub material: Option<Integer>,
+    pub mode: Option<Integer>,
     #[serde(default)]
     pub targets: List<Target>,
     #[serde(default)]
@@ -107,23 +107,23 @@ pub(super) struct Primitive {
 #[derive(Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub(super) struct Attributes {
-    pub position: Option<Whole>,
-    pub color_0: Option<Whole>,
-    pub texcoord_0: Option<Whole>,
-    pub texcoord_1: Option<Whole>,
-    pub texcoord_2: Option<Whole>,
-    pub texcoord_3: Option<Whole>,
-    pub joints_0: Option<Whole>,
-    pub joints_1: Option<Whole>,
-    pub weights_0: Option<Whole>,
-    pub weights_1: Option<Whole>,
+    pub position: Option<Integer>,
+    pub color_0: Option<Integer>,
+    pub texcoord_0: Option<Integer>,
+    pub texcoord_1: Option<Integer>,
+    pub texcoord_2: Option<Integer>,
+    pub texcoord_3: Option<Integer>,
+    pub joints_0: Option<Integer>,
+    pub joints_1: Option<Integer>,
+    pub weights_0: Option<Integer>,
+    pub weights_1: Option<Integer>,
 }
 
 /// A morph target.
 #[derive(Deserialize)]
 pub(super) struct Target {
     #[serde(rename = "POSITION")]
-    pub position: Option<Whole>,
+    pub position: Option<Integer>,
 }
 
 /// The extensions of a primitive that are read.
@@ -137,7 +137,7 @@ pub(super) struct PrimitiveExtensions {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Draco {
-    pub buffer_view: Whole,
+    pub buffer_view: Integer,
     pub attributes: Attributes,
 }
 
@@ -145,21 +145,21 @@ pub(super) struct Draco {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Skin {
-    pub inverse_bind_matrices: Option<Whole>,
-    pub joints: List<Whole>,
+    pub inverse_bind_matrices: Option<Integer>,
+    pub joints: List<Integer>,
 }
 
 /// An accessor as the document declares it.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct AccessorEntry {
-    pub buffer_view: Option<Whole>,
+    pub buffer_view: Option<Integer>,
     #[serde(default)]
-    pub byte_offset: Whole,
-    pub component_type: Whole,
+    pub byte_offset: Integer,
+    pub component_type: Integer,
     #[serde(default)]
     pub normalized: bool,
-    pub count: Whole,
+    pub count: Integer,
     #[serde(rename = "type")]
     pub shape: Shape,
     pub sparse: Option<Box<Sparse>>,
@@ -181,7 +181,7 @@ pub(super) enum Shape {
 /// Elements of an accessor that replace others.
 #[derive(Deserialize)]
 pub(super) struct Sparse {
-    pub count: Whole,
+    pub count: Integer,
     pub indices: SparseIndices,
     pub values: SparseValues,
 }
@@ -190,30 +190,30 @@ pub(super) struct Sparse {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparseIndices {
-    pub buffer_view: Whole,
+    pub buffer_view: Integer,
     #[serde(default)]
-    pub byte_offset: Whole,
-    pub component_type: Whole,
+    pub byte_offset: Integer,
+    pub component_type: Integer,
 }
 
 /// Values of the replaced elements.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparseValues {
-    pub buffer_view: Whole,
+    pub buffer_view: Integer,
     #[serde(default)]
-    pub byte_offset: Whole,
+    pub byte_offset: Integer,
 }
 
 /// A range of a buffer.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct BufferView {
-    pub buffer: Whole,
+    pub buffer: Integer,
     #[serde(default)]
-    pub byte_offset: Whole,
-    pub byte_length: Whole,
-    pub byte_stride: Option<Whole>,
+    pub byte_offset: Integer,
+    pub byte_length: Integer,
+    pub byte_stride: Option<Integer>,
     #[serde(default)]
     pub extensions: Box<ViewExtensions>,
 }
@@ -234,7 +234,7 @@ pub(super) struct Meshopt {}
 #[serde(rename_all = "camelCase", bound(deserialize = "'de: 'a"))]
 pub(super) struct Buffer<'a> {
     pub uri: Option<Text<'a>>,
-    pub byte_length: Whole,
+    pub byte_length: Integer,
 }
 
 /// A material.
@@ -290,9 +290,9 @@ pub(super) enum AlphaMode {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct TextureUse {
-    pub index: Whole,
+    pub index: Integer,
     #[serde(default)]
-    pub tex_coord: Whole,
+    pub tex_coord: Integer,
     #[serde(default)]
     pub extensions: TextureUseExtensions,
 }
@@ -313,14 +313,14 @@ pub(super) struct TextureTransform {
     #[serde(default)]
     pub rotation: f64,
     pub scale: Option<[f64; 2]>,
-    pub tex_coord: Option<Whole>,
+    pub tex_coord: Option<Integer>,
 }
 
 /// A texture: an image with a sampler.
 #[derive(Deserialize)]
 pub(super) struct Texture {
-    pub sampler: Option<Whole>,
-    pub source: Option<Whole>,
+    pub sampler: Option<Integer>,
+    pub source: Option<Integer>,
 }
 
 /// An image, as a URI or in a buffer view.
@@ -328,16 +328,16 @@ pub(super) struct Texture {
 #[serde(rename_all = "camelCase", bound(deserialize = "'de: 'a"))]
 pub(super) struct Image<'a> {
     pub uri: Option<Text<'a>>,
-    pub buffer_view: Option<Whole>,
+    pub buffer_view: Option<Integer>,
 }
 
 /// A sampler.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Sampler {
-    pub mag_filter: Option<Whole>,
-    pub wrap_s: Option<Whole>,
-    pub wrap_t: Option<Whole>,
+    pub mag_filter: Option<Integer>,
+    pub wrap_s: Option<Integer>,
+    pub wrap_t: Option<Integer>,
 }
 
 /// Values of a sampler (glTF 2.0, 5.26).

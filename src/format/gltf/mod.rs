@@ -13,7 +13,7 @@ mod container;
 mod document;
 mod extras;
 mod file;
-mod looks;
+mod materials;
 mod paint;
 mod pose;
 mod primitive;
@@ -38,16 +38,16 @@ use super::sidecar::Sidecars;
 use super::text::UTF8_MARK;
 use crate::mesh::Soup;
 use crate::scene::{Item, Object, PAINTLESS, PaintedMesh, Scene, Unit, Up};
-use container::Whole;
+use container::Integer;
 use document::{Asset, Document, Mesh, Primitive};
 use extras::Extras;
-use file::{Attached, File, entry, malformed};
+use file::{BufferSources, File, entry, malformed};
 use paint::Painter;
-use pose::{Nodes, Pose, Posed};
-use primitive::{Mode, Source, Used};
+use pose::{Nodes, PosedPositions, RestPose};
+use primitive::{PrimitiveData, Topology, UsedVertices};
 
 /// Extensions that do not change the shape of a model.
-const HARMLESS: [&str; 14] = [
+const IGNORABLE_EXTENSIONS: [&str; 14] = [
     "KHR_animation_pointer",
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
@@ -68,22 +68,22 @@ const HARMLESS: [&str; 14] = [
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: &Sidecars<'_>) -> Result<ReadScene, ReadError> {
     let mut warnings = Vec::new();
     let (document, binary, dialect) = if bytes.starts_with(MAGIC) {
-        let container = container::open(bytes, &mut warnings)?;
+        let container = container::read_chunks(bytes, &mut warnings)?;
         let (offset, text) = container.json;
-        let marked = marked(text);
-        (container::parse(&text[marked..], Some(offset + marked))?, container.binary, "GLB")
+        let mark_length = mark_length(text);
+        (container::parse(&text[mark_length..], Some(offset + mark_length))?, container.binary, "GLB")
     } else {
-        (container::parse(&bytes[marked(bytes)..], None)?, None, "glTF")
+        (container::parse(&bytes[mark_length(bytes)..], None)?, None, "glTF")
     };
     check_version(&document)?;
     check_extensions(&document, &mut warnings)?;
-    let file = File::new(document, &Attached { binary, sidecars }, options.limits, bytes.len(), &mut warnings)?;
-    let scene = Reading::new(&file)?.scene(&mut warnings)?;
+    let file = File::new(document, &BufferSources { binary, sidecars }, options.limits, bytes.len(), &mut warnings)?;
+    let scene = SceneReader::new(&file)?.scene(&mut warnings)?;
     Ok(ReadScene { scene, format: Format::Glb, dialect: dialect.to_owned(), warnings })
 }
 
 /// The length in bytes of a byte order mark, which some exporters write before the JSON.
-fn marked(text: &[u8]) -> usize {
+fn mark_length(text: &[u8]) -> usize {
     if text.starts_with(UTF8_MARK) { UTF8_MARK.len() } else { 0 }
 }
 
@@ -102,10 +102,11 @@ fn check_version(document: &Document<'_>) -> Result<(), ReadError> {
 
 /// Rejects unsupported required extensions, and warns about unsupported optional ones.
 fn check_extensions(document: &Document<'_>, warnings: &mut Vec<String>) -> Result<(), ReadError> {
-    let strange = |name: &&String| !HARMLESS.contains(&name.as_str()) && !name.starts_with("KHR_materials_");
+    let is_unsupported =
+        |name: &&String| !IGNORABLE_EXTENSIONS.contains(&name.as_str()) && !name.starts_with("KHR_materials_");
     let shown = |name: &String| super::errors::excerpt(name.as_bytes());
     let compressed = |name: &&String| name.ends_with("_meshopt_compression");
-    if let Some(name) = document.extensions_required.iter().find(strange) {
+    if let Some(name) = document.extensions_required.iter().find(is_unsupported) {
         let advice = if compressed(&name) {
             "export the model without compression"
         } else {
@@ -114,7 +115,7 @@ fn check_extensions(document: &Document<'_>, warnings: &mut Vec<String>) -> Resu
         let detail = format!("the file requires the glTF extension {}, which is not supported; {advice}", shown(name));
         return Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail));
     }
-    let used: Vec<String> = document.extensions_used.iter().filter(strange).take(5).map(shown).collect();
+    let used: Vec<String> = document.extensions_used.iter().filter(is_unsupported).take(5).map(shown).collect();
     if !used.is_empty() {
         warnings.push(format!("the content of unsupported glTF extensions was ignored: {}", used.join(", ")));
     }
@@ -123,71 +124,74 @@ fn check_extensions(document: &Document<'_>, warnings: &mut Vec<String>) -> Resu
 
 /// A mesh with a skin and morph weights. Nodes that show a mesh in different poses give different objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Shown {
-    mesh: Whole,
-    skin: Option<Whole>,
+struct PosedMesh {
+    mesh: Integer,
+    skin: Option<Integer>,
     /// The node that sets the morph weights; `None` if the mesh sets them.
     weights_of: Option<usize>,
 }
 
 /// Builds the scene of a file.
-struct Reading<'f, 'a> {
+struct SceneReader<'f, 'a> {
     file: &'f File<'a>,
     nodes: Nodes,
     /// The nodes of the scene that show a mesh, in order.
-    shown: Vec<(usize, Shown)>,
+    posed_meshes: Vec<(usize, PosedMesh)>,
     /// Whether any of these meshes is skinned or has morph targets.
-    moves: bool,
+    is_animated: bool,
 }
 
-impl<'f, 'a> Reading<'f, 'a> {
+impl<'f, 'a> SceneReader<'f, 'a> {
     fn new(file: &'f File<'a>) -> Result<Self, ReadError> {
         let document = &file.document;
-        let nodes = pose::walk(document)?;
+        let nodes = pose::walk_nodes(document)?;
         // A skin affects only meshes with joint attributes.
-        let hang = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| it.attributes.joints_0.is_some());
-        let morph = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| !it.targets.is_empty());
-        let ways: Vec<(bool, bool)> = document.meshes.iter().map(|mesh| (hang(mesh), morph(mesh))).collect();
-        let (mut shown, mut moves) = (Vec::new(), false);
+        let is_skinned =
+            |mesh: &Mesh<'_>| mesh.primitives.iter().any(|primitive| primitive.attributes.joints_0.is_some());
+        let has_targets = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|primitive| !primitive.targets.is_empty());
+        let mesh_traits: Vec<(bool, bool)> =
+            document.meshes.iter().map(|mesh| (is_skinned(mesh), has_targets(mesh))).collect();
+        let (mut posed_meshes, mut is_animated) = (Vec::new(), false);
         for &number in &nodes.order {
             let node = &document.nodes[number];
             let Some(mesh) = node.mesh else { continue };
-            let &(hangs, morphs) = entry(&ways, mesh, "mesh")?;
+            let &(is_skinned, has_targets) = entry(&mesh_traits, mesh, "mesh")?;
             let usual = &document.meshes[mesh.index()].weights;
-            let own_weights = morphs && node.weights.as_deref().is_some_and(|weights| *weights != **usual);
-            let skin = node.skin.filter(|_| hangs);
-            moves |= morphs || skin.is_some();
-            shown.push((number, Shown { mesh, skin, weights_of: own_weights.then_some(number) }));
+            let own_weights = has_targets && node.weights.as_deref().is_some_and(|weights| *weights != **usual);
+            let skin = node.skin.filter(|_| is_skinned);
+            is_animated |= has_targets || skin.is_some();
+            posed_meshes.push((number, PosedMesh { mesh, skin, weights_of: own_weights.then_some(number) }));
         }
-        Ok(Self { file, nodes, shown, moves })
+        Ok(Self { file, nodes, posed_meshes, is_animated })
     }
 
     /// Builds all objects and items.
     fn scene(&self, warnings: &mut Vec<String>) -> Result<Scene, ReadError> {
         let document = &self.file.document;
-        let mut meshes = Meshes::new(self.file);
-        let mut numbers: BTreeMap<Shown, Option<u32>> = self.shown.iter().map(|&(_, shown)| (shown, None)).collect();
+        let mut meshes = MeshBuilder::new(self.file);
+        let mut numbers: BTreeMap<PosedMesh, Option<u32>> =
+            self.posed_meshes.iter().map(|&(_, posed)| (posed, None)).collect();
         let mut objects = Vec::new();
-        for (shown, number) in &mut numbers {
-            let mesh = entry(&document.meshes, shown.mesh, "mesh")?;
-            let made = meshes.make(mesh, &self.pose(*shown)?)?;
-            if made.soup.faces.is_empty() {
+        for (posed, number) in &mut numbers {
+            let mesh = entry(&document.meshes, posed.mesh, "mesh")?;
+            let built = meshes.build(mesh, &self.pose(*posed)?)?;
+            if built.soup.faces.is_empty() {
                 continue;
             }
             *number = u32::try_from(objects.len()).ok();
             let extras = Extras::read(mesh.extras);
-            let object = Object::of_mesh(mesh.name.as_deref().map(str::to_owned), made);
+            let object = Object::of_mesh(mesh.name.as_deref().map(str::to_owned), built);
             let (part_number, kind) = (extras.part_number.clone(), extras.kind());
             objects.push(Object { part_number, kind, notes: extras.notes(), ..object });
         }
         let mut items = Vec::new();
-        let mut vanished = 0_u64;
-        for (node, shown) in &self.shown {
-            let Some(object) = numbers.get(shown).copied().flatten() else { continue };
+        let mut zero_scaled = 0_u64;
+        for (node, posed) in &self.posed_meshes {
+            let Some(object) = numbers.get(posed).copied().flatten() else { continue };
             // A skinned mesh is placed by its joints; its node's transform does not apply.
-            let world = if shown.skin.is_some() { DAffine3::IDENTITY } else { self.nodes.worlds[*node] };
+            let world = if posed.skin.is_some() { DAffine3::IDENTITY } else { self.nodes.worlds[*node] };
             if world.matrix3 == glam::DMat3::ZERO {
-                vanished += 1;
+                zero_scaled += 1;
                 continue;
             }
             items.push(self.item(*node, object, world, objects[object as usize].name.as_deref()));
@@ -195,29 +199,29 @@ impl<'f, 'a> Reading<'f, 'a> {
         if items.is_empty() {
             return Err(self.no_faces(&meshes));
         }
-        if vanished > 0 {
-            warnings.push(format!("nodes with a scale of zero were dropped: {vanished}"));
+        if zero_scaled > 0 {
+            warnings.push(format!("nodes with a scale of zero were dropped: {zero_scaled}"));
         }
-        self.tell(&meshes, warnings);
+        self.add_warnings(&meshes, warnings);
         let notes = extras::notes_of(&document.asset);
         let (palettes, textures) = meshes.painter.finish();
         Ok(Scene { unit: Some(Unit::Metre), up: Some(Up::Y), objects, items, palettes, textures, notes })
     }
 
     /// The rest pose of a mesh.
-    fn pose(&self, shown: Shown) -> Result<Pose, ReadError> {
+    fn pose(&self, posed: PosedMesh) -> Result<RestPose, ReadError> {
         let document = &self.file.document;
-        let mesh = entry(&document.meshes, shown.mesh, "mesh")?;
-        let own = shown.weights_of.and_then(|node| document.nodes[node].weights.as_deref());
+        let mesh = entry(&document.meshes, posed.mesh, "mesh")?;
+        let own = posed.weights_of.and_then(|node| document.nodes[node].weights.as_deref());
         let weights = own.unwrap_or(&mesh.weights).to_vec();
-        let joints = match shown.skin {
-            Some(skin) => pose::joints(self.file, entry(&document.skins, skin, "skin")?, &self.nodes.worlds)?,
+        let joints = match posed.skin {
+            Some(skin) => pose::joint_transforms(self.file, entry(&document.skins, skin, "skin")?, &self.nodes.worlds)?,
             None => Vec::new(),
         };
-        if shown.skin.is_some() && joints.is_empty() {
+        if posed.skin.is_some() && joints.is_empty() {
             return Err(malformed("a skin has no joints"));
         }
-        Ok(Pose { weights, joints })
+        Ok(RestPose { weights, joints })
     }
 
     fn item(&self, node: usize, object: u32, transform: DAffine3, name: Option<&str>) -> Item {
@@ -230,12 +234,12 @@ impl<'f, 'a> Reading<'f, 'a> {
     }
 
     /// Adds warnings about dropped content.
-    fn tell(&self, meshes: &Meshes<'_, '_>, warnings: &mut Vec<String>) {
+    fn add_warnings(&self, meshes: &MeshBuilder<'_, '_>, warnings: &mut Vec<String>) {
         let painter = &meshes.painter;
         if meshes.omitted > 0 {
             warnings.push(format!("points, lines and primitives without positions were dropped: {}", meshes.omitted));
         }
-        if self.moves {
+        if self.is_animated {
             warnings.push("the model has animated parts (a skin or morph targets); its rest pose was read".to_owned());
         }
         if painter.images.omitted > 0 {
@@ -244,13 +248,13 @@ impl<'f, 'a> Reading<'f, 'a> {
                 painter.images.omitted
             ));
         }
-        if painter.both > 0 {
+        if painter.dropped_vertex_colors > 0 {
             warnings.push(format!(
                 "primitives with both a texture and vertex colours kept only the texture: {}",
-                painter.both
+                painter.dropped_vertex_colors
             ));
         }
-        if painter.other_pictures {
+        if painter.has_other_textures {
             warnings.push(
                 "textures for roughness, normals, occlusion or emission were dropped; colour textures were kept"
                     .to_owned(),
@@ -258,7 +262,7 @@ impl<'f, 'a> Reading<'f, 'a> {
         }
     }
 
-    fn no_faces(&self, meshes: &Meshes<'_, '_>) -> ReadError {
+    fn no_faces(&self, meshes: &MeshBuilder<'_, '_>) -> ReadError {
         let detail = if meshes.omitted > 0 {
             "the glTF file holds points or lines and no triangles; reconstruct a surface first"
         } else if self.file.document.meshes.is_empty() {
@@ -271,7 +275,7 @@ impl<'f, 'a> Reading<'f, 'a> {
 }
 
 /// Builds the meshes of the scene, and counts their faces and vertices.
-struct Meshes<'f, 'a> {
+struct MeshBuilder<'f, 'a> {
     file: &'f File<'a>,
     painter: Painter<'f, 'a>,
     faces: u64,
@@ -281,8 +285,8 @@ struct Meshes<'f, 'a> {
 }
 
 /// A primitive whose faces have been read.
-struct Part<'f, 'a> {
-    source: Source<'f, 'a>,
+struct PrimitiveFaces<'f, 'a> {
+    source: PrimitiveData<'f, 'a>,
     faces: Vec<[u32; 3]>,
     /// Index of its first face in the mesh.
     first_face: usize,
@@ -291,16 +295,16 @@ struct Part<'f, 'a> {
 }
 
 /// The accessors that identify the vertices of a primitive; primitives with equal ones share vertices.
-type Shared = [Option<Whole>; 5];
+type VertexAccessors = [Option<Integer>; 5];
 
-impl<'f, 'a> Meshes<'f, 'a> {
+impl<'f, 'a> MeshBuilder<'f, 'a> {
     fn new(file: &'f File<'a>) -> Self {
         Self { file, painter: Painter::new(file), faces: 0, vertices: 0, omitted: 0 }
     }
 
     /// Builds one mesh from all primitives. Primitives with the same vertex accessors share their vertices. If a primitive uses few of its
     /// vertices, unused ones are dropped.
-    fn make(&mut self, mesh: &'f Mesh<'a>, pose: &Pose) -> Result<PaintedMesh, ReadError> {
+    fn build(&mut self, mesh: &'f Mesh<'a>, pose: &RestPose) -> Result<PaintedMesh, ReadError> {
         let mut parts = Vec::new();
         for primitive in mesh.primitives.iter() {
             match self.part(primitive)? {
@@ -308,49 +312,49 @@ impl<'f, 'a> Meshes<'f, 'a> {
                 None => self.omitted += 1,
             }
         }
-        let mut made = PaintedMesh::default();
+        let mut built = PaintedMesh::default();
         for part in &mut parts {
-            part.first_face = made.soup.faces.len();
-            made.soup.faces.extend_from_slice(&part.faces);
-            self.painter.paint(&part.source, &part.faces, part.vertices, &mut made.paint)?;
+            part.first_face = built.soup.faces.len();
+            built.soup.faces.extend_from_slice(&part.faces);
+            self.painter.paint(&part.source, &part.faces, part.vertices, &mut built.paint)?;
         }
-        if made.paint.iter().all(|&paint| paint == PAINTLESS) {
-            made.paint = Vec::new();
+        if built.paint.iter().all(|&paint| paint == PAINTLESS) {
+            built.paint = Vec::new();
         }
-        for group in alike(&parts) {
-            self.place(&parts, &group, pose, &mut made.soup)?;
+        for group in group_by_vertices(&parts) {
+            self.place(&parts, &group, pose, &mut built.soup)?;
         }
-        Ok(made)
+        Ok(built)
     }
 
     /// Reads a primitive's faces; `None` if it has no triangles or no positions.
-    fn part(&mut self, primitive: &'f Primitive) -> Result<Option<Part<'f, 'a>>, ReadError> {
-        let Some(mode) = Mode::of(primitive.mode.map_or(4, |mode| mode.0))? else { return Ok(None) };
-        let source = Source::new(self.file, primitive, self.faces, self.vertices)?;
+    fn part(&mut self, primitive: &'f Primitive) -> Result<Option<PrimitiveFaces<'f, 'a>>, ReadError> {
+        let Some(mode) = Topology::of(primitive.mode.map_or(4, |mode| mode.0))? else { return Ok(None) };
+        let source = PrimitiveData::new(self.file, primitive, self.faces, self.vertices)?;
         let Some(positions) = source.positions()? else { return Ok(None) };
         let indices = source.indices()?;
         // Draco always decodes to a triangle list, whatever the primitive's mode.
-        let mode = if primitive.extensions.draco.is_some() { Mode::List } else { mode };
+        let mode = if primitive.extensions.draco.is_some() { Topology::List } else { mode };
         let faces = primitive::faces(mode, indices.as_ref(), positions.count, self.faces, &self.file.limits)?;
         self.faces += faces.len() as u64;
-        Ok(Some(Part { source, faces, first_face: 0, vertices: positions.count }))
+        Ok(Some(PrimitiveFaces { source, faces, first_face: 0, vertices: positions.count }))
     }
 
     /// Adds the vertices that a group of primitives shares, and renumbers the corners of their faces.
     fn place(
         &mut self,
-        parts: &[Part<'f, 'a>],
+        parts: &[PrimitiveFaces<'f, 'a>],
         group: &[usize],
-        pose: &Pose,
+        pose: &RestPose,
         soup: &mut Soup,
     ) -> Result<(), ReadError> {
         let first = &parts[group[0]];
         let corners = || group.iter().flat_map(|&part| parts[part].faces.iter().flatten().copied());
-        let used = Used::of(corners, first.vertices);
+        let used = UsedVertices::of(corners, first.vertices);
         self.vertices += used.len() as u64;
         self.file.limits.check_vertices(self.vertices)?;
         let Some(positions) = first.source.positions()? else { return Ok(()) };
-        let posed = Posed::new(&first.source, &positions, pose)?;
+        let posed = PosedPositions::new(&first.source, &positions, pose)?;
         #[expect(clippy::cast_possible_truncation, reason = "the vertices were counted")]
         let base = soup.positions.len() as u32;
         soup.positions.reserve(used.len());
@@ -358,7 +362,7 @@ impl<'f, 'a> Meshes<'f, 'a> {
             soup.positions.push(posed.at(vertex as usize)?);
         }
         for &part in group {
-            let Part { first_face, faces, .. } = &parts[part];
+            let PrimitiveFaces { first_face, faces, .. } = &parts[part];
             let faces = &mut soup.faces[*first_face..][..faces.len()];
             faces.as_flattened_mut().iter_mut().for_each(|vertex| *vertex = base + used.rank(*vertex));
         }
@@ -367,9 +371,9 @@ impl<'f, 'a> Meshes<'f, 'a> {
 }
 
 /// Groups primitives that share vertices, in the order of each group's first primitive.
-fn alike(parts: &[Part<'_, '_>]) -> Vec<Vec<usize>> {
+fn group_by_vertices(parts: &[PrimitiveFaces<'_, '_>]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    let mut known: FxHashMap<Shared, usize> = FxHashMap::default();
+    let mut known: FxHashMap<VertexAccessors, usize> = FxHashMap::default();
     for (number, part) in parts.iter().enumerate() {
         let primitive = part.source.primitive;
         let attributes = &primitive.attributes;

@@ -4,10 +4,10 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::super::errors::ReadError;
 use super::accessor::Accessor;
-use super::container::Whole;
+use super::container::Integer;
 use super::document::{Document, Node, SceneNodes, Skin};
 use super::file::{File, entry, malformed};
-use super::primitive::Source;
+use super::primitive::PrimitiveData;
 
 /// The transforms of all nodes, and the order of the scene's nodes.
 pub(super) struct Nodes {
@@ -21,7 +21,7 @@ pub(super) struct Nodes {
 ///
 /// # Errors
 /// A [`ReadError`] if the nodes are no tree: a node has two parents or is its own ancestor.
-pub(super) fn walk(document: &Document<'_>) -> Result<Nodes, ReadError> {
+pub(super) fn walk_nodes(document: &Document<'_>) -> Result<Nodes, ReadError> {
     let nodes = &document.nodes;
     let mut is_child = vec![false; nodes.len()];
     for child in nodes.iter().flat_map(|node| node.children.iter()) {
@@ -112,7 +112,7 @@ fn affine(m: &[f64; 16]) -> DAffine3 {
 
 /// The rest pose of a mesh.
 #[derive(Default)]
-pub(super) struct Pose {
+pub(super) struct RestPose {
     /// The weight of each morph target.
     pub weights: Vec<f64>,
     /// The transform of each joint, from mesh to scene coordinates.
@@ -120,15 +120,15 @@ pub(super) struct Pose {
 }
 
 /// The transforms of a skin's joints, from mesh to scene coordinates.
-pub(super) fn joints(file: &File<'_>, skin: &Skin, worlds: &[DAffine3]) -> Result<Vec<DAffine3>, ReadError> {
-    file.spend(skin.joints.len())?;
+pub(super) fn joint_transforms(file: &File<'_>, skin: &Skin, worlds: &[DAffine3]) -> Result<Vec<DAffine3>, ReadError> {
+    file.count_work(skin.joints.len())?;
     let bind = skin.inverse_bind_matrices.map(|number| Accessor::new(file, number)).transpose()?;
     if let Some(bind) = &bind
         && (bind.width != 16 || bind.count < skin.joints.len())
     {
         return Err(malformed("a skin has fewer inverse bind matrices than joints, or they are not 4x4 matrices"));
     }
-    let joint = |(number, joint): (usize, &Whole)| {
+    let joint = |(number, joint): (usize, &Integer)| {
         let world = *entry(worlds, *joint, "node")?;
         Ok(bind.as_ref().map_or(world, |bind| world * affine(&bind.floats::<16>(number).map(f64::from))))
     };
@@ -136,17 +136,21 @@ pub(super) fn joints(file: &File<'_>, skin: &Skin, worlds: &[DAffine3]) -> Resul
 }
 
 /// Computes the positions of a primitive in its rest pose.
-pub(super) struct Posed<'p, 'f> {
+pub(super) struct PosedPositions<'p, 'f> {
     positions: &'p Accessor<'f>,
     morphs: Vec<(f64, Accessor<'f>)>,
     /// Up to two sets of four joint indices and weights.
-    bones: Vec<(Accessor<'f>, Accessor<'f>)>,
+    influences: Vec<(Accessor<'f>, Accessor<'f>)>,
     joints: &'p [DAffine3],
 }
 
-impl<'p, 'f> Posed<'p, 'f> {
+impl<'p, 'f> PosedPositions<'p, 'f> {
     /// Finds and checks the attributes that the pose needs.
-    pub fn new(source: &Source<'f, '_>, positions: &'p Accessor<'f>, pose: &'p Pose) -> Result<Self, ReadError> {
+    pub fn new(
+        source: &PrimitiveData<'f, '_>,
+        positions: &'p Accessor<'f>,
+        pose: &'p RestPose,
+    ) -> Result<Self, ReadError> {
         let (file, primitive, count) = (source.file, source.primitive, positions.count);
         let mut morphs = Vec::new();
         for (target, &weight) in primitive.targets.iter().zip(&pose.weights) {
@@ -158,21 +162,21 @@ impl<'p, 'f> Posed<'p, 'f> {
                 morphs.push((weight, shifts));
             }
         }
-        let mut bones = Vec::new();
+        let mut influences = Vec::new();
         if !pose.joints.is_empty() {
             let sets = [
                 (
-                    source.of_vertices("JOINTS_0", |it| it.joints_0, count)?,
-                    source.of_vertices("WEIGHTS_0", |it| it.weights_0, count)?,
+                    source.vertex_attribute("JOINTS_0", |attributes| attributes.joints_0, count)?,
+                    source.vertex_attribute("WEIGHTS_0", |attributes| attributes.weights_0, count)?,
                 ),
                 (
-                    source.of_vertices("JOINTS_1", |it| it.joints_1, count)?,
-                    source.of_vertices("WEIGHTS_1", |it| it.weights_1, count)?,
+                    source.vertex_attribute("JOINTS_1", |attributes| attributes.joints_1, count)?,
+                    source.vertex_attribute("WEIGHTS_1", |attributes| attributes.weights_1, count)?,
                 ),
             ];
-            bones.extend(sets.into_iter().filter_map(|(joints, weights)| joints.zip(weights)));
+            influences.extend(sets.into_iter().filter_map(|(joints, weights)| joints.zip(weights)));
         }
-        Ok(Self { positions, morphs, bones, joints: &pose.joints })
+        Ok(Self { positions, morphs, influences, joints: &pose.joints })
     }
 
     /// The position of a vertex.
@@ -182,14 +186,14 @@ impl<'p, 'f> Posed<'p, 'f> {
         for (weight, shifts) in &self.morphs {
             position += *weight * read(shifts);
         }
-        if self.bones.is_empty() {
+        if self.influences.is_empty() {
             return Ok(position);
         }
         let mut blended = DAffine3 { matrix3: DMat3::ZERO, translation: DVec3::ZERO };
         let mut whole = 0.0;
-        for (joints, weights) in &self.bones {
+        for (joints, weights) in &self.influences {
             let weights = weights.fractions::<4>(vertex).map(f64::from);
-            for (joint, weight) in joints.wholes::<4>(vertex).into_iter().zip(weights) {
+            for (joint, weight) in joints.integers::<4>(vertex).into_iter().zip(weights) {
                 if weight == 0.0 {
                     continue;
                 }

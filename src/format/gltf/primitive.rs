@@ -4,29 +4,29 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use draco_core::{DataType, DecodeLimits, DecoderBuffer, ErrorKind, Mesh, MeshDecoder};
 
-use super::super::errors::{Place, ReadError, ReadErrorKind};
+use super::super::errors::{FileLocation, ReadError, ReadErrorKind};
 use super::super::limits::Limits;
 use super::accessor::{Accessor, Component};
-use super::container::Whole;
+use super::container::Integer;
 use super::document::{Attributes, Primitive};
 use super::file::{File, View, malformed};
 
 /// A primitive with its decoded data, if it is compressed.
-pub(super) struct Source<'f, 'a> {
+pub(super) struct PrimitiveData<'f, 'a> {
     /// The file.
     pub file: &'f File<'a>,
     /// The primitive in the document.
     pub primitive: &'f Primitive,
-    decoded: Option<Decoded>,
+    decoded: Option<DecodedPrimitive>,
 }
 
-impl<'f, 'a> Source<'f, 'a> {
+impl<'f, 'a> PrimitiveData<'f, 'a> {
     /// Decodes the primitive if it is compressed. `faces` and `vertices` count those read from the file so far.
     pub fn new(file: &'f File<'a>, primitive: &'f Primitive, faces: u64, vertices: u64) -> Result<Self, ReadError> {
         let decoded = match &primitive.extensions.draco {
             Some(draco) => {
-                let decoded = Decoded::new(file.view(draco.buffer_view)?, faces, vertices, &file.limits)?;
-                file.spend(decoded.vertices())?;
+                let decoded = DecodedPrimitive::new(file.view(draco.buffer_view)?, faces, vertices, &file.limits)?;
+                file.count_work(decoded.vertices())?;
                 Some(decoded)
             }
             None => None,
@@ -44,7 +44,7 @@ impl<'f, 'a> Source<'f, 'a> {
 
     /// The positions; `None` if the primitive has none and shows nothing.
     pub fn positions(&self) -> Result<Option<Accessor<'f>>, ReadError> {
-        let positions = self.attribute("POSITION", |it| it.position)?;
+        let positions = self.attribute("POSITION", |attributes| attributes.position)?;
         if let Some(positions) = &positions
             && positions.width != 3
         {
@@ -54,36 +54,36 @@ impl<'f, 'a> Source<'f, 'a> {
     }
 
     /// Another attribute, which must have a value for each of the `vertices` vertices.
-    pub fn of_vertices(
+    pub fn vertex_attribute(
         &self,
         name: &str,
-        which: impl Fn(&Attributes) -> Option<Whole>,
+        which: impl Fn(&Attributes) -> Option<Integer>,
         vertices: usize,
     ) -> Result<Option<Accessor<'f>>, ReadError> {
-        let found = self.attribute(name, which)?;
-        if let Some(found) = &found
-            && found.count < vertices
+        let accessor = self.attribute(name, which)?;
+        if let Some(accessor) = &accessor
+            && accessor.count < vertices
         {
             let detail =
-                format!("a primitive of {vertices} vertices has {name} values for only {} of them", found.count);
+                format!("a primitive of {vertices} vertices has {name} values for only {} of them", accessor.count);
             return Err(ReadError::for_file(ReadErrorKind::Malformed, format!("{detail}; export the model again")));
         }
-        Ok(found)
+        Ok(accessor)
     }
 
     fn attribute(
         &self,
         name: &str,
-        which: impl Fn(&Attributes) -> Option<Whole>,
+        which: impl Fn(&Attributes) -> Option<Integer>,
     ) -> Result<Option<Accessor<'f>>, ReadError> {
         let number = which(&self.primitive.attributes);
         if let (Some(decoded), Some(draco)) = (&self.decoded, &self.primitive.extensions.draco)
             && let Some(within) = which(&draco.attributes)
         {
-            let told = number.and_then(|number| self.file.document.accessors.get(number.index()));
-            let fraction = told.is_some_and(|told| told.normalized);
+            let declared = number.and_then(|number| self.file.document.accessors.get(number.index()));
+            let fraction = declared.is_some_and(|declared| declared.normalized);
             return match decoded.attribute(within.0, fraction) {
-                Some(found) => Ok(Some(found)),
+                Some(accessor) => Ok(Some(accessor)),
                 None => Err(malformed(format!("the Draco-compressed data has no attribute {name}"))),
             };
         }
@@ -92,26 +92,26 @@ impl<'f, 'a> Source<'f, 'a> {
 }
 
 /// Maximum number of components decoded for a vertex: position, normal, tangent, colour, two texture coordinates, joints and weights.
-const NUMBERS: u64 = 3 + 3 + 4 + 4 + 4 + 8;
+const COMPONENTS_PER_VERTEX: u64 = 3 + 3 + 4 + 4 + 4 + 8;
 
-/// A Draco stream may decode to at least this many vertices and faces, and to [`RATIO`] more for each of its bytes. Regular meshes compress
+/// A Draco stream may decode to at least this many vertices and faces, and to [`MAX_PER_BYTE`] more for each of its bytes. Regular meshes compress
 /// well, but no real model reaches a thousand faces for each byte.
-const LEAST: u64 = 1 << 20;
-const RATIO: u64 = 1000;
+const MIN_PLAUSIBLE: u64 = 1 << 20;
+const MAX_PER_BYTE: u64 = 1000;
 
 /// A decoded primitive.
-struct Decoded(Mesh);
+struct DecodedPrimitive(Mesh);
 
-impl Decoded {
+impl DecodedPrimitive {
     /// Decodes a stream. `faces` and `vertices` count those read from the file so far.
     fn new(view: View<'_>, faces: u64, vertices: u64, limits: &Limits) -> Result<Self, ReadError> {
         // The stream declares its own sizes: a kilobyte can decode to millions of equal points.
-        let plausible = LEAST + RATIO * view.bytes.len() as u64;
+        let plausible = MIN_PLAUSIBLE + MAX_PER_BYTE * view.bytes.len() as u64;
         let points = limits.max_vertices.saturating_sub(vertices).min(plausible);
         let ceilings = DecodeLimits::default()
             .with_max_points(points)
             .with_max_faces(limits.max_faces.saturating_sub(faces).min(plausible))
-            .with_max_decoded_bytes(points.saturating_mul(4 * NUMBERS));
+            .with_max_decoded_bytes(points.saturating_mul(4 * COMPONENTS_PER_VERTEX));
         let decode = || {
             let mut mesh = Mesh::new();
             let mut buffer = DecoderBuffer::new(view.bytes).with_limits(ceilings);
@@ -120,7 +120,7 @@ impl Decoded {
         let refused = |kind, why: &str| {
             let detail =
                 format!("the Draco-compressed data can't be read: {why}; export the model without compression");
-            let place = view.place.map(|at| Place::Byte(at as u64));
+            let place = view.place.map(|at| FileLocation::Byte(at as u64));
             ReadError { place, ..ReadError::for_file(kind, detail) }
         };
         // The decoder promises not to panic. Input is untrusted, so a panic is caught and reported as an error anyway.
@@ -142,7 +142,7 @@ impl Decoded {
 
     /// The corners of all faces.
     fn indices(&self) -> Accessor<'static> {
-        Accessor::of_indices(self.0.faces().iter().flatten().map(|point| point.0))
+        Accessor::from_indices(self.0.faces().iter().flatten().map(|point| point.0))
     }
 
     /// The attribute with a Draco id; `fraction` tells whether its integers are normalized.
@@ -164,19 +164,19 @@ impl Decoded {
         values
             .iter_mut()
             .for_each(|value| *value = (*value / most).max(if most == 1.0 { f32::NEG_INFINITY } else { -1.0 }));
-        Some(Accessor::of_floats(&values, width))
+        Some(Accessor::from_floats(&values, width))
     }
 }
 
 /// The topology of a primitive's triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Mode {
+pub(super) enum Topology {
     List,
     Strip,
     Fan,
 }
 
-impl Mode {
+impl Topology {
     /// The topology of a primitive's mode; `None` for points and lines.
     pub fn of(code: u32) -> Result<Option<Self>, ReadError> {
         match code {
@@ -209,7 +209,7 @@ impl Mode {
 /// The faces of a primitive with `vertices` vertices. `before` counts the faces read from the file so far. Degenerate triangles of strips
 /// and fans only join these, and are dropped.
 pub(super) fn faces(
-    mode: Mode,
+    mode: Topology,
     indices: Option<&Accessor<'_>>,
     vertices: usize,
     before: u64,
@@ -227,8 +227,8 @@ pub(super) fn faces(
         #[expect(clippy::cast_possible_truncation, reason = "an accessor counts in 32 bits")]
         None => Ok(number as u32),
         Some(indices) => {
-            let [vertex] = indices.wholes::<1>(number);
-            if vertex as usize >= vertices || vertex == indices.component.restart() {
+            let [vertex] = indices.integers::<1>(number);
+            if vertex as usize >= vertices || vertex == indices.component.restart_index() {
                 return Err(out_of_range(indices, number, vertex, vertices));
             }
             Ok(vertex)
@@ -238,7 +238,7 @@ pub(super) fn faces(
     for triangle in 0..triangles {
         let [a, b, c] = mode.corners(triangle);
         let face = [corner(a)?, corner(b)?, corner(c)?];
-        if mode == Mode::List || (face[0] != face[1] && face[1] != face[2] && face[2] != face[0]) {
+        if mode == Topology::List || (face[0] != face[1] && face[1] != face[2] && face[2] != face[0]) {
             faces.push(face);
         }
     }
@@ -247,25 +247,25 @@ pub(super) fn faces(
 
 #[cold]
 fn out_of_range(indices: &Accessor<'_>, number: usize, vertex: u32, vertices: usize) -> ReadError {
-    let detail = if vertex == indices.component.restart() {
+    let detail = if vertex == indices.component.restart_index() {
         format!("an index is {vertex}, the largest of its type, which glTF forbids; export the model again")
     } else {
         format!(
             "a face refers to vertex {vertex}, but its primitive has only {vertices} vertices; export the model again"
         )
     };
-    ReadError { place: indices.place(number), ..ReadError::for_file(ReadErrorKind::IndexOutOfRange, detail) }
+    ReadError { place: indices.location(number), ..ReadError::for_file(ReadErrorKind::IndexOutOfRange, detail) }
 }
 
 /// The vertices that faces use, renumbered in ascending order.
-pub(super) enum Used {
+pub(super) enum UsedVertices {
     /// All vertices; the value is their number.
     All(u32),
     /// Some vertices, in ascending order.
     Some(Vec<u32>),
 }
 
-impl Used {
+impl UsedVertices {
     /// The vertices that `corners` refer to, of `vertices` vertices. If there are at least as many corners as vertices, all count as used.
     pub fn of<I: Iterator<Item = u32>>(corners: impl Fn() -> I, vertices: usize) -> Self {
         match u32::try_from(vertices) {

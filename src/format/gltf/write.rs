@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 
 use super::super::errors::WriteError;
 use super::super::paint::{linear_vertex, media_type};
-use super::container::{MOST_ENTRIES, assemble};
+use super::container::{MAX_ENTRIES, assemble};
 use super::extras::{COPYRIGHT, Extras};
-use super::looks::{Look, Looks};
+use super::materials::{Appearance, MaterialTable};
 use crate::scene::{Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Scene, Shape, Unit, Up};
 
 /// Values of glTF enumerations (glTF 2.0, 5.1 and 5.11).
@@ -27,38 +27,41 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// # Errors
 /// [`WriteError`] if a coordinate exceeds f32, or if there are too many instances or bytes.
 pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
-    let places = places(scene)?;
-    let mut stands = vec![false; scene.objects.len()];
-    places.iter().for_each(|place| stands[place.object] = true);
-    let mut writer = Writer { looks: Looks::new(scene), bytes: Vec::new(), views: Vec::new(), accessors: Vec::new() };
+    let instances = instances(scene)?;
+    let mut is_placed = vec![false; scene.objects.len()];
+    instances.iter().for_each(|instance| is_placed[instance.object] = true);
+    let mut writer =
+        Writer { table: MaterialTable::new(scene), bytes: Vec::new(), views: Vec::new(), accessors: Vec::new() };
     let mut numbers: FxHashMap<usize, usize> = FxHashMap::default();
     let mut meshes = Vec::new();
-    for (number, object) in scene.objects.iter().enumerate().filter(|(number, _)| stands[*number]) {
+    for (number, object) in scene.objects.iter().enumerate().filter(|(number, _)| is_placed[*number]) {
         if let Some(mesh) = object.mesh() {
             numbers.insert(number, meshes.len());
             meshes.push(writer.mesh(object, mesh)?);
         }
     }
     let metres = scene.unit.map_or(1.0, |unit| unit.to(Unit::Metre));
-    let nodes =
-        places.iter().map(|place| place.node(scene, metres, numbers[&place.object])).collect::<Result<Vec<_>, _>>()?;
+    let nodes = instances
+        .iter()
+        .map(|instance| instance.node(scene, metres, numbers[&instance.object]))
+        .collect::<Result<Vec<_>, _>>()?;
     let too_large = WriteError::TooManyFaces { faces: scene.placed_faces(), most: u64::from(u32::MAX / 12) };
     writer.finish(scene, &nodes, &meshes).ok_or(too_large)
 }
 
 /// An instance of an object with triangles.
-struct Place {
+struct ObjectInstance {
     /// Index of the object.
     object: usize,
     /// Index of the item.
     item: usize,
     /// Whether the item refers to the object directly, not through components.
-    direct: bool,
+    is_item: bool,
     transform: DAffine3,
 }
 
 /// All instances of objects with triangles. Objects without faces, and instances scaled to zero, are dropped.
-fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
+fn instances(scene: &Scene) -> Result<Vec<ObjectInstance>, WriteError> {
     // Count the instances first, because nested components can multiply to any number.
     let mut counts: Vec<u64> = Vec::with_capacity(scene.objects.len());
     for object in &scene.objects {
@@ -73,10 +76,10 @@ fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
     }
     let count = |object: u32| counts.get(object as usize).copied().unwrap_or(0);
     let parts = scene.items.iter().fold(0, |sum: u64, item| sum.saturating_add(count(item.object)));
-    if parts > MOST_ENTRIES as u64 {
-        return Err(WriteError::TooManyParts { parts, most: MOST_ENTRIES as u64 });
+    if parts > MAX_ENTRIES as u64 {
+        return Err(WriteError::TooManyParts { parts, most: MAX_ENTRIES as u64 });
     }
-    let mut places = Vec::new();
+    let mut instances = Vec::new();
     let mut stack = Vec::new();
     for (number, item) in scene.items.iter().enumerate().filter(|(_, item)| count(item.object) > 0) {
         stack.push((item.object as usize, item.transform));
@@ -84,8 +87,8 @@ fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
             match &scene.objects[object].shape {
                 Shape::Mesh(_) if transform.matrix3 == glam::DMat3::ZERO => {}
                 Shape::Mesh(_) => {
-                    let direct = object == item.object as usize;
-                    places.push(Place { object, item: number, direct, transform });
+                    let is_item = object == item.object as usize;
+                    instances.push(ObjectInstance { object, item: number, is_item, transform });
                 }
                 Shape::Components(parts) => {
                     // Components refer only to earlier objects, so this loop ends.
@@ -96,10 +99,10 @@ fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
             }
         }
     }
-    Ok(places)
+    Ok(instances)
 }
 
-impl Place {
+impl ObjectInstance {
     /// The instance as a glTF node. `metres` is the length of the scene's unit.
     fn node(&self, scene: &Scene, metres: f64, mesh: usize) -> Result<Value, WriteError> {
         let (item, object) = (&scene.items[self.item], &scene.objects[self.object]);
@@ -122,12 +125,12 @@ impl Place {
             ];
             node["matrix"] = json!(columns.concat());
         }
-        let own_name = item.name.as_ref().filter(|_| self.direct);
+        let own_name = item.name.as_ref().filter(|_| self.is_item);
         if let Some(name) = own_name.or(object.name.as_ref()).or(item.name.as_ref()) {
             node["name"] = name.as_str().into();
         }
-        if self.direct
-            && let Some(extras) = Extras::written(item.part_number.as_ref(), ObjectKind::Model, &item.notes)
+        if self.is_item
+            && let Some(extras) = Extras::to_json(item.part_number.as_ref(), ObjectKind::Model, &item.notes)
         {
             node["extras"] = extras;
         }
@@ -137,7 +140,7 @@ impl Place {
 
 /// The content of the GLB file written so far.
 struct Writer<'s> {
-    looks: Looks<'s>,
+    table: MaterialTable<'s>,
     bytes: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
@@ -145,7 +148,7 @@ struct Writer<'s> {
 
 /// The faces of an object with one appearance.
 struct Group {
-    look: Look,
+    appearance: Appearance,
     faces: Vec<usize>,
 }
 
@@ -153,14 +156,14 @@ impl Writer<'_> {
     /// Writes an object's mesh: one primitive for each appearance.
     fn mesh(&mut self, object: &Object, mesh: &PaintedMesh) -> Result<Value, WriteError> {
         let mut groups: Vec<Group> = Vec::new();
-        let mut known: FxHashMap<Look, usize> = FxHashMap::default();
+        let mut known: FxHashMap<Appearance, usize> = FxHashMap::default();
         for face in 0..mesh.soup.faces.len() {
-            let look = self.looks.of(paint_of(mesh, face));
+            let appearance = self.table.appearance_of(paint_of(mesh, face));
             let next = groups.len();
-            let group = *known.entry(look).or_insert(next);
+            let group = *known.entry(appearance).or_insert(next);
             match groups.get_mut(group) {
                 Some(group) => group.faces.push(face),
-                None => groups.push(Group { look, faces: vec![face] }),
+                None => groups.push(Group { appearance, faces: vec![face] }),
             }
         }
         let primitives = groups.iter().map(|group| self.primitive(mesh, group)).collect::<Result<Vec<_>, _>>()?;
@@ -168,45 +171,45 @@ impl Writer<'_> {
         if let Some(name) = &object.name {
             written["name"] = name.as_str().into();
         }
-        if let Some(extras) = Extras::written(object.part_number.as_ref(), object.kind, &object.notes) {
+        if let Some(extras) = Extras::to_json(object.part_number.as_ref(), object.kind, &object.notes) {
             written["extras"] = extras;
         }
         Ok(written)
     }
 
     fn primitive(&mut self, mesh: &PaintedMesh, group: &Group) -> Result<Value, WriteError> {
-        let look = group.look;
+        let appearance = group.appearance;
         let mut known: FxHashMap<(u32, u64), u32> = FxHashMap::default();
         let mut vertices: Vec<(u32, u64)> = Vec::new();
         let mut indices: Vec<u32> = Vec::with_capacity(3 * group.faces.len());
         for &face in &group.faces {
             let paint = paint_of(mesh, face);
             for (corner, &vertex) in mesh.soup.faces[face].iter().enumerate() {
-                let it = (vertex, self.looks.of_corner(look, paint, corner));
+                let corner_key = (vertex, self.table.corner_bits(appearance, paint, corner));
                 #[expect(
                     clippy::cast_possible_truncation,
                     reason = "at most the number of corners, which fits 32 bits"
                 )]
                 let next = vertices.len() as u32;
-                let index = *known.entry(it).or_insert(next);
+                let index = *known.entry(corner_key).or_insert(next);
                 if index == next {
-                    vertices.push(it);
+                    vertices.push(corner_key);
                 }
                 indices.push(index);
             }
         }
         drop(known);
         let mut attributes = json!({ "POSITION": self.positions(mesh, &vertices)? });
-        match look {
-            Look::Bare | Look::Plain(_) => {}
-            Look::Colored(_) => {
+        match appearance {
+            Appearance::Unpainted | Appearance::Material(_) => {}
+            Appearance::VertexColors(_) => {
                 #[expect(clippy::cast_possible_truncation, reason = "a colour has 32 bits")]
                 let colors = vertices.iter().flat_map(|(_, bits)| linear_vertex((*bits as u32).to_le_bytes()));
                 let bytes = colors.flat_map(u16::to_le_bytes).collect::<Vec<_>>();
                 let entry = json!({ "componentType": UNSIGNED_SHORT, "normalized": true, "type": "VEC4", "count": vertices.len() });
                 attributes["COLOR_0"] = self.accessor(&bytes, ARRAY_BUFFER, entry).into();
             }
-            Look::Pictured(_) => {
+            Appearance::Textured(_) => {
                 #[expect(clippy::cast_possible_truncation, reason = "splits the u64 into two halves")]
                 let places = vertices.iter().flat_map(|(_, bits)| [(*bits >> 32) as u32, *bits as u32]);
                 let bytes = places.flat_map(u32::to_le_bytes).collect::<Vec<_>>();
@@ -215,7 +218,7 @@ impl Writer<'_> {
             }
         }
         let mut primitive = json!({ "attributes": attributes, "indices": self.indices(&indices, vertices.len()) });
-        if let Some(material) = look.material() {
+        if let Some(material) = appearance.material() {
             primitive["material"] = material.into();
         }
         Ok(primitive)
@@ -272,7 +275,7 @@ impl Writer<'_> {
 
     /// Assembles the file; `None` if it is longer than GLB allows.
     fn finish(mut self, scene: &Scene, nodes: &[Value], meshes: &[Value]) -> Option<Vec<u8>> {
-        let pictures = std::mem::take(&mut self.looks.images);
+        let pictures = std::mem::take(&mut self.table.images);
         let image = |bytes: &&[u8]| json!({ "bufferView": self.view(bytes), "mimeType": media_type(bytes) });
         let images: Vec<Value> = pictures.iter().map(image).collect();
         let mut document = json!({ "asset": asset(scene), "scene": 0, "scenes": [{}] });
@@ -286,9 +289,9 @@ impl Writer<'_> {
         let lists: [(&str, &[Value]); 9] = [
             ("nodes", nodes),
             ("meshes", meshes),
-            ("materials", &self.looks.materials),
-            ("textures", &self.looks.textures),
-            ("samplers", &self.looks.samplers),
+            ("materials", &self.table.materials),
+            ("textures", &self.table.textures),
+            ("samplers", &self.table.samplers),
             ("images", &images),
             ("accessors", &self.accessors),
             ("bufferViews", &self.views),
@@ -305,12 +308,13 @@ impl Writer<'_> {
 fn asset(scene: &Scene) -> Value {
     let mut asset = json!({ "version": "2.0", "generator": crate::ENGINE });
     let mut notes = scene.notes.clone();
-    let plain =
-        notes.iter().position(|it| it.name == COPYRIGHT && it.namespace.is_none() && it.kind.is_none() && !it.preserve);
+    let plain = notes
+        .iter()
+        .position(|note| note.name == COPYRIGHT && note.namespace.is_none() && note.kind.is_none() && !note.preserve);
     if let Some(at) = plain {
         asset["copyright"] = notes.remove(at).value.into();
     }
-    if let Some(extras) = Extras::written(None, ObjectKind::Model, &notes) {
+    if let Some(extras) = Extras::to_json(None, ObjectKind::Model, &notes) {
         asset["extras"] = extras;
     }
     asset

@@ -68,9 +68,9 @@ struct Reader<'a> {
     /// Paint statements read so far; `None` if colours are not requested.
     statements: Option<PaintStatements<'a>>,
     /// Texture coordinate indices of `corners`.
-    corner_places: Vec<u32>,
+    corner_coordinates: Vec<u32>,
     /// The largest vertex index used before its vertex was read, and the byte offset of its face.
-    ahead: Option<(u32, usize)>,
+    max_forward: Option<(u32, usize)>,
     face_statements: u64,
     lines: u64,
     points: u64,
@@ -94,8 +94,8 @@ pub(super) fn read(
         normals: Vec::new(),
         corner_normals: Vec::new(),
         statements: sidecars.map(|sidecars| PaintStatements::new(options.limits, sidecars.has_archive())),
-        corner_places: Vec::new(),
-        ahead: None,
+        corner_coordinates: Vec::new(),
+        max_forward: None,
         face_statements: 0,
         lines: 0,
         points: 0,
@@ -118,7 +118,7 @@ impl<'a> Reader<'a> {
             b"vn" => self.normal(),
             b"vt" => {
                 if let Some(statements) = &mut self.statements {
-                    statements.place(&mut self.text);
+                    statements.texture_coordinate(&mut self.text);
                 }
             }
             b"usemtl" | b"mtllib" => {
@@ -192,7 +192,7 @@ impl<'a> Reader<'a> {
     fn face(&mut self, keyword: Word<'a>) -> Result<(), ReadError> {
         self.corners.clear();
         self.corner_normals.clear();
-        self.corner_places.clear();
+        self.corner_coordinates.clear();
         self.face_statements += 1;
         while let Some(word) = self.text.word_on_line() {
             let index = self.vertex_index(word)?;
@@ -201,22 +201,24 @@ impl<'a> Reader<'a> {
                 self.corner_normals.resize(self.corners.len() - 1, NO_INDEX);
                 self.corner_normals.push(normal);
             }
-            if let Some(place) = self.statements.as_ref().and_then(|statements| statements.place_index(word)) {
-                self.corner_places.resize(self.corners.len() - 1, NO_INDEX);
-                self.corner_places.push(place);
+            if let Some(place) =
+                self.statements.as_ref().and_then(|statements| statements.texture_coordinate_index(word))
+            {
+                self.corner_coordinates.resize(self.corners.len() - 1, NO_INDEX);
+                self.corner_coordinates.push(place);
             }
             // Checked here so that one face can't exceed the limit for all faces.
             self.limits.check_faces((self.corners.len() as u64).saturating_sub(2))?;
-            if index as usize >= self.positions.len() && self.ahead.is_none_or(|(most, _)| index > most) {
-                self.ahead = Some((index, keyword.at));
+            if index as usize >= self.positions.len() && self.max_forward.is_none_or(|(most, _)| index > most) {
+                self.max_forward = Some((index, keyword.at));
             }
         }
-        for numbers in [&mut self.corner_normals, &mut self.corner_places] {
+        for numbers in [&mut self.corner_normals, &mut self.corner_coordinates] {
             if !numbers.is_empty() {
                 numbers.resize(self.corners.len(), NO_INDEX);
             }
         }
-        self.faces.polygon_with(&self.positions, &self.corners, [&self.corner_normals, &self.corner_places])
+        self.faces.polygon_with(&self.positions, &self.corners, [&self.corner_normals, &self.corner_coordinates])
     }
 
     /// The normal index of a corner `v//vn` or `v/vt/vn`; `None` if it has none. The normal may come later in the file or not at all.
@@ -259,7 +261,7 @@ impl<'a> Reader<'a> {
 
     fn finish(self, sidecars: Option<&Sidecars<'_>>) -> Result<MeshAndPaint, ReadError> {
         let have = self.positions.len();
-        if let Some((most, at)) = self.ahead
+        if let Some((most, at)) = self.max_forward
             && most as usize >= have
         {
             return Err(self.out_of_range(i64::from(most) + 1, have as i64, at));

@@ -9,17 +9,17 @@ use super::super::limits::Limits;
 use super::super::paint::{MeshPaint, PaletteBuilder, byte};
 use super::super::sidecar::Sidecars;
 use super::super::text::{Text, Word, integer, number};
-use super::mtl::{self, Definitions, Picture, UNPAINTED, color_name};
+use super::mtl::{self, ColorTexture, MaterialDefinitions, UNPAINTED, color_name};
 use crate::scene::{Material, PAINTLESS, Paint, Palette, Texture, Wrap};
 
 /// Maximum number of `mtllib` statements that are read.
-const LIBRARIES: usize = 100;
+const MAX_LIBRARIES: usize = 100;
 
 /// The paint statements read so far.
 pub(super) struct PaintStatements<'a> {
     limits: Limits,
     /// Whether textures can be read; texture coordinates are kept only then.
-    pictures: bool,
+    keep_coordinates: bool,
     places: Vec<[f64; 2]>,
     libraries: Vec<&'a [u8]>,
     /// The material names in use, and the index of each.
@@ -32,29 +32,29 @@ pub(super) struct PaintStatements<'a> {
 }
 
 impl<'a> PaintStatements<'a> {
-    /// No statements yet. `pictures` tells whether textures can be read.
-    pub fn new(limits: Limits, pictures: bool) -> Self {
+    /// No statements yet. `keep_coordinates` tells whether textures can be read.
+    pub fn new(limits: Limits, keep_coordinates: bool) -> Self {
         let (places, libraries, names, numbers) = (Vec::new(), Vec::new(), Vec::new(), FxHashMap::default());
-        Self { limits, pictures, places, libraries, names, numbers, uses: Vec::new(), colors: Vec::new() }
+        Self { limits, keep_coordinates, places, libraries, names, numbers, uses: Vec::new(), colors: Vec::new() }
     }
 
     /// Reads a texture coordinate. Those over the vertex limit are ignored.
-    pub fn place(&mut self, text: &mut Text<'_>) {
-        if !self.pictures || self.limits.check_vertices(self.places.len() as u64 + 1).is_err() {
+    pub fn texture_coordinate(&mut self, text: &mut Text<'_>) {
+        if !self.keep_coordinates || self.limits.check_vertices(self.places.len() as u64 + 1).is_err() {
             return;
         }
-        let mut next = || text.word_on_line().and_then(|word| number(word.bytes)).filter(|it| it.is_finite());
+        let mut next = || text.word_on_line().and_then(|word| number(word.bytes)).filter(|value| value.is_finite());
         self.places.push([next().unwrap_or(0.0), next().unwrap_or(0.0)]);
     }
 
     /// The texture coordinate index of a corner `v/vt` or `v/vt/vn`; `None` if it has none. The coordinate may come later or not at all.
-    pub fn place_index(&self, word: Word<'_>) -> Option<u32> {
-        if self.pictures { field_index(word, 1, self.places.len()) } else { None }
+    pub fn texture_coordinate_index(&self, word: Word<'_>) -> Option<u32> {
+        if self.keep_coordinates { field_index(word, 1, self.places.len()) } else { None }
     }
 
     /// Records an MTL file.
     pub fn library(&mut self, name: &'a [u8]) {
-        if self.libraries.len() < LIBRARIES && !self.libraries.contains(&name) {
+        if self.libraries.len() < MAX_LIBRARIES && !self.libraries.contains(&name) {
             self.libraries.push(name);
         }
     }
@@ -63,7 +63,7 @@ impl<'a> PaintStatements<'a> {
     pub fn material(&mut self, name: &'a [u8], triangles: usize) {
         let number = match self.numbers.get(name) {
             Some(number) => *number,
-            None if self.names.len() < mtl::MOST => {
+            None if self.names.len() < mtl::MAX_MATERIALS => {
                 let number = u32::try_from(self.names.len()).unwrap_or(NO_INDEX);
                 self.names.push(name);
                 self.numbers.insert(name, number);
@@ -112,17 +112,17 @@ impl<'a> PaintStatements<'a> {
             while let Some((_, next)) = uses.next_if(|(begin, _)| *begin <= number) {
                 material = Some(*next);
             }
-            let named = material.map_or(Named::Nothing, |material| materials.named(material));
+            let named = material.map_or(MaterialReference::None, |material| materials.named(material));
             let places = places_of_triangles.get(number).copied().unwrap_or([NO_INDEX; 3]);
-            of_faces.push(match materials.pictured(named, places) {
+            of_faces.push(match materials.textured_paint(named, places) {
                 Some(paint) => paint,
                 None => {
                     let colors = corners.map(|v| colors.get(v as usize).copied().flatten());
-                    materials.plain(named, colors)
+                    materials.plain_paint(named, colors)
                 }
             });
         }
-        materials.tell(warnings);
+        materials.add_warnings(warnings);
         if of_faces.iter().all(|paint: &Paint| *paint == PAINTLESS) {
             return MeshPaint::default();
         }
@@ -147,22 +147,22 @@ pub(super) fn field_index(word: Word<'_>, field: usize, have: usize) -> Option<u
 }
 
 /// Maximum number of MTL files in one statement.
-const LIBRARIES_OF_STATEMENT: usize = 100;
+const MAX_LIBRARIES_PER_STATEMENT: usize = 100;
 
 /// What a material name refers to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Named {
+enum MaterialReference {
     /// No material was named.
-    Nothing,
+    None,
     /// The name that marks faces as unpainted.
     Unpainted,
     /// A material that no MTL file defines.
-    Unknown,
+    Undefined,
     /// A defined material.
-    Known {
+    Defined {
         number: u32,
         color: [u8; 4],
-        has_picture: bool,
+        has_texture: bool,
         /// Whether the name only describes the colour.
         is_color: bool,
     },
@@ -174,23 +174,23 @@ struct Materials<'m> {
     places: &'m [[f64; 2]],
     sidecars: &'m Sidecars<'m>,
     /// An MTL file that was not sent, for a model without an archive.
-    alone: Option<&'m [u8]>,
-    definitions: Definitions,
+    unsent_library: Option<&'m [u8]>,
+    definitions: MaterialDefinitions,
     /// What each material name refers to.
-    named: Vec<Named>,
+    named: Vec<MaterialReference>,
     /// The untextured paint of each material.
     plain: FxHashMap<u32, Paint>,
     /// The palette of each textured material; `None` if its texture can't be read.
     textured: FxHashMap<u32, Option<u32>>,
-    pictures: FxHashMap<Picture, Option<u32>>,
+    pictures: FxHashMap<ColorTexture, Option<u32>>,
     /// Palette index of each texture coordinate, by palette and coordinate.
-    placed: FxHashMap<(u32, u32), u32>,
+    coordinate_entries: FxHashMap<(u32, u32), u32>,
     palettes: PaletteBuilder,
     textures: Vec<Texture>,
     /// Number of triangles with undefined materials, and the first such material.
-    unknown: (u64, Option<u32>),
+    undefined: (u64, Option<u32>),
     /// Number of triangles that refer to missing texture coordinates.
-    displaced: u64,
+    missing_coordinates: u64,
 }
 
 impl<'m> Materials<'m> {
@@ -200,7 +200,7 @@ impl<'m> Materials<'m> {
         places: &'m [[f64; 2]],
         sidecars: &'m Sidecars<'m>,
     ) -> Self {
-        let mut definitions = Definitions::default();
+        let mut definitions = MaterialDefinitions::default();
         if !names.is_empty() {
             libraries.iter().for_each(|names| read_libraries(names, sidecars, &mut definitions));
         }
@@ -208,43 +208,43 @@ impl<'m> Materials<'m> {
             Some(definition) => {
                 let color = definition.color();
                 let is_color = *name == color_name(color).as_bytes();
-                Named::Known { number, color, has_picture: definition.picture.is_some(), is_color }
+                MaterialReference::Defined { number, color, has_texture: definition.texture.is_some(), is_color }
             }
-            None if name.is_empty() || *name == UNPAINTED.as_bytes() => Named::Unpainted,
-            None => Named::Unknown,
+            None if name.is_empty() || *name == UNPAINTED.as_bytes() => MaterialReference::Unpainted,
+            None => MaterialReference::Undefined,
         };
         let named = (0..).zip(names).map(stands_for).collect();
         Self {
             names,
             places,
             sidecars,
-            alone: if sidecars.has_archive() { None } else { libraries.first().copied() },
+            unsent_library: if sidecars.has_archive() { None } else { libraries.first().copied() },
             definitions,
             named,
             plain: FxHashMap::default(),
             textured: FxHashMap::default(),
             pictures: FxHashMap::default(),
-            placed: FxHashMap::default(),
+            coordinate_entries: FxHashMap::default(),
             palettes: PaletteBuilder::default(),
             textures: Vec::new(),
-            unknown: (0, None),
-            displaced: 0,
+            undefined: (0, None),
+            missing_coordinates: 0,
         }
     }
 
     /// What the material of one more triangle refers to.
-    fn named(&mut self, number: u32) -> Named {
-        let named = self.named.get(number as usize).copied().unwrap_or(Named::Unknown);
-        if named == Named::Unknown {
-            self.unknown.0 += 1;
-            self.unknown.1.get_or_insert(number);
+    fn named(&mut self, number: u32) -> MaterialReference {
+        let named = self.named.get(number as usize).copied().unwrap_or(MaterialReference::Undefined);
+        if named == MaterialReference::Undefined {
+            self.undefined.0 += 1;
+            self.undefined.1.get_or_insert(number);
         }
         named
     }
 
     /// The textured paint of a triangle; `None` if its material has no texture or the triangle has no texture coordinates.
-    fn pictured(&mut self, named: Named, places: [u32; 3]) -> Option<Paint> {
-        let Named::Known { number, color, has_picture: true, .. } = named else { return None };
+    fn textured_paint(&mut self, named: MaterialReference, places: [u32; 3]) -> Option<Paint> {
+        let MaterialReference::Defined { number, color, has_texture: true, .. } = named else { return None };
         if places.contains(&NO_INDEX) {
             return None;
         }
@@ -257,28 +257,30 @@ impl<'m> Materials<'m> {
             }
         }?;
         if places.iter().any(|&place| place as usize >= self.places.len()) {
-            self.displaced += 1;
+            self.missing_coordinates += 1;
             return None;
         }
         let at = places.map(|place| {
             let new = || self.palettes.add_texture_coordinates(palette, std::iter::once(self.places[place as usize]));
-            *self.placed.entry((palette, place)).or_insert_with(new)
+            *self.coordinate_entries.entry((palette, place)).or_insert_with(new)
         });
         Some(Paint { palette, at })
     }
 
     /// The untextured paint of a triangle, whose corners may have colours.
-    fn plain(&mut self, named: Named, colors: [Option<[u8; 3]>; 3]) -> Paint {
+    fn plain_paint(&mut self, named: MaterialReference, colors: [Option<[u8; 3]>; 3]) -> Paint {
         let alpha = match named {
-            Named::Unpainted => return PAINTLESS,
-            Named::Nothing | Named::Unknown => Some(255),
-            Named::Known { color: [r, g, b, alpha], is_color, .. } => (r == g && g == b && !is_color).then_some(alpha),
+            MaterialReference::Unpainted => return PAINTLESS,
+            MaterialReference::None | MaterialReference::Undefined => Some(255),
+            MaterialReference::Defined { color: [r, g, b, alpha], is_color, .. } => {
+                (r == g && g == b && !is_color).then_some(alpha)
+            }
         };
         if let (Some(alpha), [Some(a), Some(b), Some(c)]) = (alpha, colors) {
             let at = [a, b, c].map(|[r, g, b]| self.palettes.color([r, g, b, alpha]).1);
             return Paint { palette: self.palettes.colors(), at };
         }
-        let Named::Known { number, color, is_color, .. } = named else { return PAINTLESS };
+        let MaterialReference::Defined { number, color, is_color, .. } = named else { return PAINTLESS };
         *self.plain.entry(number).or_insert_with(|| {
             let name = || String::from_utf8_lossy(self.names[number as usize]).into_owned();
             let (palette, entry) = match is_color {
@@ -290,10 +292,10 @@ impl<'m> Materials<'m> {
     }
 
     /// Adds warnings, except those about missing files.
-    fn tell(&self, warnings: &mut Vec<String>) {
-        if let (count, Some(first)) = self.unknown {
+    fn add_warnings(&self, warnings: &mut Vec<String>) {
+        if let (count, Some(first)) = self.undefined {
             let name = self.names.get(first as usize).copied().unwrap_or_default();
-            warnings.push(match self.alone {
+            warnings.push(match self.unsent_library {
                 Some(library) => format!(
                     "the model's colours are in the file '{}', which was not sent; to keep them, send both files in one ZIP archive",
                     excerpt(library)
@@ -304,10 +306,10 @@ impl<'m> Materials<'m> {
                 ),
             });
         }
-        if self.displaced > 0 {
+        if self.missing_coordinates > 0 {
             warnings.push(format!(
                 "triangles that refer to missing texture coordinates have their material's plain colour: {}",
-                self.displaced
+                self.missing_coordinates
             ));
         }
     }
@@ -317,7 +319,7 @@ impl<'m> Materials<'m> {
     }
 
     fn textured_palette(&mut self, number: u32, color: [u8; 4]) -> Option<u32> {
-        let picture = self.definitions.get(self.names[number as usize])?.picture.clone()?;
+        let picture = self.definitions.get(self.names[number as usize])?.texture.clone()?;
         let texture = match self.pictures.get(&picture) {
             Some(texture) => *texture,
             None => {
@@ -330,7 +332,7 @@ impl<'m> Materials<'m> {
         Some(self.palettes.textured(texture, Some(name).filter(|name| !name.is_empty()), color))
     }
 
-    fn texture(&mut self, picture: &Picture) -> Option<u32> {
+    fn texture(&mut self, picture: &ColorTexture) -> Option<u32> {
         let (bytes, media_type) = self.sidecars.read_texture(&picture.file)?;
         let wrap = if picture.clamp { Wrap::Clamp } else { Wrap::Repeat };
         let media_type = media_type.to_owned();
@@ -340,15 +342,15 @@ impl<'m> Materials<'m> {
 }
 
 /// Reads the MTL files of a statement: one file whose name may contain blanks, or several files.
-fn read_libraries(names: &[u8], sidecars: &Sidecars<'_>, definitions: &mut Definitions) {
+fn read_libraries(names: &[u8], sidecars: &Sidecars<'_>, definitions: &mut MaterialDefinitions) {
     let whole = String::from_utf8_lossy(names);
     let whole = whole.trim_matches('"');
     let mut read = |name: &str| {
-        if let Some(bytes) = sidecars.read_file(name, mtl::MOST_BYTES) {
+        if let Some(bytes) = sidecars.read_file(name, mtl::MAX_LIBRARY_BYTES) {
             mtl::read(&bytes, definitions);
         }
     };
-    let words: Vec<&str> = whole.split_ascii_whitespace().take(LIBRARIES_OF_STATEMENT).collect();
+    let words: Vec<&str> = whole.split_ascii_whitespace().take(MAX_LIBRARIES_PER_STATEMENT).collect();
     match words[..] {
         // If no interpretation matches a file, the whole name is reported as missing.
         [_, _, ..] if !sidecars.has(whole) && words.iter().any(|name| sidecars.has(name)) => {

@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::part::{Group, GroupKind, ObjectResource, Part, Placed, ShapeResource, Warnings};
+use super::part::{Group, GroupKind, ObjectReference, ObjectResource, Part, ShapeResource, Warnings};
 use crate::format::archive::{Archive, name_excerpt, name_key};
 use crate::format::errors::{self, ReadError, ReadErrorKind};
 use crate::format::paint::MAX_TEXTURE_BYTES;
@@ -22,7 +22,7 @@ pub(super) fn scene(
     warnings: &mut Warnings,
 ) -> Result<Scene, ReadError> {
     let mut scene = Scene { up: Some(Up::Z), ..Scene::default() };
-    let mut pictures = Pictures { known: HashMap::new(), left: MAX_TEXTURE_BYTES };
+    let mut pictures = TextureFiles { known: HashMap::new(), left: MAX_TEXTURE_BYTES };
     for part in &mut parts {
         let first_texture = u32::try_from(scene.textures.len()).unwrap_or(u32::MAX);
         for texture in &part.textures {
@@ -34,14 +34,14 @@ pub(super) fn scene(
                 nearest: texture.nearest,
             });
         }
-        take_palettes(part, first_texture, &mut scene.palettes, warnings)?;
+        build_palettes(part, first_texture, &mut scene.palettes, warnings)?;
     }
     if let Some(model) = parts.first_mut() {
         scene.unit = model.unit;
         scene.notes = std::mem::take(&mut model.notes);
     }
     let items = parts.first_mut().map(|model| std::mem::take(&mut model.items)).unwrap_or_default();
-    let order = Order::of(&parts)?;
+    let order = ObjectOrder::of(&parts)?;
     let mut resources: Vec<Vec<Option<ObjectResource>>> =
         parts.iter_mut().map(|part| std::mem::take(&mut part.objects).into_iter().map(Some).collect()).collect();
     for &(part, object) in &order.sorted {
@@ -52,12 +52,12 @@ pub(super) fn scene(
     for item in items {
         let object = order.number(0, &item)?;
         if scene.objects[object as usize].kind == ObjectKind::Other {
-            return Err(refused(format!(
+            return Err(malformed(format!(
                 "a build item refers to the object {}, whose type 'other' must not be built",
                 item.id
             )));
         }
-        let Placed { transform, part_number, mut notes, .. } = item;
+        let ObjectReference { transform, part_number, mut notes, .. } = item;
         let name = take_title(&mut notes);
         scene.items.push(Item { object, transform, name, part_number, notes });
     }
@@ -71,19 +71,19 @@ fn take_title(notes: &mut Vec<Note>) -> Option<String> {
 }
 
 /// Texture files that have been unpacked, and the bytes that may still be.
-struct Pictures {
+struct TextureFiles {
     known: HashMap<String, Arc<[u8]>>,
     left: u64,
 }
 
-impl Pictures {
+impl TextureFiles {
     fn get(&mut self, path: &str, archive: &mut Archive<'_>) -> Result<Arc<[u8]>, ReadError> {
         if let Some(bytes) = self.known.get(&name_key(path)) {
             return Ok(Arc::clone(bytes));
         }
         let bytes = archive.read_file(path, self.left)?;
         let bytes: Arc<[u8]> =
-            bytes.ok_or_else(|| refused(format!("the texture {} is not in the file", name_excerpt(path))))?.into();
+            bytes.ok_or_else(|| malformed(format!("the texture {} is not in the file", name_excerpt(path))))?.into();
         self.left -= bytes.len() as u64;
         self.known.insert(name_key(path), Arc::clone(&bytes));
         Ok(bytes)
@@ -92,17 +92,17 @@ impl Pictures {
 
 /// The state of an object in the depth-first search.
 #[derive(Clone, Copy)]
-enum Seen {
+enum VisitState {
     /// Not visited.
-    Not,
+    Unvisited,
     /// Its components are being visited.
-    Open,
+    InProgress,
     /// Visited; the value is the number of levels below it.
-    Whole(usize),
+    Done(usize),
 }
 
 /// Topological order of the objects: components come before the objects that use them.
-struct Order {
+struct ObjectOrder {
     /// Index of each part by [`name_key`].
     parts: HashMap<String, usize>,
     /// Index of each object in its part, by part and id.
@@ -113,7 +113,7 @@ struct Order {
     numbers: HashMap<(usize, usize), u32>,
 }
 
-impl Order {
+impl ObjectOrder {
     fn of(parts: &[Part]) -> Result<Self, ReadError> {
         let mut order = Self {
             parts: parts.iter().enumerate().map(|(index, part)| (name_key(&part.name), index)).collect(),
@@ -121,12 +121,12 @@ impl Order {
             sorted: Vec::new(),
             numbers: HashMap::new(),
         };
-        for (part, it) in parts.iter().enumerate() {
-            order.places.extend(it.objects.iter().enumerate().map(|(place, object)| ((part, object.id), place)));
+        for (part, content) in parts.iter().enumerate() {
+            order.places.extend(content.objects.iter().enumerate().map(|(place, object)| ((part, object.id), place)));
         }
-        let mut seen: Vec<_> = parts.iter().map(|part| vec![Seen::Not; part.objects.len()]).collect();
-        for (part, it) in parts.iter().enumerate() {
-            for place in 0..it.objects.len() {
+        let mut seen: Vec<_> = parts.iter().map(|part| vec![VisitState::Unvisited; part.objects.len()]).collect();
+        for (part, content) in parts.iter().enumerate() {
+            for place in 0..content.objects.len() {
                 order.visit((part, place), parts, &mut seen, Scene::DEPTH)?;
             }
         }
@@ -138,48 +138,48 @@ impl Order {
         &mut self,
         (part, place): (usize, usize),
         parts: &[Part],
-        seen: &mut [Vec<Seen>],
+        seen: &mut [Vec<VisitState>],
         depth: usize,
     ) -> Result<usize, ReadError> {
         let object = &parts[part].objects[place];
         match seen[part][place] {
-            Seen::Whole(height) => return Ok(height),
-            Seen::Open => return Err(refused(format!("the object {} contains itself", object.id))),
-            Seen::Not => seen[part][place] = Seen::Open,
+            VisitState::Done(height) => return Ok(height),
+            VisitState::InProgress => return Err(malformed(format!("the object {} contains itself", object.id))),
+            VisitState::Unvisited => seen[part][place] = VisitState::InProgress,
         }
         let mut height = 0;
         if let ShapeResource::Components(components) = &object.shape {
             let below = depth.checked_sub(1).ok_or_else(too_deep)?;
             for component in components {
-                let below = self.visit(self.place(part, component)?, parts, seen, below)?;
+                let below = self.visit(self.locate(part, component)?, parts, seen, below)?;
                 height = height.max(below + 1);
             }
         }
         if height > Scene::DEPTH {
             return Err(too_deep());
         }
-        seen[part][place] = Seen::Whole(height);
+        seen[part][place] = VisitState::Done(height);
         self.numbers.insert((part, place), u32::try_from(self.sorted.len()).unwrap_or(u32::MAX));
         self.sorted.push((part, place));
         Ok(height)
     }
 
     /// Part and index of the object that a component or item of a part refers to.
-    fn place(&self, part: usize, placed: &Placed) -> Result<(usize, usize), ReadError> {
+    fn locate(&self, part: usize, placed: &ObjectReference) -> Result<(usize, usize), ReadError> {
         let part = match &placed.path {
             Some(path) => self.parts.get(&name_key(path)).copied(),
             None => Some(part),
         };
-        let found = part.and_then(|part| Some((part, *self.places.get(&(part, placed.id))?)));
-        found.ok_or_else(|| {
+        let location = part.and_then(|part| Some((part, *self.places.get(&(part, placed.id))?)));
+        location.ok_or_else(|| {
             let of =
                 placed.path.as_deref().map_or_else(String::new, |path| format!(" of the part {}", name_excerpt(path)));
-            refused(format!("a component or build item refers to the object {}{of}, which does not exist", placed.id))
+            malformed(format!("a component or build item refers to the object {}{of}, which does not exist", placed.id))
         })
     }
 
-    fn number(&self, part: usize, placed: &Placed) -> Result<u32, ReadError> {
-        Ok(self.numbers[&self.place(part, placed)?])
+    fn number(&self, part: usize, placed: &ObjectReference) -> Result<u32, ReadError> {
+        Ok(self.numbers[&self.locate(part, placed)?])
     }
 
     fn object(&self, part: usize, resource: ObjectResource) -> Result<Object, ReadError> {
@@ -187,7 +187,9 @@ impl Order {
         let shape = match shape {
             ShapeResource::Mesh { soup, paint } => Shape::Mesh(PaintedMesh { soup, paint }),
             ShapeResource::Components(components) => {
-                let component = |it: &Placed| Ok(Component { object: self.number(part, it)?, transform: it.transform });
+                let component = |reference: &ObjectReference| {
+                    Ok(Component { object: self.number(part, reference)?, transform: reference.transform })
+                };
                 Shape::Components(components.iter().map(component).collect::<Result<_, ReadError>>()?)
             }
         };
@@ -200,20 +202,20 @@ fn too_deep() -> ReadError {
     ReadError::for_file(ReadErrorKind::TooLarge, detail)
 }
 
-fn refused(detail: String) -> ReadError {
+fn malformed(detail: String) -> ReadError {
     ReadError::for_file(ReadErrorKind::Malformed, format!("{detail}; export the model again"))
 }
 
 /// The palette that a property group has become.
-struct Known {
-    kind: Kind,
+struct GroupPalette {
+    kind: GroupType,
     palette: u32,
     entries: Entries,
 }
 
 /// The type of a property group, as far as multiproperties depend on it.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum GroupType {
     Materials,
     Composites,
     Colors,
@@ -223,33 +225,33 @@ enum Kind {
 /// The palette entries of a property group's entries.
 enum Entries {
     /// The same entries; the value is their number.
-    First(usize),
+    Same(usize),
     /// The palette entry of each group entry.
-    These(Vec<u32>),
+    Mapped(Vec<u32>),
 }
 
 impl Entries {
     fn get(&self, entry: u32) -> Option<u32> {
         match self {
-            Self::First(count) => ((entry as usize) < *count).then_some(entry),
-            Self::These(entries) => entries.get(entry as usize).copied(),
+            Self::Same(count) => ((entry as usize) < *count).then_some(entry),
+            Self::Mapped(entries) => entries.get(entry as usize).copied(),
         }
     }
 }
 
 /// Turns a part's property groups into palettes, and updates the paint of its objects. `first_texture` is the scene index of its first texture.
-fn take_palettes(
+fn build_palettes(
     part: &mut Part,
     first_texture: u32,
     palettes: &mut Vec<Palette>,
     warnings: &mut Warnings,
 ) -> Result<(), ReadError> {
-    let known = groups(part, first_texture, palettes, warnings)?;
-    let mut used = Vec::with_capacity(part.painted_by.groups.len());
-    for id in &part.painted_by.groups {
+    let known = group_palettes(part, first_texture, palettes, warnings)?;
+    let mut used = Vec::with_capacity(part.used_groups.groups.len());
+    for id in &part.used_groups.groups {
         let group = known.get(id);
         used.push(group.ok_or_else(|| {
-            refused_in(&part.name, format!("an object refers to the property group {id}, which does not exist"))
+            malformed_in(&part.name, format!("an object refers to the property group {id}, which does not exist"))
         })?);
     }
     for object in &mut part.objects {
@@ -260,10 +262,10 @@ fn take_palettes(
                 *at = group.entries.get(*at).ok_or_else(|| {
                     let detail =
                         format!("the object {} refers to entry {at} of a property group that has fewer", object.id);
-                    ReadError { kind: ReadErrorKind::IndexOutOfRange, ..refused_in(&part.name, detail) }
+                    ReadError { kind: ReadErrorKind::IndexOutOfRange, ..malformed_in(&part.name, detail) }
                 })?;
             }
-            if group.kind == Kind::Materials {
+            if group.kind == GroupType::Materials {
                 paint.at = [paint.at[0]; 3];
             }
             paint.palette = group.palette;
@@ -273,61 +275,65 @@ fn take_palettes(
 }
 
 /// The palettes of a part's property groups, by group id.
-fn groups(
+fn group_palettes(
     part: &mut Part,
     first_texture: u32,
     palettes: &mut Vec<Palette>,
     warnings: &mut Warnings,
-) -> Result<HashMap<u32, Known>, ReadError> {
-    let refused = |detail| refused_in(&part.name, detail);
-    let mut mixed =
-        part.groups.iter().map(|group| mix(&part.groups, group)).collect::<Result<Vec<_>, _>>().map_err(refused)?;
+) -> Result<HashMap<u32, GroupPalette>, ReadError> {
+    let malformed = |detail| malformed_in(&part.name, detail);
+    let mut mixed = part
+        .groups
+        .iter()
+        .map(|group| composite_colors(&part.groups, group))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(malformed)?;
     let mut known = HashMap::new();
     let mut layered = Vec::new();
     for (Group { id, kind }, mixed) in std::mem::take(&mut part.groups).into_iter().zip(&mut mixed) {
         let (kind, palette) = match kind {
-            GroupKind::Materials(materials) => (Kind::Materials, Palette::Materials(materials)),
-            GroupKind::Colors(colors) => (Kind::Colors, Palette::Colors(colors)),
+            GroupKind::Materials(materials) => (GroupType::Materials, Palette::Materials(materials)),
+            GroupKind::Colors(colors) => (GroupType::Colors, Palette::Colors(colors)),
             GroupKind::Composites { .. } => {
-                warnings.tell("mixtures of materials (composite materials) were replaced by colours");
-                (Kind::Composites, Palette::Colors(std::mem::take(mixed)))
+                warnings.add("mixtures of materials (composite materials) were replaced by colours");
+                (GroupType::Composites, Palette::Colors(std::mem::take(mixed)))
             }
-            GroupKind::Places { texture, places } => {
-                let index = part.textures.iter().position(|it| it.id == texture);
+            GroupKind::TextureCoordinates { texture, places } => {
+                let index = part.textures.iter().position(|resource| resource.id == texture);
                 let index = index.ok_or_else(|| {
-                    refused(format!("the texture group {id} refers to the texture {texture}, which does not exist"))
+                    malformed(format!("the texture group {id} refers to the texture {texture}, which does not exist"))
                 })?;
                 let texture = first_texture + u32::try_from(index).unwrap_or(u32::MAX);
-                (Kind::Texture, Palette::Textured { texture, name: None, tint: [255; 4], places })
+                (GroupType::Texture, Palette::Textured { texture, name: None, tint: [255; 4], places })
             }
             GroupKind::Layers { of, entries } => {
                 layered.push((id, of, entries));
                 continue;
             }
         };
-        let entries = Entries::First(palette.len());
-        known.insert(id, Known { kind, palette: u32::try_from(palettes.len()).unwrap_or(u32::MAX), entries });
+        let entries = Entries::Same(palette.len());
+        known.insert(id, GroupPalette { kind, palette: u32::try_from(palettes.len()).unwrap_or(u32::MAX), entries });
         palettes.push(palette);
     }
     let mut layers = Vec::with_capacity(layered.len());
     for (id, of, entries) in &layered {
-        let top = top_layer(&known, of).map_err(|detail| refused(format!("the multiproperties {id}: {detail}")))?;
+        let top = top_layer(&known, of).map_err(|detail| malformed(format!("the multiproperties {id}: {detail}")))?;
         let group = &known[&of[top]];
         let chosen = entries.iter().skip(top).step_by(of.len());
         let chosen = chosen.map(|&entry| {
             group.entries.get(entry).ok_or_else(|| {
-                refused(format!(
+                malformed(format!(
                     "the multiproperties {id} refer to entry {entry} of the group {}, which has fewer",
                     of[top]
                 ))
             })
         });
-        let layer = Known {
+        let layer = GroupPalette {
             kind: group.kind,
             palette: group.palette,
-            entries: Entries::These(chosen.collect::<Result<_, _>>()?),
+            entries: Entries::Mapped(chosen.collect::<Result<_, _>>()?),
         };
-        warnings.tell("layered properties (multiproperties) were reduced to their topmost colour or texture");
+        warnings.add("layered properties (multiproperties) were reduced to their topmost colour or texture");
         layers.push((*id, layer));
     }
     known.extend(layers);
@@ -335,10 +341,10 @@ fn groups(
 }
 
 /// The colours of a composite group: each the mean of its materials' colours, weighted by their shares.
-fn mix(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, String> {
+fn composite_colors(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, String> {
     let GroupKind::Composites { of, materials, shares } = &group.kind else { return Ok(Vec::new()) };
-    let base = groups.iter().find_map(|it| match &it.kind {
-        GroupKind::Materials(materials) if it.id == *of => Some(materials),
+    let base = groups.iter().find_map(|group| match &group.kind {
+        GroupKind::Materials(materials) if group.id == *of => Some(materials),
         _ => None,
     });
     let base = base.ok_or_else(|| {
@@ -372,22 +378,22 @@ fn mix(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, String> {
 
 /// The index of the last layer with colours or a texture, else the first. The rules for layers are those of the materials extension, chapter
 /// 5.
-fn top_layer(known: &HashMap<u32, Known>, of: &[u32]) -> Result<usize, String> {
-    let kinds = of
-        .iter()
-        .map(|id| known.get(id).map(|it| it.kind).ok_or_else(|| format!("{} is not a group that can be a layer", id)));
-    let kinds: Vec<Kind> = kinds.collect::<Result<_, _>>()?;
-    let is_material = |kind: &Kind| matches!(kind, Kind::Materials | Kind::Composites);
+fn top_layer(known: &HashMap<u32, GroupPalette>, of: &[u32]) -> Result<usize, String> {
+    let kinds = of.iter().map(|id| {
+        known.get(id).map(|group| group.kind).ok_or_else(|| format!("{} is not a group that can be a layer", id))
+    });
+    let kinds: Vec<GroupType> = kinds.collect::<Result<_, _>>()?;
+    let is_material = |kind: &GroupType| matches!(kind, GroupType::Materials | GroupType::Composites);
     if kinds.iter().skip(1).any(is_material) {
         return Err("a material may only be the first layer".to_owned());
     }
-    if kinds.iter().filter(|&&kind| kind == Kind::Colors).count() > 1 {
+    if kinds.iter().filter(|&&kind| kind == GroupType::Colors).count() > 1 {
         return Err("only one layer may be a colour group".to_owned());
     }
     Ok(kinds.iter().rposition(|kind| !is_material(kind)).unwrap_or(0))
 }
 
-fn refused_in(part: &str, detail: String) -> ReadError {
+fn malformed_in(part: &str, detail: String) -> ReadError {
     let detail = format!("in the part {}: {detail}; export the model again", errors::excerpt(part.as_bytes()));
     ReadError::for_file(ReadErrorKind::Malformed, detail)
 }

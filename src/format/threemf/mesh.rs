@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::part::{ModelReader, PaintedBy, Part, ShapeResource, index_in, not_a};
-use super::schema::{Space, number};
+use super::part::{ModelReader, Part, ShapeResource, UsedGroups, parse_index, unexpected_value};
+use super::schema::{Namespace, number};
 use super::xml::{Attribute, Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, excerpt};
 use crate::mesh::Soup;
@@ -17,24 +17,24 @@ pub(super) fn read(
     default: Option<(u32, u32)>,
     part: &mut Part,
 ) -> Result<ShapeResource, ReadError> {
-    xml.attributes(tag, |attribute| reader.passed(xml, &attribute, false))?;
+    xml.attributes(tag, |attribute| reader.ignore_attribute(xml, &attribute, false))?;
     let mut soup = Soup::default();
-    let mut painter = Painter::new(default, &mut part.painted_by);
+    let mut painter = Painter::new(default, &mut part.used_groups);
     xml.children(tag, |xml, tag| match tag.name() {
         b"vertices" if tag.space.is_core() => {
-            xml.attributes(tag, |attribute| reader.passed(xml, &attribute, false))?;
+            xml.attributes(tag, |attribute| reader.ignore_attribute(xml, &attribute, false))?;
             xml.children(tag, |xml, tag| match tag.name() {
                 b"vertex" if tag.space.is_core() => {
                     reader.budget.vertex()?;
                     soup.positions.push(vertex(reader, xml, tag)?);
                     Ok(())
                 }
-                _ => reader.unknown(xml, tag),
+                _ => reader.ignore_element(xml, tag),
             })
         }
         b"triangles" if tag.space.is_core() => {
-            xml.attributes(tag, |attribute| reader.passed(xml, &attribute, false))?;
-            let colored = tag.space == Space::Core;
+            xml.attributes(tag, |attribute| reader.ignore_attribute(xml, &attribute, false))?;
+            let colored = tag.space == Namespace::Core;
             xml.children(tag, |xml, tag| match tag.name() {
                 b"triangle" if tag.space.is_core() => {
                     reader.budget.face()?;
@@ -50,10 +50,10 @@ pub(super) fn read(
                     soup.faces.push(triangle.corners);
                     Ok(())
                 }
-                _ => reader.unknown(xml, tag),
+                _ => reader.ignore_element(xml, tag),
             })
         }
-        _ => reader.unknown(xml, tag),
+        _ => reader.ignore_element(xml, tag),
     })?;
     let paint = painter.finish(soup.faces.len());
     Ok(ShapeResource::Mesh { soup, paint })
@@ -109,7 +109,7 @@ fn triangle(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Tr
                 continue;
             }
         };
-        if slot.replace(index_in(xml, &attribute.value)?).is_some() {
+        if slot.replace(parse_index(xml, &attribute.value)?).is_some() {
             return Err(twice(xml, attribute.key.into_inner()));
         }
     }
@@ -124,10 +124,10 @@ fn triangle(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Tr
 fn other(reader: &mut ModelReader, xml: &Xml<'_>, key: &[u8], value: &[u8]) -> Result<(), ReadError> {
     let (space, name) = match key.iter().position(|&b| b == b':') {
         Some(colon) if &key[..colon] != b"xmlns" => (xml.space(&key[..colon])?, &key[colon + 1..]),
-        None if key != b"xmlns" => (Space::None, key),
+        None if key != b"xmlns" => (Namespace::None, key),
         _ => return Ok(()),
     };
-    reader.passed(xml, &Attribute { space, name, value }, true)
+    reader.ignore_attribute(xml, &Attribute { space, name, value }, true)
 }
 
 #[cold]
@@ -139,21 +139,21 @@ fn twice(xml: &Xml<'_>, name: &[u8]) -> ReadError {
 fn not_a_number(xml: &Xml<'_>, value: &[u8]) -> ReadError {
     match value.contains(&b',') {
         true => xml.malformed("a coordinate has a decimal comma; export the model with decimal points"),
-        false => not_a(xml, "a coordinate of a vertex", value),
+        false => unexpected_value(xml, "a coordinate of a vertex", value),
     }
 }
 
-/// Collects the paint of triangles. Until the palettes are built, `palette` is an index into [`PaintedBy::groups`].
+/// Collects the paint of triangles. Until the palettes are built, `palette` is an index into [`UsedGroups::groups`].
 struct Painter<'p> {
     default: Option<(u32, u32)>,
-    groups: &'p mut PaintedBy,
+    groups: &'p mut UsedGroups,
     /// The property group that was used last, and its index.
     last: Option<(u32, u32)>,
     paint: Vec<Paint>,
 }
 
 impl<'p> Painter<'p> {
-    fn new(default: Option<(u32, u32)>, groups: &'p mut PaintedBy) -> Self {
+    fn new(default: Option<(u32, u32)>, groups: &'p mut UsedGroups) -> Self {
         Self { default, groups, last: None, paint: Vec::new() }
     }
 

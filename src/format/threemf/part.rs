@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use glam::DAffine3;
 
-use super::schema::{Space, index, subject};
+use super::schema::{Namespace, index, subject};
 use super::xml::{Attribute, Tag, Xml};
 use crate::format::errors::{ReadError, ReadErrorKind, excerpt};
 use crate::format::limits::Limits;
@@ -27,20 +27,20 @@ pub(super) struct Part {
     /// Objects.
     pub objects: Vec<ObjectResource>,
     /// Build items.
-    pub items: Vec<Placed>,
+    pub items: Vec<ObjectReference>,
     /// The property groups that paint refers to.
-    pub painted_by: PaintedBy,
+    pub used_groups: UsedGroups,
 }
 
 /// The ids of property groups in the order of first use. Until palettes are built, [`Paint::palette`] is an index into this list.
 #[derive(Default)]
-pub(super) struct PaintedBy {
+pub(super) struct UsedGroups {
     /// Ids of the groups.
     pub groups: Vec<u32>,
     numbers: HashMap<u32, u32>,
 }
 
-impl PaintedBy {
+impl UsedGroups {
     /// The index of a group id, which is added if new.
     pub fn number(&mut self, group: u32) -> u32 {
         let next = u32::try_from(self.groups.len()).unwrap_or(u32::MAX);
@@ -71,11 +71,11 @@ pub(super) struct ObjectResource {
 /// The shape of an object: a mesh with paint, or components.
 pub(super) enum ShapeResource {
     Mesh { soup: Soup, paint: Vec<Paint> },
-    Components(Vec<Placed>),
+    Components(Vec<ObjectReference>),
 }
 
 /// A reference to an object with a transform: a component or a build item.
-pub(super) struct Placed {
+pub(super) struct ObjectReference {
     /// The part that holds the object; `None` for the same part.
     pub path: Option<String>,
     /// Id of the object.
@@ -119,7 +119,7 @@ pub(super) enum GroupKind {
     /// Colours.
     Colors(Vec<[u8; 4]>),
     /// Texture coordinates in the texture with this id.
-    Places { texture: u32, places: Vec<[f64; 2]> },
+    TextureCoordinates { texture: u32, places: Vec<[f64; 2]> },
     /// Mixtures of the `materials` of the group `of`. Each mixture is a row of `shares`, one for each material.
     Composites { of: u32, materials: Vec<u32>, shares: Vec<f64> },
     /// Layered entries of the groups `of`. Each row of `entries` has one entry for each group.
@@ -146,16 +146,21 @@ impl ModelReader {
         xml.string(value)
     }
 
-    /// Ignores an unknown attribute. `others` tells whether attributes of other namespaces are allowed here (core specification, 2.3.2).
-    pub fn passed(&mut self, xml: &Xml<'_>, attribute: &Attribute<'_>, others: bool) -> Result<(), ReadError> {
+    /// Ignores an unknown attribute. `allow_others` tells whether attributes of other namespaces are allowed here (core specification, 2.3.2).
+    pub fn ignore_attribute(
+        &mut self,
+        xml: &Xml<'_>,
+        attribute: &Attribute<'_>,
+        allow_others: bool,
+    ) -> Result<(), ReadError> {
         match attribute.space {
             // For example the UUIDs of the production extension.
-            Space::Production | Space::Material if others => Ok(()),
-            Space::Other(_) if others => {
+            Namespace::Production | Namespace::Material if allow_others => Ok(()),
+            Namespace::Other(_) if allow_others => {
                 self.warnings.extension(subject(xml.uri(attribute.space)));
                 Ok(())
             }
-            Space::None | Space::Core | Space::Draft => {
+            Namespace::None | Namespace::Core | Namespace::Draft => {
                 self.warnings.name(attribute.name);
                 Ok(())
             }
@@ -170,10 +175,10 @@ impl ModelReader {
     }
 
     /// Ignores an unknown element.
-    pub fn unknown(&mut self, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<(), ReadError> {
+    pub fn ignore_element(&mut self, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<(), ReadError> {
         match tag.space {
-            Space::Other(_) => self.warnings.extension(subject(xml.uri(tag.space))),
-            Space::SchemaInstance | Space::Xml => {
+            Namespace::Other(_) => self.warnings.extension(subject(xml.uri(tag.space))),
+            Namespace::SchemaInstance | Namespace::Xml => {
                 let detail = format!(
                     "the element <{}> has a namespace that 3MF forbids; export the model again",
                     excerpt(tag.name())
@@ -188,23 +193,23 @@ impl ModelReader {
 
 /// The error for a value that is not `expected`.
 #[cold]
-pub(super) fn not_a(xml: &Xml<'_>, expected: &str, value: &[u8]) -> ReadError {
+pub(super) fn unexpected_value(xml: &Xml<'_>, expected: &str, value: &[u8]) -> ReadError {
     xml.malformed(format_args!("found '{}' where {expected} was expected; export the model again", excerpt(value)))
 }
 
 /// Parses a resource id or an index.
-pub(super) fn index_in(xml: &Xml<'_>, value: &[u8]) -> Result<u32, ReadError> {
-    index(value).ok_or_else(|| not_a(xml, "a whole number", value))
+pub(super) fn parse_index(xml: &Xml<'_>, value: &[u8]) -> Result<u32, ReadError> {
+    index(value).ok_or_else(|| unexpected_value(xml, "a whole number", value))
 }
 
 /// Maximum number of objects, and of components and build items together.
-const OBJECTS: u64 = 100_000;
+const MAX_OBJECTS: u64 = 100_000;
 /// Maximum number of property groups and textures, and of metadata elements, which are searched linearly.
-const RESOURCES: u64 = 10_000;
+const MAX_RESOURCES: u64 = 10_000;
 /// Maximum total length of names and metadata, in bytes.
-const TEXT: u64 = 16 << 20;
+const MAX_TEXT_BYTES: u64 = 16 << 20;
 /// Maximum number of model parts.
-const PARTS: u64 = 1_000;
+const MAX_PARTS: u64 = 1_000;
 
 /// Limits on all parts of a file together. Each item is counted before it is kept.
 pub(super) struct Budget {
@@ -242,22 +247,22 @@ impl Budget {
 
     /// Counts an object.
     pub fn object(&mut self, xml: &Xml<'_>) -> Result<(), ReadError> {
-        count(&mut self.objects, 1, OBJECTS, "objects", xml)
+        count(&mut self.objects, 1, MAX_OBJECTS, "objects", xml)
     }
 
     /// Counts a component or a build item.
     pub fn placed(&mut self, xml: &Xml<'_>) -> Result<(), ReadError> {
-        count(&mut self.placed, 1, OBJECTS, "components and build items", xml)
+        count(&mut self.placed, 1, MAX_OBJECTS, "components and build items", xml)
     }
 
     /// Counts a metadata element.
     pub fn note(&mut self, xml: &Xml<'_>) -> Result<(), ReadError> {
-        count(&mut self.notes, 1, RESOURCES, "metadata elements", xml)
+        count(&mut self.notes, 1, MAX_RESOURCES, "metadata elements", xml)
     }
 
     /// Counts a property group or a texture.
     pub fn resource(&mut self, xml: &Xml<'_>) -> Result<(), ReadError> {
-        count(&mut self.resources, 1, RESOURCES, "property groups and textures", xml)
+        count(&mut self.resources, 1, MAX_RESOURCES, "property groups and textures", xml)
     }
 
     /// Counts entries of property groups, which may be as many as vertices.
@@ -267,23 +272,23 @@ impl Budget {
 
     /// Counts the bytes of a name or of metadata.
     pub fn text(&mut self, bytes: usize, xml: &Xml<'_>) -> Result<(), ReadError> {
-        count(&mut self.text, bytes as u64, TEXT, "bytes of names and metadata", xml)
+        count(&mut self.text, bytes as u64, MAX_TEXT_BYTES, "bytes of names and metadata", xml)
     }
 
     /// Counts a model part.
     pub fn part(&mut self, xml: &Xml<'_>) -> Result<(), ReadError> {
-        count(&mut self.parts, 1, PARTS, "model parts", xml)
+        count(&mut self.parts, 1, MAX_PARTS, "model parts", xml)
     }
 }
 
 /// Adds to a count, and checks it against its limit.
 #[inline]
-fn count(sum: &mut u64, more: u64, most: u64, what: &str, xml: &Xml<'_>) -> Result<(), ReadError> {
+fn count(sum: &mut u64, more: u64, most: u64, items: &str, xml: &Xml<'_>) -> Result<(), ReadError> {
     *sum = sum.saturating_add(more);
     if *sum <= most {
         return Ok(());
     }
-    let detail = format!("the file has more than {most} {what}; simplify the model before you send it");
+    let detail = format!("the file has more than {most} {items}; simplify the model before you send it");
     Err(xml.error(ReadErrorKind::TooLarge, detail))
 }
 
@@ -320,8 +325,8 @@ impl Warnings {
     }
 
     /// Records another warning, unless it was recorded before.
-    pub fn tell(&mut self, warning: &str) {
-        if !self.other.iter().any(|told| told == warning) {
+    pub fn add(&mut self, warning: &str) {
+        if !self.other.iter().any(|known| known == warning) {
             self.other.push(warning.to_owned());
         }
     }

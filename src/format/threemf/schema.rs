@@ -22,7 +22,7 @@ const XML: &str = "http://www.w3.org/XML/1998/namespace";
 
 /// The namespace of a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Space {
+pub(super) enum Namespace {
     /// No namespace.
     None,
     /// The core specification.
@@ -42,7 +42,7 @@ pub(super) enum Space {
     Other(u16),
 }
 
-impl Space {
+impl Namespace {
     /// The namespace with this URI; `None` if it is unknown.
     pub fn known(uri: &str) -> Option<Self> {
         Some(match uri {
@@ -87,8 +87,8 @@ pub(super) fn subject(uri: &str) -> String {
 }
 
 /// Whether a model that requires this extension is complete without it.
-pub(super) fn can_be_passed(uri: &str) -> bool {
-    Space::known(uri).is_some() || EXTENSIONS.iter().any(|&(address, _, passed)| address == uri && passed)
+pub(super) fn is_optional_extension(uri: &str) -> bool {
+    Namespace::known(uri).is_some() || EXTENSIONS.iter().any(|&(address, _, is_optional)| address == uri && is_optional)
 }
 
 /// Type of the relationship to the root model, or to a part with objects that it uses.
@@ -110,7 +110,7 @@ const NOTES: [&str; 9] = [
 ];
 
 /// Namespace for metadata that needs one and has none.
-pub(super) const OWN_NOTES: &str = "urn:meshmend:notes";
+pub(super) const OWN_NOTES_URI: &str = "urn:meshmend:notes";
 
 /// Whether a metadata name needs no namespace.
 pub(super) fn is_known_note(name: &str) -> bool {
@@ -118,13 +118,13 @@ pub(super) fn is_known_note(name: &str) -> bool {
 }
 
 /// Namespaces that XML reserves for their own prefixes.
-const UNBOUND: [&str; 2] = ["http://www.w3.org/XML/1998/namespace", "http://www.w3.org/2000/xmlns/"];
+const RESERVED_NAMESPACES: [&str; 2] = ["http://www.w3.org/XML/1998/namespace", "http://www.w3.org/2000/xmlns/"];
 
 /// The namespace with which a note is written; `None` if it needs none.
 fn note_namespace(note: &Note) -> Option<&str> {
-    match note.namespace.as_deref().filter(|uri| !uri.is_empty() && !UNBOUND.contains(uri)) {
+    match note.namespace.as_deref().filter(|uri| !uri.is_empty() && !RESERVED_NAMESPACES.contains(uri)) {
         None if is_known_note(&note.name) => None,
-        None => Some(OWN_NOTES),
+        None => Some(OWN_NOTES_URI),
         uri => uri,
     }
 }
@@ -133,8 +133,8 @@ fn note_namespace(note: &Note) -> Option<&str> {
 
 /// The part that a reference in `source` refers to; `None` if it points outside the package.
 pub(super) fn resolve(source: &str, reference: &str) -> Option<String> {
-    let path = archive::percent_decoded(reference).filter(|it| !it.is_empty())?;
-    archive::resolve(source, &path).filter(|it| !it.contains(':'))
+    let path = archive::percent_decoded(reference).filter(|path| !path.is_empty())?;
+    archive::resolve(source, &path).filter(|path| !path.contains(':'))
 }
 
 // Values of attributes.
@@ -147,7 +147,7 @@ pub(super) fn index(value: &[u8]) -> Option<u32> {
         return None;
     }
     digits.iter().try_fold(0_u32, |sum, &digit| match digit {
-        b'0'..=b'9' => sum.checked_mul(10)?.checked_add(u32::from(digit - b'0')).filter(|&it| it < 1 << 31),
+        b'0'..=b'9' => sum.checked_mul(10)?.checked_add(u32::from(digit - b'0')).filter(|&sum| sum < 1 << 31),
         _ => None,
     })
 }
@@ -160,7 +160,7 @@ pub(super) fn number(value: &[u8]) -> Option<f64> {
     if !word.iter().all(|b| matches!(b, b'0'..=b'9' | b'.' | b'-' | b'+' | b'e' | b'E')) {
         return None;
     }
-    f64::from_str(std::str::from_utf8(word).ok()?).ok().filter(|it| it.is_finite())
+    f64::from_str(std::str::from_utf8(word).ok()?).ok().filter(|number| number.is_finite())
 }
 
 /// Words between white space.
@@ -205,7 +205,7 @@ pub(super) fn boolean(value: &[u8]) -> Option<bool> {
 }
 
 /// The text without characters that XML forbids.
-fn sayable(text: &str) -> impl Iterator<Item = char> {
+fn without_forbidden(text: &str) -> impl Iterator<Item = char> {
     text.chars().filter(|&c| c >= ' ' && !matches!(c, '\u{FFFE}' | '\u{FFFF}') || matches!(c, '\t' | '\n' | '\r'))
 }
 
@@ -216,7 +216,7 @@ fn escaped<'t>(text: &'t str, escape: impl Fn(char) -> Option<&'static str>) -> 
         return Cow::Borrowed(text);
     }
     let mut whole = String::with_capacity(text.len() + 16);
-    for c in sayable(text) {
+    for c in without_forbidden(text) {
         match escape(c) {
             Some(reference) => whole.push_str(reference),
             None => whole.push(c),
@@ -262,7 +262,7 @@ fn name(text: &str) -> String {
 }
 
 /// Prefixes that are not available for metadata.
-const TAKEN: [&str; 3] = ["m", "xml", "xmlns"];
+const RESERVED_PREFIXES: [&str; 3] = ["m", "xml", "xmlns"];
 
 /// The prefix of each metadata namespace, in the order of first use.
 pub(super) struct Prefixes<'s> {
@@ -277,7 +277,7 @@ impl<'s> Prefixes<'s> {
         let of_items = scene.items.iter().flat_map(|item| &item.notes);
         for note in scene.notes.iter().chain(of_objects).chain(of_items) {
             match note_namespace(note) {
-                Some(OWN_NOTES) => prefixes.add(Some("note"), OWN_NOTES),
+                Some(OWN_NOTES_URI) => prefixes.add(Some("note"), OWN_NOTES_URI),
                 Some(namespace) => prefixes.add(note.name.split_once(':').map(|(prefix, _)| prefix), namespace),
                 None => {}
             }
@@ -289,8 +289,9 @@ impl<'s> Prefixes<'s> {
         if self.all.iter().any(|(_, known)| *known == namespace) {
             return;
         }
-        let free =
-            |prefix: &String| !TAKEN.contains(&prefix.as_str()) && self.all.iter().all(|(taken, _)| taken != prefix);
+        let free = |prefix: &String| {
+            !RESERVED_PREFIXES.contains(&prefix.as_str()) && self.all.iter().all(|(taken, _)| taken != prefix)
+        };
         let wanted = wanted.map(name).filter(free);
         let prefix = wanted.or_else(|| (1..).map(|number| format!("n{number}")).find(free));
         self.all.extend(prefix.map(|prefix| (prefix, namespace)));

@@ -32,21 +32,21 @@ pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
 
 /// Writes the package. The flag tells whether all numbers are finite.
 fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
-    let pictures = Pictures::of(&scene.textures);
+    let texture_parts = TextureParts::of(&scene.textures);
     let packed = deflate_options(false);
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     zip.start_file("[Content_Types].xml", packed)?;
-    zip.write_all(content_types(&pictures).as_bytes())?;
+    zip.write_all(content_types(&texture_parts).as_bytes())?;
     zip.start_file("_rels/.rels", packed)?;
     zip.write_all(relationships([(MODEL_RELATIONSHIP, ROOT)].into_iter()).as_bytes())?;
     zip.start_file(ROOT, deflate_options(is_long(scene)))?;
-    let finite = ModelWriter::new(scene, &pictures.of_textures).write(&mut zip)?;
-    if !pictures.files.is_empty() {
+    let finite = ModelWriter::new(scene, &texture_parts.of_textures).write(&mut zip)?;
+    if !texture_parts.files.is_empty() {
         zip.start_file("3D/_rels/3dmodel.model.rels", packed)?;
-        let targets = pictures.files.iter().map(|(path, _)| (TEXTURE_RELATIONSHIP, path.as_str()));
+        let targets = texture_parts.files.iter().map(|(path, _)| (TEXTURE_RELATIONSHIP, path.as_str()));
         zip.write_all(relationships(targets).as_bytes())?;
     }
-    for (path, texture) in &pictures.files {
+    for (path, texture) in &texture_parts.files {
         zip.start_file(path.as_str(), store_options())?;
         zip.write_all(&texture.bytes)?;
     }
@@ -64,50 +64,50 @@ fn is_long(scene: &Scene) -> bool {
 }
 
 /// The texture parts of the package.
-struct Pictures<'s> {
+struct TextureParts<'s> {
     files: Vec<(String, &'s Texture)>,
     /// The part of each texture; `None` if it is neither PNG nor JPEG.
     of_textures: Vec<Option<String>>,
 }
 
-impl<'s> Pictures<'s> {
+impl<'s> TextureParts<'s> {
     fn of(textures: &'s [Texture]) -> Self {
-        let mut pictures = Self { files: Vec::new(), of_textures: Vec::new() };
+        let mut texture_parts = Self { files: Vec::new(), of_textures: Vec::new() };
         for texture in textures {
             let ending = match texture.media_type.as_str() {
                 "image/png" => "png",
                 "image/jpeg" => "jpg",
                 _ => {
-                    pictures.of_textures.push(None);
+                    texture_parts.of_textures.push(None);
                     continue;
                 }
             };
             let same = |other: &&(String, &Texture)| {
                 other.1.bytes == texture.bytes && other.1.media_type == texture.media_type
             };
-            let path = match pictures.files.iter().find(same) {
+            let path = match texture_parts.files.iter().find(same) {
                 Some((path, _)) => path.clone(),
                 None => {
-                    let path = format!("3D/Textures/texture{}.{ending}", pictures.files.len() + 1);
-                    pictures.files.push((path.clone(), texture));
+                    let path = format!("3D/Textures/texture{}.{ending}", texture_parts.files.len() + 1);
+                    texture_parts.files.push((path.clone(), texture));
                     path
                 }
             };
-            pictures.of_textures.push(Some(path));
+            texture_parts.of_textures.push(Some(path));
         }
-        pictures
+        texture_parts
     }
 }
 
 const DECLARATION: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
 
 /// The content types part.
-fn content_types(pictures: &Pictures<'_>) -> String {
+fn content_types(texture_parts: &TextureParts<'_>) -> String {
     let mut text =
         format!("{DECLARATION}<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n");
     let of_pictures = [("png", "image/png"), ("jpg", "image/jpeg")]
         .into_iter()
-        .filter(|(_, media_type)| pictures.files.iter().any(|(_, texture)| texture.media_type == *media_type));
+        .filter(|(_, media_type)| texture_parts.files.iter().any(|(_, texture)| texture.media_type == *media_type));
     let types = [
         ("rels", "application/vnd.openxmlformats-package.relationships+xml"),
         ("model", "application/vnd.ms-package.3dmanufacturing-3dmodel+xml"),
@@ -130,13 +130,13 @@ fn relationships<'t>(all: impl Iterator<Item = (&'t str, &'t str)>) -> String {
 }
 
 /// Size in bytes at which collected text is compressed.
-const CHUNK: usize = 64 << 10;
+const CHUNK_BYTES: usize = 64 << 10;
 
 /// Writes the model part of a scene.
 struct ModelWriter<'s> {
     scene: &'s Scene,
     /// The part of each texture; `None` if it is not written.
-    pictures: &'s [Option<String>],
+    texture_parts: &'s [Option<String>],
     prefixes: Prefixes<'s>,
     /// Resource ids of textures and palettes; `None` if they are not written.
     textures: Vec<Option<u32>>,
@@ -151,13 +151,13 @@ struct ModelWriter<'s> {
 
 // Writing to a String can't fail, so the results of `write!` are ignored.
 impl<'s> ModelWriter<'s> {
-    fn new(scene: &'s Scene, pictures: &'s [Option<String>]) -> Self {
+    fn new(scene: &'s Scene, texture_parts: &'s [Option<String>]) -> Self {
         let mut next = 0;
         let mut number = |is_written: bool| {
             next += u32::from(is_written);
             is_written.then_some(next)
         };
-        let textures: Vec<_> = pictures.iter().map(|picture| number(picture.is_some())).collect();
+        let textures: Vec<_> = texture_parts.iter().map(|picture| number(picture.is_some())).collect();
         let is_written = |palette: &Palette| match palette {
             Palette::Textured { texture, .. } => textures.get(*texture as usize).is_some_and(Option::is_some),
             _ => true,
@@ -172,7 +172,7 @@ impl<'s> ModelWriter<'s> {
             }
         }
         let (first_object, text) = (next + 1, String::new());
-        Self { scene, pictures, prefixes, textures, palettes, first_object, built, text, finite: true }
+        Self { scene, texture_parts, prefixes, textures, palettes, first_object, built, text, finite: true }
     }
 
     /// Writes the model part. Returns whether all numbers are finite, as 3MF requires.
@@ -206,7 +206,7 @@ impl<'s> ModelWriter<'s> {
 
     /// Compresses the collected text once it is long enough.
     fn pack(&mut self, target: &mut impl Write) -> io::Result<()> {
-        if self.text.len() >= CHUNK {
+        if self.text.len() >= CHUNK_BYTES {
             target.write_all(self.text.as_bytes())?;
             self.text.clear();
         }
@@ -220,7 +220,7 @@ impl<'s> ModelWriter<'s> {
     }
 
     fn textures(&mut self) {
-        for ((texture, path), id) in self.scene.textures.iter().zip(self.pictures).zip(&self.textures) {
+        for ((texture, path), id) in self.scene.textures.iter().zip(self.texture_parts).zip(&self.textures) {
             let (Some(path), Some(id)) = (path, id) else { continue };
             let media_type = attribute(&texture.media_type);
             let _ = write!(self.text, "<m:texture2d id=\"{id}\" path=\"/{path}\" contenttype=\"{media_type}\"");
@@ -246,8 +246,8 @@ impl<'s> ModelWriter<'s> {
             }
             Palette::Colors(colors) => {
                 let _ = writeln!(self.text, "<m:colorgroup id=\"{id}\">");
-                for &it in colors {
-                    let _ = writeln!(self.text, "<m:color color=\"{}\"/>", color(it));
+                for &entry in colors {
+                    let _ = writeln!(self.text, "<m:color color=\"{}\"/>", color(entry));
                     self.pack(target)?;
                 }
                 "m:colorgroup"
@@ -257,7 +257,7 @@ impl<'s> ModelWriter<'s> {
                 let _ = writeln!(self.text, "<m:texture2dgroup id=\"{id}\" texid=\"{texture}\">");
                 for place in places {
                     // Texture coordinates that are not finite must not make writing fail.
-                    let [u, v] = place.map(|it| if it.is_finite() { it } else { 0.0 });
+                    let [u, v] = place.map(|x| if x.is_finite() { x } else { 0.0 });
                     let _ = writeln!(self.text, "<m:tex2coord u=\"{u}\" v=\"{v}\"/>");
                     self.pack(target)?;
                 }
@@ -274,8 +274,8 @@ impl<'s> ModelWriter<'s> {
         if let Some(kind) = self.kind(number, object.kind) {
             let _ = write!(self.text, " type=\"{kind}\"");
         }
-        self.words("name", object.name.as_deref());
-        self.words("partnumber", object.part_number.as_deref());
+        self.nonempty_attribute("name", object.name.as_deref());
+        self.nonempty_attribute("partnumber", object.part_number.as_deref());
         let default = object.mesh().and_then(|mesh| self.default_paint(mesh));
         if let Some((palette, entry)) = default {
             let _ = write!(self.text, " pid=\"{palette}\" pindex=\"{entry}\"");
@@ -313,7 +313,7 @@ impl<'s> ModelWriter<'s> {
     }
 
     /// Writes an attribute unless its value is empty.
-    fn words(&mut self, name: &str, value: Option<&str>) {
+    fn nonempty_attribute(&mut self, name: &str, value: Option<&str>) {
         let value = attribute(value.unwrap_or_default());
         if !value.is_empty() {
             let _ = write!(self.text, " {name}=\"{value}\"");
@@ -404,7 +404,7 @@ impl<'s> ModelWriter<'s> {
         let id = u64::from(self.first_object) + u64::from(item.object);
         let _ = write!(self.text, "<item objectid=\"{id}\"");
         self.transform(self.scene.stood(Up::Z, item.transform));
-        self.words("partnumber", item.part_number.as_deref());
+        self.nonempty_attribute("partnumber", item.part_number.as_deref());
         self.text.push('>');
         // Build items have no name attribute, so the name becomes the metadata `Title`.
         let title = item.name.as_ref().filter(|name| !attribute(name).is_empty()).map(|name| Note {

@@ -11,18 +11,18 @@ use quick_xml::events::attributes::Attributes;
 use quick_xml::events::{BytesStart, BytesText, Event};
 use quick_xml::{Error, Reader};
 
-use super::schema::Space;
+use super::schema::Namespace;
 use crate::format::archive::{Stream, StreamError};
 use crate::format::errors::{ReadError, ReadErrorKind, excerpt, excerpt_up_to};
 
 /// Maximum depth of elements; models need seven.
-const DEPTH: usize = 64;
+const MAX_DEPTH: usize = 64;
 /// Maximum number of attributes of an element.
-const ATTRIBUTES: usize = 64;
+const MAX_ATTRIBUTES: usize = 64;
 /// Maximum number of namespaces in scope.
-const BINDINGS: usize = 64;
+const MAX_BINDINGS: usize = 64;
 /// Maximum length of an element's text, in bytes.
-const TEXT: usize = 1 << 20;
+const MAX_TEXT_BYTES: usize = 1 << 20;
 
 /// An XML document that is being read.
 pub(super) struct Xml<'a> {
@@ -30,21 +30,21 @@ pub(super) struct Xml<'a> {
     part: String,
     depth: usize,
     bindings: Vec<Binding>,
-    /// URIs of the namespaces that [`Space::Other`] refers to.
-    others: Vec<String>,
+    /// URIs of the namespaces that [`Namespace::Other`] refers to.
+    unknown_uris: Vec<String>,
 }
 
 /// A namespace prefix in scope.
 struct Binding {
     prefix: Box<[u8]>,
-    space: Space,
+    space: Namespace,
     uri: String,
 }
 
 /// A start tag.
 pub(super) struct Tag<'t> {
     /// The namespace of its name.
-    pub space: Space,
+    pub space: Namespace,
     start: &'t BytesStart<'t>,
     empty: bool,
 }
@@ -52,7 +52,7 @@ pub(super) struct Tag<'t> {
 /// An attribute; its value is unescaped by [`Xml::string`].
 pub(super) struct Attribute<'t> {
     /// The namespace of its name.
-    pub space: Space,
+    pub space: Namespace,
     /// Its name without the prefix.
     pub name: &'t [u8],
     /// Its value as it is in the file.
@@ -80,7 +80,7 @@ impl<'a> Xml<'a> {
         stream.begin_event();
         let head = match stream.fill_buf() {
             Ok(head) => head,
-            Err(error) => return Err(failed(&part, 0, &Error::from(error))),
+            Err(error) => return Err(parser_error(&part, 0, &Error::from(error))),
         };
         if head.starts_with(b"\xFF\xFE") || head.starts_with(b"\xFE\xFF") || head.iter().take(4).any(|&b| b == 0) {
             let detail =
@@ -90,8 +90,8 @@ impl<'a> Xml<'a> {
         let mut reader = Reader::from_reader(stream);
         reader.config_mut().trim_text_start = true;
         let binding = |prefix: &[u8], space| Binding { prefix: prefix.into(), space, uri: String::new() };
-        let bindings = vec![binding(b"", Space::None), binding(b"xml", Space::Xml)];
-        Ok(Self { reader, part, depth: 0, bindings, others: Vec::new() })
+        let bindings = vec![binding(b"", Namespace::None), binding(b"xml", Namespace::Xml)];
+        Ok(Self { reader, part, depth: 0, bindings, unknown_uris: Vec::new() })
     }
 
     /// The name of the part.
@@ -102,7 +102,7 @@ impl<'a> Xml<'a> {
     /// An error at the current position.
     #[cold]
     pub fn error(&self, kind: ReadErrorKind, detail: impl std::fmt::Display) -> ReadError {
-        at(&self.part, self.reader.buffer_position(), kind, detail)
+        error_at(&self.part, self.reader.buffer_position(), kind, detail)
     }
 
     /// An error of kind `Malformed` at the current position.
@@ -120,7 +120,7 @@ impl<'a> Xml<'a> {
                 Err(self.malformed("a document type (<!DOCTYPE>) is forbidden in 3MF; export the model again"))
             }
             Ok(event) => Ok(event),
-            Err(error) => Err(failed(&self.part, self.reader.buffer_position(), &error)),
+            Err(error) => Err(parser_error(&self.part, self.reader.buffer_position(), &error)),
         }
     }
 
@@ -211,10 +211,10 @@ impl<'a> Xml<'a> {
         let depth = self.depth;
         if !empty {
             self.depth += 1;
-            if self.depth > DEPTH {
+            if self.depth > MAX_DEPTH {
                 return Err(self.error(
                     ReadErrorKind::TooLarge,
-                    format_args!("elements are nested more than {DEPTH} deep; export the model again"),
+                    format_args!("elements are nested more than {MAX_DEPTH} deep; export the model again"),
                 ));
             }
         }
@@ -231,10 +231,10 @@ impl<'a> Xml<'a> {
         let mut buffer = Vec::new();
         while self.depth > depth {
             match self.event(&mut buffer)? {
-                Event::Start(_) if self.depth - depth >= DEPTH => {
+                Event::Start(_) if self.depth - depth >= MAX_DEPTH => {
                     return Err(self.error(
                         ReadErrorKind::TooLarge,
-                        format_args!("elements are nested more than {DEPTH} deep; export the model again"),
+                        format_args!("elements are nested more than {MAX_DEPTH} deep; export the model again"),
                     ));
                 }
                 Event::Start(_) => self.depth += 1,
@@ -255,7 +255,7 @@ impl<'a> Xml<'a> {
 
     /// Adds the namespaces that an element declares.
     fn bind(&mut self, start: &BytesStart<'_>) -> Result<(), ReadError> {
-        for attribute in start.attributes().with_checks(false).take(ATTRIBUTES + 1) {
+        for attribute in start.attributes().with_checks(false).take(MAX_ATTRIBUTES + 1) {
             let attribute = attribute.map_err(|error| self.malformed(error))?;
             let prefix = match attribute.key.into_inner() {
                 b"xmlns" => &[][..],
@@ -265,11 +265,11 @@ impl<'a> Xml<'a> {
                 },
             };
             let uri = self.string(&attribute.value)?;
-            let space = match Space::known(&uri) {
+            let space = match Namespace::known(&uri) {
                 Some(space) => space,
-                None => Space::Other(self.other(&uri)?),
+                None => Namespace::Other(self.unknown_index(&uri)?),
             };
-            if self.bindings.len() >= BINDINGS {
+            if self.bindings.len() >= MAX_BINDINGS {
                 return Err(
                     self.error(ReadErrorKind::TooLarge, "the part uses too many namespaces; export the model again")
                 );
@@ -279,44 +279,44 @@ impl<'a> Xml<'a> {
         Ok(())
     }
 
-    /// The index of an unknown namespace in `others`.
-    fn other(&mut self, uri: &str) -> Result<u16, ReadError> {
-        let known = self.others.iter().position(|other| other == uri);
+    /// The index of an unknown namespace in `unknown_uris`.
+    fn unknown_index(&mut self, uri: &str) -> Result<u16, ReadError> {
+        let known = self.unknown_uris.iter().position(|other| other == uri);
         if known.is_none() {
-            if self.others.len() >= BINDINGS {
+            if self.unknown_uris.len() >= MAX_BINDINGS {
                 return Err(
                     self.error(ReadErrorKind::TooLarge, "the part uses too many namespaces; export the model again")
                 );
             }
-            self.others.push(uri.to_owned());
+            self.unknown_uris.push(uri.to_owned());
         }
-        Ok(u16::try_from(known.unwrap_or(self.others.len() - 1)).unwrap_or(u16::MAX))
+        Ok(u16::try_from(known.unwrap_or(self.unknown_uris.len() - 1)).unwrap_or(u16::MAX))
     }
 
     /// The URI of an unknown namespace; empty for known ones.
-    pub fn uri(&self, space: Space) -> &str {
+    pub fn uri(&self, space: Namespace) -> &str {
         match space {
-            Space::Other(index) => self.others.get(usize::from(index)).map_or("", String::as_str),
+            Namespace::Other(index) => self.unknown_uris.get(usize::from(index)).map_or("", String::as_str),
             _ => "",
         }
     }
 
     /// The namespace that a prefix refers to here.
     #[inline]
-    pub fn space(&self, prefix: &[u8]) -> Result<Space, ReadError> {
+    pub fn space(&self, prefix: &[u8]) -> Result<Namespace, ReadError> {
         self.binding(prefix).map(|binding| binding.space)
     }
 
     /// The URI of the namespace that a prefix refers to here.
-    pub fn address(&self, prefix: &[u8]) -> Result<String, ReadError> {
+    pub fn uri_of_prefix(&self, prefix: &[u8]) -> Result<String, ReadError> {
         self.binding(prefix).map(|binding| binding.uri.clone())
     }
 
     #[inline]
     fn binding(&self, prefix: &[u8]) -> Result<&Binding, ReadError> {
         // Comparing two empty slices calls `memcmp` with a dangling pointer, which is slow on some processors, so skip it.
-        let is_it = |own: &[u8]| own.len() == prefix.len() && (prefix.is_empty() || own == prefix);
-        self.bindings.iter().rev().find(|binding| is_it(&binding.prefix)).ok_or_else(|| {
+        let is_same = |own: &[u8]| own.len() == prefix.len() && (prefix.is_empty() || own == prefix);
+        self.bindings.iter().rev().find(|binding| is_same(&binding.prefix)).ok_or_else(|| {
             self.malformed(format_args!(
                 "the namespace prefix '{}' is not declared; export the model again",
                 excerpt(prefix)
@@ -330,8 +330,8 @@ impl<'a> Xml<'a> {
         tag: &Tag<'t>,
         mut each: impl FnMut(Attribute<'_>) -> Result<(), ReadError>,
     ) -> Result<(), ReadError> {
-        if tag.start.attributes().with_checks(false).take(ATTRIBUTES + 1).count() > ATTRIBUTES {
-            let detail = format!("an element has more than {ATTRIBUTES} attributes; export the model again");
+        if tag.start.attributes().with_checks(false).take(MAX_ATTRIBUTES + 1).count() > MAX_ATTRIBUTES {
+            let detail = format!("an element has more than {MAX_ATTRIBUTES} attributes; export the model again");
             return Err(self.error(ReadErrorKind::TooLarge, detail));
         }
         for attribute in tag.start.attributes() {
@@ -345,7 +345,7 @@ impl<'a> Xml<'a> {
                 continue;
             }
             // Attributes without a prefix have no namespace, whatever the default namespace is.
-            let space = if prefix.is_empty() { Space::None } else { self.space(prefix)? };
+            let space = if prefix.is_empty() { Namespace::None } else { self.space(prefix)? };
             each(Attribute { space, name, value: &attribute.value })?;
         }
         Ok(())
@@ -402,7 +402,7 @@ impl<'a> Xml<'a> {
                 Event::Eof => return Err(self.ended()),
                 _ => {}
             }
-            if whole.len() > TEXT {
+            if whole.len() > MAX_TEXT_BYTES {
                 return Err(self.error(
                     ReadErrorKind::TooLarge,
                     "an element's text is longer than 1 MiB; export the model without it",
@@ -420,13 +420,13 @@ impl<'a> Xml<'a> {
 }
 
 /// An error near a byte of a part.
-fn at(part: &str, byte: u64, kind: ReadErrorKind, detail: impl std::fmt::Display) -> ReadError {
+fn error_at(part: &str, byte: u64, kind: ReadErrorKind, detail: impl std::fmt::Display) -> ReadError {
     ReadError::for_file(kind, format!("in the part {} near byte {byte}: {detail}", excerpt(part.as_bytes())))
 }
 
 /// The error for a failure of the XML parser or of unpacking.
 #[cold]
-fn failed(part: &str, byte: u64, error: &Error) -> ReadError {
+fn parser_error(part: &str, byte: u64, error: &Error) -> ReadError {
     let (kind, detail) = match error {
         Error::Io(io) => match io.get_ref().and_then(|inner| inner.downcast_ref::<StreamError>()) {
             Some(stream_error) => (ReadErrorKind::TooLarge, format!("{stream_error}; export the model again")),
@@ -442,5 +442,5 @@ fn failed(part: &str, byte: u64, error: &Error) -> ReadError {
             format!("{}; export the model again", excerpt_up_to(150, error.to_string().as_bytes())),
         ),
     };
-    at(part, byte, kind, detail)
+    error_at(part, byte, kind, detail)
 }

@@ -6,7 +6,7 @@ mod scenes;
 
 use serde_json::{Value, json};
 
-use super::super::errors::Place;
+use super::super::errors::FileLocation;
 use super::super::sidecar::Sidecars;
 use super::super::{Format, Limits, ReadError, ReadErrorKind, ReadOptions, ReadScene};
 use super::container::assemble;
@@ -167,7 +167,11 @@ fn chunks_in_the_wrong_order_are_rejected_at_their_byte() {
         (&[json, (b"XYZ1", b"abcd"), binary], second + 12, "not its second chunk"),
     ] {
         let error = read(&file(chunks)).expect_err("out of order");
-        assert_eq!((error.kind, error.place), (ReadErrorKind::Malformed, Some(Place::Byte(at as u64))), "{error}");
+        assert_eq!(
+            (error.kind, error.place),
+            (ReadErrorKind::Malformed, Some(FileLocation::Byte(at as u64))),
+            "{error}"
+        );
         assert!(error.detail.contains(words), "{error}");
     }
 }
@@ -244,9 +248,9 @@ fn malformed_json_is_rejected_at_its_byte_or_line() {
     let (_, bytes) = parts();
     let error =
         read(&file(&[(b"JSON", b"{\n \"asset\": {\"version\": 2}}   "), (b"BIN\0", &bytes)])).expect_err("a number");
-    assert!(matches!(error.place, Some(Place::Byte(44..=45))), "{error}");
+    assert!(matches!(error.place, Some(FileLocation::Byte(44..=45))), "{error}");
     let error = read(b"{\n \"asset\": {\"version\": 2}}").expect_err("a number");
-    assert_eq!(error.place, Some(Place::Line(2)), "{error}");
+    assert_eq!(error.place, Some(FileLocation::Line(2)), "{error}");
     assert!(error.detail.contains("expected a text") && !error.detail.contains(" column "), "{error}");
 }
 
@@ -310,7 +314,7 @@ fn indices_out_of_range_are_rejected_at_their_byte() {
     model.bytes[48 + 10] = 9;
     let error = read(&model.glb()).expect_err("vertex 9");
     assert_eq!(error.kind, IndexOutOfRange);
-    let Some(Place::Byte(at)) = error.place else { panic!("{error}") };
+    let Some(FileLocation::Byte(at)) = error.place else { panic!("{error}") };
     assert_eq!(model.glb()[at as usize], 9);
     model.bytes[48 + 10..48 + 12].copy_from_slice(&[255, 255]);
     model.assert_refused(IndexOutOfRange, "largest of its type");

@@ -10,47 +10,47 @@ use crate::scene::{Paint, Palette, Scene, Wrap};
 /// The appearance of a face; faces with the same appearance form one primitive. Appearances are compared by content, not by palette, so
 /// writing a file that was read gives the same file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum Look {
+pub(super) enum Appearance {
     /// No paint.
-    Bare,
+    Unpainted,
     /// The colour of a material, given by its index.
-    Plain(usize),
+    Material(usize),
     /// Vertex colours, over a white material.
-    Colored(usize),
+    VertexColors(usize),
     /// The texture of a material.
-    Pictured(usize),
+    Textured(usize),
 }
 
-impl Look {
+impl Appearance {
     /// The index of the appearance's material; `None` for unpainted faces.
     pub fn material(self) -> Option<usize> {
         match self {
-            Self::Bare => None,
-            Self::Plain(material) | Self::Colored(material) | Self::Pictured(material) => Some(material),
+            Self::Unpainted => None,
+            Self::Material(material) | Self::VertexColors(material) | Self::Textured(material) => Some(material),
         }
     }
 }
 
 /// What identifies a material.
 #[derive(PartialEq, Eq, Hash)]
-struct Key {
+struct MaterialKey {
     name: String,
     color: [u8; 4],
     texture: Option<usize>,
-    of_vertices: bool,
+    has_vertex_colors: bool,
 }
 
 /// Wrap modes of a texture in u and v, and whether it has nearest-neighbour filtering.
 type Sampling = (Wrap, Wrap, bool);
 
 /// The materials, textures, samplers and images in the order of first use.
-pub(super) struct Looks<'s> {
+pub(super) struct MaterialTable<'s> {
     scene: &'s Scene,
     /// glTF materials.
     pub materials: Vec<Value>,
-    known: FxHashMap<Key, usize>,
+    known: FxHashMap<MaterialKey, usize>,
     /// Appearance of palette entries; all entries of a textured palette have one appearance.
-    entries: FxHashMap<(u32, u32), Look>,
+    entries: FxHashMap<(u32, u32), Appearance>,
     /// glTF textures.
     pub textures: Vec<Value>,
     known_textures: FxHashMap<(usize, usize), usize>,
@@ -62,7 +62,7 @@ pub(super) struct Looks<'s> {
     known_images: FxHashMap<&'s [u8], usize>,
 }
 
-impl<'s> Looks<'s> {
+impl<'s> MaterialTable<'s> {
     /// No materials yet.
     pub fn new(scene: &'s Scene) -> Self {
         Self {
@@ -80,17 +80,22 @@ impl<'s> Looks<'s> {
     }
 
     /// The appearance of a face with this paint. Invalid paint counts as none.
-    pub fn of(&mut self, paint: Paint) -> Look {
+    pub fn appearance_of(&mut self, paint: Paint) -> Appearance {
         let scene = self.scene;
-        let Some(palette) = scene.palettes.get(paint.palette as usize) else { return Look::Bare };
+        let Some(palette) = scene.palettes.get(paint.palette as usize) else { return Appearance::Unpainted };
         if paint.at.iter().any(|&at| at as usize >= palette.len()) {
-            return Look::Bare;
+            return Appearance::Unpainted;
         }
         // A gradient depends on all three corners, a material on one entry, a texture on none.
         let entry = match palette {
             Palette::Colors(colors) => {
                 let blended = paint.at.iter().any(|&at| colors[at as usize][3] < 255);
-                return Look::Colored(self.material("", [255, 255, 255, if blended { 0 } else { 255 }], None, true));
+                return Appearance::VertexColors(self.material(
+                    "",
+                    [255, 255, 255, if blended { 0 } else { 255 }],
+                    None,
+                    true,
+                ));
             }
             Palette::Materials(_) => paint.at[0],
             Palette::Textured { .. } => 0,
@@ -98,30 +103,31 @@ impl<'s> Looks<'s> {
         if let Some(known) = self.entries.get(&(paint.palette, entry)) {
             return *known;
         }
-        let look = match palette {
+        let appearance = match palette {
             Palette::Materials(materials) => {
                 let material = &materials[entry as usize];
-                Look::Plain(self.material(&material.name, material.color, None, false))
+                Appearance::Material(self.material(&material.name, material.color, None, false))
             }
             Palette::Textured { texture, name, tint, .. } => {
                 let name = name.as_deref().unwrap_or_default();
                 match self.texture(*texture) {
-                    Some(texture) => Look::Pictured(self.material(name, *tint, Some(texture), false)),
-                    None => Look::Plain(self.material(name, *tint, None, false)),
+                    Some(texture) => Appearance::Textured(self.material(name, *tint, Some(texture), false)),
+                    None => Appearance::Material(self.material(name, *tint, None, false)),
                 }
             }
-            Palette::Colors(_) => Look::Bare,
+            Palette::Colors(_) => Appearance::Unpainted,
         };
-        self.entries.insert((paint.palette, entry), look);
-        look
+        self.entries.insert((paint.palette, entry), appearance);
+        appearance
     }
 
-    fn material(&mut self, name: &str, color: [u8; 4], texture: Option<usize>, of_vertices: bool) -> usize {
+    fn material(&mut self, name: &str, color: [u8; 4], texture: Option<usize>, has_vertex_colors: bool) -> usize {
         let next = self.materials.len();
-        let at = *self.known.entry(Key { name: name.to_owned(), color, texture, of_vertices }).or_insert(next);
+        let at =
+            *self.known.entry(MaterialKey { name: name.to_owned(), color, texture, has_vertex_colors }).or_insert(next);
         if at == next {
             let mut surface = json!({ "metallicFactor": 0.0, "roughnessFactor": 0.8 });
-            if color != [255; 4] && !of_vertices {
+            if color != [255; 4] && !has_vertex_colors {
                 surface["baseColorFactor"] = json!(linear_factor(color));
             }
             if let Some(texture) = texture {
@@ -175,11 +181,11 @@ impl<'s> Looks<'s> {
     }
 
     /// The colour or texture coordinate of a face's corner, as bits. Vertices with different bits are written separately.
-    pub fn of_corner(&self, look: Look, paint: Paint, corner: usize) -> u64 {
+    pub fn corner_bits(&self, appearance: Appearance, paint: Paint, corner: usize) -> u64 {
         let at = paint.at[corner] as usize;
-        match (look, self.scene.palettes.get(paint.palette as usize)) {
-            (Look::Colored(_), Some(Palette::Colors(colors))) => u64::from(u32::from_le_bytes(colors[at])),
-            (Look::Pictured(_), Some(Palette::Textured { places, .. })) => {
+        match (appearance, self.scene.palettes.get(paint.palette as usize)) {
+            (Appearance::VertexColors(_), Some(Palette::Colors(colors))) => u64::from(u32::from_le_bytes(colors[at])),
+            (Appearance::Textured(_), Some(Palette::Textured { places, .. })) => {
                 let [u, v] = places[at];
                 #[expect(clippy::cast_possible_truncation, reason = "glTF has f32 only")]
                 let bits = |x: f64| u64::from((x.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32).to_bits());
