@@ -320,7 +320,7 @@ async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Resul
 /// Deletes files that no job owns: of uploads that never became a job, of interrupted deletions, and of lost attempts whose
 /// files could not be deleted at once.
 async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepError> {
-    blobs.delete_quiet_incoming(UPLOAD_LIFE).await?;
+    blobs.delete_stale_incoming(UPLOAD_LIFE).await?;
     let (mut owners, mut gone) = (blobs.owners(ORPHAN_AGE).await?, None);
     while let Some(Owner { job: id, claim }) = owners.try_next().await? {
         let job = store.get(id).await?.filter(|job| !job.purged && job.status != Status::Expired);
@@ -328,7 +328,7 @@ async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepErr
             (None, _) if gone == Some(id) => false,
             (None, _) => {
                 gone = Some(id);
-                blobs.delete_quiet_job(id, ORPHAN_AGE).await?
+                blobs.delete_stale_job(id, ORPHAN_AGE).await?
             }
             (Some(job), Some(claim)) if is_lost(&job, &claim) => {
                 blobs.delete_claim(id, &claim).await?;

@@ -283,7 +283,7 @@ async fn files_that_nobody_touched_are_found_and_deleted_unless_one_of_their_job
     }
     assert!(owners.iter().all(|owner| owner.job != *young), "{owners:?}");
     for (id, goes) in [(old, true), (growing, false), (young, false)] {
-        assert_eq!(bench.blobs.delete_quiet_job(*id, HOUR).await.expect("an answer"), goes);
+        assert_eq!(bench.blobs.delete_stale_job(*id, HOUR).await.expect("an answer"), goes);
     }
     for (id, keys) in &jobs {
         assert_eq!(bench.has(&keys[3]).await, id != old);
@@ -302,7 +302,7 @@ async fn what_one_claim_made_goes_without_the_rest_of_its_job(bench: Bench) {
 }
 
 async fn a_file_that_waited_too_long_for_its_job_goes(bench: Bench) {
-    bench.blobs.delete_quiet_incoming(HOUR).await.expect("nothing to delete");
+    bench.blobs.delete_stale_incoming(HOUR).await.expect("nothing to delete");
     let [old, young] = [UploadId::new(), UploadId::new()].map(Blobs::incoming_key);
     for key in [&old, &young] {
         bench.put(key, b"12345").await;
@@ -315,7 +315,7 @@ async fn a_file_that_waited_too_long_for_its_job_goes(bench: Bench) {
         bench.age(&format!("{old}#1"));
     }
     bench.age(&old);
-    bench.blobs.delete_quiet_incoming(HOUR).await.expect("deleted");
+    bench.blobs.delete_stale_incoming(HOUR).await.expect("deleted");
     assert!(matches!(bench.blobs.bytes(&old).await, Err(BlobError::NotFound)));
     assert!(bench.has(&young).await && !half.exists());
 }
