@@ -1,21 +1,23 @@
-//! Repair: operators (one file each), presets and the plan as data, and the pipeline on one page.
+//! Mesh repair: the pipeline, presets and plans as data, and the operators.
 //!
-//! [`repair`] is the way in. A plan ([`make_plan`]) is a list of strategies, a strategy a list of actions, an action a list of
-//! [`operators`]; those work on a [`crate::mesh::Surface`] and answer what they changed as [`Change`]s.
+//! [`repair`] is the entry point. A plan ([`make_plan`]) is a list of strategies, a strategy is a list of actions, and an action is a list
+//! of [`operators`]. Operators work on a [`crate::mesh::Surface`] and return their changes as [`Change`]s.
 
-mod account;
 mod attribute_transfer;
 mod body;
 mod change;
+mod common_start;
+mod conclusion;
 mod drawings;
-mod ended;
 mod escalation;
 mod export;
 mod input;
 mod judge;
+mod method_agreement;
 mod objects;
 pub mod operators;
 mod options;
+mod options_limited;
 mod options_not_applied;
 mod part_accounting;
 mod pipeline;
@@ -25,6 +27,7 @@ mod presets;
 mod red_flags;
 mod remesher;
 mod report;
+mod report_draft;
 mod runner;
 pub mod sheets;
 mod tasks;
