@@ -1,3 +1,5 @@
+//! Structure of a mesh shared by all measurements and searches: connectivity, parts, fans, and cached spatial data.
+
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
@@ -63,8 +65,11 @@ pub struct Analysis<'a> {
     tree: OnceLock<Tree>,
     dipoles: OnceLock<Dipoles>,
     keys: OnceLock<(f64, FaceKeys)>,
+    /// Cache of [`measures`](super::measures()).
     pub(super) measures: OnceLock<Measures>,
+    /// Cache of [`Analysis::intersections`].
     pub(super) intersections: OnceLock<Intersections>,
+    /// Cache of [`Analysis::faces_in_other_materials`].
     pub(super) faces_in_other_materials: OnceLock<Vec<u32>>,
 }
 
@@ -230,14 +235,16 @@ pub(super) fn get_or_try_init<T>(
     if let Some(known) = cell.get() {
         return Ok(known);
     }
-    let found = find()?;
-    Ok(cell.get_or_init(|| found))
+    let value = find()?;
+    Ok(cell.get_or_init(|| value))
 }
 
 /// Two meshes, each in its own unit coordinates, and the factor between these coordinates.
 #[derive(Clone, Copy)]
 pub(super) struct Pair<'a> {
+    /// First mesh.
     pub from: &'a Analysis<'a>,
+    /// Second mesh.
     pub to: &'a Analysis<'a>,
     /// Factor from unit coordinates of `from` to unit coordinates of `to`: a power of two, so that no rounding
     /// occurs.
@@ -245,6 +252,7 @@ pub(super) struct Pair<'a> {
 }
 
 impl<'a> Pair<'a> {
+    /// Builds a pair, computing both scales.
     pub fn new(from: &'a Analysis<'a>, to: &'a Analysis<'a>) -> Self {
         Self::scaled([from, to], [from, to].map(|mesh| mesh.scale()))
     }

@@ -1,3 +1,5 @@
+//! Verdict whether a mesh keeps the rules of an inspection level.
+
 use serde::{Deserialize, Serialize};
 
 use super::{DefectKind, Findings, Level, Measures};
@@ -69,7 +71,7 @@ impl CheckVerdict {
         let finished = |kind| !findings.incomplete().contains(&kind);
         let (mut broken, mut advice, mut undecided) = (Vec::new(), Vec::new(), Vec::new());
         for &rule in rules {
-            let near = match rule {
+            let within_tolerance = match rule {
                 CheckRule::NoZeroLengthEdge => count_of(&[DefectKind::DegenerateFace]),
                 CheckRule::NoZeroAreaFace => count_of(&[DefectKind::FlatFace]),
                 CheckRule::NoOpposedVertexNormal => count_of(&[DefectKind::BadVertexNormal]),
@@ -93,7 +95,7 @@ impl CheckVerdict {
                 broken.push(rule);
             } else if !decided {
                 undecided.push(rule);
-            } else if near > 0 {
+            } else if within_tolerance > 0 {
                 advice.push(rule);
             }
         }

@@ -1,3 +1,5 @@
+//! Distributions and histograms of measured quantities, and helpers for figures in JSON reports.
+
 use serde::{Deserialize, Serialize};
 
 /// Relative error of values from coordinates rounded to f32. A range up to this width is one bin, and a value this

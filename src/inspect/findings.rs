@@ -1,3 +1,5 @@
+//! Kinds of defects, and the collection of the defects that an inspection finds.
+
 use serde::{Deserialize, Serialize};
 
 /// Kind of a defect that an inspection can locate.
@@ -196,13 +198,14 @@ impl Findings {
     /// Groups the defects by kind, each with its count and its first `most` places. Omits kinds without defects.
     #[must_use]
     pub fn groups(&self, most: usize) -> Vec<DefectGroup> {
-        let some = DefectKind::ALL.into_iter().filter(|&kind| self.count(kind) > 0);
-        some.map(|kind| DefectGroup {
-            kind,
-            count: self.count(kind),
-            places: self.places(kind).iter().take(most).cloned().collect(),
-        })
-        .collect()
+        let kinds = DefectKind::ALL.into_iter().filter(|&kind| self.count(kind) > 0);
+        kinds
+            .map(|kind| DefectGroup {
+                kind,
+                count: self.count(kind),
+                places: self.places(kind).iter().take(most).cloned().collect(),
+            })
+            .collect()
     }
 }
 

@@ -95,9 +95,9 @@ pub fn inspect_analysis(
     let mut measures = measures(analysis, context)?;
     let mut findings = Findings::new(analysis.subject.soup.faces.len(), options.places.max(MOST_PLACES));
     if options.level == Level::Full {
-        let found = analysis.intersections(context)?;
-        found.report(analysis, &mut findings);
-        measures.self_intersections = found.counts;
+        let intersections = analysis.intersections(context)?;
+        intersections.report(analysis, &mut findings);
+        measures.self_intersections = intersections.counts;
     }
     find_defects(analysis, &options.tolerances, options.level, &mut findings, context)?;
     let characteristics = characteristics(analysis, &measures, options.level, context)?;

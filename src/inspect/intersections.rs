@@ -1,3 +1,6 @@
+//! Exact search for intersecting faces in a mesh or between two meshes, for faces inside other materials, and for
+//! touching instances.
+
 use std::collections::BTreeMap;
 
 use glam::DVec3;
@@ -313,9 +316,9 @@ pub fn instance_contacts(
     instance_of: impl Fn(u32) -> u32,
     context: &Context<'_>,
 ) -> Result<Vec<InstanceContact>, Cancelled> {
-    let found = analysis.intersections(context)?;
+    let intersections = analysis.intersections(context)?;
     let mut contacts: BTreeMap<[u32; 2], (u64, DVec3)> = BTreeMap::new();
-    for pair in &found.pairs {
+    for pair in &intersections.pairs {
         let [a, b] = pair.faces.map(&instance_of);
         if a != b {
             let at = || common_point_of(analysis, pair);
@@ -335,8 +338,8 @@ pub fn instance_contacts(
             }
         }
     }
-    if !found.counts.complete || (found.pairs.len() as u64) < found.counts.pairs.unwrap_or(0) {
-        add_overlapping_boxes(analysis, &found.takes_part[0], &instance_of, &mut contacts);
+    if !intersections.counts.complete || (intersections.pairs.len() as u64) < intersections.counts.pairs.unwrap_or(0) {
+        add_overlapping_boxes(analysis, &intersections.takes_part[0], &instance_of, &mut contacts);
     }
     let contact = |(instances, (pairs, at)): ([u32; 2], (u64, DVec3))| {
         let at = at.to_array();
@@ -392,9 +395,9 @@ mod tests {
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
         let analysis = Analysis::new((&soup).into(), &context).expect("nobody cancels");
         let all = intersections_within(&analysis, u64::MAX, &context).expect("nobody cancels").counts;
-        let some = intersections_within(&analysis, 400_000, &context).expect("nobody cancels").counts;
-        assert!(all.complete && !some.complete);
-        assert!(some.pairs < all.pairs && some.pairs > Some(10_000), "{some:?} {all:?}");
+        let partial = intersections_within(&analysis, 400_000, &context).expect("nobody cancels").counts;
+        assert!(all.complete && !partial.complete);
+        assert!(partial.pairs < all.pairs && partial.pairs > Some(10_000), "{partial:?} {all:?}");
         let none = SelfIntersections { checked: true, pairs: Some(0), ..SelfIntersections::default() };
         assert!(!none.proven_none());
     }

@@ -1,3 +1,5 @@
+//! Report types for the counts and sizes of a mesh, and the definition of a printable mesh.
+
 use serde::{Deserialize, Serialize};
 
 use super::Meeting;

@@ -242,13 +242,21 @@ impl Tolerances {
 /// [`Tolerances`] converted to lengths, in the coordinates of [`Analysis::unit`](super::Analysis::unit).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ToleranceLengths {
+    /// See [`Tolerances::foldover_angle`]; in radians.
     pub foldover_angle: f64,
+    /// See [`Tolerances::foldover_height`].
     pub foldover_height: f64,
+    /// See [`Tolerances::degenerate`].
     pub degenerate: f64,
+    /// See [`Tolerances::slit`].
     pub slit: f64,
+    /// See [`Tolerances::t_junction`].
     pub t_junction: f64,
+    /// See [`Tolerances::sheet`].
     pub sheet: f64,
+    /// See [`Tolerances::crack`].
     pub crack: f64,
+    /// See [`Tolerances::tiny_part`].
     pub tiny_part: f64,
 }
 

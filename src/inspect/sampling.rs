@@ -91,6 +91,7 @@ pub(super) struct SpreadOrder {
 }
 
 impl SpreadOrder {
+    /// The permutation of the numbers below `count`.
     pub fn over(count: usize) -> Self {
         Self { count, stride: stride(count) }
     }

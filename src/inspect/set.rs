@@ -1,3 +1,5 @@
+//! Measurements between the meshes of a set: intersections, and distances to the nearest other mesh.
+
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 

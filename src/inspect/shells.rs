@@ -266,7 +266,7 @@ fn tally(analysis: &Analysis<'_>) -> Vec<Tally> {
         part_tally.area += (b - a).cross(c - a).length() / 2.0;
         part_tally.volume += a.dot(b.cross(c)) / 6.0;
     }
-    // All faces of an edge are of one part.
+    // All faces of an edge belong to one part.
     let part_of = |half_edge: u32| parts.of_face[half_edge as usize / 3] as usize;
     for half_edges in edges.iter() {
         let forward = half_edges.iter().filter(|&&h| Edges::is_forward(&surface.faces, h)).count();
@@ -279,7 +279,7 @@ fn tally(analysis: &Analysis<'_>) -> Vec<Tally> {
     for half_edge in boundary_chains(edges, fans) {
         all[part_of(half_edge)].boundaries += 1;
     }
-    // A fan is of one part and at one vertex; a vertex with two fans of a part pinches it.
+    // Each fan belongs to one part and one vertex. Two fans of one part at a vertex make the vertex non-manifold.
     let mut fan_at: Vec<(u32, u32)> = (0u32..)
         .zip(&fans.of_corner)
         .filter(|&(corner, &fan)| corner == fan)

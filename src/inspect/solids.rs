@@ -158,13 +158,13 @@ pub fn nesting(
         if boxes.is_empty() {
             continue;
         }
-        let mut whole = Box3::EMPTY;
+        let mut combined = Box3::EMPTY;
         for extent in boxes.iter().filter_map(|&b| extents[b as usize]) {
-            whole.extend(extent.bounds.min);
-            whole.extend(extent.bounds.max);
+            combined.extend(extent.bounds.min);
+            combined.extend(extent.bounds.max);
         }
         // A ray from inside a box, as long as the box's diagonal, ends outside.
-        let length = (whole.diagonal() * 1.001).clamp(f64::MIN_POSITIVE, 8.0);
+        let length = (combined.diagonal() * 1.001).clamp(f64::MIN_POSITIVE, 8.0);
         let mut containers: Option<Vec<u32>> = None;
         for v in ends {
             let Some(odd) = rays.crossed_oddly(unit[v as usize], length, &boxes, &mut budget) else { continue };
@@ -239,17 +239,17 @@ fn boxes_around(
             context.check()?;
         }
         let bounds = &solids[part].bounds;
-        let mut found = Vec::new();
+        let mut containers = Vec::new();
         tree.around(bounds.min, 0.0, |i| {
             *budget = budget.saturating_sub(1);
             let other = closed[i as usize];
             if other as usize != part && solids[other as usize].bounds.contains(bounds) {
-                found.push(other);
+                containers.push(other);
             }
             *budget > 0
         });
-        found.sort_unstable();
-        *boxes = (*budget > 0).then_some(found);
+        containers.sort_unstable();
+        *boxes = (*budget > 0).then_some(containers);
     }
     Ok(enclosing_boxes)
 }

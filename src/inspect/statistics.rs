@@ -1,3 +1,5 @@
+//! Shape statistics: face areas, aspect ratios, edge lengths and dihedral angles.
+
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
@@ -108,9 +110,9 @@ fn face_values(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Vec<f6
     let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
     let mut areas = Vec::with_capacity(faces.len());
     let mut ratios = Vec::with_capacity(faces.len());
-    for some in faces.chunks(STRIDE) {
+    for chunk in faces.chunks(STRIDE) {
         context.check()?;
-        for face in some {
+        for face in chunk {
             let shape = Shape::of(face.map(|v| unit[v as usize]));
             areas.push(shape.area);
             ratios.extend(shape.aspect_ratio);
@@ -137,8 +139,8 @@ fn edge_angles(
 ) -> Result<EdgeAngles, Cancelled> {
     let mut result =
         EdgeAngles { distribution: None, not_measurable: None, side: Side::of(orientation), edges_without_angle: 0 };
-    if let Some(why) = attributes.reason_not_oriented() {
-        result.not_measurable = Some(why);
+    if let Some(reason) = attributes.reason_not_oriented() {
+        result.not_measurable = Some(reason);
         return Ok(result);
     }
     let (unit, faces, edges) = (analysis.unit(), &analysis.surface.faces, &analysis.edges);

@@ -51,7 +51,7 @@ pub struct Drawing {
 /// # Errors
 /// The first [`RenderError`].
 pub fn draw_inspected(marked: Marked<'_>, context: &Context<'_>) -> Result<Vec<Drawing>, RenderError> {
-    draw_input(marked, "defects.png", "found", context)
+    draw_input(marked, "defects.png", "inspected", context)
 }
 
 /// Draws a repair: `before.png`, `defects.glb` and `defects.ply` of the input, `defects-preview.glb` of a large

@@ -1,3 +1,5 @@
+//! Lines and dots of defects, drawn over the rasterised surface of one view.
+
 use std::ops::Range;
 
 use glam::DVec3;

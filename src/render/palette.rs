@@ -279,8 +279,8 @@ pub struct LegendEntry {
 /// Legend of the defect kinds found, most severe first.
 #[must_use]
 pub fn legend(findings: &Findings) -> Vec<LegendEntry> {
-    let found = BY_GRAVITY.into_iter().filter(|&kind| findings.count(kind) > 0);
-    found
+    let kinds = BY_GRAVITY.into_iter().filter(|&kind| findings.count(kind) > 0);
+    kinds
         .map(|kind| {
             let count = findings.count(kind);
             LegendEntry {

@@ -1,3 +1,5 @@
+//! Pictures as PNG: four views of a scene with header, legend and scale bars.
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -122,10 +124,10 @@ fn scale_bar(canvas: &mut Canvas, pixels_per_unit: f64) {
 
 fn draw_header(canvas: &mut Canvas, scene: &Scene, title: &str, every: usize) {
     let faces = scene.surface.faces.len();
-    let found = match scene.shows {
+    let suffix = match scene.shows {
         Shows::Defects => {
-            let found: u64 = scene.legend.iter().map(|entry| entry.count).sum();
-            format!(", {found} finding{}", plural(found))
+            let count: u64 = scene.legend.iter().map(|entry| entry.count).sum();
+            format!(", {count} finding{}", plural(count))
         }
         // The drawn faces are those of the result and the removed ones.
         Shows::Change
@@ -139,7 +141,7 @@ fn draw_header(canvas: &mut Canvas, scene: &Scene, title: &str, every: usize) {
         Shows::Change => String::new(),
     };
     let part = if every > 1 { format!(" (1 in {every} drawn)") } else { String::new() };
-    let text = format!("{title}: {faces} face{}{part}{found}", plural(faces as u64));
+    let text = format!("{title}: {faces} face{}{part}{suffix}", plural(faces as u64));
     canvas.text([8, 7], &text, INK);
     if faces > 0 {
         let [x, y, z] = scene.frame.sides().to_array().map(number);

@@ -1,3 +1,5 @@
+//! Software rasteriser for the faces of one view. Fixed-point coordinates make pictures identical on all machines.
+
 use std::ops::Range;
 
 use glam::{Vec3, Vec4};

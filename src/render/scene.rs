@@ -1,3 +1,5 @@
+//! Layout of a mesh and its findings for drawing: paint of faces, line segments, dots, and coordinate mapping.
+
 use std::collections::hash_map::Entry;
 
 use glam::DVec3;

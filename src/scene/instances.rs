@@ -37,9 +37,9 @@ impl Scene {
     /// Number of instances of each object.
     #[must_use]
     pub fn places(&self) -> Vec<u64> {
-        let mut places = vec![0_u64; self.objects.len()];
+        let mut counts = vec![0_u64; self.objects.len()];
         for item in &self.items {
-            if let Some(count) = places.get_mut(item.object as usize) {
+            if let Some(count) = counts.get_mut(item.object as usize) {
                 *count += 1;
             }
         }
@@ -47,11 +47,11 @@ impl Scene {
         for number in (0..self.objects.len()).rev() {
             if let Shape::Components(parts) = &self.objects[number].shape {
                 for part in parts.iter().filter(|part| (part.object as usize) < number) {
-                    places[part.object as usize] = places[part.object as usize].saturating_add(places[number]);
+                    counts[part.object as usize] = counts[part.object as usize].saturating_add(counts[number]);
                 }
             }
         }
-        places
+        counts
     }
 
     /// Sums a quantity over all instances: `of` gives the quantity of a mesh, and `own` the quantity of each object
@@ -91,12 +91,12 @@ impl Scene {
     /// Combines some instances in one mesh.
     #[must_use]
     pub fn placed_instances<'i>(&self, instances: impl IntoIterator<Item = &'i Instance>) -> PaintedMesh {
-        let mut whole = PaintedMesh::default();
-        instances.into_iter().for_each(|instance| self.place(instance, &mut whole));
-        if whole.paint.iter().all(|&paint| paint == PAINTLESS) {
-            whole.paint.clear();
+        let mut combined = PaintedMesh::default();
+        instances.into_iter().for_each(|instance| self.place(instance, &mut combined));
+        if combined.paint.iter().all(|&paint| paint == PAINTLESS) {
+            combined.paint.clear();
         }
-        whole
+        combined
     }
 
     /// Lists all instances of meshes, in the order of the items and of the components within them.
@@ -145,22 +145,22 @@ impl Scene {
         Ok(())
     }
 
-    fn place(&self, instance: &Instance, whole: &mut PaintedMesh) {
+    fn place(&self, instance: &Instance, combined: &mut PaintedMesh) {
         let Some(mesh) = self.objects.get(instance.object as usize).and_then(|object| object.mesh()) else { return };
         #[expect(clippy::cast_possible_truncation, reason = "the vertices were counted")]
-        let first = whole.soup.positions.len() as u32;
+        let first = combined.soup.positions.len() as u32;
         let transform = instance.transform;
         let unmoved = transform == DAffine3::IDENTITY;
         let moved = |&p: &glam::DVec3| if unmoved { p } else { transform.transform_point3(p) };
-        whole.soup.positions.extend(mesh.soup.positions.iter().map(moved));
+        combined.soup.positions.extend(mesh.soup.positions.iter().map(moved));
         let flipped = transform.matrix3.determinant() < 0.0;
         let flip = |[a, b, c]: [u32; 3]| if flipped { [a, c, b] } else { [a, b, c] };
-        whole.soup.faces.extend(mesh.soup.faces.iter().map(|face| flip(face.map(|v| v + first))));
+        combined.soup.faces.extend(mesh.soup.faces.iter().map(|face| flip(face.map(|v| v + first))));
         match mesh.paint.is_empty() {
-            true => whole.paint.resize(whole.soup.faces.len(), PAINTLESS),
+            true => combined.paint.resize(combined.soup.faces.len(), PAINTLESS),
             false => {
                 let paint = |paint: &Paint| Paint { at: flip(paint.at), ..*paint };
-                whole.paint.extend(mesh.paint.iter().map(paint));
+                combined.paint.extend(mesh.paint.iter().map(paint));
             }
         }
     }

@@ -194,7 +194,7 @@ impl Original<'_> {
         let scale = self.analysis.scale();
         let common = Common::new(&self.analysis.keys(scale), &after.keys(scale));
         context.check()?;
-        let kept = common.first.iter().filter(|&&stands| stands).count() as f64;
+        let kept = common.first.iter().filter(|&&is_kept| is_kept).count() as f64;
         let kept_pct = percent(kept, common.first.len() as f64).unwrap_or(100.0);
         let settled = self.settled_volume(context)?;
         let mut changes = Changes::of(self.measures, settled, measures, kept_pct);
@@ -202,10 +202,10 @@ impl Original<'_> {
         let Box3 { min, max } = after.extent();
         let extent = Box3 { min: min / there.ratio, max: max / there.ratio };
         changes.bounding_box_change_pct = bounding_box_change_pct(self.analysis.extent(), extent);
-        let stands = |faces: &[bool], f: u32| common.fine && faces[f as usize];
+        let is_kept = |faces: &[bool], f: u32| common.fine && faces[f as usize];
         let options = self.options;
         let mut lost_distances =
-            distances(there, self.samples(), options.vertices, |f| stands(&common.first, f), context)?;
+            distances(there, self.samples(), options.vertices, |f| is_kept(&common.first, f), context)?;
         if gone.contains(&true) {
             let parts = &self.analysis.parts.of_face;
             let is_gone = |sample: &Sample| gone.get(parts[sample.face as usize] as usize) == Some(&true);
@@ -218,7 +218,7 @@ impl Original<'_> {
         (changes.surface_lost_pct, changes.lost) = self.lost(&lost_distances, candidate, context)?;
         if !self.analysis.surface.faces.is_empty() {
             let points = samples(after, options.samples);
-            let added_distances = distances(back, &points, options.vertices, |f| stands(&common.second, f), context)?;
+            let added_distances = distances(back, &points, options.vertices, |f| is_kept(&common.second, f), context)?;
             let diagonal = self.analysis.unit_diagonal() * there.ratio;
             let added = Measured { analysis: after, samples: &points, distances: &added_distances, diagonal };
             changes.added = added.deviation(|_| true, |_| true);

@@ -122,8 +122,11 @@ pub(super) fn distances(
 
 /// Measured points of a mesh, with their distances to another mesh.
 pub(super) struct Measured<'a> {
+    /// The mesh with the points.
     pub analysis: &'a Analysis<'a>,
+    /// Sample points on faces.
     pub samples: &'a [Sample],
+    /// Distances of the samples and of some vertices.
     pub distances: &'a Distances,
     /// Diagonal of the input, in unit coordinates of `analysis`.
     pub diagonal: f64,
@@ -240,8 +243,8 @@ pub(super) fn inside_agreement(
             let share = DVec3::from(r3(i as f64));
             let point = bounds.min * (DVec3::ONE - share) + bounds.max * share;
             let is_inside = [insides[0].winding(point, steps), insides[1].winding(point * pair.ratio, steps)];
-            let found = (is_inside[0] >= least_before, is_inside[1] >= INSIDE_WINDING);
-            (*steps > 0).then_some(found)
+            let sides = (is_inside[0] >= least_before, is_inside[1] >= INSIDE_WINDING);
+            (*steps > 0).then_some(sides)
         },
     )?;
     let count = |predicate: fn(&(bool, bool)) -> bool| {

@@ -40,9 +40,13 @@ impl CompareOptions {
 
 /// The reference mesh of comparisons. Caches its samples and their visibility across comparisons.
 pub struct Original<'a> {
+    /// The reference mesh.
     pub(super) analysis: &'a Analysis<'a>,
+    /// Its measures.
     pub(super) measures: &'a Measures,
+    /// Sampling density.
     pub(super) options: CompareOptions,
+    /// The mesh with settled orientation, if different.
     pub(super) settled: Option<&'a Analysis<'a>>,
     samples: OnceCell<Vec<Sample>>,
     /// For each sample its visibility, if already computed.
@@ -92,6 +96,7 @@ impl<'a> Original<'a> {
         self.measures
     }
 
+    /// Samples of the reference mesh, computed once.
     pub(super) fn samples(&self) -> &[Sample] {
         self.samples.get_or_init(|| samples(self.analysis, self.options.samples))
     }

@@ -1,3 +1,5 @@
+//! Sample points on parts of an input mesh, and their location relative to a result.
+
 use glam::DVec3;
 
 use super::original::{FAR, ROUNDING};
@@ -21,6 +23,7 @@ const REACH_OF_THICKNESS: f64 = 0.25;
 
 /// Sample points on selected parts of the input.
 pub(super) struct Probes {
+    /// Positions, in unit coordinates.
     pub points: Vec<DVec3>,
     /// For each point its part and its search radius in unit coordinates.
     part: Vec<u32>,
@@ -89,19 +92,24 @@ pub(super) struct PointLocator<'a> {
 }
 
 impl<'a> PointLocator<'a> {
+    /// Prepares queries. `has_kept_face` tells for each input part whether the result has one of its faces.
     pub fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>, has_kept_face: &'a [bool]) -> Self {
         let ratio = Pair::new(before, after).ratio;
         Self { before, after, has_kept_face, inside: InsideTest::new(after), ratio }
     }
 
+    /// Locates each point; `None` for points beyond the budget.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the context says stop.
     pub fn locate(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<PointLocation>>, Cancelled> {
         let count = probes.points.len();
         let budget = BUDGET + BUDGET_PER_POINT * count as u64;
-        let found = run_queries(count, budget, context, |i, steps| {
+        let answers = run_queries(count, budget, context, |i, steps| {
             let location = self.classify(probes.points[i], probes.part[i], probes.reach[i], steps);
             (*steps > 0).then_some(location)
         })?;
-        Ok(found.values)
+        Ok(answers.values)
     }
 
     fn classify(&self, point: DVec3, part: u32, reach: f64, steps: &mut u64) -> PointLocation {
@@ -119,15 +127,15 @@ impl<'a> PointLocator<'a> {
     /// without kept faces, the first is taken as present in the result.
     fn is_on_another(&self, point: DVec3, part: u32, reach: f64, steps: &mut u64) -> bool {
         let parts = &self.before.parts;
-        let mut found = false;
+        let mut is_near = false;
         self.before.tree().around(point, reach, |f| {
             *steps = steps.saturating_sub(1);
             let other = parts.of_face[f as usize];
             if other != part && other != Parts::NONE && (other < part || self.has_kept_face[other as usize]) {
-                found = nearest_on_triangle(point, self.before.unit_corners(f)).distance(point) <= reach;
+                is_near = nearest_on_triangle(point, self.before.unit_corners(f)).distance(point) <= reach;
             }
-            !found && *steps > 0
+            !is_near && *steps > 0
         });
-        found
+        is_near
     }
 }

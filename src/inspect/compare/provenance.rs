@@ -1,3 +1,5 @@
+//! Provenance of surface: which surface of an input a result keeps or moves, and what the result adds or removes.
+
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -100,8 +102,8 @@ impl Original<'_> {
         let nearby = find_nearby(Pair::new(before, after), before.unit_diagonal(), &pieces.centres, context)?;
         // An input face with at least half of its pieces kept is no counterpart for nearby surface of the result.
         let mut kept_balance = vec![0i64; before.surface.faces.len()];
-        for (piece, found) in pieces.all.iter().zip(&nearby.matches) {
-            let is_kept = found.is_some_and(|found| found.is_within(ROUNDING));
+        for (piece, matched) in pieces.all.iter().zip(&nearby.matches) {
+            let is_kept = matched.is_some_and(|found| found.is_within(ROUNDING));
             kept_balance[piece.face as usize] += if is_kept { 1 } else { -1 };
         }
         let is_kept = |face: u32| common.first[face as usize] || kept_balance[face as usize] > 0;
@@ -115,8 +117,8 @@ impl Original<'_> {
         }
         let unit = before.unit_length();
         let mut last = None;
-        for (piece, found) in pieces.all.iter().zip(&nearby.matches) {
-            let has_counterpart = match found {
+        for (piece, matched) in pieces.all.iter().zip(&nearby.matches) {
+            let has_counterpart = match matched {
                 Some(Match::Unknown) => true,
                 Some(Match::Found(n)) => n.distance <= ROUNDING || of_face[n.face as usize] == Provenance::Moved,
                 None => false,

@@ -1,3 +1,5 @@
+//! Grouping of edges into connected chains with a polyline.
+
 use crate::mesh::UnionFind;
 
 /// A connected set of edges, and the longest polyline along these edges.

@@ -12,7 +12,9 @@ use crate::mesh::Parts;
 /// underflow f64 for extreme coordinates.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Size {
+    /// Signed volume, in cubic units of the unit scale.
     pub volume: f64,
+    /// Area, in square units of the unit scale.
     pub area: f64,
 }
 
@@ -63,10 +65,10 @@ pub(super) fn find_parts(
         scan.incomplete(if inward(part) { DefectKind::InvertedPart } else { DefectKind::InnerShell });
     }
     let largest = (0..solids.len()).rev().max_by(|&i, &j| sizes[i].area.total_cmp(&sizes[j].area));
-    let whole = analysis.surface.bounds().diagonal();
+    let mesh_diagonal = analysis.surface.bounds().diagonal();
     let tiny = |part: usize| {
         let diagonal = solids[part].bounds.diagonal();
-        (diagonal <= scan.in_model_unit(scan.lengths.tiny_part) && diagonal < whole).then_some(diagonal)
+        (diagonal <= scan.in_model_unit(scan.lengths.tiny_part) && diagonal < mesh_diagonal).then_some(diagonal)
     };
     let describe = |(part, depth): (usize, Option<u32>)| PartDefects {
         is_secondary: solids.len() > 1 && Some(part) != largest,

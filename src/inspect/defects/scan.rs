@@ -1,3 +1,5 @@
+//! Shared state of the defect searches, with conversion of lengths and reporting of defects.
+
 use glam::DVec3;
 
 use super::super::options::ToleranceLengths;
@@ -15,8 +17,11 @@ const STRIDE: usize = 4096;
 /// Shared input and output of all searches. Searches measure lengths on the scale of [`Analysis::unit`], where
 /// squares of coordinates neither overflow nor underflow, and report them in the model's unit.
 pub(super) struct Scan<'a, 'm> {
+    /// The analysed mesh.
     pub analysis: &'a Analysis<'m>,
+    /// Positions on the unit scale.
     pub unit: &'a [DVec3],
+    /// Tolerances on the unit scale.
     pub lengths: ToleranceLengths,
     context: &'a Context<'a>,
     findings: &'a mut Findings,
@@ -25,6 +30,7 @@ pub(super) struct Scan<'a, 'm> {
 }
 
 impl<'a, 'm> Scan<'a, 'm> {
+    /// Prepares the searches on a mesh.
     pub fn new(
         analysis: &'a Analysis<'m>,
         tolerances: &Tolerances,
@@ -45,6 +51,7 @@ impl<'a, 'm> Scan<'a, 'm> {
         if number.is_multiple_of(STRIDE) { self.context.check() } else { Ok(()) }
     }
 
+    /// Context for cancellation checks.
     pub fn context(&self) -> &'a Context<'a> {
         self.context
     }
@@ -111,7 +118,9 @@ impl<'a, 'm> Scan<'a, 'm> {
 
 /// Place of a defect in the model's unit: a point, and the points of its line if it has one.
 pub(super) struct Location<'l> {
+    /// A point of the defect.
     pub at: DVec3,
+    /// Points along the defect's edges; empty for a face or a vertex.
     pub line: &'l [DVec3],
 }
 

@@ -48,11 +48,11 @@ impl BoundaryIndex {
     fn around(&mut self, point: DVec3, reach: f64, mut visit: impl FnMut(u32)) {
         let most = self.budget.min(MAX_PER_QUERY);
         let (mut examined, mut gave_up) = (0, false);
-        self.tree.around(point, reach, |found| {
+        self.tree.around(point, reach, |edge| {
             gave_up = examined == most;
             if !gave_up {
                 examined += 1;
-                visit(found);
+                visit(edge);
             }
             !gave_up
         });

@@ -74,10 +74,10 @@ fn search(
     for batch in remaining.chunks(BATCH) {
         scan.context().check()?;
         let most = (budget / batch.len() as u64).clamp(MIN_NEIGHBOURS, MAX_NEIGHBOURS);
-        let found: Vec<(Partner, u64)> = batch.par_iter().map(|&f| search.partner(f, most)).collect();
-        for (&f, (found, examined)) in batch.iter().zip(found) {
+        let partners: Vec<(Partner, u64)> = batch.par_iter().map(|&f| search.partner(f, most)).collect();
+        for (&f, (partner, examined)) in batch.iter().zip(partners) {
             budget = budget.saturating_sub(examined);
-            match found {
+            match partner {
                 Partner::None => {}
                 Partner::Face(g, gap) => pairs.push((f, g, gap)),
                 Partner::GaveUp => gave_up = true,
@@ -111,10 +111,10 @@ impl Search<'_> {
     /// Also returns the number of neighbours examined.
     fn partner(&self, f: u32, most: u64) -> (Partner, u64) {
         let (normal, centre) = (self.analysis.unit_normal(f), self.analysis.unit_centre(f));
-        let (mut found, mut examined) = (Partner::None, 0);
+        let (mut partner, mut examined) = (Partner::None, 0);
         self.tree.around(centre, self.tolerance, |g| {
             if examined == most {
-                found = Partner::GaveUp;
+                partner = Partner::GaveUp;
                 return false;
             }
             examined += 1;
@@ -128,10 +128,10 @@ impl Search<'_> {
                 return true;
             }
             let in_plane = self.analysis.unit_corners(f).into_iter().all(|x| orient3d(p, q, r, x) == Sign::Zero);
-            found = Partner::Face(g, if in_plane { 0.0 } else { other.dot(centre - p).abs() });
+            partner = Partner::Face(g, if in_plane { 0.0 } else { other.dot(centre - p).abs() });
             false
         });
-        (found, examined)
+        (partner, examined)
     }
 }
 

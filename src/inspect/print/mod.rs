@@ -185,13 +185,13 @@ fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
     let unit = analysis.unit();
     let lowest = unit.iter().map(|p| p.dot(up)).fold(f64::INFINITY, f64::min);
     let plate = lowest + PLATE * analysis.unit_diagonal();
-    let (mut whole, mut areas) = (0.0, vec![0.0; limits.len()]);
+    let (mut total, mut areas) = (0.0, vec![0.0; limits.len()]);
     let sines: Vec<f64> = limits.iter().map(|degrees| degrees.to_radians().sin() + SINE_MARGIN).collect();
     for face in &analysis.surface.faces {
         let [a, b, c] = face.map(|v| unit[v as usize]);
         let area = (b - a).cross(c - a) * 0.5;
         let size = area.length();
-        whole += size;
+        total += size;
         if size > 0.0 && [a, b, c].iter().any(|p| p.dot(up) > plate) {
             let down = -area.dot(up) / size;
             for (sum, _) in areas.iter_mut().zip(&sines).filter(|(_, sine)| down > **sine) {
@@ -203,7 +203,7 @@ fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
     let areas = limits.into_iter().zip(areas).map(|(degrees, area)| OverhangArea {
         degrees,
         area: finite(area / scale / scale),
-        percent: if whole > 0.0 { area / whole * 100.0 } else { 0.0 },
+        percent: if total > 0.0 { area / total * 100.0 } else { 0.0 },
     });
     Overhang { up: up.to_array(), areas: areas.collect() }
 }
