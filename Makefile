@@ -2,7 +2,7 @@
 
 CARGO_DENY_VERSION := 0.20.2
 
-.PHONY: serve test lint fmt clippy deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
+.PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
 	check-page test-browser screenshots clients check-clients test-clients test-generators docs \
 	pictures
 
@@ -22,13 +22,17 @@ test: tools blender postgres
 	@sh scripts/clients.sh test
 	@sh scripts/generators.sh
 
-lint: tools fmt clippy deny check-openapi check-page check-clients
+lint: tools fmt clippy check-engine deny check-openapi check-page check-clients
 
 fmt:
 	cargo fmt --check
 
 clippy:
 	cargo clippy --locked --all-targets --features failpoints -- -D warnings
+
+## The engine alone, as a library user builds it: no tokio, sqlx or axum.
+check-engine:
+	cargo check --locked --lib --no-default-features
 
 ## Licences, sources and duplicate versions of all dependencies.
 deny:

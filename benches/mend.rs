@@ -76,7 +76,7 @@ fn print_steps(report: &Report, seconds: f64) {
     steps.sort_by(|a, b| b.milliseconds.total_cmp(&a.milliseconds));
     for step in steps.iter().take(STEPS) {
         let name = step.operator.map_or_else(|| format!("{:?}", step.action), |o| o.as_str().to_owned());
-        println!("           {:8.1} ms  rung {} {name}", step.milliseconds, step.rung);
+        println!("           {:8.1} ms  strategy {} {name}", step.milliseconds, step.strategy);
     }
     let inside: f64 = report.steps.iter().map(|s| s.milliseconds).sum();
     println!("           {:8.1} ms  before, after and between the steps", seconds * 1e3 - inside);

@@ -34,7 +34,7 @@ pub fn repair_file(broken: &Path, repaired: &Path, mut out: impl Write) -> Resul
     writeln!(out, "{}", report.summary)?;
     for step in report.steps.iter().filter(|step| step.status == StepStatus::Done) {
         for change in &step.changed {
-            writeln!(out, "  {}: {}", change.what.as_str().replace('_', " "), change.count)?;
+            writeln!(out, "  {}: {}", change.kind.as_str().replace('_', " "), change.count)?;
         }
     }
     if let Some(after) = &report.after {

@@ -9,7 +9,7 @@ fn main() -> ExitCode {
     #[cfg(feature = "failpoints")]
     let _failpoints = fail::FailScenario::setup();
     // Needs neither the command line nor the network.
-    if let Some(code) = meshmend::worker::run_inside(std::env::args_os().skip(1)) {
+    if let Some(code) = meshmend::worker::run_child(std::env::args_os().skip(1)) {
         return code;
     }
     meshmend::tls::use_ring();

@@ -1,8 +1,8 @@
-//! The cryptography of the process's clients.
+//! The TLS provider of the process's clients.
 
-/// Makes ring the cryptography of every TLS client of this process, if none was chosen before. Clients that leave the choice to the
-/// process can be made after it.
+/// Sets ring as the process's TLS provider, unless a provider is already set. Call this before creating a client that uses the default
+/// provider.
 pub fn use_ring() {
-    // An error says that there is one already.
+    // An error means that a provider is already set.
     let _ = rustls::crypto::ring::default_provider().install_default();
 }

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use glam::{DVec3, IVec3};
-use meshmend::arrange::{ArrangeError, Arrangement, Exact, Inside};
+use meshmend::arrange::{ArrangeError, Arrangement, Exact, WindingRule};
 use meshmend::context::{Context, NoProgress};
 use meshmend::math::{collinear, winding_exact};
 use meshmend::mesh::{ClosedSurface, Edges, Soup, Surface};
@@ -35,19 +35,19 @@ pub fn arrange(bytes: &[u8]) {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
     let closed = ClosedSurface::try_from(&surface).expect("boxes and tetrahedra are closed");
-    for inside in [Inside::Positive, Inside::Nonzero, Inside::Odd] {
-        match Exact.solid(closed, inside.into(), &context) {
-            Ok(made) => hold_to_its_word(&soup, &made.surface, inside),
-            Err(ArrangeError::Empty) => hold_to_its_word(&soup, &Surface::default(), inside),
+    for rule in [WindingRule::Positive, WindingRule::Nonzero, WindingRule::Odd] {
+        match Exact.solid(closed, rule.into(), &context) {
+            Ok(made) => hold_to_its_word(&soup, &made.surface, rule),
+            Err(ArrangeError::Empty) => hold_to_its_word(&soup, &Surface::default(), rule),
             Err(error) => panic!("{error}"),
         }
     }
 }
 
-fn hold_to_its_word(soup: &Soup, made: &Surface, inside: Inside) {
+fn hold_to_its_word(soup: &Soup, made: &Surface, rule: WindingRule) {
     for half_edges in Edges::new(&made.faces).iter() {
         let forward = half_edges.iter().filter(|&&h| Edges::is_forward(&made.faces, h)).count();
-        assert_eq!(2 * forward, half_edges.len(), "{inside:?}: an edge is not used as often both ways");
+        assert_eq!(2 * forward, half_edges.len(), "{rule:?}: an edge is not used as often both ways");
     }
     // Points in no plane of the lattice, an uneven way apart.
     let steps = (0..5).map(|i| f64::from(SIDE) * (f64::from(i) + 0.381_966) / 5.0);
@@ -62,12 +62,12 @@ fn hold_to_its_word(soup: &Soup, made: &Surface, inside: Inside) {
         if (asked - asked.round()).abs() > 1e-6 {
             continue;
         }
-        let expected = match inside {
-            Inside::Positive => asked > 0.5,
-            Inside::Nonzero => asked.abs() > 0.5,
-            Inside::Odd => asked.round().rem_euclid(2.0) == 1.0,
+        let expected = match rule {
+            WindingRule::Positive => asked > 0.5,
+            WindingRule::Nonzero => asked.abs() > 0.5,
+            WindingRule::Odd => asked.round().rem_euclid(2.0) == 1.0,
         };
-        assert!((got - f64::from(u8::from(expected))).abs() < 1e-6, "{inside:?} at {p}: {got} instead of {expected}");
+        assert!((got - f64::from(u8::from(expected))).abs() < 1e-6, "{rule:?} at {p}: {got} instead of {expected}");
     }
 }
 

@@ -14,7 +14,7 @@ use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, rout
 use meshmend::blobs::Blobs;
 use meshmend::format::Limits;
 use meshmend::jobs::{RetryPolicy, SqliteStore, Store, SystemClock};
-use meshmend::webhooks::{Reach, SystemRandom};
+use meshmend::webhooks::{SystemRandom, TargetPolicy};
 use metrics_exporter_prometheus::PrometheusBuilder;
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
@@ -170,7 +170,7 @@ async fn state(data: &Path) -> ApiState {
             tenant_limits: TenantLimits::default(),
             retention: Duration::from_secs(3600),
             min_free: 0,
-            webhook_reach: Reach::Public,
+            webhook_targets: TargetPolicy::Public,
             upload_idle: LONGEST,
             presigned_uploads: false,
             presigned_downloads: false,

@@ -1,7 +1,7 @@
-//! Who may ask for what: tenants, their API keys, browser tokens, and scopes.
+//! Access control: tenants, their API keys, browser tokens, and scopes.
 //!
-//! A secret is shown once, when it is made; the store keeps its hash. Everything that belongs to a tenant, jobs above all, is invisible
-//! to every other one.
+//! A secret is shown once, when it is created; the store keeps only its hash. The jobs and all other data of a tenant are invisible to
+//! other tenants.
 
 mod tenant;
 
@@ -20,20 +20,20 @@ pub use tenant::{
     TenantNameError,
 };
 
-/// Who holds a secret.
+/// The kind of a secret's holder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum KeyKind {
-    /// A tenant's own server.
+    /// A tenant's own server, with an API key.
     Api,
-    /// A page in somebody's browser, for a while.
+    /// A page in a web browser, with a short-lived token.
     Browser,
 }
 
 impl KeyKind {
     const ALL: [Self; 2] = [Self::Api, Self::Browser];
 
-    /// The name in the store.
+    /// Returns the name used in the store.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -42,13 +42,13 @@ impl KeyKind {
         }
     }
 
-    /// The kind that a secret says it is of.
+    /// Returns the kind that a secret's prefix indicates.
     #[must_use]
     pub fn of_secret(secret: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| secret.starts_with(kind.prefix()))
     }
 
-    /// What its secrets begin with, so that programs that search for leaked secrets find them.
+    /// Prefix of this kind's secrets, by which secret scanners recognise leaked secrets.
     fn prefix(self) -> &'static str {
         match self {
             Self::Api => "mm_key_",
@@ -65,32 +65,32 @@ impl FromStr for KeyKind {
     }
 }
 
-/// What nobody can guess: 244 bits of the operating system's random numbers, as 64 hexadecimal digits.
+/// Returns an unguessable text: 64 hexadecimal digits with 244 random bits from the operating system.
 #[must_use]
 pub fn random_hex() -> String {
     format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple())
 }
 
-/// A secret as its holder shows it: a prefix that tells the kind, and [`random_hex`].
+/// A secret in clear text: the prefix of its kind, and [`random_hex`].
 pub struct Secret(String);
 
 impl Secret {
-    /// A new one.
+    /// Creates a random secret.
     #[must_use]
     pub fn new(kind: KeyKind) -> Self {
         Self(format!("{}{}", kind.prefix(), random_hex()))
     }
 
-    /// The text to hand to its holder, once.
+    /// Returns the clear text, to be shown to the holder once.
     #[must_use]
     pub fn reveal(&self) -> &str {
         &self.0
     }
 
-    /// What the store keeps of it.
+    /// Returns the hash that the store keeps.
     #[must_use]
-    pub fn token(&self) -> Token {
-        Token::of(&self.0)
+    pub fn hash(&self) -> SecretHash {
+        SecretHash::of(&self.0)
     }
 }
 
@@ -100,95 +100,95 @@ impl fmt::Debug for Secret {
     }
 }
 
-/// The hash by which a secret is looked up. A plain one is enough, since no secret can be guessed.
+/// The hash of a secret, by which the store finds its key. SHA-256 without salt is enough, since secrets are random.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct Token(String);
+pub struct SecretHash(String);
 
-impl Token {
-    /// Of whatever a client showed.
+impl SecretHash {
+    /// Hashes a secret that a client sent.
     #[must_use]
-    pub fn of(shown: &str) -> Self {
-        Self(hex::encode(Sha256::digest(shown.as_bytes())))
+    pub fn of(secret: &str) -> Self {
+        Self(hex::encode(Sha256::digest(secret.as_bytes())))
     }
 
-    /// SHA-256 in hexadecimal.
+    /// Returns the SHA-256 hash in hexadecimal.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
     }
 }
 
-impl From<Token> for String {
-    fn from(token: Token) -> Self {
-        token.0
+impl From<SecretHash> for String {
+    fn from(hash: SecretHash) -> Self {
+        hash.0
     }
 }
 
-/// A key to make.
+/// An API key or browser token to create.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NewKey {
-    /// Whose it is.
+    /// The key's tenant.
     pub tenant: TenantName,
-    /// Who holds it.
+    /// The kind of the holder.
     pub kind: KeyKind,
-    /// What it is for, in the operator's words.
+    /// What the key is for, in the operator's words.
     pub label: String,
-    /// What it allows.
+    /// The key's scopes.
     pub scopes: Scopes,
-    /// The only origin whose pages may use it.
+    /// The only origin whose pages may use the key; none for no restriction.
     pub origin: Option<String>,
-    /// Largest upload in bytes.
+    /// Maximum upload size in bytes; none for the service's limit.
     pub max_bytes: Option<u64>,
-    /// Seconds after which it expires; none for one that does not.
+    /// Lifetime in seconds; none for a key that never expires.
     pub life_s: Option<u64>,
-    /// The key that it was made with; it is invalid once that is revoked or expired.
+    /// The key that created this one, if any. This key becomes invalid when its parent is revoked or expires.
     pub parent: Option<String>,
 }
 
-/// Which API keys to list: newest first.
+/// A query for API keys. The newest keys come first.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct KeyQuery {
-    /// Only those of this tenant.
+    /// Only keys of this tenant.
     pub tenant: Option<TenantName>,
-    /// Only the one with this id.
+    /// Only the key with this id.
     pub id: Option<String>,
-    /// Only keys older than the one with this id.
+    /// Only keys older than the key with this id.
     pub before: Option<String>,
-    /// At most so many.
+    /// Maximum number of keys.
     pub limit: u32,
 }
 
-/// A key as the store knows it, without its secret.
+/// A stored API key or browser token, without its secret.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AccessKey {
-    /// Its name: `key_` and a UUID.
+    /// The key's id: `key_` and a UUID.
     pub id: String,
-    /// Whose it is.
+    /// The key's tenant.
     pub tenant: TenantName,
-    /// Who holds it.
+    /// The kind of the holder.
     pub kind: KeyKind,
-    /// What it is for.
+    /// What the key is for.
     pub label: String,
-    /// What it allows.
+    /// The key's scopes.
     pub scopes: Scopes,
-    /// The only origin whose pages may use it.
+    /// The only origin whose pages may use the key; none for no restriction.
     pub origin: Option<String>,
-    /// Largest upload in bytes.
+    /// Maximum upload size in bytes; none for the service's limit.
     pub max_bytes: Option<u64>,
-    /// When it was made.
+    /// When the key was created.
     pub created_at: OffsetDateTime,
-    /// When it expires.
+    /// When the key expires.
     pub expires_at: Option<OffsetDateTime>,
-    /// When it was revoked.
+    /// When the key was revoked.
     pub revoked_at: Option<OffsetDateTime>,
-    /// When it was last used, give or take some minutes.
+    /// When the key was last used, accurate to five minutes.
     pub last_used_at: Option<OffsetDateTime>,
 }
 
-/// What a key allows.
+/// A permission of an API key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 pub enum Scope {
-    /// Look at jobs, download their files.
+    /// Read jobs and download their files.
     #[serde(rename = "jobs:read")]
     JobsRead,
     /// Submit, cancel and delete jobs.
@@ -197,7 +197,7 @@ pub enum Scope {
     /// Manage webhook endpoints.
     #[serde(rename = "webhooks")]
     Webhooks,
-    /// Make short-lived tokens for browsers.
+    /// Create short-lived tokens for browsers.
     #[serde(rename = "tokens")]
     Tokens,
     /// Read the metrics of the whole service.
@@ -208,9 +208,9 @@ pub enum Scope {
     Admin,
 }
 
-/// A text that is no scope.
+/// The error of a text that is not a scope.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("'{name}' is no scope; scopes are {}", Scope::ALL.map(Scope::as_str).join(", "))]
+#[error("unknown scope '{name}'; the scopes are {}", Scope::ALL.map(Scope::as_str).join(", "))]
 pub struct ScopeError {
     name: String,
 }
@@ -220,7 +220,7 @@ impl Scope {
     pub const ALL: [Self; 6] =
         [Self::JobsRead, Self::JobsWrite, Self::Webhooks, Self::Tokens, Self::Metrics, Self::Admin];
 
-    /// The name used in JSON, in the store and on the command line.
+    /// Returns the name used in JSON, in the store and on the command line.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -233,7 +233,7 @@ impl Scope {
         }
     }
 
-    /// Whether a token that a page holds may have it.
+    /// Whether a browser token may have this scope.
     #[must_use]
     pub fn is_for_browsers(self) -> bool {
         matches!(self, Self::JobsRead | Self::JobsWrite)
@@ -254,24 +254,24 @@ impl FromStr for Scope {
     }
 }
 
-/// A set of scopes, written as their names with commas between.
+/// A set of scopes. Its text form is the names with commas between.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Scopes(BTreeSet<Scope>);
 
 impl Scopes {
-    /// Every scope that concerns one tenant only. `metrics` and `admin` concern the whole service.
+    /// Returns every scope that concerns one tenant only: all but `metrics` and `admin`, which concern the whole service.
     #[must_use]
     pub fn of_a_tenant() -> Self {
         Scope::ALL.into_iter().filter(|scope| !matches!(scope, Scope::Metrics | Scope::Admin)).collect()
     }
 
-    /// Whether the scope is among them.
+    /// Whether the set contains the scope.
     #[must_use]
     pub fn has(&self, scope: Scope) -> bool {
         self.0.contains(&scope)
     }
 
-    /// The scopes in order.
+    /// Iterates over the scopes in order.
     pub fn iter(&self) -> impl Iterator<Item = Scope> + '_ {
         self.0.iter().copied()
     }
@@ -303,32 +303,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_secret_is_new_each_time_and_shows_itself_only_when_asked() {
+    fn a_secret_is_random_and_its_debug_output_hides_it() {
         let (one, other) = (Secret::new(KeyKind::Api), Secret::new(KeyKind::Api));
         assert_ne!(one.reveal(), other.reveal());
         assert!(one.reveal().starts_with("mm_key_") && one.reveal().len() == 7 + 64, "{}", one.reveal());
         assert!(!format!("{one:?}").contains(&one.reveal()[7..]));
-        assert_eq!(one.token(), Token::of(one.reveal()));
-        assert!(!one.token().as_str().contains(&one.reveal()[7..]));
+        assert_eq!(one.hash(), SecretHash::of(one.reveal()));
+        assert!(!one.hash().as_str().contains(&one.reveal()[7..]));
     }
 
     #[test]
-    fn scopes_are_read_back_from_their_text_and_an_unknown_one_is_named() {
+    fn scopes_are_parsed_from_their_text_and_an_unknown_scope_is_named() {
         let scopes: Scopes = "jobs:write, jobs:read".parse().expect("scopes");
         assert_eq!(scopes.to_string(), "jobs:read,jobs:write");
         assert!(scopes.has(Scope::JobsRead) && !scopes.has(Scope::Metrics));
         let error = "jobs:read,jobs:fly".parse::<Scopes>().expect_err("no scope");
-        assert!(error.to_string().starts_with("'jobs:fly' is no scope; scopes are jobs:read, "), "{error}");
+        assert!(error.to_string().starts_with("unknown scope 'jobs:fly'; the scopes are jobs:read, "), "{error}");
     }
 
     #[test]
-    fn a_tenants_scopes_reach_nothing_of_the_whole_service() {
+    fn the_scopes_of_a_tenant_exclude_those_of_the_whole_service() {
         let own = Scopes::of_a_tenant();
         assert!(own.has(Scope::JobsWrite) && !own.has(Scope::Metrics) && !own.has(Scope::Admin));
     }
 
     #[test]
-    fn scopes_have_one_name_in_json_and_elsewhere() {
+    fn a_scope_has_the_same_name_in_json_and_in_text() {
         for scope in Scope::ALL {
             assert_eq!(serde_json::to_value(scope).expect("JSON"), scope.as_str());
         }

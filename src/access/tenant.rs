@@ -1,20 +1,21 @@
+//! Tenants: names, classes and limits.
 use std::fmt;
 use std::str::FromStr;
 
-/// The tenant of a service that asks for no keys.
+/// The tenant of all requests to a service that requires no keys.
 pub const DEFAULT_TENANT: &str = "default";
 
 /// A tenant's name: 1 to 63 lower-case letters, digits and hyphens.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct TenantName(String);
 
-/// A text that is no tenant's name.
+/// The error of a text that is not a tenant's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a tenant's name is 1 to 63 lower-case letters, digits and hyphens, and does not begin with a hyphen")]
+#[error("a tenant's name must be 1 to 63 lower-case letters, digits and hyphens, and must not start with a hyphen")]
 pub struct TenantNameError;
 
 impl TenantName {
-    /// The name.
+    /// Returns the name as text.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
@@ -41,27 +42,28 @@ impl FromStr for TenantName {
     }
 }
 
+/// Whether a text is 1 to 63 lower-case letters, digits and hyphens, without a leading hyphen.
 fn is_plain(text: &str) -> bool {
     (1..=63).contains(&text.len())
         && !text.starts_with('-')
         && text.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-')
 }
 
-/// The class of tenants for whom none is set.
+/// The class of tenants without a class of their own.
 pub const STANDARD_CLASS: &str = "standard";
 
-/// What an operator calls a kind of tenants, such as those of a tariff, to tell their jobs apart in the metrics: 1 to 63 lower-case
-/// letters, digits and hyphens.
+/// The class of a tenant, such as its price plan, under which the metrics count its jobs: 1 to 63 lower-case letters, digits and
+/// hyphens.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TenantClass(String);
 
-/// A text that is no class.
+/// The error of a text that is not a tenant class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a class is 1 to 63 lower-case letters, digits and hyphens, and does not begin with a hyphen")]
+#[error("a class must be 1 to 63 lower-case letters, digits and hyphens, and must not start with a hyphen")]
 pub struct TenantClassError;
 
 impl TenantClass {
-    /// The name.
+    /// Returns the class as text.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
@@ -76,43 +78,43 @@ impl FromStr for TenantClass {
     }
 }
 
-/// What is set for a tenant.
+/// A tenant with its settings.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Tenant {
-    /// Its name.
+    /// The tenant's name.
     pub name: String,
-    /// Its class; none for [`STANDARD_CLASS`].
+    /// The tenant's class; none for [`STANDARD_CLASS`].
     pub class: Option<String>,
-    /// What it may use.
+    /// The tenant's limits.
     pub limits: TenantLimits,
 }
 
-/// What one tenant may use; where nothing is set, the service's own limits hold.
+/// The limits of one tenant. The service's own limit applies where a limit is `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TenantLimits {
-    /// Most of its jobs that may wait.
+    /// Maximum number of queued jobs.
     pub max_queued: Option<u32>,
-    /// Most of its jobs that may run at the same time.
+    /// Maximum number of running jobs.
     pub max_running: Option<u32>,
-    /// Most of its requests in a minute, on each process that serves.
+    /// Maximum number of requests per minute to each server process.
     pub requests_per_minute: Option<u32>,
 }
 
-/// Settings of a tenant to change. Of each field, `None` keeps the setting and `Some(None)` clears it.
+/// Changes to a tenant's settings. In each field, `None` keeps the setting and `Some(None)` clears it.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct TenantChange {
-    /// Its class.
+    /// The class.
     pub class: Option<Option<TenantClass>>,
-    /// Most of its jobs that may wait.
+    /// Maximum number of queued jobs.
     pub max_queued: Option<Option<u32>>,
-    /// Most of its jobs that may run at the same time.
+    /// Maximum number of running jobs.
     pub max_running: Option<Option<u32>>,
-    /// Most of its requests in a minute, on each process that serves.
+    /// Maximum number of requests per minute to each server process.
     pub requests_per_minute: Option<Option<u32>>,
 }
 
 impl TenantChange {
-    /// Sets these limits and clears the others.
+    /// Creates a change that sets the given limits, clears the other limits and keeps the class.
     #[must_use]
     pub fn to_limits(limits: TenantLimits) -> Self {
         Self {
@@ -125,7 +127,7 @@ impl TenantChange {
 }
 
 impl TenantLimits {
-    /// These limits, and the others where these say nothing.
+    /// Returns these limits, with `others` where a limit is `None`.
     #[must_use]
     pub fn or(self, others: Self) -> Self {
         Self {
@@ -141,7 +143,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tenants_name_is_short_and_plain() {
+    fn a_tenants_name_is_short_and_has_only_plain_characters() {
         for name in ["shop", "shop-2", "2shops", &"x".repeat(63)] {
             assert_eq!(name.parse::<TenantName>().map(|name| name.to_string()), Ok(name.to_owned()));
         }

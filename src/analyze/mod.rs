@@ -1,13 +1,12 @@
-//! Analysis of files: read each, look at it, and say everything in one report.
+//! Analysis of one or more files: reads and inspects each file, and combines the results in one report.
 //!
-//! [`Analyst`] is the way in: one file after the other is added, and the end is an [`AnalysisReport`]. What is said of
-//! each file is the same [`Inspection`](crate::inspect::Inspection) that a repair reports before and after.
+//! [`Analyst`] is the entry point. Add the files one by one, then finish with an [`AnalysisReport`]. The report has
+//! one [`Inspection`](crate::inspect::Inspection) per file, of the same structure as in a repair report.
 
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::ToSchema;
 
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, ReadOptions};
@@ -16,24 +15,26 @@ use crate::mesh::Soup;
 use crate::render::{Drawing, Marked, RenderError, draw_inspected, names_of_inspection};
 use crate::scene::{LengthUnit, Unit};
 
-/// How files are to be analysed. Every field has a default.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Options of an analysis. Every field has a default.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(default)]
 pub struct AnalyzeOptions {
-    /// Seconds the analysis of all files may take from its start; then the job fails.
-    #[schema(minimum = 1.0, maximum = 3600.0)]
+    /// Time limit in seconds for the analysis of all files, from 1 to 3600. The job fails when the limit is exceeded.
+    #[cfg_attr(feature = "openapi", schema(minimum = 1.0, maximum = 3600.0))]
     pub deadline_s: f64,
-    /// Whether to count the faces of each file that intersect those of another.
+    /// Whether to count intersecting faces between each two files.
     pub intersections: bool,
     /// Whether to measure the distance from each vertex to the nearest surface of another file.
     pub spacing: bool,
-    /// Whether what was found can be had as pictures: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
-    /// and so on for the others. They are drawn when somebody asks for one of them first.
+    /// Whether to provide pictures of the defects: `defects.png`, `defects.glb` and `defects.ply` for the first file,
+    /// `2-defects.png` and so on for the others. They are rendered on the first request for one of them.
     pub pictures: bool,
-    /// The unit that lengths are brought into; without it they stay as they are. Lengths among these options are in it.
+    /// Unit to which all lengths are converted; by default lengths keep the file's unit. Lengths among these options
+    /// are in this unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale_to: Option<Unit>,
-    /// What to look for, and how.
+    /// Options of the inspection of each file.
     #[serde(flatten)]
     pub inspect: InspectOptions,
 }
@@ -52,51 +53,55 @@ impl Default for AnalyzeOptions {
 }
 
 impl AnalyzeOptions {
-    /// The options that differ from their defaults, as JSON.
+    /// Serializes the options that differ from their defaults as a JSON object.
     #[must_use]
     pub fn to_changed_fields(&self) -> Map<String, Value> {
         changed_fields(self, &Self::default())
     }
 
-    /// Checks every range.
+    /// Checks that every option is in its range.
     ///
     /// # Errors
-    /// The first option that is out of its range.
+    /// [`OptionsError`] for the first option out of range.
     pub fn validate(&self) -> Result<(), OptionsError> {
-        let seconds = "between 1 and 3600 seconds";
+        let seconds = "from 1 to 3600 seconds";
         OptionsError::unless_within("deadline_s", self.deadline_s, (1.0, 3600.0), seconds)?;
         self.inspect.validate()
     }
 }
 
-/// The version of [`AnalysisReport`]'s structure. 2: adds the unit of each file. 3: adds `abridged`, and histograms of `set` may be left out.
+/// Version of the structure of [`AnalysisReport`]. Version 2 adds the unit of each file. Version 3 adds `abridged`,
+/// and makes histograms of `set` optional.
 pub const ANALYSIS_VERSION: u32 = 3;
 
-/// The account of one analysis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Report of one analysis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct AnalysisReport {
     /// Version of this structure.
     pub version: u32,
-    /// Whether lists are shortened to their first items, and statistics and histograms are left out. Counts are always of everything.
+    /// Whether the report is shortened: lists have only their first items, and statistics and histograms are omitted.
+    /// Counts are always complete.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub abridged: bool,
     /// Name and version of the engine.
     pub engine: String,
-    /// The options that were in force.
+    /// The effective options.
     pub options: AnalyzeOptions,
-    /// Whether every file is printable; none where nothing is wrong that was looked for, but not all was looked for.
+    /// Whether every file is printable. `null` if no file is known to be unprintable, but the inspection of at least
+    /// one file was not complete enough to decide.
     pub printable: Option<bool>,
-    /// What was found in each file, in the order they were sent.
+    /// Results for each file, in the order of the request.
     pub files: Vec<FileAnalysis>,
-    /// What was measured between the files; none where there is only one.
+    /// Measurements between the files; absent if there is only one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub set: Option<SetReport>,
-    /// Time from the first file's first byte to the end, in milliseconds.
+    /// Time from reading the first file to the end, in milliseconds.
     pub milliseconds: f64,
 }
 
 impl AnalysisReport {
-    /// Shortens each list but that of the files to its first `most` items, and leaves out statistics and histograms.
+    /// Shortens every list except the list of files to its first `most` items. Removes statistics and histograms.
     pub fn abridge(&mut self, most: usize) {
         self.abridged = true;
         self.files.iter_mut().for_each(|file| file.inspection.abridge(most));
@@ -104,67 +109,68 @@ impl AnalysisReport {
     }
 }
 
-/// What was found in one file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Analysis of one file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct FileAnalysis {
-    /// The name it was sent with.
+    /// Name of the file in the request.
     pub name: String,
-    /// Its format.
+    /// File format.
     pub format: Format,
-    /// The dialect in words, such as `binary STL`.
+    /// Description of the format's variant, such as `binary STL`.
     pub dialect: String,
-    /// Its size.
+    /// Size of the file, in bytes.
     pub bytes: u64,
-    /// SHA-256 of its bytes, in hexadecimal, where it is known.
+    /// SHA-256 of the file, in hexadecimal; absent if unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
-    /// The unit of every length that is told of it.
+    /// Unit of all lengths reported for the file.
     pub unit: LengthUnit,
-    /// Whether it can be printed as it is, as far as its level of inspection tells.
+    /// Whether the file is printable as it is; `null` if its inspection level does not decide.
     pub printable: Option<bool>,
-    /// Everything that was found, in the same structure as `before` and `after` of a repair report.
+    /// Inspection of the file, of the same structure as `before` and `after` of a repair report.
     pub inspection: Inspection,
-    /// What a person should know.
+    /// Warnings for the sender of the file.
     pub warnings: Vec<String>,
 }
 
 impl FileAnalysis {
-    /// The names of the drawings that [`draw`] makes of the file.
+    /// Names of the drawings that [`draw`] makes of the file.
     #[must_use]
     pub fn drawings(&self) -> Vec<&'static str> {
         names_of_inspection(self.inspection.measures.faces)
     }
 }
 
-/// Why there is no analysis. A model with defects is no error.
+/// Why an analysis failed. Defects of a model are results, not errors.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AnalyzeError {
-    /// A file is not a mesh that can be read.
-    #[error("{}{error}", naming(*.index, name, *.of))]
+    /// A file is not a readable mesh.
+    #[error("{}{error}", file_prefix(*.index, name, *.of))]
     Read {
-        /// Which file, counted from 0.
+        /// Position of the file in the request, from 0.
         index: usize,
-        /// Its name.
+        /// Name of the file.
         name: String,
-        /// How many files there are.
+        /// Number of files in the request.
         of: usize,
-        /// What is wrong with it.
+        /// What is wrong with the file.
         error: ReadError,
     },
     /// An option is out of range.
     #[error(transparent)]
     Options(#[from] OptionsError),
-    /// The work was asked to stop, or its time ran out.
+    /// The analysis was cancelled or exceeded its time limit.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
-/// Of several files, the one that is spoken of.
-fn naming(index: usize, name: &str, of: usize) -> String {
+/// Prefix of a message that names the file, if the request has several.
+fn file_prefix(index: usize, name: &str, of: usize) -> String {
     if of > 1 { format!("file {} of {of}, '{name}': ", index + 1) } else { String::new() }
 }
 
-/// Looks at one file after the other, and then at all together.
+/// Analyses files one by one, then measures between them.
 pub struct Analyst<'a> {
     options: &'a AnalyzeOptions,
     limits: &'a Limits,
@@ -176,10 +182,10 @@ pub struct Analyst<'a> {
 }
 
 impl<'a> Analyst<'a> {
-    /// Begins an analysis of `of` files. The deadline of the options runs from here.
+    /// Starts an analysis of `of` files. The time limit runs from this call.
     ///
     /// # Errors
-    /// [`AnalyzeError::Options`].
+    /// [`AnalyzeError::Options`] if an option is out of range.
     pub fn new(
         options: &'a AnalyzeOptions,
         limits: &'a Limits,
@@ -192,10 +198,10 @@ impl<'a> Analyst<'a> {
         Ok(Self { options, limits, context, start, of, files: Vec::with_capacity(of), meshes: Vec::with_capacity(of) })
     }
 
-    /// Reads a file and looks at it.
+    /// Reads and inspects a file.
     ///
     /// # Errors
-    /// [`AnalyzeError::Read`], which names the file where there are several, or [`AnalyzeError::Cancelled`].
+    /// [`AnalyzeError::Read`], with the file's name if there are several files, or [`AnalyzeError::Cancelled`].
     pub fn add(&mut self, name: &str, sha256: Option<&str>, bytes: &[u8]) -> Result<(), AnalyzeError> {
         let index = self.files.len();
         self.report(Stage::Read, 0);
@@ -205,8 +211,8 @@ impl<'a> Analyst<'a> {
         self.report(Stage::Inspect, 20);
         let (inspection, _) = inspect(subject(&mesh, Some(&unit)), &self.options.inspect, &self.context)?;
         let measures = &inspection.measures;
-        let warnings = mesh.warnings.iter().cloned().chain(measures.left_out()).collect();
-        self.context.log(&format!("{}{}: {}", naming(index, name, self.of), mesh.dialect, measures.in_short()));
+        let warnings = mesh.warnings.iter().cloned().chain(measures.omitted()).collect();
+        self.context.log(&format!("{}{}: {}", file_prefix(index, name, self.of), mesh.dialect, measures.in_short()));
         self.files.push(FileAnalysis {
             name: name.to_owned(),
             format: mesh.format,
@@ -222,7 +228,7 @@ impl<'a> Analyst<'a> {
         Ok(())
     }
 
-    /// The account of all files that were added, and of what is between them.
+    /// Returns the report of all added files and of the measurements between them.
     ///
     /// # Errors
     /// [`AnalyzeError::Cancelled`].
@@ -231,7 +237,7 @@ impl<'a> Analyst<'a> {
         let (intersections, spacing) = (self.options.intersections, self.options.spacing);
         let set = SetReport::of(&meshes, intersections, spacing, &self.context)?;
         let verdicts = || self.files.iter().map(|file| file.printable);
-        let printable = if verdicts().any(|it| it == Some(false)) {
+        let printable = if verdicts().any(|verdict| verdict == Some(false)) {
             Some(false)
         } else {
             verdicts().collect::<Option<Vec<_>>>().map(|_| true)
@@ -249,22 +255,22 @@ impl<'a> Analyst<'a> {
         })
     }
 
-    /// Tells how far the whole is when `percent` of the present file is done; a file's size says little about its time,
-    /// so all count the same.
+    /// Reports overall progress when `percent` of the current file is done. All files count the same, since file size
+    /// hardly predicts the time.
     fn report(&self, stage: Stage, percent: usize) {
         let done = (self.files.len() * 100 + percent) / self.of.max(1);
         self.context.report(stage, None, u8::try_from(done.min(99)).unwrap_or(99));
     }
 }
 
-/// Reads a file, with its lengths in the unit that the options say.
+/// Reads a file and converts its lengths to the unit of the options.
 fn read(bytes: &[u8], options: &AnalyzeOptions, limits: &Limits) -> Result<(ReadMesh, LengthUnit), ReadError> {
     let mut file = format::read_shape(bytes, &ReadOptions::within(*limits))?;
     let unit = file.settle_unit(options.inspect.unit, options.scale_to);
     Ok((file.mesh, unit))
 }
 
-/// All that a file says of its mesh, with lengths in a unit.
+/// Collects the parts of a read file that an analysis needs, with its settled unit.
 pub fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
     Subject {
         soup: &mesh.soup,
@@ -279,18 +285,18 @@ pub fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<
 /// Why a file could not be drawn.
 #[derive(Debug, thiserror::Error)]
 pub enum DrawError {
-    /// It can't be read, though it could be when it was inspected.
+    /// The file is not readable, although its inspection succeeded before.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// The work was asked to stop, or its time ran out.
+    /// Drawing was cancelled or exceeded its time limit.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// The drawing itself.
+    /// Rendering failed.
     #[error(transparent)]
     Render(#[from] RenderError),
 }
 
-/// Draws what is found on a file. It may take as long as the analysis.
+/// Draws the defects of a file. Repeats the inspection, so it may take as long as the analysis.
 ///
 /// # Errors
 /// [`DrawError`].

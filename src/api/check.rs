@@ -1,5 +1,5 @@
-//! Compares what a client sent with the schemas of the OpenAPI document, and says of every field what is wrong with it. The document and
-//! the messages come from the same types, so they agree.
+//! Validates JSON against the schemas of the OpenAPI document, and reports an error for each invalid field. The document and the error
+//! messages are generated from the same types, so they agree.
 
 use std::sync::OnceLock;
 
@@ -8,12 +8,13 @@ use utoipa::openapi::OpenApi;
 
 use super::problem::FieldError;
 
-/// Characters of a wrong value that a message repeats.
-const SHOWN: usize = 40;
+/// Number of characters of an invalid value that a message quotes.
+const QUOTED_CHARS: usize = 40;
 
+/// The schemas of the OpenAPI document, by name.
 static SCHEMAS: OnceLock<Map<String, Value>> = OnceLock::new();
 
-/// Takes the schemas of the OpenAPI document, which is the same at each call. Nothing is found wrong before the first.
+/// Sets the schemas from the OpenAPI document, which is the same at each call. Until the first call, every value is valid.
 pub(super) fn use_document(document: &OpenApi) {
     SCHEMAS.get_or_init(|| {
         let document = serde_json::to_value(document).unwrap_or_default();
@@ -25,7 +26,7 @@ fn named_schema(name: &str) -> Option<&'static Value> {
     SCHEMAS.get()?.get(name)
 }
 
-/// The schema of a field of an object, which the document names, such as `max_tier` of `Options`.
+/// Returns the schema of a field of a named object, such as `max_tier` of `Options`.
 pub(super) fn field_schema(object: &str, field: &str) -> Option<&'static Value> {
     fn find<'a>(schema: &'a Value, field: &str) -> Option<&'a Value> {
         let parts = || schema.get("allOf").and_then(Value::as_array).into_iter().flatten().map(resolve);
@@ -37,7 +38,7 @@ pub(super) fn field_schema(object: &str, field: &str) -> Option<&'static Value> 
     find(resolve(named_schema(object)?), field)
 }
 
-/// What is wrong with an object, field by field.
+/// Validates an object against the schema `name`, and returns an error for each invalid field.
 pub(super) fn object_errors(name: &str, object: &Map<String, Value>) -> Vec<FieldError> {
     let mut errors = Vec::new();
     if let Some(schema) = named_schema(name) {
@@ -46,14 +47,14 @@ pub(super) fn object_errors(name: &str, object: &Map<String, Value>) -> Vec<Fiel
     errors
 }
 
-/// What is wrong with the value of a field, whose schema is given.
+/// Validates the value of a field against a schema.
 pub(super) fn value_errors(field: &str, schema: &Value, value: &Value) -> Vec<FieldError> {
     let mut errors = Vec::new();
     check(field, schema, value, &mut errors);
     errors
 }
 
-/// That there is no field of that name, and which one was probably meant.
+/// Creates the error for an unknown field. Suggests the most similar known name.
 pub(super) fn unknown_field<'a>(field: &str, known: impl Iterator<Item = &'a str>, kind: &str) -> FieldError {
     let name = field.rsplit('.').next().unwrap_or(field);
     let similar = known
@@ -61,15 +62,16 @@ pub(super) fn unknown_field<'a>(field: &str, known: impl Iterator<Item = &'a str
         .filter(|&(distance, known)| distance <= 2 && distance < known.len())
         .min();
     let hint = similar.map_or_else(String::new, |(_, known)| format!(" Did you mean `{known}`?"));
-    FieldError::new(field, format!("There is no {kind} `{}`.{hint}", shown(field)))
+    FieldError::new(field, format!("There is no {kind} `{}`.{hint}", truncated(field)))
 }
 
-/// The schema that a reference names, or the schema itself.
+/// Follows a schema's `$ref`, if it has one.
 fn resolve(schema: &Value) -> &Value {
     let name = schema.get("$ref").and_then(Value::as_str).and_then(|path| path.rsplit('/').next());
     name.and_then(named_schema).unwrap_or(schema)
 }
 
+/// Validates a value, and appends its errors.
 fn check(field: &str, schema: &Value, value: &Value, errors: &mut Vec<FieldError>) {
     let schema = resolve(schema);
     if let Some(variants) = union(schema) {
@@ -79,7 +81,7 @@ fn check(field: &str, schema: &Value, value: &Value, errors: &mut Vec<FieldError
     if value.is_null() && types(schema).any(|kind| kind == "null") {
         return;
     }
-    let fits = match value {
+    let has_type = match value {
         Value::Null => false,
         Value::Bool(_) => types(schema).any(|kind| kind == "boolean"),
         Value::Number(number) => types(schema).any(|kind| match kind {
@@ -90,14 +92,16 @@ fn check(field: &str, schema: &Value, value: &Value, errors: &mut Vec<FieldError
         Value::Array(_) => types(schema).any(|kind| kind == "array"),
         Value::Object(_) => types(schema).any(|kind| kind == "object"),
     };
-    // A schema without a type takes anything.
+    // A schema without a type accepts every type.
     let has_range_error = || value.as_f64().is_some_and(|number| !is_within(schema, number));
-    let is_other = || {
+    let is_outside_enum = || {
         let values = schema.get("enum").and_then(Value::as_array);
         values.is_some_and(|values| !values.contains(value))
     };
-    if (!fits && types(schema).next().is_some()) || has_range_error() || is_other() || !has_its_length(schema, value) {
-        errors.push(FieldError::new(field, format!("`{field}` must be {}; got {}.", expected(schema), given(value))));
+    let is_wrong_type = !has_type && types(schema).next().is_some();
+    if is_wrong_type || has_range_error() || is_outside_enum() || !has_valid_length(schema, value) {
+        let message = format!("`{field}` must be {}; got {}.", expected(schema), quoted(value));
+        errors.push(FieldError::new(field, message));
         return;
     }
     match value {
@@ -113,43 +117,45 @@ fn check(field: &str, schema: &Value, value: &Value, errors: &mut Vec<FieldError
     }
 }
 
+/// Validates the fields of an object, and appends the errors of unknown, invalid and missing fields.
 fn check_object(path: &str, schema: &Value, object: &Map<String, Value>, errors: &mut Vec<FieldError>) {
-    let named = |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
+    let path_of = |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
     let known = schema.get("properties").and_then(Value::as_object);
     let is_open = schema.get("additionalProperties").is_some_and(|more| more != &Value::Bool(false));
     for (name, value) in object {
         match (known.and_then(|known| known.get(name)), schema.get("additionalProperties")) {
-            (Some(schema), _) => check(&named(name), schema, value, errors),
-            (None, Some(schema)) if schema.is_object() => check(&named(name), schema, value, errors),
+            (Some(schema), _) => check(&path_of(name), schema, value, errors),
+            (None, Some(schema)) if schema.is_object() => check(&path_of(name), schema, value, errors),
             (None, _) if is_open => {}
             (None, _) => {
                 let names = known.into_iter().flat_map(Map::keys).map(String::as_str);
-                errors.push(unknown_field(&named(name), names, "field"));
+                errors.push(unknown_field(&path_of(name), names, "field"));
             }
         }
     }
     for name in schema.get("required").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str) {
         if !object.contains_key(name) {
-            errors.push(FieldError::new(&named(name), format!("`{}` is missing.", named(name))));
+            errors.push(FieldError::new(&path_of(name), format!("`{}` is missing.", path_of(name))));
         }
     }
 }
 
-/// The variants of a union; none for other schemas.
+/// Returns the variants of a union, or `None` for another schema.
 fn union(schema: &Value) -> Option<Vec<&Value>> {
     let variants = schema.get("oneOf").or_else(|| schema.get("anyOf"))?.as_array()?;
     Some(variants.iter().map(resolve).collect())
 }
 
+/// Validates a value against the variants of a union that accept its JSON type.
 fn check_union(field: &str, variants: &[&Value], value: &Value, errors: &mut Vec<FieldError>) {
-    let of_kind: Vec<_> = variants.iter().filter(|variant| takes_kind(variant, value)).collect();
-    match (&of_kind[..], value) {
+    let candidates: Vec<_> = variants.iter().filter(|variant| accepts_type(variant, value)).collect();
+    match (&candidates[..], value) {
         ([only], _) => check(field, only, value, errors),
-        // The reader of the object tells its variants apart.
+        // Of several object variants, the errors of the closest one are reported. Tagged variants are left to the deserializer.
         ([_, ..], _) => {
-            let tried = of_kind.iter().map(|variant| value_errors(field, variant, value));
-            let fewest = tried.min_by_key(Vec::len).unwrap_or_default();
-            let is_tagged = of_kind.iter().any(|variant| variant.get("allOf").is_some());
+            let attempts = candidates.iter().map(|variant| value_errors(field, variant, value));
+            let fewest = attempts.min_by_key(Vec::len).unwrap_or_default();
+            let is_tagged = candidates.iter().any(|variant| variant.get("allOf").is_some());
             errors.extend(fewest.into_iter().filter(|_| !is_tagged));
         }
         ([], _) => {
@@ -157,14 +163,14 @@ fn check_union(field: &str, variants: &[&Value], value: &Value, errors: &mut Vec
                 variants.iter().map(|variant| expected(variant)).filter(|kind| kind != "null").collect();
             errors.push(FieldError::new(
                 field,
-                format!("`{field}` must be {}; got {}.", kinds.join(" or "), given(value)),
+                format!("`{field}` must be {}; got {}.", kinds.join(" or "), quoted(value)),
             ));
         }
     }
 }
 
-/// Whether a schema takes values of this kind, whatever their content.
-fn takes_kind(schema: &Value, value: &Value) -> bool {
+/// Whether a schema accepts the JSON type of this value, regardless of its content.
+fn accepts_type(schema: &Value, value: &Value) -> bool {
     let kind = match value {
         Value::Null => "null",
         Value::Bool(_) => "boolean",
@@ -174,12 +180,13 @@ fn takes_kind(schema: &Value, value: &Value) -> bool {
         Value::Object(_) => "object",
     };
     if let Some(variants) = union(schema) {
-        return variants.iter().any(|variant| takes_kind(variant, value));
+        return variants.iter().any(|variant| accepts_type(variant, value));
     }
     let is_object = schema.get("allOf").is_some() && kind == "object";
-    is_object || types(schema).any(|it| it == kind || (it == "integer" && kind == "number"))
+    is_object || types(schema).any(|name| name == kind || (name == "integer" && kind == "number"))
 }
 
+/// Returns the JSON types that a schema lists.
 fn types(schema: &Value) -> impl Iterator<Item = &str> {
     let (one, many) = match schema.get("type") {
         Some(Value::String(one)) => (Some(one.as_str()), None),
@@ -189,27 +196,29 @@ fn types(schema: &Value) -> impl Iterator<Item = &str> {
     one.into_iter().chain(many.into_iter().flatten().filter_map(Value::as_str))
 }
 
-/// Whether a number is whole and of the format `int64`, the widest of the document.
+/// Whether a number is whole and within `int64`, the widest format in the document.
 fn is_whole(number: &Number) -> bool {
-    /// The first number beyond the format.
+    /// The smallest number above the range of `int64`.
     const BEYOND: f64 = (1_u64 << 63) as f64;
-    let is_small = |number: f64| number.fract() == 0.0 && (-BEYOND..BEYOND).contains(&number);
-    number.is_i64() || (!number.is_u64() && number.as_f64().is_some_and(is_small))
+    let is_in_range = |number: f64| number.fract() == 0.0 && (-BEYOND..BEYOND).contains(&number);
+    number.is_i64() || (!number.is_u64() && number.as_f64().is_some_and(is_in_range))
 }
 
+/// Whether a number lies within the schema's bounds.
 fn is_within(schema: &Value, number: f64) -> bool {
     let bound = |name: &str| schema.get(name).and_then(Value::as_f64);
-    bound("minimum").is_none_or(|least| number >= least)
-        && bound("maximum").is_none_or(|most| number <= most)
-        && bound("exclusiveMinimum").is_none_or(|least| number > least)
-        && bound("exclusiveMaximum").is_none_or(|most| number < most)
+    bound("minimum").is_none_or(|min| number >= min)
+        && bound("maximum").is_none_or(|max| number <= max)
+        && bound("exclusiveMinimum").is_none_or(|min| number > min)
+        && bound("exclusiveMaximum").is_none_or(|max| number < max)
 }
 
-fn has_its_length(schema: &Value, value: &Value) -> bool {
+/// Whether a text or list has a length that the schema allows.
+fn has_valid_length(schema: &Value, value: &Value) -> bool {
     let bound = |name: &str| schema.get(name).and_then(Value::as_u64);
-    let within = |length: usize, least: &str, most: &str| {
+    let within = |length: usize, min: &str, max: &str| {
         let length = length as u64;
-        bound(least).is_none_or(|least| length >= least) && bound(most).is_none_or(|most| length <= most)
+        bound(min).is_none_or(|min| length >= min) && bound(max).is_none_or(|max| length <= max)
     };
     match value {
         Value::String(text) => within(text.chars().count(), "minLength", "maxLength"),
@@ -218,7 +227,7 @@ fn has_its_length(schema: &Value, value: &Value) -> bool {
     }
 }
 
-/// What a schema asks for, in words.
+/// Describes the values that a schema accepts.
 fn expected(schema: &Value) -> String {
     if let Some(values) = schema.get("enum").and_then(Value::as_array) {
         let values: Vec<_> = values.iter().filter_map(Value::as_str).map(|value| format!("`{value}`")).collect();
@@ -229,18 +238,18 @@ fn expected(schema: &Value) -> String {
     }
     let bound = |name: &str| schema.get(name).filter(|bound| bound.is_number());
     let range = match (bound("minimum"), bound("maximum"), bound("exclusiveMinimum")) {
-        (Some(least), Some(most), _) => format!(" from {least} to {most}"),
-        (Some(least), None, _) => format!(" of at least {least}"),
-        (None, Some(most), Some(least)) => format!(" above {least} and up to {most}"),
-        (None, None, Some(least)) => format!(" above {least}"),
-        (None, Some(most), None) => format!(" of at most {most}"),
+        (Some(min), Some(max), _) => format!(" from {min} to {max}"),
+        (Some(min), None, _) => format!(" of at least {min}"),
+        (None, Some(max), Some(min)) => format!(" above {min} and up to {max}"),
+        (None, None, Some(min)) => format!(" above {min}"),
+        (None, Some(max), None) => format!(" of at most {max}"),
         (None, None, None) => String::new(),
     };
-    let length = |least: &str, most: &str, of: &str| match (schema.get(least), schema.get(most)) {
-        (Some(least), Some(most)) if least == most => format!(" of {least} {of}"),
-        (Some(least), Some(most)) => format!(" of {least} to {most} {of}"),
-        (Some(least), None) => format!(" of at least {least} {of}"),
-        (None, Some(most)) => format!(" of at most {most} {of}"),
+    let length = |min: &str, max: &str, unit: &str| match (schema.get(min), schema.get(max)) {
+        (Some(min), Some(max)) if min == max => format!(" of {min} {unit}"),
+        (Some(min), Some(max)) => format!(" of {min} to {max} {unit}"),
+        (Some(min), None) => format!(" of at least {min} {unit}"),
+        (None, Some(max)) => format!(" of at most {max} {unit}"),
         (None, None) => String::new(),
     };
     let kinds: Vec<_> = types(schema)
@@ -261,19 +270,20 @@ fn expected(schema: &Value) -> String {
     if kinds.is_empty() { "null".to_owned() } else { kinds.join(" or ") }
 }
 
-/// A wrong value as a message repeats it.
-fn given(value: &Value) -> String {
+/// Quotes an invalid value for a message.
+fn quoted(value: &Value) -> String {
     match value {
         Value::Null => "null".to_owned(),
-        Value::String(text) => format!("\"{}\" (text)", shown(text)),
+        Value::String(text) => format!("\"{}\" (text)", truncated(text)),
         Value::Array(items) => format!("a list of {} items", items.len()),
         Value::Object(_) => "an object".to_owned(),
         Value::Bool(_) | Value::Number(_) => value.to_string(),
     }
 }
 
-fn shown(text: &str) -> String {
-    match text.char_indices().nth(SHOWN) {
+/// Returns at most [`QUOTED_CHARS`] characters of a text, with an ellipsis if characters are missing.
+fn truncated(text: &str) -> String {
+    match text.char_indices().nth(QUOTED_CHARS) {
         Some((end, _)) => format!("{}...", &text[..end]),
         None => text.to_owned(),
     }
@@ -285,7 +295,7 @@ mod tests {
 
     use super::*;
 
-    fn of_options(options: &Value) -> Vec<String> {
+    fn option_messages(options: &Value) -> Vec<String> {
         use_document(&crate::api::document());
         let options = options.as_object().expect("an object").iter();
         let errors = options
@@ -294,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_says_what_an_option_must_be_and_what_it_was() {
+    fn a_message_names_the_option_its_valid_values_and_the_given_value() {
         for (options, message) in [
             (json!({"max_tier": "2"}), r#"`max_tier` must be a whole number from 1 to 3; got "2" (text)."#),
             (json!({"max_tier": 9}), "`max_tier` must be a whole number from 1 to 3; got 9."),
@@ -305,23 +315,23 @@ mod tests {
             (json!({"with": "sew"}), r#"`with` must be a list; got "sew" (text)."#),
             (json!({"voxel_size": 0}), "`voxel_size` must be a number above 0; got 0."),
         ] {
-            assert_eq!(of_options(&options), [message]);
+            assert_eq!(option_messages(&options), [message]);
         }
-        let unit = of_options(&json!({"unit": "parsec"}));
+        let unit = option_messages(&json!({"unit": "parsec"}));
         assert!(unit[0].starts_with("`unit` must be one of `um`, `mm`,"), "{unit:?}");
-        let operators = of_options(&json!({"with": ["sew", 5, "fly"]}));
+        let operators = option_messages(&json!({"with": ["sew", 5, "fly"]}));
         assert!(operators[0].starts_with("`with[1]` must be one of"), "{operators:?}");
         assert_eq!(operators.len(), 2);
     }
 
     #[test]
-    fn what_the_document_allows_is_taken() {
+    fn values_that_the_document_allows_are_valid() {
         let options = json!({"max_tier": 2.0, "unit": null, "scale_to": "mm", "with": ["sew"], "max_faces": 400, "voxel_size": 0.5});
-        assert_eq!(of_options(&options), [""; 0]);
+        assert_eq!(option_messages(&options), [""; 0]);
     }
 
     #[test]
-    fn errors_within_an_object_are_named_by_their_path() {
+    fn an_error_in_a_nested_field_is_named_by_its_path() {
         use_document(&crate::api::document());
         let schema = field_schema("AnalyzeOptions", "tolerances").expect("an option");
         let messages = |value: Value| {

@@ -1,4 +1,4 @@
-//! What a request carries: path, query, headers and body. Bodies are bounded in size, in silence and in memory.
+//! Extractors for the parts of a request: path, query, headers and body. Bodies are limited in size, idle time and memory.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -22,15 +22,17 @@ use super::state::ApiState;
 use crate::blobs::{BlobError, Blobs, Stored, UploadError};
 use crate::jobs::whole_number;
 
-/// The fields of a query, each compared with its documented schema.
+/// Query parameters, each validated against its documented schema.
 pub(super) struct ApiQuery<T>(pub T);
 
 impl<T: DeserializeOwned + IntoParams, S: Sync> FromRequestParts<S> for ApiQuery<T> {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
-        let pairs: Vec<(String, String)> = serde_urlencoded::from_str(parts.uri.query().unwrap_or_default())
-            .map_err(|_| Problem::invalid_request("The query is not valid: what is written with `%` must be UTF-8."))?;
+        let pairs: Vec<(String, String)> =
+            serde_urlencoded::from_str(parts.uri.query().unwrap_or_default()).map_err(|_| {
+                Problem::invalid_request("The query is invalid: its percent-encoded characters must be UTF-8.")
+            })?;
         let known: BTreeMap<String, Value> = T::into_params(|| None)
             .into_iter()
             .map(|parameter| (parameter.name, serde_json::to_value(parameter.schema).unwrap_or_default()))
@@ -44,7 +46,7 @@ impl<T: DeserializeOwned + IntoParams, S: Sync> FromRequestParts<S> for ApiQuery
             let value = query_value(schema, text);
             errors.extend(value_errors(&name, schema, &value));
             if fields.insert(name.clone(), value).is_some() {
-                errors.push(FieldError::new(&name, format!("`{name}` is given twice; send it once.")));
+                errors.push(FieldError::new(&name, format!("`{name}` occurs twice; send it once.")));
             }
         }
         if errors.is_empty()
@@ -56,7 +58,7 @@ impl<T: DeserializeOwned + IntoParams, S: Sync> FromRequestParts<S> for ApiQuery
     }
 }
 
-/// A value of a query by what its schema asks for: text, a number, or a list whose items stand between commas.
+/// Converts a query value to the JSON type of its schema: text, a number, or a list with commas between its items.
 pub(super) fn query_value(schema: &Value, text: String) -> Value {
     match schema.get("type") {
         Some(Value::String(kind)) if kind == "array" => text.split(',').map(str::to_owned).collect(),
@@ -70,15 +72,15 @@ pub(super) fn query_value(schema: &Value, text: String) -> Value {
     }
 }
 
-/// Axum's path extractor with a problem for a rejection.
+/// Axum's path extractor, which rejects with a [`Problem`].
 #[derive(FromRequestParts)]
 #[from_request(via(Path), rejection(Problem))]
 pub(super) struct ApiPath<T>(pub T);
 
-/// Largest body that is read as JSON, in bytes.
+/// Largest JSON body, in bytes.
 const JSON_BYTES: usize = 64 << 10;
 
-/// A body of JSON, of bounded size, with a problem for a rejection.
+/// A JSON body of at most [`JSON_BYTES`], validated against its documented schema.
 pub(super) struct ApiJson<T>(pub T);
 
 impl<T: DeserializeOwned + ToSchema> FromRequest<ApiState> for ApiJson<T> {
@@ -89,7 +91,10 @@ impl<T: DeserializeOwned + ToSchema> FromRequest<ApiState> for ApiJson<T> {
     }
 }
 
-/// A body of bounded size that does not stop coming.
+/// Reads a body of at most [`JSON_BYTES`].
+///
+/// # Errors
+/// A problem if the body is too large, or if no bytes arrive for `upload_idle`.
 pub(super) async fn read_small(state: &ApiState, request: Request) -> Result<Vec<u8>, Problem> {
     let source = with_idle_limit(request.into_body().into_data_stream(), state.config.upload_idle);
     let mut source = std::pin::pin!(source);
@@ -97,14 +102,14 @@ pub(super) async fn read_small(state: &ApiState, request: Request) -> Result<Vec
     while let Some(chunk) = source.next().await {
         text.extend_from_slice(&chunk.map_err(|error| source_problem(&error))?);
         if text.len() > JSON_BYTES {
-            let detail = format!("The body is larger than the {} KiB that this address takes.", JSON_BYTES >> 10);
+            let detail = format!("The body exceeds the limit of {} KiB for this path.", JSON_BYTES >> 10);
             return Err(Problem::new(ProblemCode::PayloadTooLarge, detail).with_header(header::CONNECTION, "close"));
         }
     }
     Ok(text)
 }
 
-/// What a body of JSON says, which must be an object of the schema of its type.
+/// Parses a JSON body, which must be an object of `T`'s documented schema.
 pub(super) fn parse<T: DeserializeOwned + ToSchema>(text: &[u8]) -> Result<T, Problem> {
     let fields = json_object("The body", text)?;
     let errors = object_errors(&T::name(), &fields);
@@ -113,43 +118,43 @@ pub(super) fn parse<T: DeserializeOwned + ToSchema>(text: &[u8]) -> Result<T, Pr
         (Ok(_), false) => Err(Problem::of_fields(ProblemCode::InvalidOptions, errors)),
         (Err(_), false) => Err(Problem::of_fields(ProblemCode::InvalidRequest, errors)),
         (Err(_), true) => {
-            let detail = format!("The body must have the form of `{}`, which /docs/api/ describes.", T::name());
+            let detail = format!("The body must match the schema `{}`; see /docs/api/.", T::name());
             Err(Problem::invalid_request(detail))
         }
     }
 }
 
-/// The object that a text of JSON is. `what` begins the sentence of what is wrong.
-pub(super) fn json_object(what: &str, text: &[u8]) -> Result<Map<String, Value>, Problem> {
+/// Parses JSON text that must be an object. `subject` begins the error's sentence, such as "The body".
+pub(super) fn json_object(subject: &str, text: &[u8]) -> Result<Map<String, Value>, Problem> {
     if text.trim_ascii().is_empty() {
-        return Err(Problem::invalid_request(format!("{what} is empty; send JSON such as `{{}}`.")));
+        return Err(Problem::invalid_request(format!("{subject} is empty; send JSON such as `{{}}`.")));
     }
     match serde_json::from_slice(text) {
         Ok(Value::Object(fields)) => Ok(fields),
-        Ok(_) => Err(Problem::invalid_request(format!("{what} must be a JSON object, such as `{{}}`."))),
+        Ok(_) => Err(Problem::invalid_request(format!("{subject} must be a JSON object, such as `{{}}`."))),
         Err(error) => {
             let place = format!("line {}, column {}", error.line(), error.column());
-            Err(Problem::invalid_request(format!("{what} is not valid JSON: look at {place}.")))
+            Err(Problem::invalid_request(format!("{subject} is not valid JSON; check {place}.")))
         }
     }
 }
 
-/// A field that is an object, and not an array of its values either.
+/// Deserializes a struct from a JSON object only. Serde would also accept an array of the struct's values.
 pub(super) fn object<'de, D: Deserializer<'de>, T: DeserializeOwned>(from: D) -> Result<T, D::Error> {
     let fields = Map::<String, Value>::deserialize(from)?;
     T::deserialize(Value::Object(fields)).map_err(D::Error::custom)
 }
 
-/// A field that is a whole number of the format `int64`, and not below zero, or nothing.
+/// Deserializes an optional whole number from 0 to `i64::MAX`, as the schema's format `int64` demands.
 pub(super) fn whole<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
     let Some(number) = Option::<Number>::deserialize(from)? else { return Ok(None) };
-    let found = whole_number(&number).filter(|&it| i64::try_from(it).is_ok());
-    found.map(Some).ok_or_else(|| D::Error::custom(format!("{number} is not a whole number from 0 to {}", i64::MAX)))
+    let whole = whole_number(&number).filter(|&value| i64::try_from(value).is_ok());
+    whole.map(Some).ok_or_else(|| D::Error::custom(format!("{number} is not a whole number from 0 to {}", i64::MAX)))
 }
 
-/// How many items a page is to have: as many as were asked for, 50 where nothing was said, at most 200.
-pub(super) fn page_limit(asked: Option<u32>) -> Result<u32, Problem> {
-    match asked.unwrap_or(50) {
+/// Returns the number of items on a page: 50 by default, at most 200.
+pub(super) fn page_limit(requested: Option<u32>) -> Result<u32, Problem> {
+    match requested.unwrap_or(50) {
         limit @ 1..=200 => Ok(limit),
         limit => {
             let error = FieldError::new("limit", format!("`limit` must be a whole number from 1 to 200; got {limit}."));
@@ -158,47 +163,48 @@ pub(super) fn page_limit(asked: Option<u32>) -> Result<u32, Problem> {
     }
 }
 
-/// That a page can't begin at a cursor.
-pub(super) fn unknown_cursor() -> Problem {
-    let message = "`cursor` must be the `next` of the page before.";
+/// Creates the problem for a `cursor` that no page returned.
+pub(super) fn invalid_cursor() -> Problem {
+    let message = "`cursor` must be the `next` value of the previous page.";
     Problem::of_fields(ProblemCode::InvalidRequest, vec![FieldError::new("cursor", message)])
 }
 
-/// A header as text, if it is there and is text.
+/// Returns a header's value if the header is present and is visible ASCII text.
 pub(super) fn text_header<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<&'a str> {
     headers.get(name).and_then(|value| value.to_str().ok())
 }
 
 /// Whether a text has the form of an id: `prefix`, an underscore and a UUID in hexadecimal.
-pub(super) fn is_name(text: &str, prefix: &str) -> bool {
+pub(super) fn is_id(text: &str, prefix: &str) -> bool {
     let digits = text.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('_'));
     digits.is_some_and(|digits| digits.len() == 32 && digits.bytes().all(|byte| byte.is_ascii_hexdigit()))
 }
 
-/// Whether a list of entity tags names this one, compared weakly (RFC 9110, 8.8.3.2).
-pub(super) fn names_etag(list: &str, etag: &str) -> bool {
+/// Whether a list of entity tags contains `etag`, by weak comparison (RFC 9110, 8.8.3.2).
+pub(super) fn contains_etag(list: &str, etag: &str) -> bool {
     let bare = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
     list.trim() == "*" || list.split(',').any(|tag| bare(tag) == bare(etag))
 }
 
-/// A model's bytes.
+/// The bytes of a model file.
 #[derive(ToSchema)]
 #[schema(value_type = String, format = Binary)]
 #[expect(dead_code, reason = "it describes the body in the OpenAPI document")]
 pub(super) struct RawModel(Vec<u8>);
 
-/// The bytes that one upload may have, all its files together.
+/// The size limit of one upload, shared by all its files.
 pub(super) struct UploadBudget {
-    most: u64,
+    limit: u64,
     left: u64,
 }
 
 impl UploadBudget {
-    pub fn new(most: u64) -> Self {
-        Self { most, left: most }
+    /// Creates a budget of `limit` bytes.
+    pub fn new(limit: u64) -> Self {
+        Self { limit, left: limit }
     }
 
-    /// Stores a file of at most the bytes that are left.
+    /// Stores a file of at most the remaining bytes, and subtracts its size.
     pub async fn store<E: Error + 'static>(
         &mut self,
         blobs: &Blobs,
@@ -206,7 +212,7 @@ impl UploadBudget {
         source: impl Stream<Item = Result<Bytes, E>>,
     ) -> Result<Stored, Problem> {
         let stored = blobs.put_stream(key, source, self.left).await.map_err(|error| match error {
-            UploadError::TooLarge(_) => too_large(self.most),
+            UploadError::TooLarge(_) => too_large(self.limit),
             UploadError::Source(error) => source_problem(&error),
             UploadError::Store(error) => error.into(),
         })?;
@@ -215,31 +221,35 @@ impl UploadBudget {
     }
 }
 
+/// Creates the problem for an upload above `limit` bytes.
 pub(super) fn too_large(limit: u64) -> Problem {
-    let detail = format!("The upload is larger than the {} MiB that this service takes.", limit >> 20);
-    // The rest of the body is not read, so the connection can't be used again.
+    let detail = format!("The upload exceeds the limit of {} MiB.", limit >> 20);
+    // The rest of the body is not read, so the connection can't be reused.
     Problem::new(ProblemCode::PayloadTooLarge, detail).with_header(header::CONNECTION, "close")
 }
 
-/// What can go wrong while bytes come in.
+/// An error while a body is being received.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum SourceError {
+    /// No bytes arrived within the idle limit.
     #[error("no bytes came for too long")]
     Idle,
+    /// The form has too many bytes between its parts.
     #[error("the form's headers are too long")]
     Form,
+    /// The connection or the body's framing failed.
     #[error(transparent)]
     Body(#[from] axum::Error),
 }
 
-/// The stream, but ended by an error when nothing comes for `longest`.
+/// Ends the stream with [`SourceError::Idle`] if no chunk arrives for `idle_limit`.
 pub(super) fn with_idle_limit(
     source: impl Stream<Item = Result<Bytes, axum::Error>> + Send + 'static,
-    longest: Duration,
+    idle_limit: Duration,
 ) -> impl Stream<Item = Result<Bytes, SourceError>> + Send + 'static {
     futures::stream::unfold(Some(Box::pin(source)), move |source| async move {
         let mut source = source?;
-        match tokio::time::timeout(longest, source.next()).await {
+        match tokio::time::timeout(idle_limit, source.next()).await {
             Err(_) => Some((Err(SourceError::Idle), None)),
             Ok(None) => None,
             Ok(Some(Err(error))) => Some((Err(error.into()), None)),
@@ -248,18 +258,18 @@ pub(super) fn with_idle_limit(
     })
 }
 
-/// The problem behind an error of the incoming bytes, however deep libraries wrapped it.
+/// Finds the problem behind an error of the incoming bytes, through all layers that wrapped the error.
 pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
     let mut cause = Some(error);
     let mut is_form = false;
     while let Some(e) = cause {
         match e.downcast_ref() {
             Some(SourceError::Idle) => {
-                let detail = "No bytes came for too long, so the upload was given up.";
+                let detail = "The upload timed out: no bytes arrived for too long. Send it again.";
                 return Problem::new(ProblemCode::UploadTimeout, detail).with_header(header::CONNECTION, "close");
             }
             Some(SourceError::Form) => {
-                return Problem::invalid_request("The form's headers are too long.")
+                return Problem::invalid_request("The form's part headers are too long.")
                     .with_header(header::CONNECTION, "close");
             }
             _ => {}
@@ -271,7 +281,7 @@ pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
             .is_some_and(|e| matches!(e.kind(), ErrorKind::InvalidData | ErrorKind::InvalidInput | ErrorKind::Other))
         {
             return Problem::invalid_request(
-                "The body can't be decoded as its `Content-Encoding` says. Send it again.",
+                "The body can't be decoded as its `Content-Encoding` says. Check the encoding and send it again.",
             )
             .with_header(header::CONNECTION, "close");
         }
@@ -281,10 +291,10 @@ pub(super) fn source_problem(error: &(dyn Error + 'static)) -> Problem {
         cause = e.source();
     }
     if is_form {
-        let detail = "The form can't be read: it ends too early, or a part is not formed as RFC 7578 says.";
+        let detail = "The form is invalid: it ends too early, or a part does not conform to RFC 7578.";
         return Problem::invalid_request(detail);
     }
-    Problem::new(ProblemCode::UploadInterrupted, "The upload broke off before its end. Send it again.")
+    Problem::new(ProblemCode::UploadInterrupted, "The upload was interrupted before its end. Send it again.")
 }
 
 #[cfg(test)]
@@ -293,10 +303,10 @@ mod tests {
 
     #[test]
     fn entity_tags_are_compared_weakly_and_one_by_one() {
-        assert!(names_etag("W/\"3\"", "W/\"3\""));
-        assert!(names_etag("\"1\", \"3\"", "W/\"3\""));
-        assert!(names_etag("*", "W/\"3\""));
-        assert!(!names_etag("W/\"33\"", "W/\"3\""));
-        assert!(!names_etag("", "W/\"3\""));
+        assert!(contains_etag("W/\"3\"", "W/\"3\""));
+        assert!(contains_etag("\"1\", \"3\"", "W/\"3\""));
+        assert!(contains_etag("*", "W/\"3\""));
+        assert!(!contains_etag("W/\"33\"", "W/\"3\""));
+        assert!(!contains_etag("", "W/\"3\""));
     }
 }

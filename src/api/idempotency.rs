@@ -1,4 +1,6 @@
-//! `Idempotency-Key` after the IETF's draft of that name: a request that is sent again makes no second job.
+//! Support for the header `Idempotency-Key`: a retried request does not create a second job.
+//!
+//! Source: "The Idempotency-Key HTTP Header Field", IETF draft.
 
 use std::sync::Arc;
 
@@ -11,29 +13,29 @@ use super::problem::{Problem, ProblemCode};
 use crate::access::TenantName;
 use crate::jobs::{Job, JobId, JobStore, KEY_HOLD, KeyState, RequestKey, Store};
 
-/// The request's header.
+/// The request header.
 const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
-/// The header of an answer that was given before.
+/// The response header that marks a response to a retried request.
 pub(super) const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 /// Longest key, in bytes.
 const KEY_BYTES: usize = 255;
 
-/// How a request's key was used before.
-pub(super) enum KeyUse {
-    /// The request has none.
+/// The state of a request's idempotency key.
+pub(super) enum IdempotencyState {
+    /// The request has no key.
     NoKey,
-    /// It is new.
+    /// The key is new, and this request holds it.
     Held(HeldKey),
-    /// It came with this request before.
-    Before {
-        /// Of that request.
+    /// An earlier request with this key created a job.
+    Used {
+        /// The fingerprint of the earlier request.
         fingerprint: String,
-        /// Which it made.
+        /// The job that the earlier request created.
         job: JobId,
     },
 }
 
-/// A key that is held while its request is under way, and released if that makes no job.
+/// A key held while its request is in progress. The key is released if the request creates no job.
 pub(super) struct HeldKey {
     store: Arc<dyn Store>,
     tenant: TenantName,
@@ -42,57 +44,57 @@ pub(super) struct HeldKey {
     renewal: JoinHandle<()>,
 }
 
-/// Looks the request's key up, and holds it.
+/// Looks up the request's key, and holds the key if it is new.
 pub(super) async fn hold(
     store: &Arc<dyn Store>,
     tenant: &TenantName,
     headers: &HeaderMap,
     job: JobId,
-) -> Result<KeyUse, Problem> {
-    let Some(given) = headers.get(IDEMPOTENCY_KEY) else { return Ok(KeyUse::NoKey) };
-    // A string in quotes, says the draft; many clients send none.
+) -> Result<IdempotencyState, Problem> {
+    let Some(given) = headers.get(IDEMPOTENCY_KEY) else { return Ok(IdempotencyState::NoKey) };
+    // The draft demands a quoted string; many clients send the bare key.
     let key = text_header(headers, &IDEMPOTENCY_KEY).unwrap_or_default().trim();
     let key = key.strip_prefix('"').and_then(|key| key.strip_suffix('"')).unwrap_or(key);
-    let is_fine = given.len() <= KEY_BYTES && !key.is_empty() && key.bytes().all(|byte| byte.is_ascii_graphic());
-    if !is_fine || headers.get_all(IDEMPOTENCY_KEY).iter().count() > 1 {
+    let is_valid = given.len() <= KEY_BYTES && !key.is_empty() && key.bytes().all(|byte| byte.is_ascii_graphic());
+    if !is_valid || headers.get_all(IDEMPOTENCY_KEY).iter().count() > 1 {
         let detail = format!(
-            "The header Idempotency-Key must be given once, with 1 to {KEY_BYTES} visible ASCII characters, such as a UUID."
+            "The header Idempotency-Key must occur once, with 1 to {KEY_BYTES} visible ASCII characters, such as a UUID."
         );
         return Err(Problem::invalid_request(detail));
     }
-    // Made before the key is held, so that the key is released too where the answer is lost, or the client hangs up meanwhile.
+    // Created before the key is held: dropping `held` releases the key if the response is lost or the client disconnects.
     let held = HeldKey::new(Arc::clone(store), tenant.clone(), key.to_owned(), job);
     let state = store.hold_key(tenant.as_str(), key, job).await?;
     if state == KeyState::Held {
-        return Ok(KeyUse::Held(held));
+        return Ok(IdempotencyState::Held(held));
     }
     held.forget();
     match state {
-        KeyState::Used { fingerprint, job } => Ok(KeyUse::Before { fingerprint, job }),
+        KeyState::Used { fingerprint, job } => Ok(IdempotencyState::Used { fingerprint, job }),
         KeyState::InUse | KeyState::Held => Err(Problem::key_in_use()),
     }
 }
 
 impl HeldKey {
     fn new(store: Arc<dyn Store>, tenant: TenantName, key: String, job: JobId) -> Self {
-        let (renewed, whose, name) = (Arc::clone(&store), tenant.clone(), key.clone());
+        let (renewal_store, owner, name) = (Arc::clone(&store), tenant.clone(), key.clone());
         let renewal = async move {
             loop {
                 tokio::time::sleep(KEY_HOLD / 3).await;
-                if let Err(error) = renewed.hold_key(whose.as_str(), &name, job).await {
-                    tracing::warn!(%error, "an idempotency key could not be held");
+                if let Err(error) = renewal_store.hold_key(owner.as_str(), &name, job).await {
+                    tracing::warn!(%error, "failed to renew idempotency key");
                 }
             }
         };
         Self { store, tenant, key: Some(key), job, renewal: tokio::spawn(renewal.in_current_span()) }
     }
 
-    /// The key, for the transaction that accepts the request.
-    pub fn with(&self, fingerprint: String) -> Option<RequestKey> {
+    /// Returns the key with the request's fingerprint, for the transaction that creates the job.
+    pub fn with_fingerprint(&self, fingerprint: String) -> Option<RequestKey> {
         self.key.clone().map(|key| RequestKey { key, fingerprint })
     }
 
-    /// Releases it, and waits until that is done, so that a client that has the answer can send a better request with the key.
+    /// Releases the key and waits for the release, so that the client can retry a corrected request with the same key.
     pub async fn release(mut self) {
         self.renewal.abort();
         if let Some(key) = self.key.take() {
@@ -100,13 +102,13 @@ impl HeldKey {
         }
     }
 
-    /// Does not release the key, for it is known with the job that the request made, or was never held.
+    /// Keeps the key: it now belongs to the job that the request created, or was never held.
     pub fn forget(mut self) {
         self.key = None;
     }
 }
 
-/// Releases it, if it is held: never one that is known with a job, though nobody may have heard that it is.
+/// Releases the key if it is still held. The store never releases a key that belongs to a job, even if the response was lost.
 impl Drop for HeldKey {
     fn drop(&mut self) {
         self.renewal.abort();
@@ -118,22 +120,22 @@ impl Drop for HeldKey {
 
 async fn release_key(store: &dyn Store, tenant: &TenantName, key: &str, job: JobId) {
     if let Err(error) = store.release_key(tenant.as_str(), key, job).await {
-        tracing::warn!(%error, "an idempotency key was not given back and will be free in a while");
+        tracing::warn!(%error, "failed to release idempotency key; it expires on its own");
     }
 }
 
-/// That the key came with another request before.
+/// Creates the problem for a key that was used with a different request.
 pub(super) fn reused() -> Problem {
-    let detail = "The Idempotency-Key came with other files or options before. Send a new key with a new request.";
+    let detail = "This Idempotency-Key was already used with other files or options. Use a new key for a new request.";
     Problem::new(ProblemCode::IdempotencyKeyReused, detail)
 }
 
-/// The job that the same request made before.
+/// Returns the job that an earlier request with the same key created.
 pub(super) async fn job_of_key(store: &dyn JobStore, id: JobId) -> Result<Job, Problem> {
     match store.get(id).await? {
         Some(job) if !job.purged => Ok(job),
         _ => {
-            let detail = format!("The job {id}, which this request made, was deleted.");
+            let detail = format!("The job '{id}', which the first request with this key created, was deleted.");
             Err(Problem::new(ProblemCode::JobDeleted, detail))
         }
     }

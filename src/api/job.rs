@@ -1,4 +1,4 @@
-//! One job, as requests find it, wait for it and show it.
+//! One job: how requests find it and wait for its changes, and its JSON representation.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -17,24 +17,28 @@ use utoipa::ToSchema;
 
 use super::authenticate::Caller;
 use super::extract::ApiPath;
-use super::problem::{Problem, ProblemCode, shown};
+use super::problem::{Problem, ProblemCode, truncated};
 use super::problem_code::describe_job_problem;
 use super::state::ApiState;
 use crate::context::Stage;
-use crate::format::{Format, Place};
+use crate::format::{FileLocation, Format};
 use crate::jobs::{
     Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoreError,
     StoredReport,
 };
 use crate::scene::{LengthUnit, Unit, UnitSource};
 
-/// The id of a job in a path. A text that is no id names no job.
+/// Parses the id of a job in a path or query. A malformed id is answered like an unknown one.
 pub(super) fn job_id(text: &str) -> Result<JobId, Problem> {
-    text.parse()
-        .map_err(|error| Problem::new(ProblemCode::JobNotFound, format!("There is no job '{}': {error}.", shown(text))))
+    text.parse().map_err(|error| {
+        Problem::new(ProblemCode::JobNotFound, format!("There is no job '{}': {error}.", truncated(text)))
+    })
 }
 
-/// The job of that id, if it is there for the caller and not deleted.
+/// Returns the job with this id.
+///
+/// # Errors
+/// `job_not_found` if the job does not exist or is not visible to the caller; `job_deleted` if it was deleted.
 pub(super) async fn find_job(state: &ApiState, caller: &Caller, id: JobId) -> Result<Job, Problem> {
     match state.store.get(id).await?.filter(|job| caller.sees(job)) {
         None => Err(Problem::new(ProblemCode::JobNotFound, format!("There is no job '{id}'."))),
@@ -55,21 +59,21 @@ impl FromRequestParts<ApiState> for PathJobId {
     }
 }
 
-/// Sees every change of one job: woken by the notifier, and polling now and then in case another process made it.
-pub(super) struct Watch {
+/// Waits for changes of one job. The notifier reports changes; polling covers changes by other processes that the notifier misses.
+pub(super) struct JobWatcher {
     state: ApiState,
     id: JobId,
     changes: Receiver<JobId>,
 }
 
-impl Watch {
-    /// Begins to listen. Read the job after this, so that no change falls between.
+impl JobWatcher {
+    /// Starts to listen. Read the job afterwards, so that no change is missed.
     pub fn new(state: &ApiState, id: JobId) -> Self {
-        Self { state: state.clone(), id, changes: state.store.bell().listen() }
+        Self { state: state.clone(), id, changes: state.store.notifier().listen() }
     }
 
-    /// The job once its version is past `version`; none when the service stops or the job is gone.
-    pub async fn past(&mut self, version: i64) -> Result<Option<Job>, StoreError> {
+    /// Waits for a version of the job newer than `version`. Returns `None` if the service stops or the job no longer exists.
+    pub async fn newer_than(&mut self, version: i64) -> Result<Option<Job>, StoreError> {
         loop {
             match self.state.store.get(self.id).await? {
                 None => return Ok(None),
@@ -84,36 +88,37 @@ impl Watch {
         }
     }
 
-    /// The job once its status is another than that of `job`, or as it is when `longest` has passed.
-    pub async fn status_change(&mut self, job: Job, longest: Duration) -> Result<Job, StoreError> {
+    /// Waits until the job's status differs from that of `job`. After `timeout`, returns the job's latest state.
+    pub async fn status_change(&mut self, job: Job, timeout: Duration) -> Result<Job, StoreError> {
         let status = job.status;
-        self.until(job, longest, |job| job.status != status || status.is_final()).await
+        self.wait_until(job, timeout, |job| job.status != status || status.is_final()).await
     }
 
-    /// The job once `is_done` says so of it, or as it is when `longest` has passed, the service stops or the job is gone.
-    pub async fn until(
+    /// Waits until `is_done` accepts the job. After `timeout`, or if the service stops or the job no longer exists, returns the
+    /// job's latest state.
+    pub async fn wait_until(
         &mut self,
         mut job: Job,
-        longest: Duration,
+        timeout: Duration,
         is_done: impl Fn(&Job) -> bool,
     ) -> Result<Job, StoreError> {
         let waiting = async {
             while !is_done(&job) {
-                match self.past(job.version).await? {
+                match self.newer_than(job.version).await? {
                     Some(newer) => job = newer,
                     None => break,
                 }
             }
             Ok::<(), StoreError>(())
         };
-        match tokio::time::timeout(longest, waiting).await {
+        match tokio::time::timeout(timeout, waiting).await {
             Ok(Err(error)) => Err(error),
             Ok(Ok(())) | Err(_) => Ok(job),
         }
     }
 }
 
-/// Waits until the notifier names the job.
+/// Waits until the notifier reports a change of the job.
 async fn changed(changes: &mut Receiver<JobId>, id: JobId) {
     loop {
         match changes.recv().await {
@@ -124,107 +129,107 @@ async fn changed(changes: &mut Receiver<JobId>, id: JobId) {
     }
 }
 
-/// A job as clients see it.
+/// A job.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Job)]
 pub(super) struct JobView {
-    /// Its name.
+    /// The job's id.
     #[schema(value_type = String, example = "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     pub id: String,
-    /// Where it stands.
+    /// The job's status.
     pub status: Status,
-    /// What became of the model, once the job succeeded, or failed since its result is not what `require` asks for.
+    /// The quality of the result, if the job succeeded, or if it failed only because the result misses the `require` option.
     #[schema(required)]
     pub outcome: Option<JobOutcome>,
-    /// How far it is; none once it has ended.
+    /// The job's progress. `null` once the job has ended.
     #[schema(required)]
     pub progress: Option<ProgressView>,
-    /// Tries that count, the running one among them.
+    /// Number of attempts that count, including the current one.
     pub attempt: u32,
-    /// When it was accepted.
+    /// When the job was accepted.
     #[serde(with = "crate::jobs::timestamp")]
     pub created_at: OffsetDateTime,
-    /// When a worker first took it.
+    /// When a worker first started the job.
     #[schema(required)]
     #[serde(with = "crate::jobs::timestamp::option")]
     pub started_at: Option<OffsetDateTime>,
-    /// When it ended.
+    /// When the job ended.
     #[schema(required)]
     #[serde(with = "crate::jobs::timestamp::option")]
     pub finished_at: Option<OffsetDateTime>,
-    /// When its files and its report will be deleted, or were.
+    /// When the job's files and report expire or expired.
     #[schema(required)]
     #[serde(with = "crate::jobs::timestamp::option")]
     pub expires_at: Option<OffsetDateTime>,
-    /// The uploaded file; of several the first.
+    /// The submitted file. With several files, the first one.
     pub input: InputView,
-    /// All uploaded files in the order they were sent, where there are several.
+    /// All submitted files in the order of submission. Only present if there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub inputs: Vec<InputView>,
-    /// The options that differ from their defaults. The report lists all of them.
+    /// The options that differ from their defaults. The report lists all options.
     #[schema(value_type = JobOptions)]
     pub options: Map<String, Value>,
-    /// Your own notes, as you sent them.
+    /// Your own metadata, unchanged.
     #[schema(value_type = BTreeMap<String, String>)]
     pub metadata: Metadata,
-    /// The earlier job whose result this one was given, since it had the same bytes, options and engine.
+    /// The earlier job whose result was reused, because it had the same bytes, options and engine.
     #[schema(value_type = Option<String>, required)]
     pub reused_from: Option<JobId>,
-    /// What a shop needs to price the model, once the job has a report of one file; left out of lists.
+    /// Data for pricing the model. Present once the job has a report of a single file; omitted in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quote: Option<Quote>,
-    /// The report, where `include=report` asks for it: with short lists, as the artifact `report.json` has it. The artifact
-    /// `report-full.json` has everything.
+    /// The report, if requested with `include=report`. Its lists are shortened as in the artifact `report.json`. The artifact
+    /// `report-full.json` contains everything.
     #[schema(value_type = Option<JobReport>)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub report: Option<StoredReport>,
     /// The files to download, by name.
     pub artifacts: BTreeMap<String, ArtifactView>,
-    /// Why it failed.
+    /// Why the job failed.
     #[schema(required)]
     pub problem: Option<JobProblemView>,
 }
 
-/// An uploaded file.
+/// A submitted file.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = Input)]
 pub(super) struct InputView {
-    /// The name it was sent with, without folders.
+    /// The file name as submitted, without folders.
     pub name: String,
-    /// Its size.
+    /// The file's size in bytes.
     pub bytes: u64,
-    /// SHA-256 of its bytes, in hexadecimal.
+    /// The SHA-256 hash of the file's bytes, in hexadecimal.
     pub sha256: String,
-    /// The format found in its bytes.
+    /// The file format, detected from the bytes.
     pub format: Format,
-    /// The unit of its lengths, once it was read; left out of lists.
+    /// The length unit, once the file has been read. Omitted in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<UnitView>,
 }
 
-/// What a file's lengths are in.
+/// The length unit of a file.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 #[schema(as = InputUnit)]
 pub(super) struct UnitView {
-    /// The unit that the report and the result are in.
+    /// The unit of all lengths in the report and in the result.
     pub used: Unit,
-    /// How it is known what the file's lengths are in.
+    /// How the unit was determined.
     pub source: UnitSource,
 }
 
-/// How far a job is.
+/// The progress of a job.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Progress)]
 pub(super) struct ProgressView {
-    /// What is being done; none while it waits.
+    /// The current stage. `null` while the job is queued.
     #[schema(required)]
     pub stage: Option<Stage>,
-    /// The tier that runs, 1 to 3.
+    /// The tier that is running, 1 to 3.
     #[schema(required)]
     pub tier: Option<u8>,
-    /// Share of the work that is done, 0 to 100.
+    /// Percentage of the work that is done, 0 to 100.
     pub percent: u8,
-    /// Jobs of yours that will be taken before this one, while it waits.
+    /// Number of your jobs ahead of this one, while the job is queued.
     #[schema(required)]
     pub queue_position: Option<u64>,
 }
@@ -233,43 +238,43 @@ pub(super) struct ProgressView {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ArtifactLink)]
 pub(super) struct ArtifactView {
-    /// Its address, relative to the service's.
+    /// The file's URL, relative to the service.
     pub href: String,
-    /// The name to save it under.
+    /// The file name to save under.
     pub filename: String,
-    /// Its media type.
+    /// The file's media type.
     pub media_type: String,
-    /// Its size; left out of a picture that is drawn when it is first asked for.
+    /// The file's size in bytes. Omitted for an image that is rendered on the first request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
-    /// SHA-256 of its bytes, in hexadecimal; left out of pictures and coloured meshes.
+    /// The SHA-256 hash of the file's bytes, in hexadecimal. Omitted for images and coloured meshes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
 }
 
-/// Why a job failed, in the shape of a problem.
+/// Why a job failed, in the format of a problem.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = JobProblem)]
 pub(super) struct JobProblemView {
-    /// Where the code is documented.
+    /// The path of the code's documentation.
     #[serde(rename = "type")]
     pub kind: String,
-    /// The code's title.
+    /// The code's title: a short description of the error.
     pub title: &'static str,
-    /// The code, for programs.
+    /// The error code, for programs.
     pub code: ProblemKind,
-    /// What happened and what to do.
+    /// What went wrong, and what to do.
     pub detail: String,
-    /// Where in the input file, if it has a place.
+    /// Where in the input file the error is, if it has a location.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub place: Option<Place>,
-    /// Of several files, the one that is to blame, as its place in `inputs`, counted from 0.
+    pub place: Option<FileLocation>,
+    /// The index in `inputs` of the file that caused the error, from 0. Only present if there are several files.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<u32>,
 }
 
 impl JobView {
-    /// `retention` is how long results are kept. The report is left out; [`JobView::with_report`] puts it in.
+    /// Creates the view without a report. `retention` is how long results are kept after a job ends.
     pub fn new(job: Job, queue_position: Option<u64>, retention: Duration) -> Self {
         let progress = (!job.status.is_final()).then(|| ProgressView {
             stage: job.progress.map(|p| p.stage),
@@ -281,7 +286,7 @@ impl JobView {
             let href = format!("/v1/jobs/{}/artifacts/{name}", job.id);
             let crate::jobs::Artifact { filename, media_type, file } = artifact;
             let bytes = file.as_ref().map(|file| file.bytes);
-            let sha256 = file.map(|file| file.sha256).filter(|_| !is_picture(&name));
+            let sha256 = file.map(|file| file.sha256).filter(|_| !is_rendered(&name));
             (name, ArtifactView { href, filename, media_type, bytes, sha256 })
         };
         let problem = job.problem.map(|problem| JobProblemView {
@@ -320,18 +325,18 @@ impl JobView {
         }
     }
 
-    /// The same with the report.
+    /// Adds the report.
     pub fn with_report(self, report: Option<StoredReport>) -> Self {
         Self { report, ..self }
     }
 }
 
-/// Whether an artifact shows a result: a picture or a coloured mesh.
-fn is_picture(name: &str) -> bool {
+/// Whether an artifact is an image or a coloured mesh.
+fn is_rendered(name: &str) -> bool {
     !matches!(name, "model" | "original") && !name.ends_with(".json") && !name.ends_with(".txt")
 }
 
-/// The answer with a job in it, and when to ask again.
+/// Responds with a job. `Retry-After` is set while the job has not ended.
 pub(super) fn answer<const N: usize>(
     state: &ApiState,
     status: StatusCode,
@@ -342,16 +347,17 @@ pub(super) fn answer<const N: usize>(
     answer_view(status, JobView::new(job, position, state.config.retention), headers)
 }
 
+/// Responds with a job's view. `Retry-After` is set while the job has not ended.
 pub(super) fn answer_view<const N: usize>(
     status: StatusCode,
     view: JobView,
     headers: [(HeaderName, String); N],
 ) -> Response {
-    let more = (!view.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
-    (status, headers, [(header::CACHE_CONTROL, "no-cache")], more, Json(view)).into_response()
+    let retry_after = (!view.status.is_final()).then_some([(header::RETRY_AFTER, "1")]);
+    (status, headers, [(header::CACHE_CONTROL, "no-cache")], retry_after, Json(view)).into_response()
 }
 
-/// The entity tag of a job in its present state.
+/// Returns the entity tag of a job in its current state.
 pub(super) fn etag(job: &Job, position: Option<u64>) -> String {
     match position {
         Some(position) => format!("W/\"{}-{position}\"", job.version),

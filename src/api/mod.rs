@@ -1,7 +1,7 @@
-//! The HTTP surface: one file a resource, errors as problem+json everywhere, and an OpenAPI document made from the code.
+//! The HTTP API: one file per resource, errors as `application/problem+json`, and an OpenAPI document generated from the code.
 //!
 //! ```text
-//! request -> router (request id, trace, panic, problem) -> authenticate (who asks, how often) -> resource -> blobs + jobs
+//! request -> router (request id, trace, panics, problems) -> authenticate (key, tenant, rate limit) -> resource -> blobs + jobs
 //! ```
 
 mod artifacts;

@@ -1,3 +1,4 @@
+//! The error response of the API: `application/problem+json` (RFC 9457), with conversions from storage errors.
 use axum::Json;
 use axum::extract::rejection::PathRejection;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
@@ -9,66 +10,66 @@ pub use super::problem_code::ProblemCode;
 use crate::blobs::BlobError;
 use crate::jobs::StoreError;
 
-/// An error answer after RFC 9457, `application/problem+json`.
+/// An error response in the format of RFC 9457, `application/problem+json`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
-    /// Where the code is documented.
+    /// The path of the code's documentation.
     #[serde(rename = "type")]
     pub kind: String,
-    /// The code's title.
+    /// The code's title: a short description of the error.
     pub title: String,
-    /// The HTTP status.
+    /// The HTTP status of the response.
     pub status: u16,
-    /// What happened and what to do.
+    /// What is wrong with this request, and what to do.
     pub detail: String,
-    /// The address that was asked for.
+    /// The path of the request.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub instance: String,
-    /// The code, for programs.
+    /// The error code, for programs.
     pub code: ProblemCode,
-    /// The request's id, as in the service's log and in the X-Request-Id header.
+    /// The request's id, as in the X-Request-Id header and in the service's log.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub request_id: String,
-    /// What is wrong with each field, where fields are wrong.
+    /// One error for each invalid field.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub errors: Vec<FieldError>,
-    /// Headers of the answer.
+    /// Additional headers of the response.
     #[serde(skip)]
     pub(super) headers: Vec<(HeaderName, String)>,
 }
 
-/// What is wrong with one field of a request.
+/// An error in one field of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FieldError {
-    /// The field, an option for example; one within another by its path, such as `tolerances.slit` or `file[1]`.
+    /// The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`.
     pub field: String,
-    /// What is wrong, and what to send instead.
+    /// What is wrong with the field, and what to send instead.
     pub message: String,
 }
 
 impl FieldError {
-    /// An error of a field.
+    /// Creates an error for `field`.
     #[must_use]
     pub fn new(field: &str, message: impl Into<String>) -> Self {
         Self { field: field.to_owned(), message: message.into() }
     }
 }
 
-/// What a client said as an answer repeats it: its beginning.
-pub(super) fn shown(text: &str) -> &str {
+/// Returns at most the first 64 characters of client text, for quoting in a response.
+pub(super) fn truncated(text: &str) -> &str {
     text.char_indices().nth(64).map_or(text, |(end, _)| &text[..end])
 }
 
-/// Seconds to wait while the database or the file store does not answer.
+/// Seconds to wait while the database or the file store is unavailable.
 const RETRY_AFTER_S: u32 = 5;
-/// Seconds to wait for a request with the same Idempotency-Key.
+/// Seconds to wait for another request with the same Idempotency-Key.
 const KEY_RETRY_AFTER_S: u32 = 2;
 
 /// The media type of a [`Problem`].
 pub(super) const PROBLEM_JSON: HeaderValue = HeaderValue::from_static("application/problem+json");
 
 impl Problem {
-    /// A problem with a detail of its own.
+    /// Creates a problem with the code's title and status, and the given detail.
     #[must_use]
     pub fn new(code: ProblemCode, detail: impl Into<String>) -> Self {
         let (status, title, _) = code.describe();
@@ -85,61 +86,61 @@ impl Problem {
         }
     }
 
-    /// A request that can't be understood.
+    /// Creates a problem for a malformed request.
     pub(super) fn invalid_request(detail: impl Into<String>) -> Self {
         Self::new(ProblemCode::InvalidRequest, detail)
     }
 
-    /// A request that is understood, with a value that is out of its range.
+    /// Creates a problem for a well-formed request with a value that is out of range.
     pub(super) fn invalid_value(detail: impl Into<String>) -> Self {
         Self::new(ProblemCode::InvalidOptions, detail)
     }
 
-    /// A request whose fields are wrong. The detail is that of the first.
+    /// Creates a problem for invalid fields. The detail is the first field's message.
     pub(super) fn of_fields(code: ProblemCode, errors: Vec<FieldError>) -> Self {
         let first = errors.first().map(|error| error.message.clone()).unwrap_or_default();
         let detail = match errors.len() {
             0 | 1 => first,
-            2 => format!("{first} One more field is wrong; `errors` lists both."),
-            count => format!("{first} {} more fields are wrong; `errors` lists all.", count - 1),
+            2 => format!("{first} One more field is invalid; `errors` lists both."),
+            count => format!("{first} {} more fields are invalid; `errors` lists all of them.", count - 1),
         };
         Self { errors, ..Self::new(code, detail) }
     }
 
-    /// A request with one wrong value of an option or field.
+    /// Creates a problem for one invalid option or field.
     pub(super) fn invalid_field(field: &str, message: impl Into<String>) -> Self {
         Self::of_fields(ProblemCode::InvalidOptions, vec![FieldError::new(field, message)])
     }
 
-    /// A request with the same Idempotency-Key is under way.
+    /// Creates a problem for an Idempotency-Key that another request is using.
     pub(super) fn key_in_use() -> Self {
-        let detail = "A request with this Idempotency-Key is under way. Ask again when it may have ended.";
+        let detail = "Another request with this Idempotency-Key is in progress. Retry after the Retry-After delay.";
         Self::new(ProblemCode::IdempotencyKeyInUse, detail).retry_after(KEY_RETRY_AFTER_S)
     }
 
-    /// Adds a header to the answer.
+    /// Adds a header to the response.
     #[must_use]
     pub fn with_header(mut self, name: HeaderName, value: impl Into<String>) -> Self {
         self.headers.push((name, value.into()));
         self
     }
 
-    /// The same, and when to ask again.
+    /// Adds a Retry-After header of this many seconds.
     #[must_use]
     pub(super) fn retry_after(self, seconds: u32) -> Self {
         self.with_header(header::RETRY_AFTER, seconds.to_string())
     }
 
-    /// A fault of the service: the cause goes to the log, not to the client.
+    /// Creates a problem for a fault of the service. The cause goes to the log, not to the client.
     #[must_use]
     pub fn internal(error: &dyn std::error::Error) -> Self {
         tracing::error!(%error, "request failed");
-        Self::new(ProblemCode::Internal, "The service could not do this. Try again later.")
+        Self::new(ProblemCode::Internal, "The service failed to handle the request. Retry later.")
     }
 }
 
-/// The body is rendered by the outermost layer, which knows the request's id and address; until then the problem rides
-/// in the response's extensions.
+/// Stores the problem in the response's extensions. The outermost layer renders the body, since that layer knows the
+/// request's id and path.
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let status = StatusCode::from_u16(self.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
@@ -155,7 +156,7 @@ impl IntoResponse for Problem {
 }
 
 impl Problem {
-    /// The finished answer: status and headers of `response`, and this problem as its body.
+    /// Replaces the body of `response` with this problem, and keeps its status and headers.
     pub(super) fn render(self, response: Response) -> Response {
         let (mut parts, _) = response.into_parts();
         let body = Json(self).into_response().into_body();
@@ -166,11 +167,10 @@ impl Problem {
     }
 }
 
-/// That a disk of the service is full.
+/// Logs that a disk is full, and creates the problem for the client.
 fn storage_full(error: &dyn std::error::Error) -> Problem {
-    tracing::error!(%error, "a disk is full, or can't be written to");
-    Problem::new(ProblemCode::StorageFull, "The service has no room for this now. Send it again later.")
-        .retry_after(RETRY_AFTER_S)
+    tracing::error!(%error, "disk full or read-only");
+    Problem::new(ProblemCode::StorageFull, "The service's disk is full. Retry later.").retry_after(RETRY_AFTER_S)
 }
 
 impl From<StoreError> for Problem {
@@ -179,16 +179,19 @@ impl From<StoreError> for Problem {
             return Self::key_in_use();
         }
         if matches!(error, StoreError::UploadTaken) {
-            return Self::new(ProblemCode::UploadUsed, "Another job was made of this upload meanwhile.");
+            return Self::new(
+                ProblemCode::UploadUsed,
+                "Another job has used this upload in the meantime. Create a new upload.",
+            );
         }
         if error.is_full() {
             return storage_full(&error);
         }
-        if !error.may_pass() {
+        if !error.is_transient() {
             return Self::internal(&error);
         }
-        tracing::error!(%error, "the database does not answer");
-        Self::new(ProblemCode::Unavailable, "The service's database does not answer now. Ask again soon.")
+        tracing::error!(%error, "database unavailable");
+        Self::new(ProblemCode::Unavailable, "The service's database is temporarily unavailable. Retry soon.")
             .retry_after(RETRY_AFTER_S)
     }
 }
@@ -204,17 +207,17 @@ impl From<&BlobError> for Problem {
         if error.is_full() {
             return storage_full(error);
         }
-        if !error.may_pass() {
+        if !error.is_transient() {
             return Self::internal(error);
         }
-        tracing::error!(%error, "the file store does not answer");
-        Self::new(ProblemCode::Unavailable, "The service's file store does not answer now. Ask again soon.")
+        tracing::error!(%error, "file store unavailable");
+        Self::new(ProblemCode::Unavailable, "The service's file store is temporarily unavailable. Retry soon.")
             .retry_after(RETRY_AFTER_S)
     }
 }
 
 impl From<PathRejection> for Problem {
     fn from(_: PathRejection) -> Self {
-        Self::invalid_request("The path is not valid: what is written with `%` must be UTF-8.")
+        Self::invalid_request("The path is invalid: its percent-encoded characters must be UTF-8.")
     }
 }

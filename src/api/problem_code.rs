@@ -1,13 +1,16 @@
+//! The error codes of the API: HTTP status, title and advice of each, and the catalogue behind `/problems`.
+//!
+//! `docs/problems.md` and the OpenAPI document are made from this table.
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::jobs::ProblemKind;
 
-/// Defines the codes with their HTTP status, their title, and what to do.
+/// Defines [`ProblemCode`] with each code's HTTP status, title and advice.
 macro_rules! problem_codes {
     ($($(#[$doc:meta])* $code:ident: $status:ident, $title:literal, $advice:literal;)*) => {
-        /// Every problem that a request can meet, for programs.
+        /// The code of a failed request, for programs.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
         #[serde(rename_all = "snake_case")]
         pub enum ProblemCode {
@@ -18,7 +21,7 @@ macro_rules! problem_codes {
             /// Every code.
             pub const ALL: [Self; 36] = [$(Self::$code,)*];
 
-            /// The HTTP status, the title, and what to do.
+            /// Returns the HTTP status, the title and the advice on what to do.
             #[must_use]
             pub fn describe(self) -> (StatusCode, &'static str, &'static str) {
                 match self {
@@ -30,107 +33,110 @@ macro_rules! problem_codes {
 }
 
 problem_codes! {
-    /// No key, or one that is worth nothing.
-    Unauthorized: UNAUTHORIZED, "No valid key",
-        "Send 'Authorization: Bearer KEY'; the operator makes keys with 'meshmend keys create'.";
-    /// The key does not allow this.
-    Forbidden: FORBIDDEN, "Not allowed",
-        "Use a key with the scope that the detail names; the operator makes them with 'meshmend keys create'.";
-    /// A page of an origin that may not ask.
+    /// The API key is missing or invalid.
+    Unauthorized: UNAUTHORIZED, "Missing or invalid API key",
+        "Send 'Authorization: Bearer KEY' with a valid key. The operator creates keys with 'meshmend keys create'.";
+    /// The API key lacks the scope that this request needs.
+    Forbidden: FORBIDDEN, "Missing scope",
+        "Use a key with the scope that the detail names. The operator creates keys with 'meshmend keys create'.";
+    /// A web page of this origin may not send the request.
     OriginNotAllowed: FORBIDDEN, "Origin not allowed",
-        "Ask with a token that was made for this page's origin, by POST /v1/browser-tokens.";
-    /// The tenant asked too often.
+        "Send a token created for this page's origin with POST /v1/browser-tokens.";
+    /// The tenant sent too many requests.
     RateLimited: TOO_MANY_REQUESTS, "Too many requests",
-        "Ask again after the seconds that the Retry-After header names, and wait for jobs with ?wait= or events.";
-    /// No such address.
-    RouteNotFound: NOT_FOUND, "No such address", "See /docs for the addresses that exist.";
-    /// The address exists, but not for this method.
-    MethodNotAllowed: METHOD_NOT_ALLOWED, "Method not allowed", "Use a method that the Allow header names.";
-    /// A path, query or form that can't be understood.
-    InvalidRequest: BAD_REQUEST, "Invalid request", "Correct what the detail names and send it again.";
-    /// An option that is unknown or out of its range.
+        "Retry after the number of seconds in the Retry-After header. Wait for jobs with ?wait= or events instead of polling.";
+    /// No route has this path.
+    RouteNotFound: NOT_FOUND, "Path not found", "See /docs for the paths that exist.";
+    /// The path does not support this method.
+    MethodNotAllowed: METHOD_NOT_ALLOWED, "Method not allowed", "Use a method listed in the Allow header.";
+    /// The path, query, headers or body are malformed.
+    InvalidRequest: BAD_REQUEST, "Invalid request", "Correct what the detail names, then send the request again.";
+    /// An option or field is unknown or out of range.
     InvalidOptions: UNPROCESSABLE_ENTITY, "Invalid options",
-        "Correct the option that the detail names; /docs lists every option with its range.";
-    /// No file, or an empty one.
-    MissingFile: BAD_REQUEST, "No file", "Send the model as the form part 'file', or as the whole body of the request.";
-    /// The file, or all files of a job together, are larger than the service takes.
+        "Correct the option that the detail names. /docs/options lists every option with its range.";
+    /// The request has no file, or the file is empty.
+    MissingFile: BAD_REQUEST, "No file",
+        "Send the model as the form part 'file', or as the whole request body.";
+    /// The file, or all files of the job together, exceed the size limit.
     PayloadTooLarge: PAYLOAD_TOO_LARGE, "File too large",
-        "Send a smaller file, or files that are smaller together; /v1/capabilities tells the limit.";
+        "Send smaller files. GET /v1/capabilities returns the limit, which applies to all files of a job together.";
     /// The upload has more files than one job may have.
-    TooManyFiles: PAYLOAD_TOO_LARGE, "Too many files", "Send them as several jobs; /v1/capabilities tells the limit.";
-    /// The body's media type is not one that this address takes.
+    TooManyFiles: PAYLOAD_TOO_LARGE, "Too many files",
+        "Send the files as several jobs. GET /v1/capabilities returns the limit.";
+    /// The body's media type is not supported at this path.
     UnsupportedMediaType: UNSUPPORTED_MEDIA_TYPE, "Unsupported media type",
-        "Send what the detail names; for a job, a form, the model's bytes, or JSON that names an upload.";
-    /// The file's bytes are of no format that can be read.
-    UnsupportedModel: UNSUPPORTED_MEDIA_TYPE, "Not a model that can be read",
-        "Send a format that /v1/capabilities lists; the detail says what was found.";
-    /// The upload stopped coming.
-    UploadTimeout: REQUEST_TIMEOUT, "Upload stopped coming", "Send it again.";
-    /// The upload broke off.
-    UploadInterrupted: BAD_REQUEST, "Upload broke off", "Send it again.";
-    /// No upload of that name, or its time is over.
-    UploadNotFound: NOT_FOUND, "No such upload", "Announce it anew: POST /v1/uploads, then send the file.";
-    /// The upload's file was not sent yet.
-    UploadMissing: CONFLICT, "Upload not sent yet", "Send the file as the upload's 'put' says, then ask again.";
-    /// The upload has its file already, or a job was made of it.
-    UploadUsed: CONFLICT, "Upload used before", "Announce another one: POST /v1/uploads, then send the file.";
-    /// No job of that name.
-    JobNotFound: NOT_FOUND, "No such job", "Check the id; it is in the answer to POST /v1/jobs.";
+        "Send a media type that the detail names. For a job, send a form, the model's bytes, or JSON that names an upload.";
+    /// The file's format is not recognised.
+    UnsupportedModel: UNSUPPORTED_MEDIA_TYPE, "Unsupported model format",
+        "Send a format listed by GET /v1/capabilities. The detail says what the file contains.";
+    /// No bytes of the upload arrived for too long.
+    UploadTimeout: REQUEST_TIMEOUT, "Upload timed out", "Send the upload again.";
+    /// The connection broke before the upload was complete.
+    UploadInterrupted: BAD_REQUEST, "Upload interrupted", "Send the upload again.";
+    /// No upload has this id, or the upload has expired.
+    UploadNotFound: NOT_FOUND, "Upload not found", "Create an upload with POST /v1/uploads, then send the file.";
+    /// The upload's file has not been sent yet.
+    UploadMissing: CONFLICT, "Upload has no file yet",
+        "Send the file as the upload's 'put' describes, then repeat this request.";
+    /// The upload already has a file, or a job already used it.
+    UploadUsed: CONFLICT, "Upload already used", "Create a new upload with POST /v1/uploads, then send the file.";
+    /// No job has this id.
+    JobNotFound: NOT_FOUND, "Job not found", "Check the id. The response to POST /v1/jobs contains it.";
     /// The job was deleted on request.
-    JobDeleted: GONE, "Job deleted", "Its files are gone; send the model again.";
-    /// The job's results were kept as long as they are, and are gone.
-    JobExpired: GONE, "Results expired", "Download results before the job's expires_at; send the model again.";
-    /// The job has ended, so it can't be canceled.
-    JobFinished: CONFLICT, "Job has ended", "Nothing is left to cancel.";
-    /// The job has no such file, or not yet.
-    ArtifactNotFound: NOT_FOUND, "No such file",
-        "The job's 'artifacts' list its files; a job that has not ended has none yet.";
-    /// The job's pictures are still being drawn.
-    NotDrawnYet: SERVICE_UNAVAILABLE, "Pictures still being drawn",
-        "Ask again after the seconds that the Retry-After header names.";
-    /// The range lies outside the file.
+    JobDeleted: GONE, "Job deleted", "The job's files are gone. Send the model again.";
+    /// The job's files have expired.
+    JobExpired: GONE, "Results expired", "Download results before the job's expires_at. Send the model again.";
+    /// The job has already ended, so it can't be canceled.
+    JobFinished: CONFLICT, "Job already finished", "No action is needed: a finished job can't be canceled.";
+    /// The job has no file of this name, or not yet.
+    ArtifactNotFound: NOT_FOUND, "Artifact not found",
+        "The job's 'artifacts' lists its files. A job has none until it has finished.";
+    /// The job's images are still being rendered.
+    NotDrawnYet: SERVICE_UNAVAILABLE, "Images not ready yet",
+        "Retry after the number of seconds in the Retry-After header.";
+    /// The requested range lies outside the file.
     RangeNotSatisfiable: RANGE_NOT_SATISFIABLE, "Range not satisfiable",
-        "The Content-Range header tells the file's size.";
-    /// A request with the same Idempotency-Key is under way.
-    IdempotencyKeyInUse: CONFLICT, "Request under way",
-        "Ask again after the seconds that the Retry-After header names.";
-    /// The Idempotency-Key came with another request before.
-    IdempotencyKeyReused: UNPROCESSABLE_ENTITY, "Idempotency-Key used before",
-        "Send a new key with each new request, and the same one only with the same request.";
-    /// No webhook endpoint or delivery of that name.
-    WebhookNotFound: NOT_FOUND, "No such webhook", "GET /v1/webhook-endpoints lists yours.";
+        "Request a range within the file. The Content-Range header gives the file's size.";
+    /// Another request with the same Idempotency-Key is in progress.
+    IdempotencyKeyInUse: CONFLICT, "Request in progress",
+        "Retry after the number of seconds in the Retry-After header.";
+    /// The Idempotency-Key was already used with a different request.
+    IdempotencyKeyReused: UNPROCESSABLE_ENTITY, "Idempotency-Key already used",
+        "Use a new key for each new request. Reuse a key only to retry the same request.";
+    /// No webhook endpoint or delivery has this id.
+    WebhookNotFound: NOT_FOUND, "Webhook not found", "GET /v1/webhook-endpoints lists your endpoints.";
     /// The webhook endpoint is disabled.
     WebhookDisabled: CONFLICT, "Webhook endpoint disabled",
-        "Enable it: PATCH /v1/webhook-endpoints/{id} with {\"enabled\": true}.";
-    /// The tenant has as many webhook endpoints as it may.
-    TooManyWebhooks: CONFLICT, "Too many webhook endpoints", "Delete one that is not needed any more.";
-    /// No API key of that id.
-    KeyNotFound: NOT_FOUND, "No such API key", "GET /v1/keys lists the keys.";
-    /// No tenant of that name has a key or settings.
-    TenantNotFound: NOT_FOUND, "No such tenant",
-        "GET /v1/tenants lists the tenants; PATCH /v1/tenants/{id} or a first key makes one.";
-    /// As many jobs wait as may.
+        "Enable the endpoint: PATCH /v1/webhook-endpoints/{id} with {\"enabled\": true}.";
+    /// The tenant has the maximum number of webhook endpoints.
+    TooManyWebhooks: CONFLICT, "Too many webhook endpoints", "Delete an endpoint that is no longer needed.";
+    /// No API key has this id.
+    KeyNotFound: NOT_FOUND, "API key not found", "GET /v1/keys lists the keys.";
+    /// No tenant of this name has a key or settings.
+    TenantNotFound: NOT_FOUND, "Tenant not found",
+        "GET /v1/tenants lists the tenants. PATCH /v1/tenants/{id} or a first key creates one.";
+    /// The queue has the maximum number of waiting jobs.
     QueueFull: TOO_MANY_REQUESTS, "Queue full",
-        "Send the model again after the seconds that the Retry-After header names.";
-    /// The disk has no room for more files.
+        "Send the model again after the number of seconds in the Retry-After header.";
+    /// The disk is full.
     StorageFull: SERVICE_UNAVAILABLE, "Storage full",
-        "Send the model again later; the operator has to make room, or to lower --min-free-mib.";
-    /// The database or the file store does not answer now.
-    Unavailable: SERVICE_UNAVAILABLE, "Not available now",
-        "Ask again after the seconds that the Retry-After header names.";
-    /// A fault of the service.
-    Internal: INTERNAL_SERVER_ERROR, "Internal error", "Try again later; if it stays, report it with the request_id.";
+        "Send the model again later. The operator must free disk space or lower --min-free-mib.";
+    /// The database or the file store is temporarily unavailable.
+    Unavailable: SERVICE_UNAVAILABLE, "Service unavailable",
+        "Retry after the number of seconds in the Retry-After header.";
+    /// The service failed unexpectedly.
+    Internal: INTERNAL_SERVER_ERROR, "Internal error", "Retry later. If the error persists, report it with the request_id.";
 }
 
 impl ProblemCode {
-    /// The name in JSON.
+    /// Returns the code as it appears in JSON.
     #[must_use]
     pub fn name(self) -> String {
         code_name(&self)
     }
 }
 
-/// The name of a code in JSON.
+/// Returns a code as it appears in JSON.
 fn code_name<T: Serialize>(code: &T) -> String {
     match serde_json::to_value(code) {
         Ok(serde_json::Value::String(name)) => name,
@@ -138,42 +144,46 @@ fn code_name<T: Serialize>(code: &T) -> String {
     }
 }
 
-/// A code with its meaning, for the documentation.
+/// An error code with its meaning, for the documentation.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ProblemDoc {
-    /// The code.
+    /// The code, as in a problem's `code`.
     pub code: String,
-    /// The title.
+    /// The title: a short description of the error.
     pub title: &'static str,
-    /// The HTTP status of a response with it; none for a problem of a job.
+    /// The HTTP status of a response with this code. `null` for a code that only jobs have.
     pub status: Option<u16>,
-    /// What to do.
+    /// What the caller should do.
     pub advice: &'static str,
 }
 
-/// The title of a job's problem, and what to do.
+/// Returns the title of a failed job's problem, and the advice on what to do.
 #[must_use]
 pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
     match kind {
-        ProblemKind::BadInput => ("The file can't be read", "Export the model again; the detail names what and where."),
-        ProblemKind::BadOutput => ("The result can't be written", "Ask for another output format."),
+        ProblemKind::BadInput => {
+            ("Unreadable file", "Export the model again. The detail says what is wrong and where.")
+        }
+        ProblemKind::BadOutput => ("Result can't be written", "Choose another output format."),
         ProblemKind::NotPrintable => (
             "Not printable",
-            "The report says what is left: repair that where the model was made, or send it with require=any for the best result there is.",
+            "The report lists the remaining defects. Fix them in the modelling program, or submit with require=any for the best result.",
         ),
         ProblemKind::DeadlineExceeded => {
-            ("Out of time", "Raise deadline_s, lower max_tier or level, or send fewer faces.")
+            ("Deadline exceeded", "Raise deadline_s, lower max_tier or level, or send fewer faces.")
         }
         ProblemKind::OutOfMemory => ("Out of memory", "Send fewer faces, or raise the service's --job-memory."),
-        ProblemKind::CpuLimit => ("Out of processor time", "Send fewer faces, or lower max_tier or level."),
-        ProblemKind::FileLimit => ("Result too large", "Ask for less: a smaller voxel_resolution, or fewer places."),
-        ProblemKind::Crashed => ("The job crashed", "A fault of the service: report it with the job's log."),
-        ProblemKind::WorkerLost => ("Set aside", "Workers were lost with this job: report it with the model."),
-        ProblemKind::Internal => ("Internal error", "Try again later; if it stays, report it with the job's id."),
+        ProblemKind::CpuLimit => ("CPU limit exceeded", "Send fewer faces, or lower max_tier or level."),
+        ProblemKind::FileLimit => ("Result too large", "Lower voxel_resolution or places."),
+        ProblemKind::Crashed => ("Job crashed", "This is a fault of the service. Report it with the job's log."),
+        ProblemKind::WorkerLost => {
+            ("Job abandoned", "Several workers were lost while they ran this job. Report it with the model.")
+        }
+        ProblemKind::Internal => ("Internal error", "Retry later. If the error persists, report it with the job's id."),
     }
 }
 
-/// Every problem of requests and of jobs.
+/// Returns the codes of failed requests and of failed jobs, each once.
 #[must_use]
 pub fn catalogue() -> Vec<ProblemDoc> {
     const KINDS: [ProblemKind; 10] = [

@@ -1,4 +1,4 @@
-//! The routes, and what every request passes through: request id, trace, compression, draining, panics, and the rendering of problems.
+//! The router and the middleware around every route: request id, tracing, compression, draining, panics, and rendering of problems.
 
 use std::any::Any;
 use std::future::poll_fn;
@@ -25,7 +25,7 @@ use tracing::Instrument;
 use tracing::field::Empty;
 use utoipa_swagger_ui::SwaggerUi;
 
-use super::authenticate::{authenticate, preflight, refuse_while_draining};
+use super::authenticate::{authenticate, preflight, reject_while_draining};
 use super::check;
 use super::openapi;
 use super::pages;
@@ -33,40 +33,41 @@ use super::problem::{PROBLEM_JSON, Problem, ProblemCode};
 use super::state::ApiState;
 use crate::telemetry;
 
+/// The header with the request's id.
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
-/// Longest request id taken from a client.
+/// Longest request id accepted from a client, in characters.
 const ID_CHARS: usize = 64;
 
-/// Content codings of requests that are decoded.
+/// Content codings of request bodies that the service decodes.
 const CODINGS: [&str; 4] = ["gzip", "br", "zstd", "deflate"];
-/// Bytes from which on an answer is compressed.
-const WORTH_COMPRESSING: u64 = 256;
+/// Smallest response that is compressed, in bytes.
+const MIN_COMPRESSED_BYTES: u64 = 256;
 
-/// The whole HTTP surface.
+/// Builds the router with all routes and middleware.
 pub fn router(state: ApiState) -> Router {
-    let authenticated = openapi::guarded()
-        // Within `authenticate`, which lets pages read the answer.
-        .route_layer(from_fn_with_state(state.clone(), refuse_while_draining))
+    let authenticated = openapi::authenticated_routes()
+        // Inside `authenticate`, which lets web pages read the response.
+        .route_layer(from_fn_with_state(state.clone(), reject_while_draining))
         .route_layer(from_fn_with_state(state.clone(), authenticate));
-    let (routes, document) = authenticated.merge(openapi::open()).split_for_parts();
-    let document = openapi::complete(document);
+    let (routes, document) = authenticated.merge(openapi::public_routes()).split_for_parts();
+    let document = openapi::finish(document);
     check::use_document(&document);
     let router = routes
         .merge(pages::routes())
         .route("/openapi-3.0.json", get(openapi_3_0))
         .with_state(state)
-        // Its scripts and styles are in the binary too: it works offline.
+        // Swagger's scripts and styles are part of the binary, so the page works offline.
         .merge(SwaggerUi::new("/docs/api").url("/openapi.json", document))
-        .fallback(no_route)
-        .method_not_allowed_fallback(wrong_method)
-        // Uploads are counted as they stream in, and other bodies by `ApiJson`.
+        .fallback(route_not_found)
+        .method_not_allowed_fallback(method_not_allowed)
+        // Uploads have their own size limit as they stream in, and JSON bodies the limit of `ApiJson`.
         .layer(DefaultBodyLimit::disable())
         .layer(from_fn(preflight));
-    // Paths are rewritten before any route is chosen.
+    // The path must be rewritten before routing.
     Router::new().fallback_service(add_layers(router).map_request(trim_trailing_slash))
 }
 
-/// Serves `/v1/jobs/` like `/v1/jobs`. Pages such as `/docs/` keep the slash, which their relative links need.
+/// Routes `/v1/jobs/` like `/v1/jobs`. Pages such as `/docs/` keep the slash, because their relative links need it.
 fn trim_trailing_slash(mut request: Request) -> Request {
     let uri = request.uri();
     let path = uri.path();
@@ -74,24 +75,24 @@ fn trim_trailing_slash(mut request: Request) -> Request {
     if trimmed.len() == path.len() || trimmed.is_empty() || path.starts_with("/docs") {
         return request;
     }
-    // Without a change the request goes on, and no route is found.
+    // If the new URI is invalid, the request keeps its URI and finds no route.
     if let Ok(uri) = format!("{trimmed}{}", query.unwrap_or_default()).parse() {
         *request.uri_mut() = uri;
     }
     request
 }
 
-async fn no_route(uri: Uri) -> Problem {
+async fn route_not_found(uri: Uri) -> Problem {
     let path: String = uri.path().chars().take(200).collect();
-    Problem::new(ProblemCode::RouteNotFound, format!("There is nothing at '{path}'. See /docs."))
+    Problem::new(ProblemCode::RouteNotFound, format!("There is no route '{path}'. See /docs."))
 }
 
-async fn wrong_method(uri: Uri) -> Problem {
+async fn method_not_allowed(uri: Uri) -> Problem {
     let path: String = uri.path().chars().take(200).collect();
-    Problem::new(ProblemCode::MethodNotAllowed, format!("'{path}' can't be asked with this method. See /docs."))
+    Problem::new(ProblemCode::MethodNotAllowed, format!("'{path}' does not support this method. See /docs."))
 }
 
-/// The OpenAPI document for code generators that do not read version 3.1.
+/// Serves the OpenAPI document in version 3.0.3.
 async fn openapi_3_0() -> Result<Json<&'static serde_json::Value>, Problem> {
     static DOCUMENT: OnceLock<serde_json::Value> = OnceLock::new();
     if let Some(document) = DOCUMENT.get() {
@@ -101,7 +102,7 @@ async fn openapi_3_0() -> Result<Json<&'static serde_json::Value>, Problem> {
     Ok(Json(DOCUMENT.get_or_init(|| document)))
 }
 
-/// What every request passes through, outermost last.
+/// Adds the middleware of every request. The last layer is the outermost.
 fn add_layers(router: Router) -> Router {
     router
         .layer(CatchPanicLayer::custom(panicked))
@@ -109,35 +110,35 @@ fn add_layers(router: Router) -> Router {
         .layer(RequestDecompressionLayer::new())
         .layer(from_fn(check_coding))
         .layer(from_fn(observe))
-        .layer(CompressionLayer::new().no_deflate().compress_when(SizeAbove::new(WORTH_COMPRESSING).and(is_text)))
+        .layer(CompressionLayer::new().no_deflate().compress_when(SizeAbove::new(MIN_COMPRESSED_BYTES).and(is_text)))
         .layer(map_response(weaken_etag))
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeRequestUuid))
-        .layer(from_fn(distrust_request_id))
+        .layer(from_fn(remove_unsafe_request_id))
 }
 
-/// Drops a request id that could not stand in a log line.
-async fn distrust_request_id(mut request: Request, next: Next) -> Response {
-    let fine = |id: &HeaderValue| {
+/// Removes a request id that is unsafe to log.
+async fn remove_unsafe_request_id(mut request: Request, next: Next) -> Response {
+    let is_safe = |id: &HeaderValue| {
         id.len() <= ID_CHARS && id.as_bytes().iter().all(|b| b.is_ascii_alphanumeric() || b"-_.".contains(b))
     };
-    if request.headers().get(&REQUEST_ID).is_some_and(|id| !fine(id)) {
+    if request.headers().get(&REQUEST_ID).is_some_and(|id| !is_safe(id)) {
         request.headers_mut().remove(&REQUEST_ID);
     }
     next.run(request).await
 }
 
-/// Traces and counts the request, and renders a problem with the request's id and address in it.
+/// Traces, counts and logs the request. Renders a problem with the request's id and path.
 async fn observe(request: Request, next: Next) -> Response {
     let id = request.extensions().get::<RequestId>().and_then(|id| id.header_value().to_str().ok());
     let id = id.unwrap_or_default().to_owned();
-    // A client may invent methods, and each label's value is kept for ever.
+    // A client may invent methods, and the metrics keep every label value for ever.
     let known = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
     let method = known.into_iter().find(|known| request.method() == *known).unwrap_or("other");
     let path = request.uri().path().to_owned();
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
     let traceparent = request.headers().get(telemetry::TRACEPARENT).and_then(|value| value.to_str().ok());
-    // Of the highest level, so that lines have it whatever level is logged.
+    // Error level, so that log lines carry the span's fields at every log level.
     let span = tracing::error_span!(
         "request",
         otel.kind = "server",
@@ -158,16 +159,16 @@ async fn observe(request: Request, next: Next) -> Response {
         problem.instance = path;
         code = Some(problem.code);
         response = problem.render(response);
-    } else if unexplained(&response) {
-        let found = match response.status() {
+    } else if is_foreign_error(&response) {
+        let error_code = match response.status() {
             StatusCode::NOT_FOUND => ProblemCode::RouteNotFound,
             StatusCode::METHOD_NOT_ALLOWED => ProblemCode::MethodNotAllowed,
             StatusCode::PAYLOAD_TOO_LARGE => ProblemCode::PayloadTooLarge,
             status if status.is_server_error() => ProblemCode::Internal,
             _ => ProblemCode::InvalidRequest,
         };
-        code = Some(found);
-        let mut problem = Problem::new(found, "The request could not be handled. See /docs.");
+        code = Some(error_code);
+        let mut problem = Problem::new(error_code, "The service could not handle the request. See /docs.");
         problem.status = response.status().as_u16();
         problem.title = response.status().canonical_reason().unwrap_or("Error").to_owned();
         problem.request_id = id;
@@ -177,74 +178,74 @@ async fn observe(request: Request, next: Next) -> Response {
     response.headers_mut().insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     let status = response.status().as_u16();
     let elapsed = started.elapsed();
-    telemetry::answered(&span, &route, status);
+    telemetry::record_response(&span, &route, status);
     span.in_scope(|| log(status, code, elapsed));
     let labels = [("method", method.to_owned()), ("route", route), ("status", status.to_string())];
     metrics::histogram!(telemetry::HTTP_REQUEST, &labels).record(elapsed);
     response
 }
 
-/// Logs how a request ended. Lines have the request's id, method, path, tenant and key by its span.
+/// Logs how a request ended. The span adds the request's id, method, path, tenant and key.
 fn log(status: u16, code: Option<ProblemCode>, elapsed: Duration) {
     let milliseconds = elapsed.as_secs_f64() * 1000.0;
     let code_name = code.map(ProblemCode::name);
     let code_name = code_name.as_deref();
     match (status, code) {
-        // Away or full is the operator's to mend; the client may send the request again.
+        // An unavailable database or a full disk is a matter for the operator; the client can retry.
         (503, _) => tracing::warn!(status, code = code_name, milliseconds, "request failed"),
         (500.., _) => tracing::error!(status, code = code_name, milliseconds, "request failed"),
-        // Programs that scan the network for weak servers would fill the log.
+        // At debug level, since network scanners would otherwise flood the log.
         (_, Some(ProblemCode::RouteNotFound)) => {
-            tracing::debug!(status, code = code_name, milliseconds, "request refused");
+            tracing::debug!(status, code = code_name, milliseconds, "request rejected");
         }
-        (400.., _) => tracing::info!(status, code = code_name, milliseconds, "request refused"),
-        _ => tracing::debug!(status, milliseconds, "answered"),
+        (400.., _) => tracing::info!(status, code = code_name, milliseconds, "request rejected"),
+        _ => tracing::debug!(status, milliseconds, "request succeeded"),
     }
 }
 
-/// Whether some library answered an error in its own words.
-fn unexplained(response: &Response) -> bool {
-    let error = response.status().is_client_error() || response.status().is_server_error();
+/// Whether the response is an error that a library rendered without a problem.
+fn is_foreign_error(response: &Response) -> bool {
+    let is_error = response.status().is_client_error() || response.status().is_server_error();
     let media_type = response.headers().get(header::CONTENT_TYPE);
-    let explained = media_type.is_some_and(|m| *m == PROBLEM_JSON || m.as_bytes().starts_with(b"application/json"));
-    error && !explained
+    let is_json = media_type.is_some_and(|m| *m == PROBLEM_JSON || m.as_bytes().starts_with(b"application/json"));
+    is_error && !is_json
 }
 
-/// A panic in a handler is a fault of ours; the request ends, the service goes on.
+/// Logs a panic in a handler and responds with an internal error. The service continues.
 fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response {
     let message = panic.downcast_ref::<String>().map(String::as_str);
     let message = message.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
-    tracing::error!(message, "a handler panicked");
-    Problem::new(ProblemCode::Internal, "The service could not do this. Try again later.").into_response()
+    tracing::error!(message, "handler panicked");
+    Problem::new(ProblemCode::Internal, "The service failed to handle the request. Retry later.").into_response()
 }
 
-/// Refuses a request whose body can't be decoded.
+/// Rejects a request with an unsupported Content-Encoding.
 async fn check_coding(request: Request, next: Next) -> Response {
     let mut codings = request.headers().get_all(header::CONTENT_ENCODING).iter();
     let (coding, more) = (codings.next(), codings.next());
     let known = |coding: &HeaderValue| {
         coding
             .to_str()
-            .is_ok_and(|coding| CODINGS.iter().chain(&["identity"]).any(|it| coding.eq_ignore_ascii_case(it)))
+            .is_ok_and(|coding| CODINGS.iter().chain(&["identity"]).any(|name| coding.eq_ignore_ascii_case(name)))
     };
     if more.is_none() && coding.is_none_or(known) {
         return next.run(request).await;
     }
     let detail = format!(
-        "`Content-Encoding` must be one of {}. Send the body in one of these, or uncompressed.",
+        "`Content-Encoding` must be one of {}. Use one of these, or send the body uncompressed.",
         CODINGS.join(", ")
     );
     Problem::new(ProblemCode::UnsupportedMediaType, detail).with_header(header::CONNECTION, "close").into_response()
 }
 
-/// Whether an answer is text, which compresses well. Models and pictures keep their bytes, so that ranges of them can be asked for.
+/// Whether a response is text, which compresses well. Models and images stay uncompressed, so that clients can request byte ranges.
 fn is_text(_: StatusCode, _: Version, headers: &HeaderMap, _: &Extensions) -> bool {
     let media_type = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let kinds = ["application/json", "application/problem+json", "text/", "application/javascript", "image/svg+xml"];
     kinds.iter().any(|kind| media_type.starts_with(kind)) && !media_type.starts_with("text/event-stream")
 }
 
-/// Marks the entity tag of a compressed answer as weak: a strong one names the exact bytes (RFC 9110, 8.8.3).
+/// Marks the entity tag of a compressed response as weak: a strong tag identifies the exact bytes (RFC 9110, 8.8.3).
 async fn weaken_etag(mut response: Response) -> Response {
     if response.headers().contains_key(header::CONTENT_ENCODING)
         && let Some(tag) = response.headers().get(header::ETAG).and_then(|tag| tag.to_str().ok())
@@ -256,27 +257,29 @@ async fn weaken_etag(mut response: Response) -> Response {
     response
 }
 
-/// Most bytes of a refused body that are drained, and the longest time.
+/// Most bytes of a rejected body that are drained.
 const DRAIN_BYTES: usize = 4 << 20;
+/// Longest time for which a rejected body is drained.
 const DRAIN_TIME: Duration = Duration::from_secs(2);
 
 /// Lingering close: drains a rejected body briefly, since otherwise the reset discards our response.
 async fn linger(request: Request, next: Next) -> Response {
-    // A client that asks first whether to send sends nothing after a refusal.
+    // A client that sent `Expect: 100-continue` sends no body after a rejection.
     if request.body().is_end_stream() || request.headers().contains_key(header::EXPECT) {
         return next.run(request).await;
     }
     let (parts, body) = request.into_parts();
     let body = SharedBody(Arc::new(Mutex::new(body)));
     let response = next.run(Request::from_parts(parts, Body::new(body.clone()))).await;
-    let refused = response.status().is_client_error() || response.status().is_server_error();
-    // A client that stopped sending sends nothing more.
-    if refused && response.status() != StatusCode::REQUEST_TIMEOUT {
+    let is_rejected = response.status().is_client_error() || response.status().is_server_error();
+    // After a timeout the client sends nothing more.
+    if is_rejected && response.status() != StatusCode::REQUEST_TIMEOUT {
         let _ = tokio::time::timeout(DRAIN_TIME, drain(body)).await;
     }
     response
 }
 
+/// Reads and discards up to [`DRAIN_BYTES`] of a body.
 async fn drain(mut body: SharedBody) {
     let mut left = DRAIN_BYTES;
     while let Some(Ok(frame)) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
@@ -285,7 +288,7 @@ async fn drain(mut body: SharedBody) {
     }
 }
 
-/// A body that can be drained after its reader has dropped it.
+/// A request body that can still be drained after the handler has dropped it.
 #[derive(Clone)]
 struct SharedBody(Arc<Mutex<Body>>);
 
@@ -317,7 +320,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_trailing_slash_is_dropped_from_every_path_but_those_of_the_documentation() {
+    fn a_trailing_slash_is_removed_except_in_paths_of_the_documentation() {
         for (path, served) in [
             ("/v1/jobs/", "/v1/jobs"),
             ("/v1/jobs/?limit=2", "/v1/jobs?limit=2"),

@@ -1,4 +1,4 @@
-//! How the service is and what it can do: probes, metrics, capabilities, and the problem codes.
+//! Routes about the service itself: probes, metrics, capabilities, and the problem codes.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -13,7 +13,7 @@ use axum::{Json, Router};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::authenticate::MayReadMetrics;
+use super::authenticate::RequireMetrics;
 use super::extract::ApiPath;
 use super::problem::{Problem, ProblemCode};
 use super::problem_code::{ProblemDoc, catalogue};
@@ -22,10 +22,10 @@ use crate::blobs::free_bytes;
 use crate::jobs::Status;
 use crate::telemetry;
 
-/// Longest time one check may take.
+/// Timeout of one readiness check.
 const CHECK_TIME: Duration = Duration::from_secs(5);
 
-/// Probes and metrics alone, for a listener that only operators reach.
+/// Builds a router of the probes and metrics only, for a listener that only operators can reach.
 pub fn probes(health: Health) -> Router {
     let router = Router::new()
         .route("/livez", get(livez))
@@ -34,18 +34,20 @@ pub fn probes(health: Health) -> Router {
     router.with_state(health)
 }
 
-/// Whether the process runs.
-#[utoipa::path(get, path = "/livez", tag = "service", responses((status = 200, description = "It runs", body = String)))]
+/// Liveness probe.
+///
+/// Returns 200 while the process runs.
+#[utoipa::path(get, path = "/livez", tag = "service", responses((status = 200, description = "The process runs", body = String)))]
 pub(super) async fn livez() -> &'static str {
     "ok\n"
 }
 
-/// Whether the service can do its work.
+/// The readiness of the service.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Readiness {
-    /// Whether all that is needed works.
+    /// Whether all required checks passed.
     ready: bool,
-    /// Each check: `ok`, or what is wrong. A missing Blender does not make the service unready.
+    /// The result of each check: `ok`, or what is wrong. A missing Blender does not affect readiness.
     checks: BTreeMap<&'static str, String>,
 }
 
@@ -57,55 +59,56 @@ impl IntoResponse for Readiness {
 }
 
 impl Health {
-    /// Tries all that the process needs.
+    /// Runs all readiness checks.
     async fn readiness(&self) -> Readiness {
         let store = check(self.store.ping()).await;
         let blobs = check(self.blobs.probe()).await;
         let disk = self.blobs.free_bytes().map_err(|error| error.to_string()).and_then(|free| self.check_free(free));
-        let scratch = self.scratch_works().await.and_then(|free| self.check_free(Some(free)));
-        let needed = [("store", store), ("blobs", blobs), ("disk", disk), ("scratch", scratch)];
+        let scratch = self.probe_scratch().await.and_then(|free| self.check_free(Some(free)));
+        let required = [("store", store), ("blobs", blobs), ("disk", disk), ("scratch", scratch)];
         let draining = self.draining.is_cancelled();
-        let ready = !draining && needed.iter().all(|(_, result)| result.is_ok());
-        let mut checks = self.found.clone();
-        checks.extend(needed.map(|(name, result)| (name, result.err().unwrap_or_else(|| "ok".to_owned()))));
+        let ready = !draining && required.iter().all(|(_, result)| result.is_ok());
+        let mut checks = self.startup_checks.clone();
+        checks.extend(required.map(|(name, result)| (name, result.err().unwrap_or_else(|| "ok".to_owned()))));
         if draining {
             checks.insert("service", "stopping".to_owned());
         }
         Readiness { ready, checks }
     }
 
+    /// Checks that enough disk space is free.
     fn check_free(&self, free: Option<u64>) -> Result<(), String> {
         match free {
             Some(free) if free < self.min_free => {
-                Err(format!("no room: {} MiB are free, and {} must be", free >> 20, self.min_free >> 20))
+                Err(format!("disk full: {} MiB free, {} MiB required", free >> 20, self.min_free >> 20))
             }
             _ => Ok(()),
         }
     }
 
-    /// Writes a file where jobs work, and tells how much room there is.
-    async fn scratch_works(&self) -> Result<u64, String> {
+    /// Writes a file in the scratch folder, and returns the free bytes of its disk.
+    async fn probe_scratch(&self) -> Result<u64, String> {
         let scratch = self.scratch.clone();
-        let tried = tokio::task::spawn_blocking(move || {
+        let probe = tokio::task::spawn_blocking(move || {
             tempfile::tempfile_in(&scratch)?.write_all(b"probe")?;
             free_bytes(&scratch)
         });
-        tried.await.map_err(std::io::Error::from).flatten().map_err(|error| error.to_string())
+        probe.await.map_err(std::io::Error::from).flatten().map_err(|error| error.to_string())
     }
 
-    /// What waits and runs of each class of tenants. One that was told of stays in the metrics when nothing of it waits any more.
-    async fn measure_classes(&self) {
+    /// Updates the metrics of each tenant class. A class reported once stays in the metrics, with zeros if it has no jobs.
+    async fn update_class_metrics(&self) {
         let loads = check(self.store.class_loads()).await;
         let mut classes = self.classes.lock().unwrap_or_else(PoisonError::into_inner);
-        let none = if loads.is_ok() { 0.0 } else { f64::NAN };
-        classes.iter().for_each(|class| record_class(class, none, none, none));
+        let fallback = if loads.is_ok() { 0.0 } else { f64::NAN };
+        classes.iter().for_each(|class| record_class(class, fallback, fallback, fallback));
         for load in loads.unwrap_or_default() {
             record_class(&load.class, load.queued as f64, load.running as f64, load.wait.as_secs_f64());
             classes.insert(load.class);
         }
     }
 
-    /// All metrics, with what has to be asked for. What can't be learnt now is no number.
+    /// Renders all metrics, after querying the database for current values. A value that can't be queried is NaN.
     async fn metrics(&self) -> Response {
         for status in Status::ALL {
             metrics::gauge!(telemetry::JOBS, "status" => status.as_str()).set(f64::NAN);
@@ -115,17 +118,17 @@ impl Health {
         }
         let wait = check(self.store.longest_wait()).await;
         metrics::gauge!(telemetry::QUEUE_WAIT).set(wait.map_or(f64::NAN, |wait| wait.as_secs_f64()));
-        self.measure_classes().await;
+        self.update_class_metrics().await;
         let backlog = check(self.store.backlog()).await;
         let (pending, overdue) =
-            backlog.map_or((f64::NAN, f64::NAN), |it| (it.pending as f64, it.overdue.as_secs_f64()));
+            backlog.map_or((f64::NAN, f64::NAN), |backlog| (backlog.pending as f64, backlog.overdue.as_secs_f64()));
         metrics::gauge!(telemetry::WEBHOOK_BACKLOG).set(pending);
         metrics::gauge!(telemetry::WEBHOOK_OVERDUE).set(overdue);
         metrics_process::Collector::default().collect();
         let connections = self.store.connections();
         metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "busy").set(connections.busy);
         metrics::gauge!(telemetry::DATABASE_CONNECTIONS, "state" => "idle").set(connections.idle);
-        metrics::gauge!(telemetry::DATABASE_CONNECTIONS_MOST).set(connections.most);
+        metrics::gauge!(telemetry::DATABASE_CONNECTIONS_MAX).set(connections.most);
         let free = [("files", self.blobs.free_bytes().ok().flatten()), ("scratch", free_bytes(&self.scratch).ok())];
         for (folder, free) in free {
             if let Some(free) = free {
@@ -136,13 +139,14 @@ impl Health {
     }
 }
 
-/// One class of tenants, in the metrics.
+/// Sets the metrics of one tenant class.
 fn record_class(class: &str, queued: f64, running: f64, wait: f64) {
     metrics::gauge!(telemetry::CLASS_JOBS, "class" => class.to_owned(), "status" => "queued").set(queued);
     metrics::gauge!(telemetry::CLASS_JOBS, "class" => class.to_owned(), "status" => "running").set(running);
     metrics::gauge!(telemetry::CLASS_QUEUE_WAIT, "class" => class.to_owned()).set(wait);
 }
 
+/// Runs one check with a timeout of [`CHECK_TIME`].
 async fn check<T, E: std::fmt::Display>(result: impl Future<Output = Result<T, E>>) -> Result<T, String> {
     match tokio::time::timeout(CHECK_TIME, result).await {
         Ok(result) => result.map_err(|error| error.to_string()),
@@ -150,14 +154,14 @@ async fn check<T, E: std::fmt::Display>(result: impl Future<Output = Result<T, E
     }
 }
 
-/// Whether the service can take jobs.
+/// Readiness probe.
 ///
-/// Asks the database, writes and reads a file, looks how much room the disks have, and tells whether Blender is there.
+/// Queries the database, writes and reads a file in the file store, and checks free disk space and Blender.
 #[utoipa::path(
     get, path = "/readyz", tag = "service",
     responses(
-        (status = 200, description = "It can", body = Readiness),
-        (status = 503, description = "It can't", body = Readiness),
+        (status = 200, description = "The service accepts jobs", body = Readiness),
+        (status = 503, description = "The service does not accept jobs", body = Readiness),
     )
 )]
 pub(super) async fn readyz(State(state): State<ApiState>) -> Response {
@@ -166,46 +170,52 @@ pub(super) async fn readyz(State(state): State<ApiState>) -> Response {
 
 /// Metrics for Prometheus.
 ///
-/// Where the service asks for keys, one with the scope `metrics`.
+/// Requires a key with the scope `metrics` if the service requires keys.
 #[utoipa::path(
     get, path = "/metrics", tag = "service",
-    responses((status = 200, description = "Metrics in Prometheus' text format", body = String))
+    responses((status = 200, description = "Metrics in the Prometheus text format", body = String))
 )]
-pub(super) async fn get_metrics(State(state): State<ApiState>, MayReadMetrics(_caller): MayReadMetrics) -> Response {
+pub(super) async fn get_metrics(State(state): State<ApiState>, RequireMetrics(_caller): RequireMetrics) -> Response {
     state.health.metrics().await
 }
 
-/// Every problem code, and what to do about it.
+/// List the problem codes.
+///
+/// Returns every code with its title, HTTP status and advice.
 #[utoipa::path(
     get, path = "/problems", tag = "service",
-    responses((status = 200, description = "The codes", body = Vec<ProblemDoc>))
+    responses((status = 200, description = "The problem codes", body = Vec<ProblemDoc>))
 )]
 pub(super) async fn list_problems() -> Json<Vec<ProblemDoc>> {
     Json(catalogue())
 }
 
-/// One problem code, and what to do about it.
+/// Get a problem code.
+///
+/// Returns the code's title, HTTP status and advice.
 #[utoipa::path(
     get, path = "/problems/{code}", tag = "service",
-    params(("code" = String, Path, description = "The code")),
+    params(("code" = String, Path, description = "The problem code")),
     responses(
-        (status = 200, description = "The code", body = ProblemDoc),
-        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such code", body = Problem, content_type = "application/problem+json"),
+        (status = 200, description = "The problem code", body = ProblemDoc),
+        (status = 400, description = "The path is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Problem code not found", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn get_problem(ApiPath(code): ApiPath<String>) -> Result<Json<ProblemDoc>, Problem> {
-    let found = catalogue().into_iter().find(|doc| doc.code == code);
-    found.map(Json).ok_or_else(|| Problem::new(ProblemCode::RouteNotFound, "There is no such problem code."))
+    let doc = catalogue().into_iter().find(|doc| doc.code == code);
+    doc.map(Json).ok_or_else(|| {
+        Problem::new(ProblemCode::RouteNotFound, "There is no such problem code. GET /problems lists all codes.")
+    })
 }
 
-/// What this service can do.
+/// Get the service's capabilities.
 ///
-/// Formats, modes, presets, levels, limits, every option with its default, the tiers that work right now with Blender's version, and
-/// the sandbox that jobs run in.
+/// Returns the supported formats, modes, presets, levels and limits, every option with its default, the available tiers with Blender's
+/// version, and the sandbox of the jobs.
 #[utoipa::path(
     get, path = "/v1/capabilities", tag = "service",
-    responses((status = 200, description = "What can be asked for", body = Capabilities))
+    responses((status = 200, description = "The capabilities", body = Capabilities))
 )]
 pub(super) async fn get_capabilities(State(state): State<ApiState>) -> Json<Capabilities> {
     Json(state.capabilities.as_ref().clone())

@@ -1,4 +1,4 @@
-//! What every handler can reach: the stores, limits and clock of the service, and what it can do.
+//! The state shared by all handlers: stores, configuration, clock, rate limits, and the service's capabilities.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::num::NonZeroU32;
@@ -26,150 +26,150 @@ use crate::inspect::Level;
 use crate::jobs::{Clock, Mode, Store};
 use crate::repair::{Options, Preset, RemesherInfo};
 use crate::sandbox::SandboxStatus;
-use crate::webhooks::{Random, Reach};
+use crate::webhooks::{Random, TargetPolicy};
 
-/// What the API may spend on a request.
+/// Limits and timeouts of the API.
 #[derive(Debug, Clone, Copy)]
 pub struct ApiConfig {
-    /// What an upload may hold.
+    /// Limits on the size and contents of an uploaded file.
     pub limits: Limits,
-    /// Most files of one job.
+    /// Maximum number of files per job.
     pub max_files: usize,
-    /// Most jobs that may wait.
+    /// Maximum number of queued jobs, over all tenants.
     pub max_queued: u64,
-    /// What a tenant may use where nothing else is set for it.
+    /// Limits of tenants without their own settings.
     pub tenant_limits: TenantLimits,
-    /// How long results are kept.
+    /// How long results are kept after a job ends.
     pub retention: Duration,
-    /// Bytes that must stay free on the disk of the files.
+    /// Bytes that must stay free on the disk of the file store.
     pub min_free: u64,
-    /// Whom webhooks may reach.
-    pub webhook_reach: Reach,
-    /// Longest silence in the middle of an upload.
+    /// Which addresses webhooks may be sent to.
+    pub webhook_targets: TargetPolicy,
+    /// Longest time without any bytes during an upload.
     pub upload_idle: Duration,
-    /// Whether uploads that are announced go straight to the store, where that is a bucket.
+    /// Whether clients send announced uploads directly to the bucket, if the file store is one.
     pub presigned_uploads: bool,
-    /// Whether downloads are sent on to the store, where that is a bucket.
+    /// Whether downloads are redirected to the bucket, if the file store is one.
     pub presigned_downloads: bool,
-    /// How long to wait before polling for a change that no notification came for.
+    /// Poll interval for job changes that no notification reported.
     pub poll: Duration,
 }
 
-/// What every handler can reach.
+/// The state shared by all handlers.
 #[derive(Clone)]
 pub struct ApiState {
-    /// The jobs.
+    /// The database: jobs, keys, tenants, webhooks.
     pub store: Arc<dyn Store>,
-    /// The files.
+    /// The file store.
     pub blobs: Blobs,
-    /// Whether it asks for keys.
+    /// Whether requests need an API key.
     pub auth: Auth,
-    /// How often each tenant asked lately.
+    /// Rate limiters of the tenants.
     pub rates: Arc<Rates>,
-    /// Limits and times.
+    /// Limits and timeouts.
     pub config: ApiConfig,
-    /// What this service can do.
+    /// The service's formats, modes, tiers and limits.
     pub capabilities: Arc<Capabilities>,
-    /// What the probes and metrics say.
+    /// Data for probes and metrics.
     pub health: Health,
     /// The wall clock.
     pub clock: Arc<dyn Clock>,
-    /// Where secrets come from.
+    /// The source of random secrets.
     pub random: Arc<dyn Random>,
-    /// Cancelled when this process has no more jobs to finish: requests that wait end.
+    /// Cancelled when this process has no more jobs to finish. Requests that are waiting then end.
     pub stopping: CancellationToken,
 }
 
-/// Whether the service asks for keys.
+/// Whether requests need an API key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Auth {
-    /// Whoever asks without a key is the tenant `default` and may do everything.
+    /// A request without a key acts as the tenant `default`, with every scope but `admin`.
     Open,
-    /// Nothing without a key.
+    /// Every request needs a key.
     Keys,
 }
 
-/// How a process is: what its probes and metrics say.
+/// The health of a process, as reported by its probes and metrics.
 #[derive(Clone)]
 pub struct Health {
-    /// The jobs.
+    /// The database.
     pub store: Arc<dyn Store>,
-    /// The files.
+    /// The file store.
     pub blobs: Blobs,
-    /// Where jobs get their scratch folders.
+    /// The parent of the jobs' scratch folders.
     pub scratch: PathBuf,
-    /// Bytes that must stay free on the disks of the files and the scratch folders.
+    /// Bytes that must stay free on the disks of the file store and of the scratch folders.
     pub min_free: u64,
-    /// What was found at the start that does not make the process unready, such as whether there is a Blender.
-    pub found: BTreeMap<&'static str, String>,
-    /// Cancelled by the first signal to stop: from then on the process is not ready, serves reads and refuses the rest.
+    /// Results of startup checks that do not affect readiness, such as whether Blender is available.
+    pub startup_checks: BTreeMap<&'static str, String>,
+    /// Cancelled by the first stop signal. The process is then not ready, serves reads and rejects other requests.
     pub draining: CancellationToken,
-    /// Where the metrics are rendered.
+    /// Renders the metrics.
     pub metrics: PrometheusHandle,
-    /// Classes of tenants that the metrics have told of.
+    /// Tenant classes that the metrics have reported so far.
     pub classes: Arc<Mutex<BTreeSet<String>>>,
 }
 
-/// What this service can do right now.
+/// What this service supports.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct Capabilities {
     /// Name and version of the engine.
     pub engine: String,
-    /// Formats that can be sent.
+    /// Supported input formats.
     pub input_formats: Vec<Format>,
-    /// Formats that can be asked for.
+    /// Supported output formats.
     pub output_formats: Vec<Format>,
-    /// What a job can do.
+    /// Job modes.
     pub modes: Vec<Mode>,
-    /// Presets of a repair.
+    /// Repair presets.
     pub presets: Vec<Preset>,
-    /// Levels of an analysis.
+    /// Analysis levels.
     pub levels: Vec<Level>,
-    /// The tiers and whether they work.
+    /// The repair tiers and their availability.
     pub tiers: Vec<TierStatus>,
-    /// Limits on an upload.
+    /// Limits on uploads.
     pub limits: UploadLimits,
-    /// What holds each job's processes; absent where jobs run in other processes than this one (`meshmend work`).
+    /// The sandbox of job processes. Absent if jobs run in a separate worker (`meshmend work`).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sandbox: Option<SandboxStatus>,
-    /// Every option of a repair with its default.
+    /// Every repair option with its default.
     pub default_options: Options,
-    /// Every option of an analysis with its default.
+    /// Every analysis option with its default.
     pub default_analyze_options: AnalyzeOptions,
 }
 
-/// One tier.
+/// A repair tier.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct TierStatus {
-    /// Its number, 1 to 3.
+    /// The tier's number, 1 to 3.
     pub tier: u8,
-    /// What it is.
+    /// The tier's name.
     pub name: &'static str,
-    /// Whether it works.
+    /// Whether the tier is available.
     pub available: bool,
-    /// Why it does not, or what a person should know.
+    /// Why the tier is unavailable, or other details.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub detail: Option<String>,
-    /// The program behind it.
+    /// The external program that the tier runs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub program: Option<RemesherInfo>,
 }
 
-/// Limits on an upload.
+/// Limits on uploads.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 pub struct UploadLimits {
-    /// Largest upload in bytes: one file, or all files of a job together.
+    /// Maximum upload size in bytes, for all files of a job together.
     pub max_bytes: u64,
-    /// Most files of an analysis.
+    /// Maximum number of files of an analysis.
     pub max_files: usize,
-    /// Most triangles of a file.
+    /// Maximum number of triangles per file.
     pub max_file_faces: u64,
-    /// Most vertices of a file.
+    /// Maximum number of vertices per file.
     pub max_file_vertices: u64,
 }
 
 impl Capabilities {
-    /// `remesher` is tier 3, or why there is none.
+    /// Collects the capabilities. `remesher` is the program of tier 3, or the reason why it is unavailable.
     #[must_use]
     pub fn new(
         limits: Limits,
@@ -216,36 +216,37 @@ impl Capabilities {
     }
 }
 
-/// Header fields of the IETF draft `ratelimit-headers`.
+/// Response headers: "RateLimit header fields for HTTP", IETF draft.
 const RATE_POLICY: HeaderName = HeaderName::from_static("ratelimit-policy");
 const RATE_STATE: HeaderName = HeaderName::from_static("ratelimit");
-/// The window of a policy, in seconds.
+/// Window of the rate limit, in seconds.
 const WINDOW_S: u32 = 60;
 
+/// A token bucket of requests.
 type Bucket = RateLimiter<NotKeyed, InMemoryState, DefaultClock, StateInformationMiddleware>;
 
-/// A bucket of requests for each tenant that asked, refilled evenly.
+/// One token bucket of requests per tenant, refilled evenly.
 #[derive(Default)]
 pub struct Rates {
     buckets: Mutex<HashMap<TenantName, (NonZeroU32, Arc<Bucket>)>>,
 }
 
-/// What is left to a tenant after a request.
+/// The state of a tenant's rate limit after a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct RateState {
-    /// Requests in a window.
-    of: u32,
-    /// Requests that may still come at once.
-    requests: u32,
-    /// Seconds until all of them are there again, or after a refusal until the next.
-    seconds: u64,
+    /// Requests allowed per window.
+    limit: u32,
+    /// Requests that may be sent immediately.
+    remaining: u32,
+    /// Seconds until the bucket is full, or after a rejection until the next request is allowed.
+    reset_s: u64,
 }
 
 impl Rates {
-    /// Takes one request out of the tenant's `per_minute`.
+    /// Takes one request from the tenant's budget of `per_minute` requests.
     ///
     /// # Errors
-    /// What is left, where that is nothing.
+    /// The state of the limit, if no request remains.
     pub(super) fn take(&self, tenant: &TenantName, per_minute: NonZeroU32) -> Result<RateState, RateState> {
         let bucket = {
             let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
@@ -259,27 +260,28 @@ impl Rates {
             }
             Arc::clone(&known.1)
         };
-        let of = per_minute.get();
+        let limit = per_minute.get();
         match bucket.check() {
             Ok(state) => {
-                let requests = state.remaining_burst_capacity();
-                let used = u64::from(of.saturating_sub(requests));
-                Ok(RateState { of, requests, seconds: (used * u64::from(WINDOW_S)).div_ceil(u64::from(of)) })
+                let remaining = state.remaining_burst_capacity();
+                let used = u64::from(limit.saturating_sub(remaining));
+                let reset_s = (used * u64::from(WINDOW_S)).div_ceil(u64::from(limit));
+                Ok(RateState { limit, remaining, reset_s })
             }
-            Err(refused) => {
-                let wait = refused.wait_time_from(DefaultClock::default().now());
-                Err(RateState { of, requests: 0, seconds: wait.as_secs() + 1 })
+            Err(rejected) => {
+                let wait = rejected.wait_time_from(DefaultClock::default().now());
+                Err(RateState { limit, remaining: 0, reset_s: wait.as_secs() + 1 })
             }
         }
     }
 }
 
 impl RateState {
-    /// Writes it into the header of an answer.
+    /// Adds the rate limit headers to a response.
     pub fn write_headers(self, response: &mut Response) {
         let fields = [
-            (RATE_POLICY, format!("\"tenant\";q={};w={WINDOW_S}", self.of)),
-            (RATE_STATE, format!("\"tenant\";r={};t={}", self.requests, self.seconds)),
+            (RATE_POLICY, format!("\"tenant\";q={};w={WINDOW_S}", self.limit)),
+            (RATE_STATE, format!("\"tenant\";r={};t={}", self.remaining, self.reset_s)),
         ];
         for (name, value) in fields {
             if let Ok(value) = HeaderValue::from_str(&value) {
@@ -288,42 +290,49 @@ impl RateState {
         }
     }
 
-    /// The problem that nothing is left.
-    pub fn refused(self) -> Problem {
-        let detail = format!("More than {} requests came within a minute. Ask again in {} s.", self.of, self.seconds);
-        let seconds = u32::try_from(self.seconds).unwrap_or(WINDOW_S);
+    /// Creates the problem for a request above the limit.
+    pub fn to_problem(self) -> Problem {
+        let detail =
+            format!("The limit of {} requests per minute is exceeded. Retry in {} s.", self.limit, self.reset_s);
+        let seconds = u32::try_from(self.reset_s).unwrap_or(WINDOW_S);
         Problem::new(ProblemCode::RateLimited, detail).retry_after(seconds)
     }
 }
 
-/// Seconds after which to send a request again that a stopping process refused. Mostly another process answers it then.
+/// Seconds to wait after a stopping process rejected a request. Usually another process handles the retry.
 const RETRY_AFTER_S: u32 = 5;
-/// Seconds after which a client may try again where there was no room.
+/// Seconds to wait while the queue or the disk is full.
 const BUSY_RETRY_AFTER_S: u32 = 30;
 
 impl ApiState {
-    /// Refuses requests that begin new work while the process stops.
+    /// Checks that the process accepts new work.
+    ///
+    /// # Errors
+    /// `unavailable` while the process is stopping.
     pub(super) fn accept_work(&self) -> Result<(), Problem> {
         if !self.health.draining.is_cancelled() {
             return Ok(());
         }
-        let detail = "This process is stopping and accepts no new work. Send the request again.";
+        let detail = "This process is stopping and accepts no new work. Retry to reach another process.";
         Err(Problem::new(ProblemCode::Unavailable, detail)
             .retry_after(RETRY_AFTER_S)
             .with_header(header::CONNECTION, "close"))
     }
-    /// Whether the disk has room for so many bytes more.
+    /// Checks that the disk has space for `bytes` more.
+    ///
+    /// # Errors
+    /// `storage_full` if it has not.
     pub(super) fn check_free_space(&self, bytes: u64) -> Result<(), Problem> {
         let free = self.blobs.free_bytes().map_err(|error| Problem::internal(&error))?;
         if free.is_some_and(|free| free < self.config.min_free.saturating_add(bytes)) {
-            let detail = "The service has no room for more files now. Send the model again later.";
+            let detail = "The service's disk is full. Send the model again later.";
             return Err(busy(ProblemCode::StorageFull, detail));
         }
         Ok(())
     }
 }
 
-/// That a job may be taken later. The upload is not read.
+/// Creates a problem for a full queue or disk. The connection is closed, since the upload is not read.
 pub(super) fn busy(code: ProblemCode, detail: impl Into<String>) -> Problem {
     Problem::new(code, detail).retry_after(BUSY_RETRY_AFTER_S).with_header(header::CONNECTION, "close")
 }
@@ -333,16 +342,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tenant_that_asks_too_often_is_refused_and_others_are_not() {
+    fn a_tenant_above_its_rate_limit_is_rejected_and_others_are_not() {
         let rates = Rates::default();
         let (busy, calm): (TenantName, TenantName) = ("busy".parse().expect("a name"), "calm".parse().expect("a name"));
         let three = NonZeroU32::new(3).expect("three");
-        for left in [2, 1, 0] {
-            assert_eq!(rates.take(&busy, three).map(|state| state.requests), Ok(left));
+        for remaining in [2, 1, 0] {
+            assert_eq!(rates.take(&busy, three).map(|state| state.remaining), Ok(remaining));
         }
-        let refused = rates.take(&busy, three).expect_err("nothing is left");
-        assert!((1..=21).contains(&refused.seconds), "{refused:?}");
+        let rejected = rates.take(&busy, three).expect_err("no request remains");
+        assert!((1..=21).contains(&rejected.reset_s), "{rejected:?}");
         assert!(rates.take(&calm, three).is_ok());
-        assert!(rates.take(&busy, NonZeroU32::new(100).expect("a hundred")).is_ok(), "a new limit holds at once");
+        assert!(rates.take(&busy, NonZeroU32::new(100).expect("a hundred")).is_ok(), "a new limit applies immediately");
     }
 }

@@ -1,3 +1,4 @@
+//! Routes of webhook deliveries: the delivery log, redelivery, and test messages.
 use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -6,51 +7,51 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use utoipa::{IntoParams, ToSchema};
 
-use super::authenticate::{Caller, MayManageWebhooks};
-use super::extract::{ApiPath, ApiQuery, is_name, page_limit, unknown_cursor};
+use super::authenticate::{Caller, RequireWebhooks};
+use super::extract::{ApiPath, ApiQuery, invalid_cursor, is_id, page_limit};
 use super::job::job_id;
-use super::problem::{Problem, ProblemCode, shown};
+use super::problem::{Problem, ProblemCode, truncated};
 use super::state::ApiState;
 use super::webhook_endpoints::find;
-use crate::jobs::{Attempt, Delivery, DeliveryQuery, DeliveryStatus, JobId, Page, Redelivered};
+use crate::jobs::{Delivery, DeliveryAttempt, DeliveryQuery, DeliveryStatus, JobId, Page, RedeliveryResult};
 
-/// A message on its way to one receiver.
+/// The delivery of a message to one receiver.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookDelivery)]
 pub(super) struct DeliveryView {
-    /// Its name.
+    /// The delivery's id.
     #[schema(example = "whd_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     id: String,
-    /// The message, as the receiver sees it in the header `webhook-id`. It is the same each time.
+    /// The message's id, sent in the header `webhook-id`. It is the same in every attempt.
     webhook_id: String,
-    /// What the message tells: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test.
+    /// The event: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test.
     r#type: String,
-    /// The job that it tells of.
+    /// The job that the message is about.
     #[schema(value_type = Option<String>)]
     job: Option<JobId>,
-    /// The endpoint; null where the job named its own address.
+    /// The endpoint, or `null` for a delivery to a job's `callback_url`.
     endpoint: Option<String>,
-    /// The address that the job named.
+    /// The job's `callback_url`, or `null` for a delivery to an endpoint.
     callback_url: Option<String>,
-    /// How it stands.
+    /// The delivery's status.
     status: DeliveryStatus,
-    /// When the message was made.
+    /// When the message was created.
     #[serde(with = "crate::jobs::timestamp")]
     created_at: OffsetDateTime,
-    /// When it is tried next.
+    /// When the next attempt is due.
     #[serde(with = "crate::jobs::timestamp::option")]
     next_attempt_at: Option<OffsetDateTime>,
-    /// The last tries, oldest first.
-    attempts: Vec<Attempt>,
+    /// The latest attempts, oldest first.
+    attempts: Vec<DeliveryAttempt>,
 }
 
-/// A page of deliveries.
+/// One page of deliveries.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookDeliveries)]
 pub(super) struct DeliveriesView {
     /// The deliveries, newest first.
     deliveries: Vec<DeliveryView>,
-    /// The cursor of the next page; none on the last.
+    /// The cursor of the next page, or `null` on the last page.
     #[schema(required)]
     next: Option<String>,
 }
@@ -76,9 +77,9 @@ impl From<Delivery> for DeliveryView {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PageQuery {
-    /// Where to go on: `next` of the page before.
+    /// The `next` value of the previous page.
     cursor: Option<String>,
-    /// Deliveries on the page, 1 to 200.
+    /// Number of deliveries per page, 1 to 200.
     #[param(minimum = 1, maximum = 200, default = 50)]
     limit: Option<u32>,
 }
@@ -87,46 +88,46 @@ pub(super) struct PageQuery {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DeliveriesQuery {
-    /// Only those that tell of this job.
+    /// Only deliveries about this job.
     job: Option<String>,
-    /// Where to go on: `next` of the page before.
+    /// The `next` value of the previous page.
     cursor: Option<String>,
-    /// Deliveries on the page, 1 to 200.
+    /// Number of deliveries per page, 1 to 200.
     #[param(minimum = 1, maximum = 200, default = 50)]
     limit: Option<u32>,
 }
 
-/// The page of those deliveries of the caller's that `which` names.
+/// Returns a page of the caller's deliveries that match `filter`.
 async fn page(
     state: &ApiState,
     caller: &Caller,
     query: PageQuery,
-    which: DeliveryQuery,
+    filter: DeliveryQuery,
 ) -> Result<Json<DeliveriesView>, Problem> {
-    if query.cursor.as_ref().is_some_and(|cursor| !is_name(cursor, "whd")) {
-        return Err(unknown_cursor());
+    if query.cursor.as_ref().is_some_and(|cursor| !is_id(cursor, "whd")) {
+        return Err(invalid_cursor());
     }
     let tenant = caller.tenant.to_string();
-    let which = DeliveryQuery { tenant, before: query.cursor, limit: page_limit(query.limit)?, ..which };
-    let Page { items, next } = state.store.deliveries(which).await?;
+    let filter = DeliveryQuery { tenant, before: query.cursor, limit: page_limit(query.limit)?, ..filter };
+    let Page { items, next } = state.store.deliveries(filter).await?;
     Ok(Json(DeliveriesView { deliveries: items.into_iter().map(DeliveryView::from).collect(), next }))
 }
 
-/// Deliveries to an endpoint, newest first.
+/// List the deliveries of an endpoint, newest first.
 ///
-/// They are known for 30 days.
+/// Deliveries are kept for 30 days.
 #[utoipa::path(
     get, path = "/v1/webhook-endpoints/{id}/deliveries", tag = "webhooks",
     params(("id" = String, Path, description = "The endpoint's id"), PageQuery),
     responses(
         (status = 200, description = "A page of deliveries", body = DeliveriesView),
-        (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The query is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Endpoint not found", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn list_of_endpoint(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
     ApiPath(id): ApiPath<String>,
     ApiQuery(query): ApiQuery<PageQuery>,
 ) -> Result<Json<DeliveriesView>, Problem> {
@@ -134,21 +135,21 @@ pub(super) async fn list_of_endpoint(
     page(&state, &caller, query, DeliveryQuery { endpoint, ..DeliveryQuery::default() }).await
 }
 
-/// Deliveries to endpoints and to the jobs' own callback addresses, newest first.
+/// List all deliveries, newest first.
 ///
-/// They are known for 30 days.
+/// Lists deliveries to endpoints and to the callback URLs of jobs. Deliveries are kept for 30 days.
 #[utoipa::path(
     get, path = "/v1/webhook-deliveries", tag = "webhooks",
     params(DeliveriesQuery),
     responses(
         (status = 200, description = "A page of deliveries", body = DeliveriesView),
-        (status = 400, description = "A query that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such job", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The query is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Job not found", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn list_deliveries(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
     ApiQuery(query): ApiQuery<DeliveriesQuery>,
 ) -> Result<Json<DeliveriesView>, Problem> {
     let DeliveriesQuery { job, cursor, limit } = query;
@@ -156,50 +157,51 @@ pub(super) async fn list_deliveries(
     page(&state, &caller, PageQuery { cursor, limit }, DeliveryQuery { job, ..DeliveryQuery::default() }).await
 }
 
-/// Send a message again.
+/// Redeliver a message.
 ///
-/// It is due at once, with the same `webhook-id`, whatever became of it before. One that was given up gets all of its tries anew.
+/// Sends the message again immediately, with the same `webhook-id`, whatever the delivery's status. A failed delivery gets its full number
+/// of attempts again.
 #[utoipa::path(
     post, path = "/v1/webhook-deliveries/{id}/redeliver", tag = "webhooks",
     params(("id" = String, Path, description = "The delivery's id")),
     responses(
-        (status = 202, description = "It is on its way", body = DeliveryView),
-        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such delivery", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Its endpoint is disabled", body = Problem, content_type = "application/problem+json"),
+        (status = 202, description = "The delivery is due now", body = DeliveryView),
+        (status = 400, description = "The path is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Delivery not found", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The delivery's endpoint is disabled", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn redeliver(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
     ApiPath(id): ApiPath<String>,
 ) -> Result<Response, Problem> {
-    if !is_name(&id, "whd") {
+    if !is_id(&id, "whd") {
         return Err(not_found(&id));
     }
     match state.store.redeliver(caller.tenant.as_str(), &id).await? {
-        Redelivered::Yes => accepted(&state, &caller, id).await,
-        Redelivered::Disabled => Err(disabled()),
-        Redelivered::Unknown => Err(not_found(&id)),
+        RedeliveryResult::Due => accepted(&state, &caller, id).await,
+        RedeliveryResult::Disabled => Err(disabled()),
+        RedeliveryResult::Unknown => Err(not_found(&id)),
     }
 }
 
 /// Test a webhook endpoint.
 ///
-/// It gets a message of the type `ping`, like any other message: signed, and sent again if it fails.
+/// Sends the endpoint a message of type `ping`. The message is signed and retried like any other.
 #[utoipa::path(
     post, path = "/v1/webhook-endpoints/{id}/test", tag = "webhooks",
     params(("id" = String, Path, description = "The endpoint's id")),
     responses(
-        (status = 202, description = "It is on its way", body = DeliveryView),
-        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
+        (status = 202, description = "The delivery is due now", body = DeliveryView),
+        (status = 400, description = "The path is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Endpoint not found", body = Problem, content_type = "application/problem+json"),
         (status = 409, description = "The endpoint is disabled", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn test_endpoint(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
     ApiPath(id): ApiPath<String>,
 ) -> Result<Response, Problem> {
     let endpoint = find(&state, &caller, &id).await?;
@@ -209,7 +211,7 @@ pub(super) async fn test_endpoint(
     }
 }
 
-/// The answer with a delivery that is due now.
+/// Responds with a delivery that is due now.
 async fn accepted(state: &ApiState, caller: &Caller, id: String) -> Result<Response, Problem> {
     let query =
         DeliveryQuery { tenant: caller.tenant.to_string(), id: Some(id.clone()), limit: 1, ..Default::default() };
@@ -222,5 +224,5 @@ fn disabled() -> Problem {
 }
 
 fn not_found(id: &str) -> Problem {
-    Problem::new(ProblemCode::WebhookNotFound, format!("There is no webhook delivery '{}'.", shown(id)))
+    Problem::new(ProblemCode::WebhookNotFound, format!("There is no webhook delivery '{}'.", truncated(id)))
 }

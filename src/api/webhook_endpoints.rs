@@ -1,4 +1,4 @@
-//! Webhook endpoints and their secrets, and the secret of callbacks.
+//! Routes of webhook endpoints and their secrets, and of the secret for callbacks.
 
 use std::time::Duration;
 
@@ -10,90 +10,91 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 use utoipa::ToSchema;
 
-use super::authenticate::{Caller, MayManageWebhooks};
-use super::extract::{ApiJson, ApiPath, is_name};
-use super::problem::{Problem, ProblemCode, shown};
+use super::authenticate::{Caller, RequireWebhooks};
+use super::extract::{ApiJson, ApiPath, is_id};
+use super::problem::{Problem, ProblemCode, truncated};
 use super::state::ApiState;
 use crate::jobs::{Endpoint, EndpointChange, JobEvent, NewEndpoint, Secrets};
-use crate::webhooks::{Reach, new_secret};
+use crate::webhooks::{TargetPolicy, new_secret};
 
-/// How long an old secret signs beside a new one.
-const OVERLAP: Duration = Duration::from_secs(24 * 3600);
-/// Most endpoints of a tenant.
+/// How long the previous secret stays valid after a rotation.
+const SECRET_OVERLAP: Duration = Duration::from_secs(24 * 3600);
+/// Maximum number of endpoints of a tenant.
 const MAX_ENDPOINTS: u32 = 20;
 /// Longest description, in characters.
 const DESCRIPTION_CHARS: usize = 200;
 
-/// An endpoint to make.
+/// A webhook endpoint to create.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = NewWebhookEndpoint)]
-pub(super) struct NewView {
-    /// An https address, to which messages are posted.
+pub(super) struct NewEndpointBody {
+    /// The https URL that receives the messages.
     #[schema(format = "uri", max_length = 2048, example = "https://shop.example/hooks/meshmend")]
     url: String,
-    /// What to tell it of; everything where it is left out.
+    /// The events to send. Defaults to all events.
     #[schema(min_items = 1)]
     events: Option<Vec<JobEvent>>,
-    /// What it is for, in your own words: at most 200 characters on one line.
+    /// What the endpoint is for, in your own words: at most 200 characters on one line.
     #[serde(default)]
     #[schema(max_length = 200, pattern = r"^[^\u0000-\u001f\u007f-\u009f]*$")]
     description: String,
 }
 
-/// What to change of an endpoint; what is left out stays.
+/// Changes to a webhook endpoint. An omitted field keeps its value.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = WebhookEndpointChange)]
-pub(super) struct ChangeView {
-    /// An https address, to which messages are posted.
+pub(super) struct ChangeEndpointBody {
+    /// The https URL that receives the messages.
     #[schema(format = "uri", max_length = 2048)]
     url: Option<String>,
-    /// What to tell it of.
+    /// The events to send.
     #[schema(min_items = 1)]
     events: Option<Vec<JobEvent>>,
-    /// What it is for.
+    /// What the endpoint is for.
     #[schema(max_length = 200, pattern = r"^[^\u0000-\u001f\u007f-\u009f]*$")]
     description: Option<String>,
-    /// Whether to tell it of anything. Disabling it gives up what waits for it.
+    /// Whether the endpoint receives messages. Disabling it drops its pending messages.
     enabled: Option<bool>,
 }
 
-/// Somebody who is told of your jobs.
+/// A URL that receives messages about your jobs.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookEndpoint)]
 pub(super) struct EndpointView {
-    /// Its name.
+    /// The endpoint's id.
     #[schema(example = "we_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     id: String,
-    /// Where messages are posted.
+    /// The https URL that receives the messages.
     url: String,
-    /// What it is told of.
+    /// The events that are sent.
     events: Vec<JobEvent>,
-    /// What it is for.
+    /// What the endpoint is for.
     description: String,
-    /// When it was made.
+    /// When the endpoint was created.
     #[serde(with = "crate::jobs::timestamp")]
     created_at: OffsetDateTime,
-    /// Whether it is told of anything.
+    /// Whether the endpoint receives messages.
     enabled: bool,
-    /// When it was disabled: by you, since the receiver answered 410, or since every delivery failed for 5 days.
+    /// When the endpoint was disabled: by you, because the receiver answered 410, or because every delivery failed for 5 days.
     #[serde(with = "crate::jobs::timestamp::option")]
     disabled_at: Option<OffsetDateTime>,
-    /// Why.
+    /// Why the endpoint was disabled.
     disabled_reason: Option<String>,
-    /// When its deliveries began to fail; null where the last one was taken.
+    /// When its deliveries began to fail, or `null` if the last delivery succeeded.
     #[serde(with = "crate::jobs::timestamp::option")]
     failing_since: Option<OffsetDateTime>,
-    /// What its messages are signed with, as libraries for Standard Webhooks take it; only in the answer that makes it.
+    /// The secret that signs the messages, in the format of the Standard Webhooks libraries. Only in the response that creates or rotates
+    /// the secret.
     #[serde(skip_serializing_if = "Option::is_none")]
     secret: Option<String>,
-    /// Until when the secret before the present one signs too.
+    /// Until when the previous secret also signs messages.
     #[serde(with = "crate::jobs::timestamp::option")]
     previous_secret_until: Option<OffsetDateTime>,
 }
 
-/// A tenant's endpoints.
+/// The webhook endpoints of a tenant.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = WebhookEndpoints)]
 pub(super) struct EndpointsView {
@@ -120,23 +121,24 @@ impl From<Endpoint> for EndpointView {
     }
 }
 
-/// The answer that shows an endpoint's secret.
+/// Responds with an endpoint and its secret.
 fn with_secret(status: StatusCode, endpoint: Endpoint) -> Response {
     let secret = Some(endpoint.secrets.current.reveal().to_owned());
     let view = EndpointView { secret, ..endpoint.into() };
     (status, [(header::CACHE_CONTROL, "no-store")], Json(view)).into_response()
 }
 
-fn clean_url(reach: Reach, text: &str) -> Result<String, Problem> {
-    reach.read(text).map(String::from).map_err(|error| Problem::invalid_field("url", format!("`url` {error}.")))
+/// Validates and normalizes a URL.
+fn clean_url(targets: TargetPolicy, text: &str) -> Result<String, Problem> {
+    targets.read(text).map(String::from).map_err(|error| Problem::invalid_field("url", format!("`url` {error}.")))
 }
 
-/// The events without those that are named twice.
+/// Sorts the events and removes duplicates.
 fn clean_events(mut events: Vec<JobEvent>) -> Result<Vec<JobEvent>, Problem> {
     events.sort_unstable();
     events.dedup();
     if events.is_empty() {
-        Err(Problem::invalid_field("events", "`events` must name at least one event."))
+        Err(Problem::invalid_field("events", "`events` must contain at least one event."))
     } else {
         Ok(events)
     }
@@ -150,58 +152,57 @@ fn clean_description(text: String) -> Result<String, Problem> {
 }
 
 fn not_found(id: &str) -> Problem {
-    Problem::new(ProblemCode::WebhookNotFound, format!("There is no webhook endpoint '{}'.", shown(id)))
+    Problem::new(ProblemCode::WebhookNotFound, format!("There is no webhook endpoint '{}'.", truncated(id)))
 }
 
-/// Whether there may be an endpoint of that name.
-fn check_name(id: &str) -> Result<(), Problem> {
-    if is_name(id, "we") { Ok(()) } else { Err(not_found(id)) }
+/// Checks that the id has the form of an endpoint's id.
+fn check_id(id: &str) -> Result<(), Problem> {
+    if is_id(id, "we") { Ok(()) } else { Err(not_found(id)) }
 }
 
-/// One of the caller's endpoints.
+/// Returns the caller's endpoint with this id.
 pub(super) async fn find(state: &ApiState, caller: &Caller, id: &str) -> Result<Endpoint, Problem> {
-    check_name(id)?;
+    check_id(id)?;
     state.store.endpoint(caller.tenant.as_str(), id).await?.ok_or_else(|| not_found(id))
 }
 
-/// Make a webhook endpoint.
+/// Create a webhook endpoint.
 ///
-/// It is told of jobs that end by POST: a `WebhookMessage`, signed in the form of the Standard Webhooks specification, at least once.
-/// What it does not answer in time with a status of 200 to 299 is sent again over some days; if it answers 410 it is told no more. The
-/// `secret` is shown here and never again.
+/// When a job ends, the service sends the endpoint a POST with a `WebhookMessage`, signed as the Standard Webhooks specification says.
+/// Each message is delivered at least once. A delivery without a timely response of status 200 to 299 is retried over several days. A
+/// response of 410 disables the endpoint. The response to this request contains the `secret`, which is never truncated again.
 #[utoipa::path(
     post, path = "/v1/webhook-endpoints", tag = "webhooks",
-    request_body = NewView,
+    request_body = NewEndpointBody,
     responses(
-        (status = 201, description = "The endpoint", body = EndpointView, headers(("Location" = String, description = "Its address"))),
-        (status = 400, description = "A body that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "There are as many as may be", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "An address that can't be used, or a value out of its range", body = Problem, content_type = "application/problem+json"),
+        (status = 201, description = "The created endpoint", body = EndpointView, headers(("Location" = String, description = "The endpoint's path"))),
+        (status = 400, description = "The body is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The maximum number of endpoints exists", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The URL is not allowed, or a value is out of range", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn create_endpoint(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
-    ApiJson(asked): ApiJson<NewView>,
+    RequireWebhooks(caller): RequireWebhooks,
+    ApiJson(requested): ApiJson<NewEndpointBody>,
 ) -> Result<Response, Problem> {
     let new = NewEndpoint {
         tenant: caller.tenant.to_string(),
-        url: clean_url(state.config.webhook_reach, &asked.url)?,
-        description: clean_description(asked.description)?,
-        events: clean_events(asked.events.unwrap_or_else(|| JobEvent::ALL.to_vec()))?,
+        url: clean_url(state.config.webhook_targets, &requested.url)?,
+        description: clean_description(requested.description)?,
+        events: clean_events(requested.events.unwrap_or_else(|| JobEvent::ALL.to_vec()))?,
         secret: new_secret(state.random.as_ref()),
     };
     let Some(endpoint) = state.store.create_endpoint(new, MAX_ENDPOINTS).await? else {
-        let detail =
-            format!("There are {MAX_ENDPOINTS} webhook endpoints, which is as many as may be. Delete one first.");
+        let detail = format!("You already have {MAX_ENDPOINTS} webhook endpoints, the maximum. Delete one first.");
         return Err(Problem::new(ProblemCode::TooManyWebhooks, detail));
     };
-    tracing::info!(id = endpoint.id, "a webhook endpoint was made");
+    tracing::info!(id = endpoint.id, "created webhook endpoint");
     let location = [(header::LOCATION, format!("/v1/webhook-endpoints/{}", endpoint.id))];
     Ok((location, with_secret(StatusCode::CREATED, endpoint)).into_response())
 }
 
-/// Webhook endpoints.
+/// List webhook endpoints.
 #[utoipa::path(
     get, path = "/v1/webhook-endpoints", tag = "webhooks",
     responses(
@@ -210,25 +211,25 @@ pub(super) async fn create_endpoint(
 )]
 pub(super) async fn list_endpoints(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
 ) -> Result<Json<EndpointsView>, Problem> {
     let endpoints = state.store.endpoints(caller.tenant.as_str()).await?;
     Ok(Json(EndpointsView { endpoints: endpoints.into_iter().map(EndpointView::from).collect() }))
 }
 
-/// One webhook endpoint.
+/// Get a webhook endpoint.
 #[utoipa::path(
     get, path = "/v1/webhook-endpoints/{id}", tag = "webhooks",
     params(("id" = String, Path, description = "The endpoint's id")),
     responses(
         (status = 200, description = "The endpoint", body = EndpointView),
-        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The path is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Endpoint not found", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn get_endpoint(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
     ApiPath(id): ApiPath<String>,
 ) -> Result<Json<EndpointView>, Problem> {
     Ok(Json(find(&state, &caller, &id).await?.into()))
@@ -236,97 +237,101 @@ pub(super) async fn get_endpoint(
 
 /// Change a webhook endpoint.
 ///
-/// `enabled: true` makes one work again that was disabled; what was given up meanwhile can be sent by its delivery's `redeliver`.
+/// `enabled: true` enables a disabled endpoint again. To resend messages dropped in the meantime, use `redeliver` on their deliveries.
 #[utoipa::path(
     patch, path = "/v1/webhook-endpoints/{id}", tag = "webhooks",
     params(("id" = String, Path, description = "The endpoint's id")),
-    request_body = ChangeView,
+    request_body = ChangeEndpointBody,
     responses(
         (status = 200, description = "The endpoint", body = EndpointView),
-        (status = 400, description = "A body or a path that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "An address that can't be used, or a value out of its range", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The body or the path is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Endpoint not found", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The URL is not allowed, or a value is out of range", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn change_endpoint(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
     ApiPath(id): ApiPath<String>,
-    ApiJson(asked): ApiJson<ChangeView>,
+    ApiJson(requested): ApiJson<ChangeEndpointBody>,
 ) -> Result<Json<EndpointView>, Problem> {
-    check_name(&id)?;
+    check_id(&id)?;
     let change = EndpointChange {
-        url: asked.url.map(|url| clean_url(state.config.webhook_reach, &url)).transpose()?,
-        description: asked.description.map(clean_description).transpose()?,
-        events: asked.events.map(clean_events).transpose()?,
-        enabled: asked.enabled,
+        url: requested.url.map(|url| clean_url(state.config.webhook_targets, &url)).transpose()?,
+        description: requested.description.map(clean_description).transpose()?,
+        events: requested.events.map(clean_events).transpose()?,
+        enabled: requested.enabled,
     };
     let changed = state.store.change_endpoint(caller.tenant.as_str(), &id, change).await?;
     changed.map(|endpoint| Json(endpoint.into())).ok_or_else(|| not_found(&id))
 }
 
-/// Delete a webhook endpoint, and the log of its deliveries.
+/// Delete a webhook endpoint and its delivery log.
 #[utoipa::path(
     delete, path = "/v1/webhook-endpoints/{id}", tag = "webhooks",
     params(("id" = String, Path, description = "The endpoint's id")),
     responses(
-        (status = 204, description = "It is gone"),
-        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
+        (status = 204, description = "The endpoint was deleted"),
+        (status = 400, description = "The path is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Endpoint not found", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn delete_endpoint(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
     ApiPath(id): ApiPath<String>,
 ) -> Result<StatusCode, Problem> {
-    check_name(&id)?;
+    check_id(&id)?;
     let found = state.store.delete_endpoint(caller.tenant.as_str(), &id).await?;
     if found { Ok(StatusCode::NO_CONTENT) } else { Err(not_found(&id)) }
 }
 
-/// A new secret for a webhook endpoint.
+/// Rotate the secret of a webhook endpoint.
 ///
-/// For 24 hours both sign: each message then has two signatures, and a receiver takes it if one is right.
+/// For 24 hours each message carries two signatures, one with the old and one with the new secret. A receiver accepts the message if
+/// either is valid.
 #[utoipa::path(
     post, path = "/v1/webhook-endpoints/{id}/rotate", tag = "webhooks",
     params(("id" = String, Path, description = "The endpoint's id")),
     responses(
         (status = 200, description = "The endpoint with its new secret", body = EndpointView),
-        (status = 400, description = "A path that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such endpoint", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The path is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Endpoint not found", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub(super) async fn rotate_endpoint(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
     ApiPath(id): ApiPath<String>,
 ) -> Result<Response, Problem> {
-    check_name(&id)?;
-    let rotated =
-        state.store.rotate_endpoint(caller.tenant.as_str(), &id, &new_secret(state.random.as_ref()), OVERLAP).await?;
+    check_id(&id)?;
+    let rotated = state
+        .store
+        .rotate_endpoint(caller.tenant.as_str(), &id, &new_secret(state.random.as_ref()), SECRET_OVERLAP)
+        .await?;
     rotated.map(|endpoint| with_secret(StatusCode::OK, endpoint)).ok_or_else(|| not_found(&id))
 }
 
-/// What calls to the jobs' own callback addresses are signed with.
+/// The secret that signs the messages to the callback URLs of jobs.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct WebhookSecret {
-    /// The secret, as libraries for Standard Webhooks take it.
+    /// The secret, in the format of the Standard Webhooks libraries.
     secret: String,
-    /// Until when the secret before this one signs too.
+    /// Until when the previous secret also signs messages.
     #[serde(with = "crate::jobs::timestamp::option")]
     previous_until: Option<OffsetDateTime>,
 }
 
-fn secret_answer(secrets: Secrets) -> Response {
+/// Responds with the secret for callbacks.
+fn secret_response(secrets: Secrets) -> Response {
     let secret = secrets.current.reveal().to_owned();
     let body = WebhookSecret { secret, previous_until: secrets.previous.map(|(_, until)| until) };
     ([(header::CACHE_CONTROL, "no-store")], Json(body)).into_response()
 }
 
-/// The secret of callbacks.
+/// Get the secret for callbacks.
 ///
-/// What is sent to the `callback_url` of a job is signed with it. It is made when it is first asked for, or first needed.
+/// This secret signs the messages to the `callback_url` of jobs. It is created on the first request or the first callback.
 #[utoipa::path(
     get, path = "/v1/webhook-secret", tag = "webhooks",
     responses(
@@ -335,14 +340,15 @@ fn secret_answer(secrets: Secrets) -> Response {
 )]
 pub(super) async fn get_secret(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
 ) -> Result<Response, Problem> {
-    Ok(secret_answer(state.store.callback_secrets(caller.tenant.as_str(), &new_secret(state.random.as_ref())).await?))
+    Ok(secret_response(state.store.callback_secrets(caller.tenant.as_str(), &new_secret(state.random.as_ref())).await?))
 }
 
-/// A new secret for callbacks.
+/// Rotate the secret for callbacks.
 ///
-/// For 24 hours both sign: each message then has two signatures, and a receiver takes it if one is right.
+/// For 24 hours each message carries two signatures, one with the old and one with the new secret. A receiver accepts the message if
+/// either is valid.
 #[utoipa::path(
     post, path = "/v1/webhook-secret/rotate", tag = "webhooks",
     responses(
@@ -351,9 +357,12 @@ pub(super) async fn get_secret(
 )]
 pub(super) async fn rotate_secret(
     State(state): State<ApiState>,
-    MayManageWebhooks(caller): MayManageWebhooks,
+    RequireWebhooks(caller): RequireWebhooks,
 ) -> Result<Response, Problem> {
-    Ok(secret_answer(
-        state.store.rotate_callback_secret(caller.tenant.as_str(), &new_secret(state.random.as_ref()), OVERLAP).await?,
+    Ok(secret_response(
+        state
+            .store
+            .rotate_callback_secret(caller.tenant.as_str(), &new_secret(state.random.as_ref()), SECRET_OVERLAP)
+            .await?,
     ))
 }

@@ -1,3 +1,5 @@
+//! The cells of an arrangement: regions of space bounded by facets, and the winding number of each.
+
 use std::cmp::Ordering;
 
 use smallvec::SmallVec;
@@ -8,38 +10,39 @@ use crate::context::Context;
 use crate::math::{Dipoles, Sign, sort_by_angle, winding_exact};
 use crate::mesh::{Edges, NotClosed, UnionFind};
 
-/// How far from a whole number a winding number may be measured before it is measured again more exactly, and then before the
-/// surface is taken for open.
+/// How far a measured winding number may be from an integer. Beyond that the number is measured again exactly; if it is
+/// still beyond, the surface counts as open.
 const UNSURE: f64 = 0.2;
-/// Nodes and triangles that are looked at for one winding number.
+/// Maximum nodes and triangles visited per winding number.
 const STEPS: u64 = 1_000_000;
 
-/// The cells between the facets.
+/// The cells between the facets, with their winding numbers.
 pub(super) struct Cells {
-    /// The cell on each side of each facet: side `2 w` is before facet `w`, where its normal points, side `2 w + 1` behind it.
+    /// The cell on each side of each facet: side `2 w` is in front of facet `w`, where its normal points; side `2 w +
+    /// 1` is behind it.
     pub of_side: Vec<u32>,
-    /// The winding number of each cell. Cells are numbered with gaps.
+    /// The winding number of each cell. Cell numbers have gaps.
     pub number: Vec<i32>,
-    /// The connected piece that each facet is of. Cells of pieces that don't touch have different numbers, even where they are one
-    /// region.
+    /// The connected piece of each facet. Cells of pieces that do not touch have different numbers, even if they belong
+    /// to one region.
     pub piece_of: Vec<u32>,
 }
 
 impl Cells {
-    /// Finds the cells, and how often the surface winds around each.
+    /// Finds the cells and computes their winding numbers.
     pub fn new(complex: &Complex, context: &Context<'_>) -> Result<Self, ArrangeError> {
         let (of_side, piece_of) = find(complex, context)?;
-        let number = spread(complex, &of_side, &piece_of, context)?;
+        let number = winding_numbers(complex, &of_side, &piece_of, context)?;
         Ok(Self { of_side, number, piece_of })
     }
 
-    /// The cells before and behind a facet.
+    /// The cells in front of and behind a facet.
     pub fn beside(&self, facet: usize) -> [usize; 2] {
         [0, 1].map(|side| self.of_side[2 * facet + side] as usize)
     }
 }
 
-/// The cell on each side of each facet, and the connected piece that each facet is of.
+/// The cell on each side of each facet, and the connected piece of each facet.
 fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>), ArrangeError> {
     let facets = &complex.facets;
     let corners: Vec<[u32; 3]> = facets.iter().map(|facet| facet.corners).collect();
@@ -51,7 +54,7 @@ fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>)
         let around = order_around(complex, edges.half_edges(edge), &corners);
         for (k, &(facet, forward)) in around.iter().enumerate() {
             let (next, next_forward) = around[(k + 1) % around.len()];
-            // Counter-clockwise of a facet that runs forward is what is before it.
+            // The cell counter-clockwise of a forward facet is in front of it.
             sides.unite(2 * facet + u32::from(!forward), 2 * next + u32::from(next_forward));
             pieces.unite(facet, next);
         }
@@ -60,23 +63,23 @@ fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>)
     Ok((sides.into_roots(), pieces.into_roots()))
 }
 
-/// The facets around an edge, counter-clockwise seen from its larger vertex, and whether each runs from the smaller vertex to the
-/// larger.
+/// The facets around an edge, counter-clockwise seen from its larger vertex. The flag tells whether a facet's half-edge
+/// runs forward, from the smaller vertex to the larger.
 fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> SmallVec<[(u32, bool); 4]> {
-    let it = half_edges.iter().map(|&h| (h, Edges::is_forward(corners, h)));
+    let directed = half_edges.iter().map(|&h| (h, Edges::is_forward(corners, h)));
     if half_edges.len() <= 2 {
-        return it.map(|(h, forward)| (h / 3, forward)).collect();
+        return directed.map(|(h, forward)| (h / 3, forward)).collect();
     }
-    let all: SmallVec<[(u32, bool); 4]> = it.collect();
+    let directed: SmallVec<[(u32, bool); 4]> = directed.collect();
     let planes: SmallVec<[Plane; 4]> =
-        all.iter().map(|&(h, _)| complex.plane(&complex.facets[h as usize / 3])).collect();
-    // Positive where `j` is less than half a turn on from `i`.
+        directed.iter().map(|&(h, _)| complex.plane(&complex.facets[h as usize / 3])).collect();
+    // Positive if `j` is less than half a turn ahead of `i`.
     let ahead = |i: usize, j: usize| {
-        let ((_, forward), (g, _)) = (all[i], all[j]);
+        let ((_, forward), (g, _)) = (directed[i], directed[j]);
         let sign = complex.points.side(&planes[i], Edges::opposite(corners, g));
         if forward { sign } else { -sign }
     };
-    let quarter: SmallVec<[u8; 4]> = (0..all.len())
+    let quarter: SmallVec<[u8; 4]> = (0..directed.len())
         .map(|j| match (j, ahead(0, j)) {
             (0, _) => 0,
             (_, Sign::Positive) => 1,
@@ -85,11 +88,12 @@ fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> 
         })
         .collect();
     let order = sort_by_angle(&quarter, ahead, |_, _| Ordering::Equal);
-    order.into_iter().map(|i| (all[i].0 / 3, all[i].1)).collect()
+    order.into_iter().map(|i| (directed[i].0 / 3, directed[i].1)).collect()
 }
 
-/// Spreads winding numbers over the cells: in each piece of the surface from one facet, where it is measured.
-fn spread(
+/// Computes the winding numbers of the cells: measures one cell of each piece, then propagates across the piece's
+/// facets.
+fn winding_numbers(
     complex: &Complex,
     cell_of: &[u32],
     piece_of: &[u32],
@@ -149,29 +153,30 @@ fn spread(
     Ok(number.into_iter().map(|number| number.unwrap_or(0)).collect())
 }
 
-/// Measures winding numbers of the whole surface.
+/// Measures winding numbers with respect to the whole surface.
 struct WindingNumbers<'a> {
     complex: &'a Complex,
     dipoles: Dipoles,
 }
 
 impl<'a> WindingNumbers<'a> {
+    /// Prepares the fast sum over the faces with area.
     fn new(complex: &'a Complex) -> Self {
         let faces = &complex.solid_faces;
         Self { complex, dipoles: faces.tree.dipoles(|f| faces.triangle(f)) }
     }
 
-    /// The winding number before a facet. What lies in the facet itself winds around neither side of its middle, and the mean of
-    /// both sides is what the rest winds around it.
+    /// The winding number of the cell in front of a facet. Faces that cover the facet contribute nothing at its centre.
+    /// All other faces contribute the mean of the winding numbers on both sides.
     fn before(&self, facet: usize) -> Result<i32, ArrangeError> {
-        let it = &self.complex.facets[facet];
+        let facet = &self.complex.facets[facet];
         let faces = &self.complex.solid_faces;
-        let corners = it.corners.map(|p| SolidFaces::to_unit(self.complex.points.place(p)));
+        let corners = facet.corners.map(|p| SolidFaces::to_unit(self.complex.points.place(p)));
         let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
         let triangle = |f: u32| {
-            if it.faces.contains(&faces.numbers[f as usize]) { [middle; 3] } else { faces.triangle(f) }
+            if facet.faces.contains(&faces.numbers[f as usize]) { [middle; 3] } else { faces.triangle(f) }
         };
-        let mean = |number: f64| number - f64::from(it.weight) / 2.0;
+        let mean = |number: f64| number - f64::from(facet.weight) / 2.0;
         let mut steps = STEPS;
         let fast = mean(faces.tree.winding(&self.dipoles, middle, &mut steps, triangle));
         let unsure = |x: f64| (x - x.round()).abs() > UNSURE;

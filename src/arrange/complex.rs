@@ -1,3 +1,5 @@
+//! Splits the faces of a surface where they meet, into a complex of facets that share only whole edges and corners.
+
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
@@ -10,71 +12,76 @@ use crate::context::{Cancelled, Context};
 use crate::math::{Contact, PairSearch, Tree, contact};
 use crate::mesh::{NotClosed, Surface};
 
-/// Steps that the search for faces that meet may take, and as many more for each face.
+/// Step budget of the search for meeting faces, and the additional steps for each face.
 const STEPS: u64 = 512_000_000;
-const STEPS_A_FACE: u64 = 2_000;
-/// Pairs of faces that may meet, and points that an arrangement may make: each takes some hundred bytes, so that both come to two
-/// gigabytes at most.
-const MOST_PAIRS: usize = 4_000_000;
-const MOST_POINTS: usize = 3_000_000;
-/// Points that an arrangement of few faces may make, and so many more for each face: a few hundred that all meet each other have
-/// millions of points in common, and are no surface with faults in it.
-const ENOUGH_POINTS: usize = 250_000;
-const POINTS_A_FACE: usize = 8;
-/// Entries of all lists of faces that cover a piece of one plane.
-const MOST_COVERS: usize = 50_000_000;
-/// How far out the corners of the triangle are in which overlapping faces are laid, in steps of the grid.
-const OUT: i64 = 1 << 43;
+const STEPS_PER_FACE: u64 = 2_000;
+/// Limits on meeting face pairs and on points. Each takes a few hundred bytes, so both together stay below two
+/// gigabytes.
+const MAX_PAIRS: usize = 4_000_000;
+const MAX_POINTS: usize = 3_000_000;
+/// Points that an arrangement of few faces may create, and additional points for each face. A few hundred faces that
+/// all meet each other have millions of common points; such input is not a surface with defects.
+const BASE_POINTS: usize = 250_000;
+const POINTS_PER_FACE: usize = 8;
+/// Maximum total length of the lists of faces that cover facets of one plane.
+const MAX_COVERS: usize = 50_000_000;
+/// Distance from the origin, in grid steps, of the corners of the triangle that encloses overlapping faces.
+const ENCLOSING_DISTANCE: i64 = 1 << 43;
 
-/// Why there is no arrangement.
+/// Why an arrangement could not be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ArrangeError {
-    /// The surface is not closed.
+    /// The surface is not closed, or not consistently wound.
     #[error(transparent)]
     NotClosed(#[from] NotClosed),
-    /// It could not be done.
-    #[error("the faces that intersect could not be resolved: {0}")]
+    /// A limit of faces or points was exceeded.
+    #[error("could not resolve the intersecting faces: {0}")]
     Failed(String),
-    /// Nothing is inside.
+    /// The inside is empty.
     #[error("the surface encloses nothing")]
     Empty,
-    /// The work was stopped.
+    /// The work was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
-/// A piece of faces that no other face passes through: facets have nothing in common but whole edges and corners.
+/// A piece of one or more coplanar faces that no other face passes through. Two facets have only whole edges and
+/// corners in common.
 #[derive(Debug, Clone)]
 pub(super) struct Facet {
-    /// Its corners, counter-clockwise seen against the normal of its plane.
+    /// The corners, counter-clockwise seen against the normal of its plane.
     pub corners: [u32; 3],
-    /// The faces that cover it, sorted.
+    /// The faces that cover the facet, sorted.
     pub faces: SmallVec<[u32; 2]>,
-    /// By how much the winding number grows through it, against the normal.
+    /// The increase of the winding number across the facet, against the normal.
     pub weight: i32,
-    /// Its plane, where its faces meet others.
+    /// The index of its plane, if its faces meet other faces.
     pub plane: Option<u32>,
 }
 
-/// Faces cut where they meet.
+/// The faces of a surface, split where they meet.
 pub(super) struct Complex {
+    /// The integer grid of all positions.
     pub grid: Grid,
+    /// All points: vertices and intersections.
     pub points: Points,
+    /// The facets.
     pub facets: Vec<Facet>,
-    /// The faces of the surface that have area, to be looked up.
+    /// The faces of the surface with nonzero area, with a tree for queries.
     pub solid_faces: SolidFaces,
-    /// For each point the vertex of the surface that it is.
+    /// The vertex of the surface at each point that is a vertex; these points come first.
     pub vertices: Vec<u32>,
 }
 
-/// Faces with area in the range of the predicates.
+/// Faces with nonzero area, scaled into the range of the exact predicates.
 pub(super) struct SolidFaces {
-    /// The vertices' points, scaled by a power of two.
+    /// The points at vertices, scaled by a power of two.
     pub unit: Vec<DVec3>,
-    /// The corners of each, as points.
+    /// The corners of each face, as points.
     pub corners: Vec<[u32; 3]>,
-    /// Which face of the surface each is, rising.
+    /// The index in the surface of each face, in ascending order.
     pub numbers: Vec<u32>,
+    /// Bounding volume hierarchy over the scaled faces.
     pub tree: Tree,
 }
 
@@ -87,18 +94,19 @@ impl SolidFaces {
         Self { unit, corners, numbers, tree }
     }
 
-    /// A place of the grid in the same scale.
+    /// Scales a position in grid steps.
     pub fn to_unit(place: DVec3) -> DVec3 {
-        place / OUT as f64
+        place / ENCLOSING_DISTANCE as f64
     }
 
+    /// The scaled corners of a face with area.
     pub fn triangle(&self, at: u32) -> [DVec3; 3] {
         self.corners[at as usize].map(|p| self.unit[p as usize])
     }
 }
 
 impl Complex {
-    /// Cuts the faces of a surface where they meet.
+    /// Splits the faces of a surface where they meet.
     pub fn new(surface: &Surface, context: &Context<'_>) -> Result<Self, ArrangeError> {
         let grid = Grid::around(&surface.positions);
         let (mut points, point_of, vertices) = vertices_on_grid(surface, &grid);
@@ -131,8 +139,8 @@ impl Complex {
         let groups = groups(&mut contacts);
         let planes: Vec<u32> = groups.iter().map(|group| contacts.plane(group[0])).collect();
         let cuts = std::mem::take(&mut contacts.cuts);
-        let most = surface.positions.len() + (ENOUGH_POINTS + POINTS_A_FACE * solid.len()).min(MOST_POINTS);
-        let cutter = Cutter { faces: &solid, cuts: &cuts, limits: Limits { context, most } };
+        let most = surface.positions.len() + (BASE_POINTS + POINTS_PER_FACE * solid.len()).min(MAX_POINTS);
+        let cutter = Cutter { faces: &solid, cuts: &cuts, limits: SplitLimits { context, most } };
         let mut is_cut = vec![false; solid.len()];
         for (at, (group, plane)) in groups.iter().zip(planes).enumerate() {
             if at % 256 == 0 {
@@ -152,7 +160,7 @@ impl Complex {
         Ok(Self { grid, points, facets, solid_faces, vertices })
     }
 
-    /// The plane of a facet, looking where its corners turn counter-clockwise.
+    /// The plane of a facet, oriented so that the facet's corners are counter-clockwise.
     pub fn plane(&self, facet: &Facet) -> Plane {
         match facet.plane {
             Some(plane) => self.points.planes[plane as usize],
@@ -161,7 +169,8 @@ impl Complex {
     }
 }
 
-/// The vertices as points, those at one place of the grid as one. Answers the point of each vertex, and the vertex of each point.
+/// Creates a point for each vertex; vertices at the same grid position share one. Returns the points, the point of each
+/// vertex, and the vertex of each point.
 fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u32>) {
     let mut points = Points::default();
     let mut vertices = Vec::new();
@@ -179,7 +188,7 @@ fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u3
     (points, point_of, vertices)
 }
 
-/// Pairs of faces that have more in common than a vertex or an edge by its vertices, and whether they overlap in a plane.
+/// Pairs of faces that have more in common than shared vertices or edges, and whether they are coplanar and overlap.
 fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u32; 2], bool)>, ArrangeError> {
     let SolidFaces { unit, corners, numbers, tree } = faces;
     let look = |f: u32, g: u32, steps: &mut u64| {
@@ -192,13 +201,13 @@ fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u3
             Contact::Coplanar | Contact::Same => Some(true),
         }
     };
-    let search = PairSearch { look, budget: STEPS + STEPS_A_FACE * corners.len() as u64 };
+    let search = PairSearch { look, budget: STEPS + STEPS_PER_FACE * corners.len() as u64 };
     let mut pairs = Vec::new();
     let too_many = || ArrangeError::Failed("too many faces meet".to_owned());
     let complete = search.within(tree, |hits| -> Result<(), ArrangeError> {
         pairs.extend(hits.into_iter().map(|(pair, overlap)| (pair.map(|f| numbers[f as usize]), overlap)));
         context.check()?;
-        if pairs.len() > MOST_PAIRS { Err(too_many()) } else { Ok(()) }
+        if pairs.len() > MAX_PAIRS { Err(too_many()) } else { Ok(()) }
     })?;
     if !complete {
         return Err(too_many());
@@ -207,7 +216,8 @@ fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u3
     Ok(pairs)
 }
 
-/// The faces that meet others: each by itself, or with those that overlap it in a plane; in order of their first face.
+/// Groups the faces that meet others: each face alone, or together with the faces that overlap it in a plane. Groups
+/// are in the order of their first face.
 fn groups(contacts: &mut Contacts<'_>) -> Vec<Vec<u32>> {
     let mut faces: Vec<u32> = contacts.cuts.keys().copied().collect();
     faces.sort_unstable();
@@ -224,14 +234,14 @@ fn groups(contacts: &mut Contacts<'_>) -> Vec<Vec<u32>> {
     groups
 }
 
-/// What holds an arrangement to its bounds.
-struct Limits<'a, 'b> {
+/// Enforces the point limit and cancellation while faces are split.
+struct SplitLimits<'a, 'b> {
     context: &'a Context<'b>,
-    /// Points that there may be.
+    /// Maximum number of points.
     most: usize,
 }
 
-impl Limits<'_, '_> {
+impl SplitLimits<'_, '_> {
     fn check(&self, points: usize) -> Result<(), ArrangeError> {
         if points.is_multiple_of(256) {
             self.context.check()?;
@@ -244,18 +254,18 @@ fn too_many_points() -> ArrangeError {
     ArrangeError::Failed("the faces meet in too many points".to_owned())
 }
 
-/// Cuts faces by what others left on them.
+/// Splits faces along their recorded cuts.
 struct Cutter<'a, 'b> {
     faces: &'a [[u32; 3]],
     cuts: &'a FxHashMap<u32, Cuts>,
-    limits: Limits<'a, 'b>,
+    limits: SplitLimits<'a, 'b>,
 }
 
 impl Cutter<'_, '_> {
-    /// Cuts a face that overlaps no other in its plane.
+    /// Splits a face that overlaps no other face in its plane.
     fn cut_one(&self, points: &mut Points, plane: u32, face: u32, facets: &mut Vec<Facet>) -> Result<(), ArrangeError> {
         let mut triangulation = Triangulation::new(points, plane, self.faces[face as usize]);
-        self.lay(&mut triangulation, face)?;
+        self.insert_cuts(&mut triangulation, face)?;
         triangulation.improve();
         facets.extend(triangulation.triangles().map(|corners| Facet {
             corners,
@@ -266,8 +276,8 @@ impl Cutter<'_, '_> {
         Ok(())
     }
 
-    /// Lays into a triangulation what other faces left on a face.
-    fn lay(&self, triangulation: &mut Triangulation<'_>, face: u32) -> Result<(), ArrangeError> {
+    /// Inserts the cuts of a face into a triangulation.
+    fn insert_cuts(&self, triangulation: &mut Triangulation<'_>, face: u32) -> Result<(), ArrangeError> {
         let cuts = &self.cuts[&face];
         for &point in &cuts.points {
             triangulation.insert(point);
@@ -279,7 +289,7 @@ impl Cutter<'_, '_> {
         Ok(())
     }
 
-    /// Cuts faces that overlap in one plane, all at once, so that they are cut in the same way where they do.
+    /// Splits the overlapping faces of one plane together, so that overlapping areas are split identically.
     fn cut_many(
         &self,
         points: &mut Points,
@@ -289,14 +299,14 @@ impl Cutter<'_, '_> {
     ) -> Result<(), ArrangeError> {
         let axis = points.planes[plane as usize].axis();
         let upward = points.planes[plane as usize].normal[axis] > 0;
-        let outer = points.outer(axis, upward, OUT);
-        // Which way each face looks, before the points are lent.
+        let outer = points.outer(axis, upward, ENCLOSING_DISTANCE);
+        // Whether each face is oriented like the plane; computed before the triangulation borrows the points.
         let normal = points.planes[plane as usize].normal;
-        let agrees: Vec<bool> = group
+        let agrees_with_plane: Vec<bool> = group
             .iter()
             .map(|&face| {
-                let it = Plane::through(self.faces[face as usize].map(|v| points.whole(v)));
-                (it.normal[axis] > 0) == (normal[axis] > 0)
+                let face_plane = Plane::through(self.faces[face as usize].map(|v| points.whole(v)));
+                (face_plane.normal[axis] > 0) == (normal[axis] > 0)
             })
             .collect();
         let mut triangulation = Triangulation::new(points, plane, outer);
@@ -308,14 +318,15 @@ impl Cutter<'_, '_> {
             }
         }
         for &face in group {
-            self.lay(&mut triangulation, face)?;
+            self.insert_cuts(&mut triangulation, face)?;
         }
         triangulation.improve();
-        let covers = triangulation.covers(MOST_COVERS).ok_or_else(too_many_points)?;
+        let covers = triangulation.covers(MAX_COVERS).ok_or_else(too_many_points)?;
         facets.extend(triangulation.triangles().zip(covers).filter(|(_, cover)| !cover.is_empty()).map(
             |(corners, cover)| {
-                let weight =
-                    cover.iter().map(|face| if group.binary_search(face).is_ok_and(|at| agrees[at]) { 1 } else { -1 });
+                let weight = cover
+                    .iter()
+                    .map(|face| if group.binary_search(face).is_ok_and(|at| agrees_with_plane[at]) { 1 } else { -1 });
                 Facet { corners, weight: weight.sum(), faces: cover, plane: Some(plane) }
             },
         ));

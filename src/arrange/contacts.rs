@@ -1,3 +1,5 @@
+//! Records where faces meet: on each face, the points and segments that other faces leave on it.
+
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
@@ -6,45 +8,48 @@ use super::points::Points;
 use crate::math::Sign;
 use crate::mesh::UnionFind;
 
-/// What other faces leave on one face.
+/// The points and segments that other faces leave on one face.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cuts {
-    /// Points on it that are none of its corners, perhaps more than once.
+    /// Points on the face that are not its corners; a point may occur repeatedly.
     pub points: Vec<u32>,
-    /// Where it meets other faces: two points, and the plane of the other.
+    /// Segments on the face: their two end points, and the plane of the other face.
     pub lines: Vec<([u32; 2], u32)>,
 }
 
-/// Where faces meet, face by face.
+/// Collects the cuts of every face that meets another.
 pub(super) struct Contacts<'a> {
     faces: &'a [[u32; 3]],
+    /// The points of the arrangement, which grow with each contact.
     pub points: &'a mut Points,
-    /// The plane of each face that meets others, by face.
+    /// The index in [`Points`] of the plane of each face that meets others, by face.
     planes: FxHashMap<u32, u32>,
+    /// The cuts of each face that meets another.
     pub cuts: FxHashMap<u32, Cuts>,
-    /// Faces that overlap in a plane, as sets.
+    /// Sets of faces that overlap within one plane.
     pub together: UnionFind,
 }
 
-/// A face that meets another.
+/// A face that meets another, with its relation to the other's plane.
 struct Face {
     ids: [u32; 3],
     corners: [Whole; 3],
     plane: u32,
-    /// The sides of its corners of the plane of the other.
+    /// The side of the other face's plane on which each corner lies.
     sides: [Sign; 3],
 }
 
-/// The points that two faces have in common.
+/// The common points of two faces.
 type Common = SmallVec<[u32; 4]>;
 
 impl<'a> Contacts<'a> {
+    /// Starts without any contact.
     pub fn new(faces: &'a [[u32; 3]], points: &'a mut Points) -> Self {
         let together = UnionFind::new(faces.len());
         Self { faces, points, planes: FxHashMap::default(), cuts: FxHashMap::default(), together }
     }
 
-    /// The plane of a face, by its number in the points.
+    /// The index in [`Points`] of a face's plane.
     pub fn plane(&mut self, face: u32) -> u32 {
         let corners = self.faces[face as usize].map(|v| self.points.whole(v));
         *self.planes.entry(face).or_insert_with(|| {
@@ -56,7 +61,7 @@ impl<'a> Contacts<'a> {
         })
     }
 
-    /// Writes down what two faces have in common. `overlap` is true where they lie in one plane and their insides overlap.
+    /// Records the intersection of two faces. `overlap` is true if they are coplanar and their interiors overlap.
     pub fn meet(&mut self, f: u32, g: u32, overlap: bool) {
         for face in [f, g] {
             self.cuts.entry(face).or_default();
@@ -68,7 +73,7 @@ impl<'a> Contacts<'a> {
         }
         let [a, b] = [f, g].map(|face| self.faces[face as usize]);
         let [p, q] = [a, b].map(|face| face.map(|v| self.points.whole(v)));
-        let side_of = |plane: u32, it: &[Whole; 3]| it.map(|x| self.points.planes[plane as usize].side(x));
+        let side_of = |plane: u32, corners: &[Whole; 3]| corners.map(|x| self.points.planes[plane as usize].side(x));
         let one = Face { ids: a, corners: p, plane: planes[0], sides: side_of(planes[1], &p) };
         let two = Face { ids: b, corners: q, plane: planes[1], sides: side_of(planes[0], &q) };
         let mut common = Common::new();
@@ -85,7 +90,7 @@ impl<'a> Contacts<'a> {
         }
     }
 
-    /// Adds the corners of one face that lie in the other.
+    /// Adds the corners of one face that lie in the other to the common points.
     fn corners_on(&self, face: &Face, other: &Face, common: &mut Common) {
         let axis = self.points.planes[other.plane as usize].axis();
         for i in (0..3).filter(|&i| face.sides[i] == Sign::Zero) {
@@ -97,7 +102,7 @@ impl<'a> Contacts<'a> {
         }
     }
 
-    /// Adds the points where edges of one face pass through the other.
+    /// Adds the points where edges of one face pass through the other to the common points.
     fn edges_through(&mut self, face: &Face, other: &Face, common: &mut Common) {
         for i in 0..3 {
             let j = (i + 1) % 3;
@@ -111,7 +116,7 @@ impl<'a> Contacts<'a> {
             }
             let zeros = turns.iter().filter(|&&s| s == Sign::Zero).count();
             let point = if zeros == 2 {
-                // Through the corner that both edges share.
+                // The edge passes through the corner that both zero edges share.
                 let k = (0..3).find(|&k| turns[k] == Sign::Zero && turns[(k + 2) % 3] == Sign::Zero).unwrap_or(0);
                 other.ids[k]
             } else {

@@ -1,8 +1,9 @@
-//! Patches doubted: what is inside only because holes were closed, and would hide what can be seen through them.
+//! Reopens patches: finds regions that are inside only because holes were patched, and that hide surface visible
+//! through those holes.
 //!
-//! Each sight line that reaches a hidden facet through patches alone speaks against the regions that it passes. A minimum cut over them
-//! (Boykov and Kolmogorov 2004) weighs what would be hidden against the skin that would stand open, so that a region with a small
-//! hole is filled, and a jar with something in it is not.
+//! Each sight line that reaches a hidden facet through patches alone is evidence against the regions it crosses. A
+//! minimum cut over the regions (Boykov and Kolmogorov 2004) weighs the surface that would be hidden against the skin
+//! that would be left open. It fills a region with a small hole, but not a jar with something in it.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -17,28 +18,31 @@ use crate::context::Context;
 use crate::math::{Tree, hit, ray_direction};
 use crate::mesh::UnionFind;
 
-/// Directions in which a hidden facet may be seen.
+/// Directions tested from each hidden facet.
 const DIRECTIONS: u32 = 32;
-/// Hidden facets that are looked at, the largest.
-const MOST_HIDDEN: usize = 20_000;
-/// Facets that all sight lines together may look at.
+/// Maximum number of hidden facets tested; the largest are tested first.
+const MAX_HIDDEN: usize = 20_000;
+/// Maximum number of facets that all sight lines together may visit.
 const STEPS: u64 = 100_000_000;
-/// How far sight lines go, in the scale of the tree, in which the model is about 1 wide.
-const FAR: f64 = 8.0;
-/// How far from its farthest corner a piece is left to see what is around it, as a share of the way to the middle of its facet there.
-const OFF_CORNER: f64 = 1e-3;
-/// The share of all surface that may be hidden before patches are doubted.
-const LEAST_HIDDEN: f64 = 0.005;
-/// What skin that would stand open weighs against as much hidden surface that is seen in all directions. It weighs the less the
-/// wider the openings: nothing where they are half of it.
-const SKIN: f64 = 0.01;
-const OPENING: f64 = 2.0;
-/// What a patch that would stay as the boundary weighs.
-const PATCH: f64 = 0.001;
-/// Weights are whole numbers, so many for all surface, so that sums don't depend on their order.
-const WHOLE: f64 = (1u64 << 40) as f64;
+/// Length of a sight line in the scale of the tree, in which the model is about 1 wide.
+const SIGHT_LENGTH: f64 = 8.0;
+/// Offset of a ray's start from the farthest corner of a piece, as a share of the way to the centroid of that corner's
+/// facet.
+const CORNER_OFFSET: f64 = 1e-3;
+/// Share of all surface that must be hidden before patches are reopened.
+const MIN_HIDDEN_SHARE: f64 = 0.005;
+/// Weight of skin that would be left open, relative to the same area of hidden surface that is visible in all
+/// directions. Openings reduce the weight by `OPENING_DISCOUNT` times their area: it is zero where they reach half the
+/// area of the skin.
+const SKIN_WEIGHT: f64 = 0.01;
+const OPENING_DISCOUNT: f64 = 2.0;
+/// Weight of a patch that would stay as boundary.
+const PATCH_WEIGHT: f64 = 0.001;
+/// Integer weight of the whole surface. Integer weights make sums independent of their order.
+const WEIGHT_SCALE: f64 = (1u64 << 40) as f64;
 
-/// The cells that are inside only because of patches through which hidden surface is seen; none where there are none.
+/// The cells that are inside only because of patches through which hidden surface is visible; none if there are no such
+/// cells.
 pub(super) fn seen_into(
     complex: &Complex,
     cells: &Cells,
@@ -63,23 +67,24 @@ pub(super) fn seen_into(
     Ok(opened.contains(&true).then_some(opened))
 }
 
-/// The regions of space. A region is the cells that have no facet between them, of pieces of the surface that don't touch.
+/// The regions of space. A region is a set of cells, of pieces of the surface that do not touch, with no facet between
+/// them.
 struct Regions<'a> {
     cells: &'a Cells,
-    /// Which cells are inside, and so are the regions that they stand for.
+    /// Which cells, and therefore the regions they represent, are inside.
     inside: &'a [bool],
-    /// The region of each cell, by one of its cells.
+    /// The region of each cell, identified by one of its cells.
     region_of: Vec<u32>,
-    /// The pairs of regions, either way and sorted, with a patch between them.
+    /// The pairs of regions connected by a portal: a patch facet between them. Both directions, sorted.
     portals: Vec<(usize, usize)>,
     tree: Tree,
-    /// The points.
+    /// All points, scaled.
     points: Vec<DVec3>,
     /// The corners of each facet.
     corners: Vec<[u32; 3]>,
-    /// Which facets are of patches alone.
+    /// Whether each facet is covered by patches alone.
     patch: Vec<bool>,
-    /// The area of each facet as a share of all that is no patch.
+    /// The area of each facet, as a share of all area that is not patch.
     area: Vec<f64>,
 }
 
@@ -107,6 +112,7 @@ impl<'a> Regions<'a> {
         Ok(Some(regions))
     }
 
+    /// The portals, from the patch facets.
     fn find_portals(&self) -> Vec<(usize, usize)> {
         let mut portals: Vec<(usize, usize)> = Vec::new();
         for facet in (0..self.patch.len()).filter(|&facet| self.patch[facet]) {
@@ -118,8 +124,8 @@ impl<'a> Regions<'a> {
         portals
     }
 
-    /// Calls `visit` with every facet but the one that a line starts on, and how far along the line that is, until it answers
-    /// `false`. Whether there were steps enough.
+    /// Calls `visit` with the parameter and the index of every facet along a line, except the facet where the line
+    /// starts, until `visit` returns `false`. Returns whether the steps sufficed.
     fn along(
         &self,
         from: (DVec3, usize),
@@ -132,24 +138,25 @@ impl<'a> Regions<'a> {
             let facet = facet as usize;
             *steps = steps.saturating_sub(1);
             let met = if facet == start { None } else { hit(from, line, self.triangle(facet)) };
-            met.is_none_or(|far| visit(far, facet)) && *steps > 0
+            met.is_none_or(|at| visit(at, facet)) && *steps > 0
         });
         *steps > 0
     }
 
-    /// The region of each cell: that around a piece is that of whatever is next to the piece's last facet in one direction. As all
-    /// pieces look in the same direction, none looks back. None where it would take too long to know.
+    /// The region of each cell. From the outermost point of each piece a ray runs in a fixed direction. The region
+    /// around the piece is that of the next facet along the ray. All rays have the same direction, so pieces cannot
+    /// refer to each other in a cycle. None if the steps run out.
     fn find(&self, context: &Context<'_>) -> Result<Option<Vec<u32>>, ArrangeError> {
         let direction = ray_direction(0);
         let piece_of = &self.cells.piece_of;
-        // The facet of each piece that reaches farthest, and the corner with which it does.
+        // For each piece its extent in the direction, and the facet and corner that reach it.
         let mut last: BTreeMap<u32, (f64, usize, DVec3)> = BTreeMap::new();
         for (facet, &piece) in piece_of.iter().enumerate() {
             for corner in self.triangle(facet) {
-                let far = corner.dot(direction);
-                let best = last.entry(piece).or_insert((far, facet, corner));
-                if far > best.0 {
-                    *best = (far, facet, corner);
+                let at = corner.dot(direction);
+                let best = last.entry(piece).or_insert((at, facet, corner));
+                if at > best.0 {
+                    *best = (at, facet, corner);
                 }
             }
         }
@@ -158,14 +165,14 @@ impl<'a> Regions<'a> {
         for (piece, (_, facet, corner)) in last {
             context.check()?;
             let [a, b, c] = self.triangle(facet);
-            let from = corner.lerp((a + b + c) / 3.0, OFF_CORNER);
+            let from = corner.lerp((a + b + c) / 3.0, CORNER_OFFSET);
             let mut own = (0.0, facet);
             let mut others: Vec<(f64, usize)> = Vec::new();
-            let in_time = self.along((from, facet), direction * FAR, &mut steps, |far, other| {
+            let in_time = self.along((from, facet), direction * SIGHT_LENGTH, &mut steps, |at, other| {
                 if piece_of[other] != piece {
-                    others.push((far, other));
-                } else if far > own.0 {
-                    own = (far, other);
+                    others.push((at, other));
+                } else if at > own.0 {
+                    own = (at, other);
                 }
                 true
             });
@@ -173,7 +180,7 @@ impl<'a> Regions<'a> {
                 return Ok(None);
             }
             let next =
-                others.into_iter().filter(|it| it.0 > own.0).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                others.into_iter().filter(|next| next.0 > own.0).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             if let Some((_, next)) = next {
                 let ends = [self.side(own.1, direction, true), self.side(next, direction, false)];
                 let [around, beside] = ends.map(|cell| self.cells.number[cell]);
@@ -185,13 +192,13 @@ impl<'a> Regions<'a> {
         Ok(Some(regions.into_roots()))
     }
 
-    /// The cell to which a line in a direction comes through a facet, or from which.
+    /// The cell behind a facet (`to`) or in front of it, along a direction.
     fn side(&self, facet: usize, direction: DVec3, to: bool) -> usize {
-        let looks_along = normal(self.triangle(facet)).dot(direction) > 0.0;
-        self.cells.beside(facet)[usize::from(looks_along != to)]
+        let is_aligned = normal(self.triangle(facet)).dot(direction) > 0.0;
+        self.cells.beside(facet)[usize::from(is_aligned != to)]
     }
 
-    /// The regions before and behind a facet.
+    /// The regions in front of and behind a facet.
     fn beside(&self, facet: usize) -> [usize; 2] {
         self.cells.beside(facet).map(|cell| self.region_of[cell] as usize)
     }
@@ -200,11 +207,12 @@ impl<'a> Regions<'a> {
         self.corners[facet].map(|p| self.points[p as usize])
     }
 
-    /// The cells that are inside, and to which one comes from outside through patches and other such cells that may be passed.
+    /// The inside cells that are reachable from outside through portals and other such cells for which `may_pass`
+    /// returns true.
     fn behind_patches(&self, may_pass: impl Fn(usize) -> bool) -> Vec<bool> {
         let mut reached = vec![false; self.inside.len()];
         let mut next: VecDeque<usize> =
-            self.portals.iter().map(|&(from, _)| from).filter(|&it| !self.inside[it]).collect();
+            self.portals.iter().map(|&(from, _)| from).filter(|&region| !self.inside[region]).collect();
         while let Some(cell) = next.pop_front() {
             let first = self.portals.partition_point(|&(from, _)| from < cell);
             for &(_, to) in self.portals[first..].iter().take_while(|&&(from, _)| from == cell) {
@@ -217,18 +225,21 @@ impl<'a> Regions<'a> {
         reached
     }
 
-    /// How much of the hidden surface is seen through each region: its area, times the share of directions in which it is. None where that is little, or it would take too long to know.
+    /// The hidden surface seen through each region: area times the share of directions from which it is visible. None
+    /// if there is too little, or the steps run out.
     fn hidden(&self, doubtful: &[bool], context: &Context<'_>) -> Result<Option<Vec<f64>>, ArrangeError> {
         let is_hidden = |&facet: &usize| {
             let sides = self.beside(facet);
-            !self.patch[facet] && sides.iter().all(|&it| self.inside[it]) && sides.iter().any(|&it| doubtful[it])
+            !self.patch[facet]
+                && sides.iter().all(|&region| self.inside[region])
+                && sides.iter().any(|&region| doubtful[region])
         };
         let mut facets: Vec<usize> = (0..self.area.len()).filter(is_hidden).collect();
-        if facets.iter().map(|&facet| self.area[facet]).sum::<f64>() <= LEAST_HIDDEN {
+        if facets.iter().map(|&facet| self.area[facet]).sum::<f64>() <= MIN_HIDDEN_SHARE {
             return Ok(None);
         }
         facets.sort_by(|&a, &b| self.area[b].total_cmp(&self.area[a]));
-        facets.truncate(MOST_HIDDEN);
+        facets.truncate(MAX_HIDDEN);
         let mut hidden = vec![0.0; self.inside.len()];
         let (mut all, mut steps) = (0.0, STEPS);
         for facet in facets {
@@ -241,28 +252,28 @@ impl<'a> Regions<'a> {
             if !lines.is_empty() {
                 all += self.area[facet];
             }
-            // A facet is passed on either side by half of the directions.
+            // Each side of a facet is visible in only half of the directions.
             let share = 2.0 / f64::from(DIRECTIONS);
             for &region in lines.iter().flatten() {
                 hidden[region] += self.area[facet] * share;
             }
         }
-        Ok((all > LEAST_HIDDEN).then_some(hidden))
+        Ok((all > MIN_HIDDEN_SHARE).then_some(hidden))
     }
 
-    /// The cells inside that one looks through from the middle of a facet in a direction. None where a facet that is no patch is in
-    /// the way, or the line runs so close along something that it can't be followed.
+    /// The inside regions along the line of sight from a facet's centroid in a direction. None if a facet that is no
+    /// patch blocks the line, or the line runs too close to an edge to be followed.
     fn sight(&self, facet: usize, direction: DVec3, steps: &mut u64) -> Option<Vec<usize>> {
         let corners = self.triangle(facet);
         let from = (corners[0] + corners[1] + corners[2]) / 3.0;
         let mut patches: Vec<(f64, usize)> = Vec::new();
-        let mut free = true;
-        let in_time = self.along((from, facet), direction * FAR, steps, |far, other| {
-            patches.push((far, other));
-            free = self.patch[other];
-            free
+        let mut is_clear = true;
+        let in_time = self.along((from, facet), direction * SIGHT_LENGTH, steps, |at, other| {
+            patches.push((at, other));
+            is_clear = self.patch[other];
+            is_clear
         });
-        if !free || !in_time {
+        if !is_clear || !in_time {
             return None;
         }
         patches.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -285,10 +296,10 @@ impl<'a> Regions<'a> {
         Some(passed)
     }
 
-    /// The cells on the outer side of the cut of least weight.
+    /// The regions on the outer side of the minimum cut.
     fn cut(&self, hidden: &[f64], doubtful: &[bool]) -> Vec<bool> {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share, and far below 2^64")]
-        let whole = |share: f64| (share * WHOLE) as u64;
+        let weight = |share: f64| (share * WEIGHT_SCALE) as u64;
         let (mut skin, mut openings) = (vec![0.0; doubtful.len()], vec![0.0; doubtful.len()]);
         let mut between: BTreeMap<[usize; 2], u64> = BTreeMap::new();
         for (facet, &area) in self.area.iter().enumerate() {
@@ -301,7 +312,7 @@ impl<'a> Regions<'a> {
                 }
             }
             if self.patch[facet] && a != b && doubtful[a] && doubtful[b] {
-                *between.entry([a.min(b), a.max(b)]).or_default() += whole(PATCH * area);
+                *between.entry([a.min(b), a.max(b)]).or_default() += weight(PATCH_WEIGHT * area);
             }
         }
         let mut graph = Graph::<(), u64>::new();
@@ -309,8 +320,12 @@ impl<'a> Regions<'a> {
         let mut node = vec![inner; doubtful.len()];
         for cell in (0..doubtful.len()).filter(|&cell| doubtful[cell]) {
             node[cell] = graph.add_node(());
-            graph.add_edge(outer, node[cell], whole(hidden[cell]));
-            graph.add_edge(node[cell], inner, whole(SKIN * (skin[cell] - OPENING * openings[cell]).max(0.0)));
+            graph.add_edge(outer, node[cell], weight(hidden[cell]));
+            graph.add_edge(
+                node[cell],
+                inner,
+                weight(SKIN_WEIGHT * (skin[cell] - OPENING_DISCOUNT * openings[cell]).max(0.0)),
+            );
         }
         for (cells, weight) in between {
             let [a, b] = cells.map(|cell| node[cell]);
@@ -340,7 +355,7 @@ fn index(cell: usize) -> u32 {
     cell as u32
 }
 
-/// A triangle's normal, as long as twice its area.
+/// A triangle's area vector: its normal with the length of twice its area.
 fn normal([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }

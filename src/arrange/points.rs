@@ -1,3 +1,5 @@
+//! The points of an arrangement, defined implicitly, and exact predicates on them.
+
 use std::cell::OnceCell;
 use std::cmp::Ordering;
 
@@ -8,74 +10,75 @@ use rustc_hash::FxHashMap;
 use super::grid::{Plane, ULP, Whole, minus, turn};
 use crate::math::Sign;
 
-/// How far a point's rounded place may be from it along an axis, in steps of the grid.
+/// Maximum error of a point's rounded position along each axis, in grid steps.
 const ERROR: f64 = 1.0 / 256.0;
-/// Sides of the cells in which equal points are looked for, in steps.
+/// Side of a hash cell for finding equal points, in grid steps.
 const CELL: f64 = 1.0 / 16.0;
 
-/// What defines a point.
+/// The exact definition of a point.
 #[derive(Debug, Clone, Copy)]
 enum Definition {
-    /// A position on the grid.
+    /// A grid position.
     Place(Whole),
-    /// Where the line through two positions meets a plane.
+    /// The intersection of the line through two positions with a plane.
     LineAndPlane([Whole; 2], u32),
-    /// Where three planes meet.
+    /// The intersection of three planes.
     Planes([u32; 3]),
 }
 
-/// A point in whole numbers, `[x, y, z, w]` for `(x, y, z) / w`, with `w > 0`.
+/// A point in homogeneous integer coordinates, `[x, y, z, w]` for `(x, y, z) / w` with `w > 0`.
 type Homogeneous = [IBig; 4];
 
-/// The points of an arrangement, each once: positions on the grid, and points that faces have in common, which are kept as what
-/// defines them. All signs are exact: floating point where its error is small enough, whole numbers of any length elsewhere.
+/// The points of an arrangement, each stored once: grid positions, and intersection points stored by their definition.
+/// All signs are exact: floating point decides if its error bound allows, otherwise integers of arbitrary length.
 ///
 /// After Attene 2020, "Indirect Predicates for Geometric Constructions".
 #[derive(Default)]
 pub(super) struct Points {
     definitions: Vec<Definition>,
-    /// Places in steps of the grid, rounded.
+    /// Rounded positions in grid steps.
     places: Vec<DVec3>,
     exact: Vec<OnceCell<Box<Homogeneous>>>,
+    /// All planes, referenced by index.
     pub planes: Vec<Plane>,
-    /// Points by the cell that their rounded place is in.
+    /// Points by the hash cell of their rounded position.
     cells: FxHashMap<[i64; 3], Vec<u32>>,
-    /// Points on edges by the edge's vertices and the plane.
+    /// Intersection points on edges, by the edge's vertices and the plane.
     on_edges: FxHashMap<[u32; 3], u32>,
-    /// Planes through edges and along an axis, by the edge and the axis.
+    /// Planes through an edge and parallel to an axis, by edge and axis.
     uprights: FxHashMap<([u32; 2], usize), u32>,
-    /// The corners of the outermost triangle, by the axis.
+    /// The corners of the enclosing triangle, by axis.
     outer: FxHashMap<usize, [u32; 3]>,
 }
 
 impl Points {
-    /// How many there are.
+    /// Number of points.
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
-    /// The place of a point in steps of the grid, rounded.
+    /// The rounded position of a point in grid steps.
     pub fn place(&self, point: u32) -> DVec3 {
         self.places[point as usize]
     }
 
-    /// The position of a point that is one of the grid.
+    /// The exact grid position of a vertex.
     ///
     /// # Panics
-    /// Where it is not.
+    /// If the point is an intersection point.
     pub fn whole(&self, point: u32) -> Whole {
         match self.definitions[point as usize] {
             Definition::Place(p) => p,
-            _ => unreachable!("only vertices are asked for their position"),
+            _ => unreachable!("only vertices have a grid position"),
         }
     }
 
-    /// Adds a position that is known to be new; it is found as equal to others only after [`Points::enter`].
+    /// Adds a position that is known to be new. Lookups find the point only after [`Points::enter_once`].
     pub fn push(&mut self, p: Whole) -> u32 {
         self.add(Definition::Place(p), DVec3::from_array(p.map(|x| x as f64)))
     }
 
-    /// Lets a vertex be found by others that are equal to it.
+    /// Makes a vertex available to lookups of equal points.
     pub fn enter_once(&mut self, point: u32) {
         let among = self.cells.entry(cell(self.places[point as usize])).or_default();
         if !among.contains(&point) {
@@ -83,8 +86,8 @@ impl Points {
         }
     }
 
-    /// Three corners, counter-clockwise seen from the end of an axis (or against it), of a triangle that holds all that is within
-    /// a quarter of `out` of the grid's origin.
+    /// Three corners of an enclosing triangle, counter-clockwise seen from the end of an axis (or against the axis).
+    /// The triangle contains everything within a quarter of `out` of the grid's origin.
     pub fn outer(&mut self, axis: usize, upward: bool, out: i64) -> [u32; 3] {
         if let Some(&known) = self.outer.get(&axis) {
             let [a, b, c] = known;
@@ -101,11 +104,13 @@ impl Points {
         if upward { known } else { [a, c, b] }
     }
 
+    /// Enters a point into its hash cell.
     fn enter(&mut self, point: u32) {
         self.cells.entry(cell(self.place(point))).or_default().push(point);
     }
 
-    /// The point where the edge between two vertices meets a plane, which parts them or holds one of them.
+    /// The intersection of the edge between two vertices with a plane that separates the vertices or contains one of
+    /// them.
     pub fn on_edge(&mut self, [u, v]: [u32; 2], plane: u32) -> u32 {
         let [u, v] = [u.min(v), u.max(v)];
         if let Some(&known) = self.on_edges.get(&[u, v, plane]) {
@@ -113,7 +118,7 @@ impl Points {
         }
         let ends = [self.whole(u), self.whole(v)];
         let along = self.planes[plane as usize];
-        // Both are exact, and their ratio is in [0, 1], so that the place errs by a few units of the last place.
+        // Both heights are exact and their ratio lies in [0, 1], so the position errs by a few units in the last place.
         let [from, to] = ends.map(|p| along.height(p));
         let share = from as f64 / (from - to) as f64;
         let [a, b] = [self.place(u), self.place(v)];
@@ -122,14 +127,14 @@ impl Points {
         point
     }
 
-    /// The point where three planes meet.
+    /// The intersection of three planes.
     pub fn of_planes(&mut self, planes: [u32; 3]) -> u32 {
         let definition = Definition::Planes(planes);
         let place = self.place_of_planes(planes).unwrap_or_else(|| rounded(&self.homogeneous_of(&definition)));
         self.intern(definition, place)
     }
 
-    /// The plane through the edge between two vertices and along an axis.
+    /// The plane through the edge between two vertices and parallel to an axis.
     pub fn upright(&mut self, [u, v]: [u32; 2], axis: usize) -> u32 {
         let ends = [self.whole(u.min(v)), self.whole(u.max(v))];
         *self.uprights.entry(([u.min(v), u.max(v)], axis)).or_insert_with(|| {
@@ -150,7 +155,7 @@ impl Points {
         point
     }
 
-    /// The point that is defined so: an equal one that is known, or a new one.
+    /// The point with this definition: an equal known point, or a new one.
     fn intern(&mut self, definition: Definition, place: DVec3) -> u32 {
         let near = [0, 1, 2].map(|k| {
             let low = ((place[k] - 2.0 * ERROR) / CELL).floor();
@@ -165,8 +170,8 @@ impl Points {
                         if (self.place(other) - place).abs().max_element() > 2.0 * ERROR {
                             continue;
                         }
-                        let it = exact.get_or_insert_with(|| self.homogeneous_of(&definition));
-                        if equal(it, self.homogeneous(other)) {
+                        let own = exact.get_or_insert_with(|| self.homogeneous_of(&definition));
+                        if equal(own, self.homogeneous(other)) {
                             return other;
                         }
                     }
@@ -194,7 +199,7 @@ impl Points {
             Definition::LineAndPlane([a, b], plane) => {
                 let plane = &self.planes[plane as usize];
                 let [from, to] = [a, b].map(|p| plane.height(p));
-                // from - to = normal . (a - b), which fits as the normal times one difference does.
+                // from - to = normal . (a - b), which fits in `i128` like the normal times any difference.
                 let (mut share, mut w) = (IBig::from(from), IBig::from(from - to));
                 if w < IBig::ZERO {
                     (share, w) = (-share, -w);
@@ -223,7 +228,7 @@ impl Points {
         }
     }
 
-    /// Where three planes meet, in floating point; none where that may err too much.
+    /// The intersection of three planes in floating point; none if the error bound is too large.
     fn place_of_planes(&self, planes: [u32; 3]) -> Option<DVec3> {
         let [p, q, r] = planes.map(|plane| &self.planes[plane as usize]);
         let base = p.base;
@@ -249,14 +254,14 @@ impl Points {
         (error.max_element() < ERROR / 4.0).then_some(place)
     }
 
-    /// How three points turn seen against an axis, exactly.
+    /// The orientation of three points projected along an axis, exactly.
     pub fn turn(&self, axis: usize, [a, b, c]: [u32; 3]) -> Sign {
         let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
         let [p, q, r] = [self.place(a), self.place(b), self.place(c)];
         let (u, v) = ([p[i] - r[i], p[j] - r[j]], [q[i] - r[i], q[j] - r[j]]);
         let determinant = u[0] * v[1] - u[1] * v[0];
         let size = u[0].abs() + u[1].abs() + v[0].abs() + v[1].abs();
-        // Each difference errs by twice a place's error and a rounding that is less.
+        // Each difference errs by at most twice a position's error, plus a smaller rounding error.
         let error = 3.0 * ERROR;
         let products = (u[0] * v[1]).abs() + (u[1] * v[0]).abs();
         if determinant.abs() > error * size + 2.0 * error * error + 8.0 * ULP * products {
@@ -273,26 +278,26 @@ impl Points {
         sign_of(&sum)
     }
 
-    /// Which side of a plane a point is on, exactly.
-    pub fn side(&self, it: &Plane, point: u32) -> Sign {
+    /// The side of a plane on which a point lies, exactly.
+    pub fn side(&self, plane: &Plane, point: u32) -> Sign {
         if let Definition::Place(p) = self.definitions[point as usize] {
-            return it.side(p);
+            return plane.side(p);
         }
-        let d = self.place(point) - DVec3::from_array(it.base.map(|x| x as f64));
+        let d = self.place(point) - DVec3::from_array(plane.base.map(|x| x as f64));
         let (mut sum, mut error) = (0.0, 0.0);
         for k in 0..3 {
-            sum += it.rounded[k] * d[k];
-            error += it.rounded[k].abs() * (2.0 * ERROR + 8.0 * ULP * d[k].abs());
+            sum += plane.rounded[k] * d[k];
+            error += plane.rounded[k].abs() * (2.0 * ERROR + 8.0 * ULP * d[k].abs());
         }
         if sum.abs() > error {
             return Sign::of(sum);
         }
         let p = self.homogeneous(point);
-        let of = |k: usize| IBig::from(it.normal[k]) * (&p[k] - IBig::from(it.base[k]) * &p[3]);
+        let of = |k: usize| IBig::from(plane.normal[k]) * (&p[k] - IBig::from(plane.base[k]) * &p[3]);
         sign_of(&(of(0) + of(1) + of(2)))
     }
 
-    /// The order of two points along an axis, exactly.
+    /// Compares two points along an axis, exactly.
     pub fn compare(&self, axis: usize, a: u32, b: u32) -> Ordering {
         let (p, q) = (self.place(a)[axis], self.place(b)[axis]);
         if (p - q).abs() > 3.0 * ERROR {
@@ -304,7 +309,7 @@ impl Points {
 }
 
 fn cell(place: DVec3) -> [i64; 3] {
-    #[expect(clippy::cast_possible_truncation, reason = "places are within 2^43 steps")]
+    #[expect(clippy::cast_possible_truncation, reason = "positions are within 2^43 steps")]
     place.to_array().map(|x| (x / CELL).floor() as i64)
 }
 
@@ -325,7 +330,7 @@ fn equal(p: &Homogeneous, q: &Homogeneous) -> bool {
     (0..3).all(|k| &p[k] * &q[3] == &q[k] * &p[3])
 }
 
-/// A point's place within 2^-16 steps and half a unit of the last place.
+/// The point rounded to f64, within 2^-16 steps and half a unit in the last place.
 fn rounded([x, y, z, w]: &Homogeneous) -> DVec3 {
     let at = |x: &IBig| {
         let shifted: IBig = (x << 16) / w;

@@ -1,3 +1,5 @@
+//! A constrained triangulation in a plane, built by inserting points and lines with exact predicates.
+
 mod constraints;
 
 use smallvec::SmallVec;
@@ -5,72 +7,77 @@ use smallvec::SmallVec;
 use super::points::Points;
 use crate::math::Sign;
 
-/// No triangle, no line.
+/// Marks an absent triangle or line set.
 const NONE: u32 = u32::MAX;
 
 #[derive(Debug, Clone, Copy)]
 struct Triangle {
-    /// Counter-clockwise.
+    /// Corners in counter-clockwise order.
     corners: [u32; 3],
-    /// The triangle across the edge from corner `i` to the next.
+    /// The neighbour across the edge from corner `i` to the next.
     across: [u32; 3],
     /// The set of lines on that edge.
     lines: [u32; 3],
 }
 
-/// What a line in a face lies on.
+/// The exact carrier of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Support {
-    /// Another face, by its plane.
+    /// The plane of another face.
     Plane(u32),
-    /// The edge between two vertices, which is one of a face in the same plane.
+    /// The edge between two vertices of a coplanar face.
     Edge([u32; 2]),
 }
 
-/// A line that the triangles must not cross.
+/// A constraint: a line that must consist of triangle edges.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Line {
+    /// The end points.
     pub ends: [u32; 2],
+    /// The carrier of the line.
     pub support: Support,
-    /// The face that it bounds, in the caller's numbers, if it bounds one.
+    /// The face that the line bounds, in the caller's numbering, if any.
     pub bounds: Option<u32>,
 }
 
-/// Where a point is.
-enum Spot {
+/// The location of a point in the triangulation.
+enum Location {
+    /// In the interior of this triangle.
     Inside(u32),
+    /// On this edge of this triangle.
     On(u32, usize),
+    /// At this corner.
     Corner(u32),
 }
 
-/// A triangulation in a plane that holds points and lines: made by inserting one after the other, with exact signs. Where two
-/// lines cross, a new point is made.
+/// A triangulation in a plane that contains given points and lines, built by inserting them one after another with
+/// exact signs. A new point is created where two lines cross.
 ///
-/// Points go in by splitting and Lawson's flips, lines by flipping the edges that they cross (Sloan 1993, "A fast algorithm for
-/// generating constrained Delaunay triangulations"). That it is near Delaunay is decided by floating point and only a matter of
-/// shape; that it is a triangulation is exact.
+/// Points are inserted by splitting and Lawson's flips. Lines are inserted by flipping the edges that they cross (Sloan
+/// 1993, "A fast algorithm for generating constrained Delaunay triangulations"). Floating point decides how close the
+/// result is to Delaunay, which affects only triangle shape; the validity of the triangulation is exact.
 pub(super) struct Triangulation<'a> {
     points: &'a mut Points,
-    /// The plane's axis, and whether its normal points against it, so that what turns counter-clockwise seen against the
-    /// normal turns clockwise seen against the axis.
+    /// The projection axis, and whether the plane's normal points against it. If so, points that are counter-clockwise
+    /// seen against the normal are clockwise seen against the axis.
     axis: usize,
     turned: bool,
-    /// The plane that all is in.
+    /// The plane of the triangulation.
     plane: u32,
     triangles: Vec<Triangle>,
-    /// The points by their order of arrival, which is their number here.
+    /// The points in order of insertion; the position in this list is the local number.
     ids: Vec<u32>,
     local: rustc_hash::FxHashMap<u32, u32>,
-    /// For each point a triangle that has it as a corner.
+    /// For each point, a triangle with that corner.
     at: Vec<u32>,
     lines: Vec<Line>,
-    /// Sets of lines that run along one edge.
+    /// Sets of lines that run along the same edge.
     sets: Vec<SmallVec<[u32; 2]>>,
     last: u32,
 }
 
 impl<'a> Triangulation<'a> {
-    /// One triangle of three points, counter-clockwise seen against the normal of `plane`.
+    /// Starts with one triangle, counter-clockwise seen against the normal of `plane`.
     pub fn new(points: &'a mut Points, plane: u32, corners: [u32; 3]) -> Self {
         let axis = points.planes[plane as usize].axis();
         let turned = points.planes[plane as usize].normal[axis] < 0;
@@ -90,27 +97,27 @@ impl<'a> Triangulation<'a> {
         }
     }
 
-    /// How many points there are, here and elsewhere.
+    /// Number of points of the whole arrangement.
     pub fn count(&self) -> usize {
         self.points.len()
     }
 
-    /// The triangles, by points.
+    /// The triangles, as points of the arrangement.
     pub fn triangles(&self) -> impl Iterator<Item = [u32; 3]> {
         self.triangles.iter().map(|t| t.corners.map(|c| self.ids[c as usize]))
     }
 
-    /// Puts a point in, unless it is in.
+    /// Inserts a point unless it is present. Returns its local number.
     pub fn insert(&mut self, id: u32) -> u32 {
         if let Some(&known) = self.local.get(&id) {
             return known;
         }
         let p = self.name(id);
         match self.locate(p) {
-            Spot::Inside(t) => self.split_inside(t, p),
-            Spot::On(t, i) => self.split_edge(t, i, p),
-            // Points are different, so that this is not met; but it is no reason to go wrong.
-            Spot::Corner(c) => {
+            Location::Inside(t) => self.split_inside(t, p),
+            Location::On(t, i) => self.split_edge(t, i, p),
+            // Points are pairwise different, so this case does not occur; handling it is harmless.
+            Location::Corner(c) => {
                 self.local.insert(id, c);
                 return c;
             }
@@ -119,7 +126,7 @@ impl<'a> Triangulation<'a> {
         p
     }
 
-    /// Flips edges until the triangulation is as near to Delaunay as floating point can tell.
+    /// Flips edges until the triangulation is as close to Delaunay as floating point can decide.
     pub fn improve(&mut self) {
         let mut stack: Vec<(u32, usize)> = Vec::new();
         for t in 0..self.triangles.len() {
@@ -142,6 +149,7 @@ impl<'a> Triangulation<'a> {
         }
     }
 
+    /// Gives a point the next local number.
     fn name(&mut self, id: u32) -> u32 {
         #[expect(clippy::cast_possible_truncation, reason = "points are counted in u32")]
         let p = self.ids.len() as u32;
@@ -151,20 +159,21 @@ impl<'a> Triangulation<'a> {
         p
     }
 
-    /// Positive where the corners turn counter-clockwise.
+    /// The orientation of three corners: positive for counter-clockwise.
     fn turn(&self, a: u32, b: u32, c: u32) -> Sign {
         let ids = [a, b, c].map(|x| self.ids[x as usize]);
         let sign = self.points.turn(self.axis, ids);
         if self.turned { -sign } else { sign }
     }
 
+    /// The rounded projection of a point.
     fn xy(&self, a: u32) -> [f64; 2] {
         let p = self.points.place(self.ids[a as usize]);
         let (i, j) = ((self.axis + 1) % 3, (self.axis + 2) % 3);
         if self.turned { [p[j], p[i]] } else { [p[i], p[j]] }
     }
 
-    /// Lawson's flips around a new point.
+    /// Restores the Delaunay property around a new point by Lawson's flips.
     fn legalise_around(&mut self, p: u32) {
         let mut stack: Vec<u32> = self.triangles_at(p).collect();
         while let Some(t) = stack.pop() {
@@ -178,8 +187,8 @@ impl<'a> Triangulation<'a> {
         }
     }
 
-    /// Finds where a point is by walking towards it.
-    fn locate(&self, p: u32) -> Spot {
+    /// Locates a point by walking towards it.
+    fn locate(&self, p: u32) -> Location {
         let mut t = self.last;
         let mut from = NONE;
         for step in 0..4 * self.triangles.len() + 8 {
@@ -187,7 +196,7 @@ impl<'a> Triangulation<'a> {
             let mut next = None;
             let mut zero: SmallVec<[usize; 3]> = SmallVec::new();
             for k in 0..3 {
-                // Which edge is looked at first changes, so that the walk can't go in circles for ever.
+                // The first edge tested varies, so that the walk cannot cycle forever.
                 let i = (k + step) % 3;
                 if triangle.across[i] == from && from != NONE {
                     continue;
@@ -206,19 +215,19 @@ impl<'a> Triangulation<'a> {
                 continue;
             }
             return match zero.as_slice() {
-                [] => Spot::Inside(t),
-                [i] => Spot::On(t, *i),
+                [] => Location::Inside(t),
+                [i] => Location::On(t, *i),
                 [i, j, ..] => {
                     let (i, j) = (*i.min(j), *i.max(j));
-                    Spot::Corner(triangle.corners[if (i, j) == (0, 2) { 0 } else { j }])
+                    Location::Corner(triangle.corners[if (i, j) == (0, 2) { 0 } else { j }])
                 }
             };
         }
         self.search(p)
     }
 
-    /// Finds where a point is by looking everywhere.
-    fn search(&self, p: u32) -> Spot {
+    /// Locates a point by testing every triangle.
+    fn search(&self, p: u32) -> Location {
         for (t, triangle) in (0u32..).zip(&self.triangles) {
             let [a, b, c] = triangle.corners;
             let turns = [self.turn(a, b, p), self.turn(b, c, p), self.turn(c, a, p)];
@@ -226,14 +235,14 @@ impl<'a> Triangulation<'a> {
                 continue;
             }
             return match turns.iter().position(|&s| s == Sign::Zero) {
-                Some(i) => Spot::On(t, i),
-                None => Spot::Inside(t),
+                Some(i) => Location::On(t, i),
+                None => Location::Inside(t),
             };
         }
-        Spot::Inside(self.last)
+        Location::Inside(self.last)
     }
 
-    /// The same edge seen from the other side; `NONE` where there is none.
+    /// The same edge in the neighbouring triangle; `NONE` if there is no neighbour.
     fn twin(&self, t: u32, i: usize) -> (u32, usize) {
         let s = self.triangles[t as usize].across[i];
         if s == NONE {
@@ -251,7 +260,7 @@ impl<'a> Triangulation<'a> {
         t
     }
 
-    /// Tells the neighbour across an edge, and the corners, that the triangle is now `t`.
+    /// Updates the neighbours and corners of a triangle to refer to `t`.
     fn connect(&mut self, t: u32) {
         let Triangle { corners, across, .. } = self.triangles[t as usize];
         for i in 0..3 {
@@ -266,6 +275,7 @@ impl<'a> Triangulation<'a> {
         }
     }
 
+    /// Splits a triangle at a point in its interior.
     fn split_inside(&mut self, t: u32, p: u32) {
         let Triangle { corners: [a, b, c], across, lines } = self.triangles[t as usize];
         let (u, v) = (t, self.triangles.len() as u32);
@@ -312,13 +322,13 @@ impl<'a> Triangulation<'a> {
         self.last = t;
     }
 
-    /// Turns the edge `i` of `t` within its quadrilateral. Edge 0 of `t` is then the new one.
+    /// Flips edge `i` of `t` within its quadrilateral. The new edge is edge 0 of `t`.
     fn flip(&mut self, t: u32, i: usize) {
         let (s, j) = self.twin(t, i);
         let (one, two) = (self.triangles[t as usize], self.triangles[s as usize]);
         let [a, b, c] = [0, 1, 2].map(|k| one.corners[(i + k) % 3]);
         let d = two.corners[(j + 2) % 3];
-        let side = |it: &Triangle, k: usize| (it.across[k % 3], it.lines[k % 3]);
+        let side = |of: &Triangle, k: usize| (of.across[k % 3], of.lines[k % 3]);
         let (bc, ca) = (side(&one, i + 1), side(&one, i + 2));
         let (ad, db) = (side(&two, j + 1), side(&two, j + 2));
         self.triangles[t as usize] =
@@ -329,7 +339,7 @@ impl<'a> Triangulation<'a> {
         self.connect(s);
     }
 
-    /// Whether the edge is free and its quadrilateral strictly convex.
+    /// Whether the edge is unconstrained and its quadrilateral strictly convex.
     fn can_flip(&self, t: u32, i: usize) -> bool {
         let (s, j) = self.twin(t, i);
         if s == NONE || self.triangles[t as usize].lines[i] != NONE {
@@ -340,7 +350,8 @@ impl<'a> Triangulation<'a> {
         self.turn(c, a, d) == Sign::Positive && self.turn(d, b, c) == Sign::Positive
     }
 
-    /// Whether the circle of a triangle holds the far corner of its neighbour, as far as floating point can tell.
+    /// Whether the circumcircle of a triangle contains the opposite corner of its neighbour, as far as floating point
+    /// can decide.
     fn wants_flip(&self, t: u32, i: usize) -> bool {
         let (s, j) = self.twin(t, i);
         if s == NONE || self.triangles[t as usize].lines[i] != NONE {
@@ -358,9 +369,9 @@ impl<'a> Triangulation<'a> {
         terms.iter().sum::<f64>() > 1e-9 * terms.iter().map(|t| t.abs()).sum::<f64>()
     }
 
-    /// The triangles around a point, counter-clockwise, all of them also where it is on the rim.
+    /// The triangles around a point in counter-clockwise order, complete also for points on the border.
     fn triangles_at(&self, p: u32) -> impl Iterator<Item = u32> + use<'_, 'a> {
-        // Back to the first, where there is one.
+        // Walks clockwise to the first triangle, if the fan is open.
         let start = self.at[p as usize];
         let corner = move |t: u32| self.triangles[t as usize].corners.iter().position(|&c| c == p).unwrap_or(0);
         let mut first = start;
@@ -381,7 +392,7 @@ impl<'a> Triangulation<'a> {
         })
     }
 
-    /// The triangle and edge that run from `a` to `b`.
+    /// The triangle and the edge index that run from `a` to `b`.
     fn edge(&self, a: u32, b: u32) -> Option<(u32, usize)> {
         self.triangles_at(a).find_map(|t| {
             let corners = self.triangles[t as usize].corners;

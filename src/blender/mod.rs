@@ -114,7 +114,7 @@ const WARM_UP_TIME: Duration = Duration::from_secs(120);
 
 /// What came of a warm-up.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Warmth {
+pub enum WarmUpResult {
     /// It ran, and took so long.
     Warm(Duration),
     /// It was found, but it does not work.
@@ -124,7 +124,7 @@ pub enum Warmth {
 /// Runs a program once on a tetrahedron: what it loads is then in memory, and whether it works is known. It takes a slot like
 /// any run.
 #[must_use]
-pub fn warm_up(info: RemesherInfo, config: BlenderConfig) -> Warmth {
+pub fn warm_up(info: RemesherInfo, config: BlenderConfig) -> WarmUpResult {
     let remesher = BlenderRemesher::new(info, config);
     let positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
     let soup = Soup { positions, faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] };
@@ -140,7 +140,7 @@ pub fn warm_up(info: RemesherInfo, config: BlenderConfig) -> Warmth {
     let (never, clock) = (AtomicBool::new(false), monotonic_clock());
     let made = remesher.remesh(&request, &Context::new(&NoProgress, &never, &clock, WARM_UP_TIME));
     match made {
-        Ok(_) => Warmth::Warm(clock()),
-        Err(error) => Warmth::Failed(error.to_string()),
+        Ok(_) => WarmUpResult::Warm(clock()),
+        Err(error) => WarmUpResult::Failed(error.to_string()),
     }
 }

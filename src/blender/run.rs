@@ -116,9 +116,9 @@ impl<'a> Work<'a> {
         if input.faces.is_empty() {
             return Err(RemeshError::Empty);
         }
-        let left_out = soup.faces.len() - input.faces.len();
-        if left_out > 0 {
-            context.log(&format!("{}: {left_out} faces that are flat or there twice are left out", by.info.kind));
+        let omitted = soup.faces.len() - input.faces.len();
+        if omitted > 0 {
+            context.log(&format!("{}: {omitted} faces that are flat or there twice are left out", by.info.kind));
         }
         Ok(Self { by, request, input, frame, context, time })
     }

@@ -1,4 +1,4 @@
-//! Files that go: of jobs that were deleted, of attempts that were lost, and those that no job ever came to own.
+//! Deletion of files: of deleted jobs, of lost attempts, and of uploads that never became a job.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,15 +9,15 @@ use object_store::path::Path as Key;
 use object_store::{ObjectMeta, ObjectStoreExt};
 
 use super::local::{self, KINDS};
-use super::store::{Blobs, Place};
+use super::store::{Backend, Blobs};
 use super::stored::{BlobError, Owner};
 use crate::jobs::JobId;
 
 impl Blobs {
-    /// Deletes a job's uploaded files and all that its attempts made, half-written files among them.
+    /// Deletes a job's uploaded files and all files of its attempts, with partly written files.
     ///
     /// # Errors
-    /// When the store can't list or delete; files already gone are no error.
+    /// When the store can't list or delete. Missing files are no error.
     pub async fn delete_job(&self, id: JobId) -> Result<(), BlobError> {
         self.delete(&Self::input_key(id, 0)).await?;
         self.delete_listed(format!("more/{id}"), |_| true).await?;
@@ -25,35 +25,35 @@ impl Blobs {
         self.delete_attempts(id, None).await
     }
 
-    /// Deletes what a job's attempts made, but for the files of the claim with the token `keep`.
+    /// Deletes the files of a job's attempts, except those of the claim with the token `keep`.
     ///
     /// # Errors
-    /// When the store can't list or delete; files already gone are no error.
+    /// When the store can't list or delete. Missing files are no error.
     pub async fn delete_attempts(&self, id: JobId, keep: Option<&str>) -> Result<(), BlobError> {
         let keep = keep.map(str::to_owned);
         let kept = keep.clone();
-        let goes =
+        let is_unwanted =
             move |file: &ObjectMeta| kept.is_none() || file.location.as_ref().split('/').nth(2) != kept.as_deref();
-        self.delete_listed(format!("jobs/{id}"), goes).await?;
+        self.delete_listed(format!("jobs/{id}"), is_unwanted).await?;
         self.in_folder(move |folder| local::remove_attempts(folder, id, keep.as_deref())).await
     }
 
-    /// Deletes what one claim of a job made.
+    /// Deletes the files of one claim of a job.
     ///
     /// # Errors
-    /// When the store can't list or delete; files already gone are no error.
+    /// When the store can't list or delete. Missing files are no error.
     pub async fn delete_claim(&self, id: JobId, claim: &str) -> Result<(), BlobError> {
         self.delete_listed(format!("jobs/{id}/{claim}"), |_| true).await?;
         let claim = claim.to_owned();
         self.in_folder(move |folder| local::remove_claim(folder, id, &claim)).await
     }
 
-    /// Owners of files here which nobody has touched for `age`, some of them more than once. A bucket is read page by page.
+    /// The owners of files that have not changed for `age`; an owner may come more than once. A bucket is listed page by page.
     ///
     /// # Errors
     /// When the store can't list.
     pub async fn owners(&self, age: Duration) -> Result<BoxStream<'static, Result<Owner, BlobError>>, BlobError> {
-        if let Place::Folder(folder) = &self.place {
+        if let Backend::Folder(folder) = &self.backend {
             let folder = folder.clone();
             let found = tokio::task::spawn_blocking(move || local::owners(&folder, age)).await;
             return Ok(futures::stream::iter(found.map_err(std::io::Error::from)??).map(Ok).boxed());
@@ -67,7 +67,7 @@ impl Blobs {
             let claim = claim.filter(|_| kind == Some("jobs")).map(str::to_owned);
             let owner = job.map(|job| Owner { job, claim });
             // The files of an owner come one after the other.
-            let is_new = owner.is_some() && owner != before && is_quiet(&file, age);
+            let is_new = owner.is_some() && owner != before && is_stale(&file, age);
             if is_new {
                 before.clone_from(&owner);
             }
@@ -76,11 +76,11 @@ impl Blobs {
         Ok(owners.map_err(BlobError::from).boxed())
     }
 
-    /// Deletes all files of a job unless one of them was touched within `age`. Answers whether it did.
+    /// Deletes all files of a job, unless one of them has changed within `age`. Returns whether the files were deleted.
     ///
     /// # Errors
     /// When the store can't list or delete.
-    pub async fn delete_quiet_job(&self, id: JobId, age: Duration) -> Result<bool, BlobError> {
+    pub async fn delete_stale_job(&self, id: JobId, age: Duration) -> Result<bool, BlobError> {
         let upload = match self.store.head(&Key::from(Self::input_key(id, 0))).await {
             Err(object_store::Error::NotFound { .. }) => None,
             found => Some(found?),
@@ -90,7 +90,7 @@ impl Blobs {
             .flat_map(move |kind| store.list(Some(&Key::from(format!("{kind}/{id}")))));
         let mut files = futures::stream::iter(upload.map(Ok)).chain(others);
         while let Some(file) = files.try_next().await? {
-            if !is_quiet(&file, age) {
+            if !is_stale(&file, age) {
                 return Ok(false);
             }
         }
@@ -99,23 +99,23 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Deletes files that were sent before their job, and touched by nobody for `age`.
+    /// Deletes files that were uploaded before their job and have not changed for `age`.
     ///
     /// # Errors
     /// When the store can't list or delete.
-    pub async fn delete_quiet_incoming(&self, age: Duration) -> Result<(), BlobError> {
-        self.delete_listed("incoming".to_owned(), move |file| is_quiet(file, age)).await?;
-        self.in_folder(move |folder| local::remove_quiet_incoming(folder, age)).await
+    pub async fn delete_stale_incoming(&self, age: Duration) -> Result<(), BlobError> {
+        self.delete_listed("incoming".to_owned(), move |file| is_stale(file, age)).await?;
+        self.in_folder(move |folder| local::remove_stale_incoming(folder, age)).await
     }
 
-    /// Deletes the files under a prefix that `goes` picks.
+    /// Deletes the files under a prefix that `is_unwanted` selects.
     async fn delete_listed(
         &self,
         prefix: String,
-        goes: impl Fn(&ObjectMeta) -> bool + Send + 'static,
+        is_unwanted: impl Fn(&ObjectMeta) -> bool + Send + 'static,
     ) -> Result<(), BlobError> {
         let files = self.store.list(Some(&Key::from(prefix)));
-        let keys = files.try_filter_map(move |file| futures::future::ok(goes(&file).then_some(file.location)));
+        let keys = files.try_filter_map(move |file| futures::future::ok(is_unwanted(&file).then_some(file.location)));
         let mut deleted = self.store.delete_stream(keys.boxed());
         while let Some(deleted) = deleted.next().await {
             match deleted {
@@ -126,19 +126,19 @@ impl Blobs {
         Ok(())
     }
 
-    /// Does what only a folder needs, since half-written files are not in its list.
+    /// Runs `work` on a local folder, for partly written files, which object_store does not list. Does nothing for a bucket.
     async fn in_folder(
         &self,
         work: impl FnOnce(&Path) -> std::io::Result<()> + Send + 'static,
     ) -> Result<(), BlobError> {
-        let Place::Folder(folder) = &self.place else { return Ok(()) };
+        let Backend::Folder(folder) = &self.backend else { return Ok(()) };
         let folder = folder.clone();
         let done = tokio::task::spawn_blocking(move || work(&folder)).await;
         Ok(done.map_err(std::io::Error::from)??)
     }
 }
 
-/// Whether nobody has touched a file for `age`.
-fn is_quiet(file: &ObjectMeta, age: Duration) -> bool {
-    std::time::SystemTime::from(file.last_modified).elapsed().is_ok_and(|quiet| quiet >= age)
+/// Whether a file has not changed for `age`.
+fn is_stale(file: &ObjectMeta, age: Duration) -> bool {
+    std::time::SystemTime::from(file.last_modified).elapsed().is_ok_and(|unchanged| unchanged >= age)
 }

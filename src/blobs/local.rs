@@ -1,5 +1,5 @@
-//! What a local folder needs beside object_store: it writes a file as `<name>#<number>` first, and neither lists nor
-//! deletes those when a process was killed half way; and it waits for the disk two times or more for each of several files.
+//! Operations on a local folder that object_store lacks. object_store first writes a file as `<name>#<number>`, and neither lists
+//! nor deletes such files after a killed process. It also syncs each of several files separately.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, DirEntry, File};
@@ -7,20 +7,20 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use super::stored::{Account, CHUNK, Owner, Stored};
+use super::stored::{CHUNK, Owner, Stored, Summary};
 use crate::jobs::JobId;
 
-/// The folders whose entries are named by jobs.
+/// The folders whose entries are named by job ids.
 pub(super) const KINDS: [&str; 3] = ["uploads", "more", "jobs"];
 
-/// Copies local files into the folder, each to its key; gives none for one that is not there. When this returns they are on disk.
+/// Copies local files into the folder, each to its key. The result has `None` for a missing file. On return, the files are on disk.
 ///
-/// They are written where they stay, so that part of one may be there when the process is killed: for keys that nobody has been
-/// told of. All are written before the first is waited for, since then the disk has most of the others too.
+/// The files are written to their final paths, so a killed process may leave a part of one; the keys must not be published yet.
+/// All files are written before the first sync, because the disk has by then written most of the others.
 pub(super) fn copy_in(folder: &Path, files: &[(String, PathBuf)]) -> io::Result<Vec<Option<Stored>>> {
     let copied = try_copy_in(folder, files);
     if copied.is_err() {
-        // What can't be removed goes with the attempt that made it.
+        // Files that can't be removed here are removed with their attempt.
         files.iter().for_each(|(key, _)| drop(fs::remove_file(folder.join(key))));
     }
     copied
@@ -38,7 +38,7 @@ fn try_copy_in(folder: &Path, files: &[(String, PathBuf)]) -> io::Result<Vec<Opt
         };
         let target = folder.join(key);
         if let Some(parent) = target.parent() {
-            make_folder(parent, &mut changed)?;
+            create_folder(parent, &mut changed)?;
             changed.insert(parent.to_owned());
         }
         let mut target = File::create(target)?;
@@ -50,37 +50,37 @@ fn try_copy_in(folder: &Path, files: &[(String, PathBuf)]) -> io::Result<Vec<Opt
     Ok(stored)
 }
 
-/// Makes a folder, and those above it that are missing; adds those that have a new entry to `changed`.
-fn make_folder(path: &Path, changed: &mut BTreeSet<PathBuf>) -> io::Result<()> {
+/// Creates a folder and its missing parents. Adds each folder that got a new entry to `changed`.
+fn create_folder(path: &Path, changed: &mut BTreeSet<PathBuf>) -> io::Result<()> {
     match (fs::create_dir(path), path.parent()) {
         (Ok(()), parent) => changed.extend(parent.map(Path::to_owned)),
         (Err(error), _) if error.kind() == io::ErrorKind::AlreadyExists => {}
         (Err(error), Some(parent)) if error.kind() == io::ErrorKind::NotFound => {
-            make_folder(parent, changed)?;
-            make_folder(path, changed)?;
+            create_folder(parent, changed)?;
+            create_folder(path, changed)?;
         }
         (Err(error), _) => return Err(error),
     }
     Ok(())
 }
 
-/// Copies a file's bytes, and says what they are.
+/// Copies a file's bytes, and returns their summary.
 pub(super) fn copy(mut source: File, target: &mut File) -> io::Result<Stored> {
-    let mut account = Account::default();
+    let mut summary = Summary::default();
     let size = usize::try_from(source.metadata()?.len()).unwrap_or(CHUNK);
     let mut chunk = vec![0; size.clamp(1, CHUNK)];
     loop {
         match source.read(&mut chunk)? {
-            0 => return Ok(account.stored()),
+            0 => return Ok(summary.finish()),
             read => {
-                account.add(&chunk[..read]);
+                summary.add(&chunk[..read]);
                 target.write_all(&chunk[..read])?;
             }
         }
     }
 }
 
-/// Entries of a folder; none if it is not there.
+/// The entries of a folder; none if it is missing.
 fn entries(folder: &Path) -> io::Result<Vec<DirEntry>> {
     match fs::read_dir(folder) {
         Ok(entries) => entries.collect(),
@@ -89,19 +89,19 @@ fn entries(folder: &Path) -> io::Result<Vec<DirEntry>> {
     }
 }
 
-fn gone_is_fine(result: io::Result<()>) -> io::Result<()> {
+fn ignore_missing(result: io::Result<()>) -> io::Result<()> {
     match result {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
         _ => Ok(()),
     }
 }
 
-/// The job that an entry of `uploads`, `more` or `jobs` belongs to.
+/// The job to which an entry of `uploads`, `more` or `jobs` belongs.
 fn owner(entry: &DirEntry) -> Option<JobId> {
     entry.file_name().to_str()?.split('#').next()?.parse().ok()
 }
 
-/// Removes the half-written uploads of a job, and the folder of its further files.
+/// Removes partly written uploads of a job, and the folder of its further files.
 pub(super) fn remove_uploads(folder: &Path, id: JobId) -> io::Result<()> {
     for number in 1..100 {
         match fs::remove_file(folder.join("uploads").join(format!("{id}#{number}"))) {
@@ -109,44 +109,44 @@ pub(super) fn remove_uploads(folder: &Path, id: JobId) -> io::Result<()> {
             result => result?,
         }
     }
-    gone_is_fine(fs::remove_dir_all(folder.join("more").join(id.to_string())))
+    ignore_missing(fs::remove_dir_all(folder.join("more").join(id.to_string())))
 }
 
-/// Removes the folders of a job's attempts, but for the one named `keep`.
+/// Removes the folders of a job's attempts, except the one named `keep`.
 pub(super) fn remove_attempts(folder: &Path, id: JobId, keep: Option<&str>) -> io::Result<()> {
     let job = folder.join("jobs").join(id.to_string());
     for entry in entries(&job)? {
         if keep.is_none_or(|keep| entry.file_name() != keep) {
-            gone_is_fine(fs::remove_dir_all(entry.path()))?;
+            ignore_missing(fs::remove_dir_all(entry.path()))?;
         }
     }
-    if keep.is_none() { gone_is_fine(fs::remove_dir_all(job)) } else { Ok(()) }
+    if keep.is_none() { ignore_missing(fs::remove_dir_all(job)) } else { Ok(()) }
 }
 
-/// Removes the folder of one of a job's claims.
+/// Removes the folder of one claim of a job.
 pub(super) fn remove_claim(folder: &Path, id: JobId, claim: &str) -> io::Result<()> {
-    gone_is_fine(fs::remove_dir_all(folder.join("jobs").join(id.to_string()).join(claim)))
+    ignore_missing(fs::remove_dir_all(folder.join("jobs").join(id.to_string()).join(claim)))
 }
 
-/// Removes half-written files that were to be there before their job, and of which nothing has changed for `age`.
-pub(super) fn remove_quiet_incoming(folder: &Path, age: Duration) -> io::Result<()> {
+/// Removes partly written files that were uploaded before their job, and have not changed for `age`.
+pub(super) fn remove_stale_incoming(folder: &Path, age: Duration) -> io::Result<()> {
     for entry in entries(&folder.join("incoming"))? {
-        if last_change(&entry).is_ok_and(|change| change.elapsed().is_ok_and(|quiet| quiet >= age)) {
-            gone_is_fine(fs::remove_file(entry.path()))?;
+        if last_change(&entry).is_ok_and(|change| change.elapsed().is_ok_and(|unchanged| unchanged >= age)) {
+            ignore_missing(fs::remove_file(entry.path()))?;
         }
     }
     Ok(())
 }
 
-/// When an entry, or anything directly in it, last changed; a folder's own time tells nothing of a file that grows.
+/// When an entry, or anything directly in it, last changed. A folder's own time does not change while a file in it grows.
 fn last_change(entry: &DirEntry) -> io::Result<SystemTime> {
     let data = entry.metadata()?;
-    let inside = if data.is_dir() { entries(&entry.path())? } else { Vec::new() };
-    let times = inside.iter().filter_map(|inner| inner.metadata().and_then(|data| data.modified()).ok());
+    let children = if data.is_dir() { entries(&entry.path())? } else { Vec::new() };
+    let times = children.iter().filter_map(|child| child.metadata().and_then(|data| data.modified()).ok());
     Ok(times.fold(data.modified()?, SystemTime::max))
 }
 
-/// Owners of uploads and of folders of results, where nothing that the job has changed for `age`.
+/// The owners of uploads and of result folders, of jobs none of whose files has changed for `age`.
 pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<Owner>> {
     let mut changes: BTreeMap<JobId, SystemTime> = BTreeMap::new();
     let mut owners = Vec::new();
@@ -163,7 +163,7 @@ pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<Owner>> {
             }
         }
     }
-    changes.retain(|_, change| change.elapsed().is_ok_and(|quiet| quiet >= age));
+    changes.retain(|_, change| change.elapsed().is_ok_and(|unchanged| unchanged >= age));
     owners.retain(|owner| changes.contains_key(&owner.job));
     owners.sort();
     owners.dedup();
@@ -180,16 +180,16 @@ mod tests {
         fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
         fs::write(path, "x").expect("a file");
         if old {
-            age(path);
+            set_old(path);
         }
     }
 
-    fn age(path: &Path) {
+    fn set_old(path: &Path) {
         fs::File::open(path).expect("readable").set_modified(SystemTime::UNIX_EPOCH).expect("a time");
     }
 
     #[test]
-    fn an_upload_whose_last_file_still_grows_is_not_taken_for_abandoned() {
+    fn an_upload_with_a_growing_file_is_not_abandoned() {
         let root = tempfile::tempdir().expect("a folder");
         let (abandoned, growing) = (JobId::new(), JobId::new());
         for id in [abandoned, growing] {
@@ -197,14 +197,14 @@ mod tests {
             let more = root.path().join("more").join(id.to_string());
             write(&more.join("1"), true);
             write(&more.join("2#1"), id == abandoned);
-            age(&more);
+            set_old(&more);
         }
         let found = owners(root.path(), HOUR).expect("readable");
         assert_eq!(found, [Owner { job: abandoned, claim: None }]);
     }
 
     #[test]
-    fn what_is_half_written_goes_with_the_uploads() {
+    fn removing_uploads_removes_partly_written_files() {
         let root = tempfile::tempdir().expect("a folder");
         let (id, other) = (JobId::new(), JobId::new());
         for id in [id, other] {
@@ -214,8 +214,8 @@ mod tests {
         remove_uploads(root.path(), id).expect("removed");
         remove_uploads(root.path(), id).expect("gone already");
         for kind in ["uploads", "more"] {
-            let left: Vec<_> = entries(&root.path().join(kind)).expect("readable").iter().filter_map(owner).collect();
-            assert_eq!(left, [other], "{kind}");
+            let owners: Vec<_> = entries(&root.path().join(kind)).expect("readable").iter().filter_map(owner).collect();
+            assert_eq!(owners, [other], "{kind}");
         }
     }
 }

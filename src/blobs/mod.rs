@@ -1,8 +1,9 @@
-//! Files: uploads and artifacts over object_store, in a local folder or in a bucket of an S3-compatible store.
+//! The file store: uploads and artifacts over object_store, in a local folder or in a bucket of an S3-compatible store.
 //!
-//! Keys: `uploads/<job id>` for the uploaded file, `more/<job id>/<number>` for each further one of a job that has several
-//! (a folder for the one that most have would cost another sync to disk), and `jobs/<job id>/<claim>/<name>` for what an attempt made, so that the files
-//! of a lost attempt are never mistaken for the result. `incoming/<upload id>` is a file that was sent before its job.
+//! A job's first uploaded file has the key `uploads/<job id>`, and each further one `more/<job id>/<number>`. Most jobs have a
+//! single file, which thus needs no folder of its own and no extra sync to disk. An attempt's files have keys
+//! `jobs/<job id>/<claim>/<name>`, so that the files of a lost attempt are never mistaken for the result. A file that was uploaded
+//! before its job has the key `incoming/<upload id>`.
 
 mod bucket;
 mod cleanup;

@@ -1,4 +1,4 @@
-//! Files on their way into the store and out of it: counted, hashed, and whole in the end or not there at all.
+//! Storing and fetching files. Transfers are counted and hashed, and a file is stored whole or not at all.
 
 use std::fs::File;
 use std::io::{ErrorKind, SeekFrom};
@@ -20,82 +20,82 @@ use tokio_util::io::ReaderStream;
 
 use super::bucket::{Bucket, S3Config};
 use super::local;
-use super::stored::{Account, BlobError, CHUNK, Stored, UploadError, not_found, of_folder};
+use super::stored::{BlobError, CHUNK, Stored, Summary, UploadError, folder_error, not_found};
 use crate::jobs::{IdSource, JobId, SystemIds, UploadId};
 
-/// How long an address is good that nobody asks.
+/// The lifetime of a signed address that is only parsed, never requested.
 const SHORTEST: Duration = Duration::from_secs(1);
 
-/// Where files are kept.
+/// The file store.
 #[derive(Debug, Clone)]
 pub struct Blobs {
     pub(super) store: Arc<dyn ObjectStore>,
-    pub(super) place: Place,
+    pub(super) backend: Backend,
 }
 
-/// What is known of a store beside its keys.
+/// The local folder or the bucket in which files are stored.
 #[derive(Debug, Clone)]
-pub(super) enum Place {
+pub(super) enum Backend {
     Folder(PathBuf),
     Bucket(Bucket),
 }
 
 impl Blobs {
-    /// Files in a local folder, made if missing. Files are synced to disk before they count as stored.
+    /// Stores files in a local folder, created if missing. Files are synced to disk before they count as stored.
     ///
     /// # Errors
-    /// When the folder can't be made.
+    /// When the folder can't be created.
     pub fn local(folder: &Path) -> Result<Self, BlobError> {
         std::fs::create_dir_all(folder)?;
         let store = LocalFileSystem::new_with_prefix(folder)?.with_fsync(true).with_automatic_cleanup(true);
-        Ok(Self { store: Arc::new(store), place: Place::Folder(folder.to_owned()) })
+        Ok(Self { store: Arc::new(store), backend: Backend::Folder(folder.to_owned()) })
     }
 
-    /// Files in a bucket of an S3-compatible store. It is not asked for anything yet.
+    /// Stores files in a bucket of an S3-compatible store. Sends no request yet.
     ///
-    /// Every request's bytes are signed with their SHA-256, so that the store takes only what was sent.
+    /// Every request has the SHA-256 of its bytes in its signature, so that the store detects changed bytes.
     ///
     /// # Errors
-    /// When the address makes no sense, or the local folder can't be made.
+    /// When the address can't be used, or the local folder can't be created.
     pub fn s3(config: &S3Config) -> Result<Self, BlobError> {
         let bucket = Bucket::open(config)?;
-        Ok(Self { store: bucket.store(), place: Place::Bucket(bucket) })
+        Ok(Self { store: bucket.store(), backend: Backend::Bucket(bucket) })
     }
 
-    /// Bytes that may still be written to the disk that the files are on, or wait on to be sent; none where that is not known.
+    /// Free bytes of the disk that holds the files, or holds files on their way to the bucket; `None` if unknown.
     ///
     /// # Errors
-    /// When the file system does not tell.
+    /// When the file system does not report its free space.
     pub fn free_bytes(&self) -> Result<Option<u64>, BlobError> {
-        let folder = match &self.place {
-            Place::Folder(folder) => folder,
-            Place::Bucket(bucket) => &bucket.spool,
+        let folder = match &self.backend {
+            Backend::Folder(folder) => folder,
+            Backend::Bucket(bucket) => &bucket.spool,
         };
         Ok(Some(free_bytes(folder)?))
     }
 
-    /// The key of a job's uploaded file, counted from 0.
+    /// The key of a job's uploaded file `number`, counted from 0.
     #[must_use]
     pub fn input_key(id: JobId, number: usize) -> String {
         if number == 0 { format!("uploads/{id}") } else { format!("more/{id}/{number}") }
     }
 
-    /// The key of a file that was sent before its job.
+    /// The key of a file that was uploaded before its job.
     #[must_use]
     pub fn incoming_key(id: UploadId) -> String {
         format!("incoming/{id}")
     }
 
-    /// The key of a file that one claim of a job made.
+    /// The key of a file that one claim of a job produced.
     #[must_use]
     pub fn artifact_key(id: JobId, token: &str, name: &str) -> String {
         format!("jobs/{id}/{token}/{name}")
     }
 
-    /// A file's size.
+    /// A file's size in bytes.
     ///
     /// # Errors
-    /// [`BlobError::NotFound`] when there is none of that key.
+    /// [`BlobError::NotFound`] when no file has this key.
     pub async fn bytes(&self, key: &str) -> Result<u64, BlobError> {
         Ok(self.store.head(&Key::from(key)).await.map_err(not_found)?.size)
     }
@@ -103,7 +103,7 @@ impl Blobs {
     /// A file's bytes, or a range of them.
     ///
     /// # Errors
-    /// [`BlobError::NotFound`] when there is none of that key.
+    /// [`BlobError::NotFound`] when no file has this key.
     pub async fn get(
         &self,
         key: &str,
@@ -123,10 +123,10 @@ impl Blobs {
         }
     }
 
-    /// A whole file's bytes, the last of which come only if all are those with this SHA-256.
+    /// A whole file's bytes. The last chunk is withheld until the SHA-256 of all bytes is verified.
     ///
     /// # Errors
-    /// [`BlobError::NotFound`] when there is none of that key; the stream ends with [`BlobError::Damaged`] where they differ.
+    /// [`BlobError::NotFound`] when no file has this key. The stream ends with [`BlobError::Damaged`] when the hash differs.
     pub async fn get_whole(
         &self,
         key: &str,
@@ -134,8 +134,8 @@ impl Blobs {
     ) -> Result<BoxStream<'static, Result<Bytes, BlobError>>, BlobError> {
         let source = self.get(key, None).await?;
         let (key, stored) = (key.to_owned(), sha256.to_owned());
-        let begun = (source, Sha256::new(), Bytes::new());
-        let checked = futures::stream::try_unfold(begun, move |(mut source, mut hash, mut held)| {
+        let start = (source, Sha256::new(), Bytes::new());
+        let checked = futures::stream::try_unfold(start, move |(mut source, mut hash, mut held)| {
             let (key, stored) = (key.clone(), stored.clone());
             async move {
                 loop {
@@ -162,16 +162,16 @@ impl Blobs {
         Ok(checked.boxed())
     }
 
-    /// Copies a whole file into the local file system.
+    /// Copies a whole file to the local file system.
     ///
     /// # Errors
-    /// [`BlobError::NotFound`] when there is none of that key, [`BlobError::Damaged`] when it has another SHA-256.
+    /// [`BlobError::NotFound`] when no file has this key, [`BlobError::Damaged`] when its SHA-256 differs.
     pub async fn fetch(&self, key: &str, sha256: &str, path: &Path) -> Result<(), BlobError> {
-        if let Place::Folder(folder) = &self.place {
+        if let Backend::Folder(folder) = &self.backend {
             let (source, target) = (folder.join(key), path.to_owned());
             let copied = tokio::task::spawn_blocking(move || match File::open(source) {
                 Err(error) if error.kind() == ErrorKind::NotFound => Err(BlobError::NotFound),
-                source => Ok(local::copy(source.map_err(of_folder)?, &mut File::create(target)?)?),
+                source => Ok(local::copy(source.map_err(folder_error)?, &mut File::create(target)?)?),
             });
             let found = copied.await.map_err(std::io::Error::from)??.sha256;
             let (key, stored) = (key.to_owned(), sha256.to_owned());
@@ -189,12 +189,12 @@ impl Blobs {
     /// Copies a file within the store.
     ///
     /// # Errors
-    /// [`BlobError::NotFound`] when there is none of that key.
+    /// [`BlobError::NotFound`] when no file has the key `from`.
     pub async fn copy(&self, from: &str, to: &str) -> Result<(), BlobError> {
         self.store.copy(&Key::from(from), &Key::from(to)).await.map_err(not_found)
     }
 
-    /// Deletes one file; one already gone is no error.
+    /// Deletes a file. A missing file is no error.
     ///
     /// # Errors
     /// When the store can't delete.
@@ -205,10 +205,10 @@ impl Blobs {
         }
     }
 
-    /// Writes, reads and deletes a small file, to see that the store works.
+    /// Writes, reads and deletes a small file, to check that the store works.
     ///
     /// # Errors
-    /// What the store says.
+    /// The store's first error.
     pub async fn probe(&self) -> Result<(), BlobError> {
         let key = Key::from(format!("probe/{}", SystemIds.random().simple()));
         self.store.put(&key, Bytes::from_static(b"probe").into()).await?;
@@ -217,13 +217,13 @@ impl Blobs {
         Ok(())
     }
 
-    /// Stores a stream of bytes, at most `limit` of them, without ever holding more than a few chunks.
+    /// Stores a stream of at most `limit` bytes, with only a few chunks in memory.
     ///
-    /// For a store that is no folder they first go to an unnamed file on the local disk: however slowly they come, and however
-    /// many come at once, they take no memory and no part of them is in the store before the last has come.
+    /// For a bucket, the bytes are first collected in an unnamed file on the local disk. Slow or numerous uploads thus use no memory,
+    /// and the bucket gets no bytes before the last has arrived.
     ///
     /// # Errors
-    /// [`UploadError`]; what was written is removed.
+    /// [`UploadError`]; the bytes written so far are removed.
     pub async fn put_stream<E>(
         &self,
         key: &str,
@@ -231,9 +231,9 @@ impl Blobs {
         limit: u64,
     ) -> Result<Stored, UploadError<E>> {
         let mut source = std::pin::pin!(limited(source, limit));
-        match &self.place {
-            Place::Folder(_) => self.put_in_folder(key, source).await,
-            Place::Bucket(bucket) => {
+        match &self.backend {
+            Backend::Folder(_) => self.put_in_folder(key, source).await,
+            Backend::Bucket(bucket) => {
                 let mut file = bucket.spool_file().await?;
                 while let Some(chunk) = source.try_next().await? {
                     file.write_all(&chunk).await.map_err(BlobError::from)?;
@@ -251,10 +251,10 @@ impl Blobs {
     ) -> Result<Stored, UploadError<E>> {
         let upload = self.store.put_multipart(&Key::from(key)).await.map_err(BlobError::from)?;
         let mut upload = WriteMultipart::new_with_chunk_size(upload, CHUNK);
-        let mut account = Account::default();
+        let mut summary = Summary::default();
         let written = async {
             while let Some(chunk) = source.try_next().await? {
-                account.add(&chunk);
+                summary.add(&chunk);
                 upload.write(&chunk);
                 upload.wait_for_capacity(1).await.map_err(BlobError::from)?;
             }
@@ -262,27 +262,27 @@ impl Blobs {
         };
         if let Err(failure) = written.await {
             if let Err(error) = upload.abort().await {
-                tracing::warn!(%error, key, "could not remove a broken upload");
+                tracing::warn!(%error, key, "could not remove a failed upload");
             }
             return Err(failure);
         }
         upload.finish().await.map_err(BlobError::from)?;
-        Ok(account.stored())
+        Ok(summary.finish())
     }
 
-    /// Stores local files, each under its key; gives none for one that is not there. Until it has returned, part of one may be there:
-    /// nobody may have been told of the keys.
+    /// Stores local files, each under its key. The result has `None` for a missing file. The keys must not be published before this
+    /// returns, because a part of a file may be stored until then.
     ///
     /// # Errors
-    /// When one can't be read or stored; the others may be there.
+    /// When a file can't be read or stored; other files may be stored.
     pub async fn put_files(&self, files: &[(String, PathBuf)]) -> Result<Vec<Option<Stored>>, BlobError> {
-        match &self.place {
-            Place::Folder(folder) => {
+        match &self.backend {
+            Backend::Folder(folder) => {
                 let (folder, files) = (folder.clone(), files.to_vec());
                 let copied = tokio::task::spawn_blocking(move || local::copy_in(&folder, &files)).await;
-                copied.map_err(std::io::Error::from)?.map_err(of_folder)
+                copied.map_err(std::io::Error::from)?.map_err(folder_error)
             }
-            Place::Bucket(bucket) => {
+            Backend::Bucket(bucket) => {
                 let sent = files.iter().map(|(key, path)| async move {
                     match tokio::fs::File::open(path).await {
                         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
@@ -295,9 +295,10 @@ impl Blobs {
         }
     }
 
-    // Addresses of single files that need no credentials and are good for a while, so that bytes need not pass through the service.
+    // Signed addresses of single files, valid for a limited time without credentials. Clients use them to send and fetch bytes without
+    // the service in between.
 
-    /// An address that answers with a file and these two headers; none where the store is a folder.
+    /// A signed address that returns a file with these two headers; `None` for a local folder.
     ///
     /// # Errors
     /// When there are no credentials to sign with.
@@ -308,21 +309,21 @@ impl Blobs {
         content_disposition: &str,
         content_type: &str,
     ) -> Result<Option<String>, BlobError> {
-        let answer = [("response-content-disposition", content_disposition), ("response-content-type", content_type)];
-        self.presigned(Method::GET, key, life, &SignedUrlOptions::new().with_query(answer)).await
+        let headers = [("response-content-disposition", content_disposition), ("response-content-type", content_type)];
+        self.presigned(Method::GET, key, life, &SignedUrlOptions::new().with_query(headers)).await
     }
 
-    /// An address that takes a file's bytes as the body of a PUT, as often as it is sent; none where the store is a folder. How many
-    /// bytes that may be can't be said in it.
+    /// A signed address that stores the body of each PUT request as the file; `None` for a local folder. The signature can't limit the
+    /// size.
     ///
     /// # Errors
+    /// When there are no credentials to sign with.
     /// When there are no credentials to sign with.
     pub async fn presigned_put(&self, key: &str, life: Duration) -> Result<Option<String>, BlobError> {
         self.presigned(Method::PUT, key, life, &SignedUrlOptions::new()).await
     }
 
-    /// The origin of those addresses, such as `https://bucket.s3.amazonaws.com`; none where the store is a folder, or nothing can be
-    /// signed now.
+    /// The origin of signed addresses, such as `https://bucket.s3.amazonaws.com`; `None` for a local folder, or if signing fails now.
     pub async fn public_origin(&self) -> Option<String> {
         let any = self.presigned(Method::GET, "origin", SHORTEST, &SignedUrlOptions::new()).await;
         let address = url::Url::parse(&any.ok().flatten()?).ok()?;
@@ -336,30 +337,30 @@ impl Blobs {
         life: Duration,
         options: &SignedUrlOptions,
     ) -> Result<Option<String>, BlobError> {
-        let Place::Bucket(bucket) = &self.place else { return Ok(None) };
+        let Backend::Bucket(bucket) = &self.backend else { return Ok(None) };
         let address = bucket.public().signed_url_opts(method, &Key::from(key), life, options).await?;
         Ok(Some(address.into()))
     }
 }
 
-/// Bytes that may still be written to the disk that a folder is on.
+/// Free bytes of the disk that holds `folder`.
 ///
 /// # Errors
-/// When the file system does not tell.
+/// When the file system does not report its free space.
 pub fn free_bytes(folder: &Path) -> std::io::Result<u64> {
     let disk = rustix::fs::statvfs(folder)?;
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
-/// The stream, but ended by an error where it is longer than `limit`.
+/// The stream, which ends with an error when it exceeds `limit` bytes.
 fn limited<E>(
     source: impl Stream<Item = Result<Bytes, E>>,
     limit: u64,
 ) -> impl Stream<Item = Result<Bytes, UploadError<E>>> {
-    let mut left = limit;
+    let mut remaining = limit;
     source.map(move |chunk| {
         let chunk = chunk.map_err(UploadError::Source)?;
-        left = left.checked_sub(chunk.len() as u64).ok_or(UploadError::TooLarge(limit))?;
+        remaining = remaining.checked_sub(chunk.len() as u64).ok_or(UploadError::TooLarge(limit))?;
         Ok(chunk)
     })
 }

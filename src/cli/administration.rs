@@ -78,7 +78,7 @@ pub fn keys(args: KeysArgs) -> ExitCode {
             let kind = KeyKind::Api;
             let secret = Secret::new(kind);
             let new = NewKey { tenant, kind, label, scopes, origin: None, max_bytes: None, life_s, parent: None };
-            let key = data.store.create_key(new, &secret.token()).await?;
+            let key = data.store.create_key(new, &secret.hash()).await?;
             // The secret alone on standard output, for scripts.
             let _ = writeln!(std::io::stderr(), "{}", key_json(&key));
             to_stdout(secret.reveal())

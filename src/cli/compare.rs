@@ -102,7 +102,7 @@ fn as_text(before: &Measures, after: &Measures, it: &Comparison) -> String {
     };
     let percent = |pct: Option<f64>| pct.map_or_else(|| "-".to_owned(), |pct| format!("{pct:.3} %"));
     line("faces kept", percent(Some(changes.faces_kept_pct)));
-    line("box moved by", percent(changes.box_change_pct));
+    line("box moved by", percent(changes.bounding_box_change_pct));
     line("visible surface lost", percent(changes.surface_lost_pct));
     if let Some(inside) = it.inside {
         line("inside agrees on", format!("{:.3} % of {} points", inside.agree_pct, inside.points));
@@ -112,7 +112,7 @@ fn as_text(before: &Measures, after: &Measures, it: &Comparison) -> String {
     let ways = [
         ("before, seen, to after", &changes.lost),
         ("all of before to after", &it.deviation),
-        ("after to before", &changes.made),
+        ("after to before", &changes.added),
     ];
     if ways.iter().any(|(_, deviation)| deviation.is_some()) {
         let heads = ["max", "mean", "rms", "50 %", "95 %", "99 %"].map(|head| format!("{head:>12}")).concat();

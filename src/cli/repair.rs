@@ -15,8 +15,8 @@ use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    Category, Context, HandedOut, InsideRule, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset,
-    RepairError, Repaired, Report, Require, draw, monotonic_clock, repair,
+    Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, RepairError,
+    Repaired, Report, Require, WindingRuleChoice, draw, monotonic_clock, repair,
 };
 use meshmend::scene::Unit;
 
@@ -78,7 +78,7 @@ pub fn run(args: &RepairArgs) -> ExitCode {
         return exit::fail(exit::INTERNAL, message);
     }
     if let Some(folder) = &args.pictures {
-        let result = (repaired.report.verdict.file != HandedOut::None).then_some(repaired.bytes.as_slice());
+        let result = (repaired.report.verdict.file != OfferedFile::None).then_some(repaired.bytes.as_slice());
         match draw(&bytes, result, &options, &limits, &context) {
             Ok(drawings) => {
                 if let Err(message) = write_drawings(folder, "", &drawings) {
@@ -95,7 +95,7 @@ pub fn run(args: &RepairArgs) -> ExitCode {
 
 /// Writes the model, where one is handed out, and the report, where it is wanted.
 fn write(args: &RepairArgs, repaired: &Repaired) -> Result<(), String> {
-    if repaired.report.verdict.file != HandedOut::None {
+    if repaired.report.verdict.file != OfferedFile::None {
         write_file(&args.output, &repaired.bytes)?;
     }
     let Some(path) = &args.report else { return Ok(()) };
@@ -122,7 +122,7 @@ fn print_summary(report: &Report, output: &Path) {
         lines.push(format!(
             "meshmend: {output} was not written: the result is not printable, which --require printable asks for"
         ));
-    } else if report.verdict.file == HandedOut::None {
+    } else if report.verdict.file == OfferedFile::None {
         lines.push(format!("meshmend: {output} was not written: there is no model that could be"));
     }
     let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
@@ -195,8 +195,8 @@ pub struct RepairOptionArgs {
     #[arg(long, env = "MESHMEND_MAX_VERTEX_LOSS_PCT", default_value_t = Options::default().max_vertex_loss_pct)]
     max_vertex_loss_pct: f64,
     /// Red flag: change of the bounding box, in percent.
-    #[arg(long, env = "MESHMEND_MAX_BOX_CHANGE_PCT", default_value_t = Options::default().max_box_change_pct)]
-    max_box_change_pct: f64,
+    #[arg(long, env = "MESHMEND_MAX_BOX_CHANGE_PCT", default_value_t = Options::default().max_bounding_box_change_pct)]
+    max_bounding_box_change_pct: f64,
     /// Red flag: change of the volume, in percent.
     #[arg(long, env = "MESHMEND_MAX_VOLUME_CHANGE_PCT", default_value_t = Options::default().max_volume_change_pct)]
     max_volume_change_pct: f64,
@@ -252,7 +252,7 @@ pub struct RepairOptionArgs {
     overlaps: Overlaps,
     /// What is solid where faces intersect, by how many times the surface winds around it.
     #[arg(long, env = "MESHMEND_INSIDE", value_enum, default_value_t)]
-    inside: InsideRule,
+    winding_rule: WindingRuleChoice,
     /// What becomes of open sheets, which enclose nothing.
     #[arg(long, env = "MESHMEND_OPEN_SHEETS", value_enum, default_value_t)]
     open_sheets: OpenSheets,
@@ -308,7 +308,7 @@ impl RepairOptionArgs {
             deadline_s: self.deadline_s,
             max_face_loss_pct: self.max_face_loss_pct,
             max_vertex_loss_pct: self.max_vertex_loss_pct,
-            max_box_change_pct: self.max_box_change_pct,
+            max_bounding_box_change_pct: self.max_bounding_box_change_pct,
             max_volume_change_pct: self.max_volume_change_pct,
             max_surface_lost_pct: self.max_surface_lost_pct,
             max_surface_added_pct: self.max_surface_added_pct,
@@ -326,7 +326,7 @@ impl RepairOptionArgs {
             min_part_volume_pct: self.min_part_volume_pct,
             nested: self.nested,
             overlaps: self.overlaps,
-            inside: self.inside,
+            winding_rule: self.winding_rule,
             open_sheets: self.open_sheets,
             thickness: self.thickness,
             max_hole_size: self.max_hole_size,

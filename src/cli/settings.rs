@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::{ArgAction, Args, ValueEnum};
 use meshmend::blobs::{BlobError, Blobs, S3Config};
 use meshmend::sandbox::SandboxMode;
-use meshmend::webhooks::{DispatcherConfig, Poster, PosterError, Reach, Schedule};
+use meshmend::webhooks::{DispatcherConfig, Poster, PosterError, Schedule, TargetPolicy};
 use meshmend::worker::Retention;
 
 use super::engine::{BlenderArgs, LimitArgs};
@@ -265,8 +265,8 @@ pub struct WebhookArgs {
 
 impl WebhookArgs {
     /// Which addresses may be named and reached.
-    pub fn reach(&self) -> Reach {
-        if self.webhook_allow_private { Reach::Anything } else { Reach::Public }
+    pub fn reach(&self) -> TargetPolicy {
+        if self.webhook_allow_private { TargetPolicy::Anything } else { TargetPolicy::Public }
     }
 
     /// How to deliver; none where that is left to others.

@@ -1,4 +1,7 @@
-//! Files in a ZIP archive ("APPNOTE.TXT - .ZIP File Format Specification"), with limits that hold before anything is unpacked.
+//! Reading and packing ZIP archives (PKWARE, "APPNOTE.TXT - .ZIP File Format Specification").
+//!
+//! An archive is hostile input: its sizes, entry count and names are checked before any entry is unpacked. 3MF packages and OBJ zips both
+//! use this module.
 
 use std::collections::HashMap;
 use std::io::{self, BufRead, BufReader, Cursor, Read};
@@ -8,242 +11,264 @@ use zip::result::{ZipError, ZipResult};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, System, ZipArchive};
 
-use super::errors::{ReadError, ReadErrorKind, shown_up_to};
-use super::limits::{HEAD, Limits};
+use super::errors::{ReadError, ReadErrorKind, excerpt_up_to};
+use super::limits::{Limits, SNIFFED_BYTES};
 
-/// What each file in an archive begins with.
-pub(super) const LOCAL: &[u8] = b"PK\x03\x04";
-/// What each entry of a directory begins with.
-const ENTRY: &[u8] = b"PK\x01\x02";
+/// Signature of a local file header.
+pub(super) const LOCAL_HEADER_SIGNATURE: &[u8] = b"PK\x03\x04";
+/// Signature of a central directory header.
+const ENTRY_SIGNATURE: &[u8] = b"PK\x01\x02";
 
-/// Most entries of an archive. Models in many parts have hundreds.
-const ENTRIES: usize = 10_000;
-/// How many bytes may be unpacked for each of the archive's: models in text have up to 20, the densest that deflate can do is 1032.
-const RATIO: u64 = 100;
-/// What may be unpacked from however small an archive.
-const LEAST: u64 = 64 << 20;
-/// How often the limit of a file's bytes what is unpacked from it may have.
-const TIMES: u64 = 8;
+/// Maximum number of entries. Models with many parts have hundreds.
+const MAX_ENTRIES: usize = 10_000;
+/// Maximum ratio of unpacked to packed bytes. Text models reach about 20; deflate itself can reach 1032.
+const MAX_RATIO: u64 = 100;
+/// Unpacked bytes that are always allowed, however small the archive is.
+const ALWAYS_ALLOWED_BYTES: u64 = 64 << 20;
+/// An archive may unpack to this many times [`Limits::max_bytes`].
+const MAX_BYTES_MULTIPLE: u64 = 8;
 
-/// The files of an archive.
+/// An opened ZIP archive. File names are relative to its root and compared without regard to ASCII case.
 pub(super) struct Archive<'a> {
     zip: ZipArchive<Cursor<&'a [u8]>>,
-    /// The names of files in the archive's order, and the entry of each.
+    /// Name and entry index of each file, in the archive's order.
     files: Vec<(String, usize)>,
-    /// Places in `files` by [`key`].
-    places: HashMap<String, usize>,
+    /// Position in `files` by [`name_key`].
+    index_by_key: HashMap<String, usize>,
 }
 
 impl<'a> Archive<'a> {
-    /// Reads the archive's directory.
+    /// Opens an archive: reads and checks its central directory.
+    ///
+    /// # Errors
+    /// A [`ReadError`] if the directory is unreadable, entries overlap or repeat a name, or a size limit is exceeded.
     pub fn open(bytes: &'a [u8], limits: &Limits) -> Result<Self, ReadError> {
-        // Whichever directory is found, it can't have more entries.
-        if memmem::find_iter(bytes, ENTRY).take(ENTRIES + 1).count() > ENTRIES {
-            let detail = format!("the archive has more than {ENTRIES} entries; send the model and its own files only");
-            return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
+        // Count signatures in the raw bytes: parsing the directory would allocate memory for every entry.
+        if memmem::find_iter(bytes, ENTRY_SIGNATURE).take(MAX_ENTRIES + 1).count() > MAX_ENTRIES {
+            let detail =
+                format!("the archive has more than {MAX_ENTRIES} entries; send only the model and the files it uses");
+            return Err(ReadError::for_file(ReadErrorKind::TooLarge, detail));
         }
-        let mut zip = ZipArchive::new(Cursor::new(bytes)).map_err(|error| no_directory(bytes, &error))?;
-        check_sizes(&zip, bytes.len() as u64, limits).map_err(|error| no_directory(bytes, &error))??;
-        // Bytes that several entries unpack make a small archive large.
-        if zip.has_overlapping_entries().map_err(|error| no_directory(bytes, &error))? {
-            return Err(malformed("entries of the archive overlap; it was tampered with, so make it again"));
+        let mut zip = ZipArchive::new(Cursor::new(bytes)).map_err(|error| unreadable_directory(bytes, &error))?;
+        check_sizes(&zip, bytes.len() as u64, limits).map_err(|error| unreadable_directory(bytes, &error))??;
+        // Overlapping entries reuse the same packed bytes, so a small archive could unpack to a huge size.
+        if zip.has_overlapping_entries().map_err(|error| unreadable_directory(bytes, &error))? {
+            return Err(malformed(
+                "entries of the archive overlap, which valid archives never do; create the archive again",
+            ));
         }
         let files = files(&zip)?;
-        let places: HashMap<String, usize> =
-            files.iter().enumerate().map(|(place, (name, _))| (key(name), place)).collect();
-        if places.len() < files.len() || zip.has_duplicate_names() {
-            return Err(malformed("the archive has two entries of the same name; make it again"));
+        let index_by_key: HashMap<String, usize> =
+            files.iter().enumerate().map(|(place, (name, _))| (name_key(name), place)).collect();
+        if index_by_key.len() < files.len() || zip.has_duplicate_names() {
+            return Err(malformed(
+                "the archive has two entries with the same name; rename one and create the archive again",
+            ));
         }
-        Ok(Self { zip, files, places })
+        Ok(Self { zip, files, index_by_key })
     }
 
-    /// The names of files, in the archive's order.
+    /// The file names, in the archive's order.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.files.iter().map(|(name, _)| name.as_str())
     }
 
-    /// Whether there is a file of this name.
-    pub fn has(&self, name: &str) -> bool {
-        self.places.contains_key(&key(name))
+    /// Whether the archive has a file with this name, ignoring case.
+    pub fn contains(&self, name: &str) -> bool {
+        self.index_by_key.contains_key(&name_key(name))
     }
 
-    /// The name of a file as it is written in the archive, whatever the case in which it is asked for.
-    pub fn name(&self, name: &str) -> Option<&str> {
-        self.places.get(&key(name)).map(|&place| self.files[place].0.as_str())
+    /// The file's name as stored in the archive; `None` if there is no such file.
+    pub fn stored_name(&self, name: &str) -> Option<&str> {
+        self.index_by_key.get(&name_key(name)).map(|&place| self.files[place].0.as_str())
     }
 
-    /// How long a file is, as the directory says.
+    /// The unpacked size of a file in bytes, as the directory declares it.
     pub fn size(&self, name: &str) -> Option<u64> {
         self.zip.by_index_data(self.index(name)?).ok().map(|entry| entry.size())
     }
 
-    /// All bytes of a file of no more than `most`; none if there is no such file.
-    pub fn bytes(&self, name: &str, most: u64) -> Result<Option<Vec<u8>>, ReadError> {
+    /// Unpacks a whole file of at most `max_bytes` bytes; `None` if there is no such file.
+    pub fn read_file(&self, name: &str, max_bytes: u64) -> Result<Option<Vec<u8>>, ReadError> {
         let Some(size) = self.size(name) else { return Ok(None) };
-        if size > most {
-            let detail = format!("the archive's file {} has {size} bytes, over the limit of {most}", shown(name));
-            return Err(ReadError::whole(ReadErrorKind::TooLarge, format!("{detail}; send a smaller one")));
+        if size > max_bytes {
+            let detail =
+                format!("the archive's file {} has {size} bytes, over the limit of {max_bytes}", name_excerpt(name));
+            return Err(ReadError::for_file(ReadErrorKind::TooLarge, format!("{detail}; send a smaller file")));
         }
-        let Some(bytes) = self.first(name, size + 1)? else { return Ok(None) };
+        let Some(bytes) = self.read_prefix(name, size + 1)? else { return Ok(None) };
         if bytes.len() as u64 != size {
-            let detail = format!("the archive's file {} is not as long as its directory says", shown(name));
+            let detail =
+                format!("the archive's file {} does not have the size that its directory declares", name_excerpt(name));
             return Err(malformed(format!("{detail}; send the archive again")));
         }
         Ok(Some(bytes))
     }
 
-    /// The first bytes of a file, at most so many; none if there is no such file.
-    pub fn first(&self, name: &str, most: u64) -> Result<Option<Vec<u8>>, ReadError> {
-        // Only its place in the archive is copied.
+    /// Unpacks at most the first `max_bytes` bytes of a file; `None` if there is no such file.
+    pub fn read_prefix(&self, name: &str, max_bytes: u64) -> Result<Option<Vec<u8>>, ReadError> {
+        // The clone shares the archive's bytes.
         let mut zip = self.zip.clone();
         let Some((reader, _)) = unpack(&mut zip, self.index(name), name)? else { return Ok(None) };
         let mut bytes = Vec::new();
-        reader.take(most).read_to_end(&mut bytes).map_err(|error| cant_be_unpacked(name, &error))?;
+        reader.take(max_bytes).read_to_end(&mut bytes).map_err(|error| unpacking_failed(name, &error))?;
         Ok(Some(bytes))
     }
 
-    /// A file that is unpacked as it is read; none if there is no such file.
+    /// Opens a file as a stream that unpacks while it is read; `None` if there is no such file.
     pub fn unpack(&mut self, name: &str) -> Result<Option<Stream<'_>>, ReadError> {
         let index = self.index(name);
         Ok(unpack(&mut self.zip, index, name)?.map(|(reader, size)| Stream::new(reader, size)))
     }
 
     fn index(&self, name: &str) -> Option<usize> {
-        self.places.get(&key(name)).map(|&place| self.files[place].1)
+        self.index_by_key.get(&name_key(name)).map(|&place| self.files[place].1)
     }
 }
 
-/// A name as it can be shown in a message.
-pub(super) fn shown(name: &str) -> String {
-    shown_up_to(100, name.as_bytes())
+/// A file name, shortened and escaped for a message.
+pub(super) fn name_excerpt(name: &str) -> String {
+    excerpt_up_to(100, name.as_bytes())
 }
 
-/// The names of files as they stand in the head of an archive, as far as they can be made out there.
+/// The file names in the local headers within the first bytes of an archive.
 pub(super) fn names_in_head(head: &[u8]) -> impl Iterator<Item = &[u8]> {
-    /// Where a local header has the length of the name, and where the name begins.
+    /// Offsets of the name's length and of the name within a local file header.
     const LENGTH: usize = 26;
     const NAME: usize = 30;
-    memmem::find_iter(head, LOCAL).filter_map(|at| {
+    memmem::find_iter(head, LOCAL_HEADER_SIGNATURE).filter_map(|at| {
         let length = head.get(at + LENGTH..)?.first_chunk()?;
         head.get(at + NAME..at + NAME + usize::from(u16::from_le_bytes(*length)))
     })
 }
 
-/// Names of parts that only 3MF packages have, in lowercase.
-const PARTS: [&str; 4] = ["[content_types].xml", "_rels/", "3d/", "metadata/"];
+/// Lowercase names, or prefixes of names, that 3MF packages begin with.
+const PART_PREFIXES: [&str; 4] = ["[content_types].xml", "_rels/", "3d/", "metadata/"];
 
-/// Whether the head of an archive names what 3MF files begin with.
+/// Whether the first bytes of an archive name a part that 3MF packages begin with.
 pub(super) fn is_likely_3mf(head: &[u8]) -> bool {
-    let begins =
-        |name: &[u8], part: &str| name.get(..part.len()).is_some_and(|it| it.eq_ignore_ascii_case(part.as_bytes()));
-    let head = &head[..head.len().min(HEAD)];
-    names_in_head(head).any(|name| PARTS.iter().any(|part| begins(name.strip_prefix(b"/").unwrap_or(name), part)))
+    let starts_with = |name: &[u8], part: &str| {
+        name.get(..part.len()).is_some_and(|start| start.eq_ignore_ascii_case(part.as_bytes()))
+    };
+    let head = &head[..head.len().min(SNIFFED_BYTES)];
+    names_in_head(head)
+        .any(|name| PART_PREFIXES.iter().any(|part| starts_with(name.strip_prefix(b"/").unwrap_or(name), part)))
 }
 
-/// A reader of a file's bytes, and how long the directory says that it is.
-type Packed<'z> = (Box<dyn Read + 'z>, u64);
+/// A reader of an entry's unpacked bytes, and the size in bytes that the directory declares.
+type PackedFile<'z> = (Box<dyn Read + 'z>, u64);
 
 fn unpack<'z>(
     zip: &'z mut ZipArchive<Cursor<&[u8]>>,
     index: Option<usize>,
     name: &str,
-) -> Result<Option<Packed<'z>>, ReadError> {
+) -> Result<Option<PackedFile<'z>>, ReadError> {
     let Some(index) = index else { return Ok(None) };
-    let entry = zip.by_index_data(index).map_err(|error| cant_be_unpacked(name, &error))?;
-    let unsupported = |detail: String| Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));
+    let entry = zip.by_index_data(index).map_err(|error| unpacking_failed(name, &error))?;
+    let unsupported = |detail: String| Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail));
     if entry.encrypted() {
-        return unsupported(format!("the archive's file {} is encrypted; send it without a password", shown(name)));
+        return unsupported(format!(
+            "the archive's file {} is encrypted; create the archive without a password",
+            name_excerpt(name)
+        ));
     }
     let method = entry.compression();
     if !matches!(method, CompressionMethod::Stored | CompressionMethod::Deflated) {
-        let detail = format!("the archive's file {} is packed by {method}, which is not read", shown(name));
-        return unsupported(format!("{detail}; pack it with deflate, as usual"));
+        let detail =
+            format!("the archive's file {} is compressed with {method}, which is not supported", name_excerpt(name));
+        return unsupported(format!("{detail}; create the archive with the usual deflate compression"));
     }
     let size = entry.size();
-    let reader = zip.by_index(index).map_err(|error| cant_be_unpacked(name, &error))?;
+    let reader = zip.by_index(index).map_err(|error| unpacking_failed(name, &error))?;
     Ok(Some((Box::new(reader), size)))
 }
 
-/// Refuses what would unpack to more than is allowed.
+/// Rejects an archive that declares more unpacked bytes than the limits allow.
 fn check_sizes(zip: &ZipArchive<Cursor<&[u8]>>, packed: u64, limits: &Limits) -> ZipResult<Result<(), ReadError>> {
-    let most = packed.saturating_mul(RATIO).max(LEAST).min(limits.max_bytes.saturating_mul(TIMES));
+    let max_bytes = packed
+        .saturating_mul(MAX_RATIO)
+        .max(ALWAYS_ALLOWED_BYTES)
+        .min(limits.max_bytes.saturating_mul(MAX_BYTES_MULTIPLE));
     let mut unpacked = 0_u64;
     for index in 0..zip.len() {
         unpacked = unpacked.saturating_add(zip.by_index_data(index)?.size());
     }
-    if unpacked <= most {
+    if unpacked <= max_bytes {
         return Ok(Ok(()));
     }
     let detail = format!(
-        "the archive of {packed} bytes says that it unpacks to {unpacked}, which is over the limit of {most}; simplify the model before you send it"
+        "the archive of {packed} bytes would unpack to {unpacked} bytes, over the limit of {max_bytes}; simplify the model before you send it"
     );
-    Ok(Err(ReadError::whole(ReadErrorKind::TooLarge, detail)))
+    Ok(Err(ReadError::for_file(ReadErrorKind::TooLarge, detail)))
 }
 
-/// The names of all files with their entries, in order; folders are none.
+/// Name and entry index of each file, in the archive's order, without folders.
 fn files(zip: &ZipArchive<Cursor<&[u8]>>) -> Result<Vec<(String, usize)>, ReadError> {
     let mut files = Vec::with_capacity(zip.len());
     for (index, (raw, name)) in zip.file_names_raw().zip(zip.file_names()).enumerate() {
-        let refuse = |what: &str| {
-            malformed(format!("the archive's entry '{}' has {what}; make it again", shown_up_to(100, raw)))
+        let refuse = |problem: &str| {
+            malformed(format!(
+                "the archive's entry '{}' has {problem}; rename the file and create the archive again",
+                excerpt_up_to(100, raw)
+            ))
         };
-        let name = name.map_err(|_| refuse("no readable name"))?;
+        let name = name.map_err(|_| refuse("a name that is not valid text"))?;
         if name.ends_with(['/', '\\']) {
             continue;
         }
-        let inside = inside(&name).ok_or_else(|| refuse("a name that leads out of it"))?;
-        files.push((inside, index));
+        let normalized_name = normalized_name(&name).ok_or_else(|| refuse("a name that points outside the archive"))?;
+        files.push((normalized_name, index));
     }
     Ok(files)
 }
 
-fn cant_be_unpacked(name: &str, error: &dyn std::fmt::Display) -> ReadError {
-    malformed(format!("the archive's file {} can't be unpacked ({error}); send the archive again", shown(name)))
+fn unpacking_failed(name: &str, error: &dyn std::fmt::Display) -> ReadError {
+    malformed(format!("the archive's file {} can't be unpacked ({error}); send the archive again", name_excerpt(name)))
 }
 
 fn malformed(detail: impl Into<String>) -> ReadError {
-    ReadError::whole(ReadErrorKind::Malformed, detail)
+    ReadError::for_file(ReadErrorKind::Malformed, detail)
 }
 
 #[cold]
-fn no_directory(bytes: &[u8], error: &ZipError) -> ReadError {
-    let what = if is_likely_3mf(bytes) { "3MF file" } else { "ZIP archive" };
-    let detail = format!("the {what} has no readable directory ({error}); it was probably cut off, so send it again");
-    ReadError::whole(ReadErrorKind::Truncated, detail)
+fn unreadable_directory(bytes: &[u8], error: &ZipError) -> ReadError {
+    let kind = if is_likely_3mf(bytes) { "3MF file" } else { "ZIP archive" };
+    let detail = format!("the {kind} has no readable directory ({error}); it was probably cut off, so send it again");
+    ReadError::for_file(ReadErrorKind::Truncated, detail)
 }
 
-/// Longest element, comment or piece of text, in bytes.
-const EVENT: u64 = 4 << 20;
-/// How much is unpacked at a time.
-const BUFFER: usize = 64 << 10;
+/// Maximum size in bytes of one XML element, comment or text.
+const MAX_EVENT_BYTES: u64 = 4 << 20;
+/// Size in bytes of the unpacking buffer.
+const BUFFER_BYTES: usize = 64 << 10;
 
-/// Why a stream goes on no longer.
+/// Why a [`Stream`] stopped before the end of its file.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum Stop {
-    #[error("an element or a text is longer than {} bytes", EVENT)]
-    LongEvent,
-    #[error("more is packed in the archive than its directory says")]
-    MoreThanSaid,
+pub(super) enum StreamError {
+    #[error("an XML element or text is longer than {} bytes", MAX_EVENT_BYTES)]
+    EventTooLong,
+    #[error("the file in the archive is longer than its directory declares")]
+    LongerThanDeclared,
 }
 
-/// The bytes of a file as they are unpacked: no more than the directory said, and no more at a time than an element of XML may have.
+/// Unpacks a file of an archive while it is read. Reading stops at the declared size, and at [`MAX_EVENT_BYTES`] bytes for each XML event.
 pub(super) struct Stream<'a> {
     inner: BufReader<Box<dyn Read + 'a>>,
-    /// What is left of the size that the archive's directory tells.
+    /// Bytes left of the size that the directory declares.
     left: u64,
-    /// What the element at hand may still have.
+    /// Bytes left for the current XML event.
     event: u64,
 }
 
 impl<'a> Stream<'a> {
     /// A stream of no more than `size` bytes.
     fn new(inner: Box<dyn Read + 'a>, size: u64) -> Self {
-        Self { inner: BufReader::with_capacity(BUFFER, inner), left: size, event: EVENT }
+        Self { inner: BufReader::with_capacity(BUFFER_BYTES, inner), left: size, event: MAX_EVENT_BYTES }
     }
 
-    /// Begins to count from zero again.
+    /// Starts a new XML event and resets its byte count.
     pub fn begin_event(&mut self) {
-        self.event = EVENT;
+        self.event = MAX_EVENT_BYTES;
     }
 }
 
@@ -260,11 +285,11 @@ impl Read for Stream<'_> {
 impl BufRead for Stream<'_> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
         if self.event == 0 {
-            return Err(io::Error::other(Stop::LongEvent));
+            return Err(io::Error::other(StreamError::EventTooLong));
         }
         let ready = self.inner.fill_buf()?;
         if ready.len() as u64 > self.left {
-            return Err(io::Error::other(Stop::MoreThanSaid));
+            return Err(io::Error::other(StreamError::LongerThanDeclared));
         }
         Ok(ready)
     }
@@ -276,10 +301,10 @@ impl BufRead for Stream<'_> {
     }
 }
 
-// Names of files in an archive: from its root, parted by slashes, without `.` and `..`.
+// File names in an archive: relative to its root, separated by slashes, without `.` and `..`.
 
-/// The name of an entry as the name of a file, without what some programs put before it; none where it leads out of the archive.
-fn inside(name: &str) -> Option<String> {
+/// Normalizes an entry's name: slashes as separators, no leading `/` or `./`. `None` if the name points outside the archive.
+fn normalized_name(name: &str) -> Option<String> {
     let name = name.replace('\\', "/");
     let name = name.strip_prefix('/').unwrap_or(&name);
     let name = name.strip_prefix("./").unwrap_or(name);
@@ -287,7 +312,7 @@ fn inside(name: &str) -> Option<String> {
     (!name.split('/').any(leads_out) && !name.contains('\0')).then(|| name.to_owned())
 }
 
-/// The file that `source` means by a path: absolute from the archive's root, else from its own folder. None where it leads out.
+/// Resolves a path that the file `source` refers to: from the root if absolute, else from `source`'s folder. `None` if it points outside.
 pub(super) fn resolve(source: &str, path: &str) -> Option<String> {
     let path = path.replace('\\', "/");
     let folder = if path.starts_with('/') { None } else { source.rsplit_once('/') };
@@ -301,15 +326,15 @@ pub(super) fn resolve(source: &str, path: &str) -> Option<String> {
             _ => segments.push(segment),
         }
     }
-    inside(&segments.join("/"))
+    normalized_name(&segments.join("/"))
 }
 
-/// What names are compared by.
-pub(super) fn key(name: &str) -> String {
+/// The form in which names are compared: ASCII lowercase.
+pub(super) fn name_key(name: &str) -> String {
     name.to_ascii_lowercase()
 }
 
-/// A reference as a path, where `%20` stands for a blank and so on.
+/// Decodes percent escapes such as `%20`; `None` if an escape is malformed or the result is not UTF-8.
 pub(super) fn percent_decoded(reference: &str) -> Option<String> {
     let mut bytes = Vec::with_capacity(reference.len());
     let mut rest = reference.bytes();
@@ -324,27 +349,30 @@ pub(super) fn percent_decoded(reference: &str) -> Option<String> {
     String::from_utf8(bytes).ok()
 }
 
-/// `C:`, as paths of Windows begin.
+/// Whether a path segment is a Windows drive, such as `C:`.
 fn is_drive(segment: &str) -> bool {
     matches!(segment.as_bytes(), [letter, b':', ..] if letter.is_ascii_alphabetic())
 }
 
-// How files are packed: the same bytes on every machine and at every time.
+// Packing options. They contain no time or platform, so the same files always give the same bytes.
 
-/// Deflate's usual level: 9 takes three times as long for 2 % less.
-const LEVEL: i64 = 6;
+/// Deflate's default level. Level 9 takes three times as long and saves 2 %.
+const COMPRESSION_LEVEL: i64 = 6;
 
-/// For what packs well; `is_long` where it may have more than 4 GiB, which a ZIP entry counts otherwise.
-pub(super) fn compressed(is_long: bool) -> SimpleFileOptions {
-    options().compression_method(CompressionMethod::Deflated).compression_level(Some(LEVEL)).large_file(is_long)
+/// Options for files that compress well. `is_long` enables ZIP64, which files over 4 GiB need.
+pub(super) fn deflate_options(is_long: bool) -> SimpleFileOptions {
+    base_options()
+        .compression_method(CompressionMethod::Deflated)
+        .compression_level(Some(COMPRESSION_LEVEL))
+        .large_file(is_long)
 }
 
-/// For what is packed already, such as pictures.
-pub(super) fn stored() -> SimpleFileOptions {
-    options().compression_method(CompressionMethod::Stored)
+/// Options for files that are compressed already, such as images.
+pub(super) fn store_options() -> SimpleFileOptions {
+    base_options().compression_method(CompressionMethod::Stored)
 }
 
-fn options() -> SimpleFileOptions {
+fn base_options() -> SimpleFileOptions {
     SimpleFileOptions::default().last_modified_time(DateTime::default()).system(System::Unix).unix_permissions(0o644)
 }
 
@@ -353,7 +381,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_path_is_absolute_or_from_the_folder_of_its_source() {
+    fn a_path_resolves_from_the_root_or_from_its_source_folder() {
         let resolve = |path| resolve("a/b.obj", path);
         assert_eq!(resolve("/c.mtl").as_deref(), Some("c.mtl"));
         assert_eq!(resolve("d\\.\\c 1.mtl").as_deref(), Some("a/d/c 1.mtl"));
@@ -364,17 +392,17 @@ mod tests {
     }
 
     #[test]
-    fn an_entry_that_leads_out_is_no_file() {
-        assert_eq!(inside("3D\\a.model").as_deref(), Some("3D/a.model"));
-        assert_eq!(inside("/3D/a.model").as_deref(), Some("3D/a.model"));
-        assert_eq!(inside("./a 12:30.obj").as_deref(), Some("a 12:30.obj"));
+    fn an_entry_that_points_outside_has_no_name() {
+        assert_eq!(normalized_name("3D\\a.model").as_deref(), Some("3D/a.model"));
+        assert_eq!(normalized_name("/3D/a.model").as_deref(), Some("3D/a.model"));
+        assert_eq!(normalized_name("./a 12:30.obj").as_deref(), Some("a 12:30.obj"));
         for out in ["../a", "3D/../../a", "//a", "C:/a", "c:a", "", "a/./b", "..\\a", "a\0"] {
-            assert_eq!(inside(out), None, "{out}");
+            assert_eq!(normalized_name(out), None, "{out}");
         }
     }
 
     #[test]
-    fn escapes_are_read_and_bad_ones_are_none() {
+    fn percent_escapes_are_decoded_and_malformed_ones_rejected() {
         assert_eq!(percent_decoded("c%20d%C3%A9.png").as_deref(), Some("c dé.png"));
         for bad in ["%", "%4", "%zz", "%ff"] {
             assert_eq!(percent_decoded(bad), None, "{bad}");

@@ -1,39 +1,41 @@
-//! What a file holds, whatever its format: the one mesh that most formats know, or a scene; and what its lengths are in.
+//! What reading a file returns: a mesh or a scene with its dialect and warnings, and the unit of its lengths.
+//!
+//! Most formats hold one mesh; 3MF and glTF hold scenes. [`Content`] is either one, and converts to [`ReadFile`] or [`ReadScene`].
 
 use glam::DAffine3;
 
 use super::errors::{ReadError, ReadErrorKind};
 use super::formats::Format;
 use super::limits::Limits;
-use super::paint::Paints;
+use super::paint::MeshPaint;
 use crate::math::Box3;
 use crate::mesh::{CornerNormals, Numbering, Soup};
 use crate::scene::{LengthUnit, Paint, PaintedMesh, Scene, Unit, UnitSource, Up};
 
-/// A mesh read from bytes, with what a reader should tell.
+/// A mesh read from a file, with the file's dialect, numbering, normals and warnings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadMesh {
     /// The triangles.
     pub soup: Soup,
-    /// The format that was found.
+    /// The format, detected from the file's content.
     pub format: Format,
-    /// The dialect in words: `binary STL`, `ASCII PLY`, `COFF`.
+    /// The dialect in words, such as `binary STL`, `ASCII PLY` or `COFF`.
     pub dialect: String,
-    /// The file's own numbers, where the format has numbers.
+    /// The file's own element numbers; `None` for formats without numbers.
     pub numbering: Option<Numbering>,
-    /// The normals that the file gives, if it gives any. None of them is ever a reason not to read a file.
+    /// The normals in the file; `None` if it has none. Bad normals never make reading fail.
     pub normals: Option<CornerNormals>,
-    /// Of each face the number of its material, where the file is an assembly of bodies of several materials: 3MF alone. Bodies of one
-    /// material are judged together, and may touch those of another.
+    /// The material number of each face, if a 3MF file is an assembly of several materials. Bodies of one material are judged together,
+    /// and may touch bodies of another material.
     pub materials: Option<Vec<u32>>,
-    /// The polygons of more than three corners that were cut.
+    /// Counts of the polygons with more than three corners, which were triangulated.
     pub polygons: Polygons,
-    /// Oddities that were read past, each a sentence for the person who sent the file.
+    /// Oddities that did not prevent reading, each as a sentence for the user.
     pub warnings: Vec<String>,
 }
 
 impl ReadMesh {
-    /// Triangles of a file of this format and dialect that says nothing else.
+    /// A mesh with this format and dialect, and no other information.
     pub(crate) fn of(soup: Soup, format: Format, dialect: impl Into<String>) -> Self {
         Self {
             soup,
@@ -47,59 +49,59 @@ impl ReadMesh {
         }
     }
 
-    /// Other triangles of the same file.
+    /// A mesh of other triangles with the same format and dialect.
     #[must_use]
     pub fn of_same_file(&self, soup: Soup) -> Self {
         Self::of(soup, self.format, self.dialect.clone())
     }
 }
 
-/// The polygons of more than three corners in a file.
+/// Counts of the polygons with more than three corners in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Polygons {
-    /// How many there are.
+    /// Number of polygons with more than three corners.
     pub count: u64,
-    /// How many are twisted by more than [`ReadOptions::twist_angle_deg`](super::ReadOptions::twist_angle_deg); they were cut with the least fold.
+    /// Number of polygons twisted by more than [`ReadOptions::twist_angle_deg`](super::ReadOptions::twist_angle_deg). They were triangulated with the least fold.
     pub twisted: u64,
-    /// The largest twist of one, in degrees: the largest angle between the plane of the polygon through its corners' middle and the way from
-    /// there to a corner, after Mesh Heal (seed 001).
+    /// The largest twist of a polygon, in degrees. The twist is the largest angle between the plane through the corners' centroid and
+    /// the line from the centroid to a corner, as the program Mesh Heal defines it.
     pub largest_twist_deg: f64,
 }
 
-/// A file read with what it holds beside triangles.
+/// A scene read from a file: objects, instances and paint, with the file's dialect and warnings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadScene {
-    /// What it holds.
+    /// The objects, instances, palettes and textures.
     pub scene: Scene,
-    /// Its format.
+    /// The format, detected from the file's content.
     pub format: Format,
-    /// The dialect in words: `3MF`, `GLB`, `OBJ in a ZIP archive`.
+    /// The dialect in words, such as `3MF`, `GLB` or `OBJ in a ZIP archive`.
     pub dialect: String,
-    /// What was ignored or looks wrong, in words.
+    /// Oddities that did not prevent reading, each as a sentence for the user.
     pub warnings: Vec<String>,
 }
 
-/// A file read with all that it says.
+/// A file read completely: one mesh of all placed triangles, and its scene if it has one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadFile {
-    /// All its triangles in their places.
+    /// All triangles of all instances, placed.
     pub mesh: ReadMesh,
-    /// What they are painted with, one a face; empty where none is.
+    /// The paint of each face of `mesh`; empty if no face is painted.
     pub paint: Vec<Paint>,
-    /// What the triangles alone don't say: objects and their places, colours, a unit. None where they say everything.
+    /// Objects, instances, colours and unit; `None` if the file holds bare triangles only.
     pub scene: Option<Scene>,
-    /// What its lengths are in, once that is settled (see [`ReadFile::settle_unit`]).
+    /// The unit of the file's lengths; `None` until [`ReadFile::settle_unit`] is called.
     pub unit: Option<LengthUnit>,
 }
 
 impl ReadFile {
-    /// Whether there is more than one object or place of one.
+    /// Whether the file has more than one object or more than one build item.
     #[must_use]
     pub fn has_objects(&self) -> bool {
         self.scene.as_ref().is_some_and(|scene| scene.items.len() > 1 || scene.objects.len() > 1)
     }
 
-    /// The name of its object, if there is only one.
+    /// The object's name, if the file has exactly one object and the object has a name.
     #[must_use]
     pub fn only_name(&self) -> Option<String> {
         let scene = self.scene.as_ref().filter(|_| !self.has_objects())?;
@@ -108,14 +110,14 @@ impl ReadFile {
 }
 
 impl ReadScene {
-    /// The file with all objects in their places as one mesh.
+    /// Places all objects and joins them to one mesh.
     ///
     /// # Errors
-    /// [`ReadError`] where that would have more faces than the limits allow.
+    /// A [`ReadError`] of kind `TooLarge` if the placed mesh would have more faces than `limits` allow.
     pub(super) fn into_file(self, limits: &Limits) -> Result<ReadFile, ReadError> {
         let Self { scene, format, dialect, warnings } = self;
         let whole = scene.placed(limits.max_faces).map_err(|error| {
-            ReadError::whole(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
+            ReadError::for_file(ReadErrorKind::TooLarge, format!("{error}; simplify the model before you send it"))
         })?;
         let materials = (format == Format::ThreeMf).then(|| face_materials(&scene)).flatten();
         let mesh = ReadMesh { materials, warnings, ..ReadMesh::of(whole.soup, format, dialect) };
@@ -123,13 +125,14 @@ impl ReadScene {
     }
 }
 
-/// Most materials of an assembly whose bodies are judged apart.
+/// Maximum number of materials in an assembly. With more, all bodies are judged as one material.
 const MAX_MATERIALS: u32 = 200;
 
-/// Of each face of the placed mesh the number of its material; none where all are of one material.
+/// The material number of each face of the placed mesh; `None` if all faces have one material.
 fn face_materials(scene: &Scene) -> Option<Vec<u32>> {
     let instances = scene.instances(u64::MAX).ok()?;
-    let materials = scene.materials_of(&instances).filter(|it| it.iter().all(|&number| number < MAX_MATERIALS))?;
+    let materials =
+        scene.materials_of(&instances).filter(|materials| materials.iter().all(|&number| number < MAX_MATERIALS))?;
     let mut of_face = Vec::new();
     for (instance, material) in instances.iter().zip(materials).filter(|(instance, _)| instance.is_printed) {
         let faces = scene.objects[instance.object as usize].mesh().map_or(0, |mesh| mesh.soup.faces.len());
@@ -138,39 +141,42 @@ fn face_materials(scene: &Scene) -> Option<Vec<u32>> {
     Some(of_face)
 }
 
-/// What was read.
+/// A mesh or a scene, as the format's reader returned it.
 pub(super) enum Content {
-    Mesh(Box<Painted>),
+    Mesh(Box<MeshAndPaint>),
     Scene(ReadScene),
 }
 
-/// A mesh, and what its faces are painted with.
-pub(super) struct Painted {
+/// A mesh and the paint of its faces.
+pub(super) struct MeshAndPaint {
     pub mesh: ReadMesh,
-    pub paints: Paints,
+    pub paints: MeshPaint,
 }
 
-impl From<ReadMesh> for Painted {
+impl From<ReadMesh> for MeshAndPaint {
     fn from(mesh: ReadMesh) -> Self {
-        Self { mesh, paints: Paints::default() }
+        Self { mesh, paints: MeshPaint::default() }
     }
 }
 
 impl Content {
-    /// What was found and what there is to tell.
-    pub fn account(&mut self) -> (&mut Format, &mut String, &mut Vec<String>) {
+    /// Mutable access to format, dialect and warnings.
+    pub fn metadata_mut(&mut self) -> (&mut Format, &mut String, &mut Vec<String>) {
         match self {
-            Self::Mesh(it) => (&mut it.mesh.format, &mut it.mesh.dialect, &mut it.mesh.warnings),
-            Self::Scene(it) => (&mut it.format, &mut it.dialect, &mut it.warnings),
+            Self::Mesh(read) => (&mut read.mesh.format, &mut read.mesh.dialect, &mut read.mesh.warnings),
+            Self::Scene(read) => (&mut read.format, &mut read.dialect, &mut read.warnings),
         }
     }
 
-    /// All of it, and in its places as one mesh.
+    /// Converts to a [`ReadFile`] with one placed mesh.
+    ///
+    /// # Errors
+    /// A [`ReadError`] of kind `TooLarge` if the placed mesh would have more faces than `limits` allow.
     pub fn into_file(self, limits: &Limits) -> Result<ReadFile, ReadError> {
         match self {
             Self::Scene(read) => read.into_file(limits),
             Self::Mesh(painted) => {
-                let Painted { mesh, paints: Paints { of_faces, palettes, textures } } = *painted;
+                let MeshAndPaint { mesh, paints: MeshPaint { of_faces, palettes, textures } } = *painted;
                 let scene = (!of_faces.is_empty()).then(|| {
                     let whole = PaintedMesh { soup: mesh.soup.clone(), paint: of_faces.clone() };
                     Scene { palettes, textures, ..Scene::of_mesh(whole) }
@@ -180,13 +186,13 @@ impl Content {
         }
     }
 
-    /// All of it as a scene.
+    /// Converts to a scene; a mesh becomes a scene of one object.
     pub fn into_scene(self) -> ReadScene {
         match self {
             Self::Scene(read) => read,
             Self::Mesh(painted) => {
-                let Painted { mesh: ReadMesh { soup, format, dialect, warnings, .. }, paints } = *painted;
-                let Paints { of_faces, palettes, textures } = paints;
+                let MeshAndPaint { mesh: ReadMesh { soup, format, dialect, warnings, .. }, paints } = *painted;
+                let MeshPaint { of_faces, palettes, textures } = paints;
                 let scene = Scene::of_mesh(PaintedMesh { soup, paint: of_faces });
                 ReadScene { scene: Scene { palettes, textures, ..scene }, format, dialect, warnings }
             }
@@ -194,30 +200,30 @@ impl Content {
     }
 }
 
-/// Longest sides, in millimetres, of what people have printed. What was taken for millimetres and lies outside was most likely in metres
-/// or inches, or in micrometres.
-const USUAL_MM: [f64; 2] = [5.0, 2000.0];
+/// Usual range of the longest side of a printed model, in millimetres. A model outside the range is most likely in another unit, such as
+/// metres, inches or micrometres.
+const PLAUSIBLE_SIZE_MM: [f64; 2] = [5.0, 2000.0];
 
 impl ReadFile {
-    /// Settles what the file's lengths are in: what is declared, else what the file says, else millimetres. Where another unit is asked for
-    /// by `scale_to`, they are brought into it.
+    /// Settles the unit of the file's lengths: the declared unit, else the file's own unit, else millimetres. With `scale_to`, the lengths
+    /// are converted to that unit.
     pub fn settle_unit(&mut self, declared: Option<Unit>, scale_to: Option<Unit>) -> LengthUnit {
-        let said = self.scene.as_ref().and_then(|scene| scene.unit);
-        let (own, source) = match (declared, said) {
+        let file_unit = self.scene.as_ref().and_then(|scene| scene.unit);
+        let (own, source) = match (declared, file_unit) {
             (Some(declared), _) => (declared, UnitSource::Declared),
-            (None, Some(said)) => (said, UnitSource::File),
+            (None, Some(file_unit)) => (file_unit, UnitSource::File),
             (None, None) => (Unit::Millimetre, UnitSource::Assumed),
         };
         let used = scale_to.unwrap_or(own);
-        let note = match (source, said) {
+        let note = match (source, file_unit) {
             (UnitSource::Assumed, _) => {
-                let doubt = doubt(&self.mesh.soup);
-                self.mesh.warnings.extend(doubt.clone());
-                let assumed = "the file says no unit, so lengths were taken for millimetres; declare another with unit";
-                Some(doubt.unwrap_or_else(|| assumed.to_owned()))
+                let implausible_size_warning = implausible_size_warning(&self.mesh.soup);
+                self.mesh.warnings.extend(implausible_size_warning.clone());
+                let assumed = "the file declares no unit, so lengths were read as millimetres; set the `unit` option for another unit";
+                Some(implausible_size_warning.unwrap_or_else(|| assumed.to_owned()))
             }
-            (UnitSource::Declared, Some(said)) if said != own => {
-                Some(format!("the file says {said}, and the request declares {own}, which was taken"))
+            (UnitSource::Declared, Some(file_unit)) if file_unit != own => {
+                Some(format!("the file declares {file_unit}, but the request declares {own}; {own} was used"))
             }
             _ => None,
         };
@@ -234,8 +240,7 @@ impl ReadFile {
         self.unit.insert(LengthUnit { used, source, scaled_from: scaled.then_some(own), up, note }).clone()
     }
 
-    /// All its triangles with lengths in another unit and with another axis up, without the file's normals; as they are where the file
-    /// says neither.
+    /// All triangles converted to `unit` and to the up axis `up`, without the file's normals. Without a scene, coordinates stay unchanged.
     #[must_use]
     pub fn mesh_in(self, unit: Unit, up: Option<Up>) -> ReadMesh {
         let mut mesh = ReadMesh { normals: None, ..self.mesh };
@@ -250,18 +255,20 @@ impl ReadFile {
     }
 }
 
-/// Why lengths are hardly in millimetres, if so.
-fn doubt(soup: &Soup) -> Option<String> {
+/// A warning that the model's size is implausible in millimetres; `None` if the size is plausible.
+fn implausible_size_warning(soup: &Soup) -> Option<String> {
     let finite = soup.positions.iter().copied().filter(|p| p.is_finite());
     let bounds = Box3::of(finite);
     let longest = (bounds.max - bounds.min).max_element();
     let likely = match longest {
         longest if !longest.is_finite() || longest <= 0.0 => return None,
-        longest if longest < USUAL_MM[0] => "it is likely in inches, centimetres or metres",
-        longest if longest > USUAL_MM[1] => "it is likely in micrometres, or very large",
+        longest if longest < PLAUSIBLE_SIZE_MM[0] => "the real unit is probably inches, centimetres or metres",
+        longest if longest > PLAUSIBLE_SIZE_MM[1] => {
+            "the real unit is probably micrometres, or the model is very large"
+        }
         _ => return None,
     };
     Some(format!(
-        "the file says no unit, and taken for millimetres the model is {longest:.3} mm long, so {likely}; declare its unit with unit"
+        "the file declares no unit; in millimetres the model would be {longest:.3} mm long, so {likely}; set the `unit` option"
     ))
 }

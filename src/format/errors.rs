@@ -1,86 +1,87 @@
-//! Why a file can't be read or written, and where in it.
+//! Why a file can't be read or written, and where in the file the problem is.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
-/// Where in a file something was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Where in a file a problem is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Place))]
 #[serde(rename_all = "snake_case")]
-pub enum Place {
-    /// Offset in bytes from the file's start.
+pub enum FileLocation {
+    /// Offset in bytes from the start of the file.
     Byte(u64),
-    /// Line number, the first line being 1.
+    /// Line number, counted from 1.
     Line(u64),
 }
 
-/// What is wrong with a file, for programs; the words for people are in [`ReadError::detail`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// What is wrong with a file, for programs. The explanation for people is [`ReadError::detail`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ReadErrorKind {
     /// The file has no bytes.
     Empty,
     /// The bytes match no known format.
     UnknownFormat,
-    /// A known format that is not read by this version.
+    /// The format is known, but meshmend does not read it.
     UnsupportedFormat,
-    /// The file ends before what it promised.
+    /// The file ends before its declared content does.
     Truncated,
-    /// A word, number or header that is not what the format asks for.
+    /// A word, number or header that the format does not allow.
     Malformed,
-    /// A face names a vertex that is not there.
+    /// A face refers to a vertex that does not exist.
     IndexOutOfRange,
-    /// Over one of the [`Limits`](super::Limits).
+    /// The file exceeds one of the [`Limits`](super::Limits).
     TooLarge,
-    /// The file is well formed and holds no triangle.
+    /// The file is well formed but holds no triangle.
     NoFaces,
 }
 
-/// Why a file could not be read.
+/// An error from reading a file. Its display text is `detail` followed by the location.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{detail}{}", match place { Some(Place::Byte(b)) => format!(" (at byte {b})"), Some(Place::Line(l)) => format!(" (line {l})"), None => String::new() })]
+#[error("{detail}{}", match place { Some(FileLocation::Byte(b)) => format!(" (at byte {b})"), Some(FileLocation::Line(l)) => format!(" (line {l})"), None => String::new() })]
 pub struct ReadError {
-    /// The kind, for programs.
+    /// The kind of error, for programs.
     pub kind: ReadErrorKind,
-    /// Where, if it has a place.
-    pub place: Option<Place>,
-    /// What was found and what was expected, and what to do, in words.
+    /// The byte or line of the error; `None` if it concerns the whole file.
+    pub place: Option<FileLocation>,
+    /// What was found, what was expected and what to do, in words.
     pub detail: String,
 }
 
 impl ReadError {
-    /// An error about the file as a whole.
-    pub(super) fn whole(kind: ReadErrorKind, detail: impl Into<String>) -> Self {
+    /// An error that concerns the whole file.
+    pub(super) fn for_file(kind: ReadErrorKind, detail: impl Into<String>) -> Self {
         Self { kind, place: None, detail: detail.into() }
     }
 
-    /// An error at an offset in bytes.
+    /// An error at a byte offset.
     pub(super) fn at_byte(kind: ReadErrorKind, at: usize, detail: impl Into<String>) -> Self {
-        Self { kind, place: Some(Place::Byte(at as u64)), detail: detail.into() }
+        Self { kind, place: Some(FileLocation::Byte(at as u64)), detail: detail.into() }
     }
 }
 
-/// Why a mesh could not be written.
+/// An error from writing a mesh or a scene.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WriteError {
-    /// The format's count field is too small.
-    #[error("{faces} faces are more than the {most} that the format can count; choose another output format")]
+    /// More faces than the format's count field can hold.
+    #[error("the model has {faces} faces, but the format can count only {most}; choose another output format")]
     TooManyFaces {
-        /// Faces in the mesh.
+        /// Number of faces in the mesh.
         faces: u64,
-        /// What the format can say.
+        /// Largest number of faces that the format can count.
         most: u64,
     },
-    /// More places of objects than the format's readers take.
+    /// More instances of objects than the format's readers accept.
     #[error(
-        "the objects stand in {parts} places, more than the {most} that the format takes; unite them or choose another output format"
+        "the model has {parts} instances of objects, but the format allows only {most}; join objects or choose another output format"
     )]
     TooManyParts {
-        /// Places of objects.
+        /// Number of instances.
         parts: u64,
-        /// How many may be.
+        /// Largest number of instances that the format allows.
         most: u64,
     },
-    /// A coordinate does not fit the format's number type.
+    /// A coordinate is outside the range of the format's number type.
     #[error(
         "coordinate {value} of vertex {vertex} does not fit in the format's 32-bit numbers; scale the model or choose another output format"
     )]
@@ -90,9 +91,9 @@ pub enum WriteError {
         /// The coordinate.
         value: f64,
     },
-    /// A coordinate, or a number of an object's place, is infinite or none.
+    /// A coordinate or a transform contains infinity or not-a-number.
     #[error(
-        "a coordinate is not a finite number, which the format can't say; repair the model or choose another output format"
+        "a coordinate is not a finite number, which the format can't store; repair the model or choose another output format"
     )]
     NotFinite,
     /// The file would be larger than the format can hold.
@@ -100,13 +101,13 @@ pub enum WriteError {
     TooLarge,
 }
 
-/// A word of the file as it can be shown in a message: printable, and cut where it is long.
-pub(super) fn shown(word: &[u8]) -> String {
-    shown_up_to(32, word)
+/// A word of the file for use in a message: escaped, and shortened after 32 bytes.
+pub(super) fn excerpt(word: &[u8]) -> String {
+    excerpt_up_to(32, word)
 }
 
-/// As [`shown`], cut where it is longer than `most` bytes.
-pub(super) fn shown_up_to(most: usize, word: &[u8]) -> String {
+/// As [`excerpt`], shortened after `most` bytes.
+pub(super) fn excerpt_up_to(most: usize, word: &[u8]) -> String {
     let mut text: String =
         String::from_utf8_lossy(&word[..word.len().min(most)]).chars().flat_map(char::escape_debug).collect();
     if word.len() > most {

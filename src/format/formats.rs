@@ -1,41 +1,41 @@
-//! The formats that are read and written, what each can say, and what of a scene it can't.
+//! The file formats, what each can store, and what a scene loses when it is written in one.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use crate::math::Precision;
 use crate::scene::{Note, PAINTLESS, Paint, Palette, Scene, Shape, Unit};
 
-/// A file format that is both read and written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+/// A file format that meshmend reads and writes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
-    /// Stereolithography, binary or ASCII; written as binary. Coordinates are f32 and there are no indices.
+    /// STL, binary or ASCII; written as binary. Coordinates are f32, and faces have no vertex indices.
     Stl,
     /// Wavefront OBJ.
     Obj,
     /// Stanford PLY, ASCII or binary of either byte order; written as little-endian binary.
     Ply,
-    /// Object File Format with its variants.
+    /// Object File Format (OFF) with its variants, such as COFF and NOFF.
     Off,
-    /// Lines `Vertex i x y z` and `Face j v1 v2 v3`, as meshalyzer has them; numbers count from 1.
+    /// Vertex/Face text, the format of meshalyzer: lines `Vertex i x y z` and `Face j v1 v2 v3`, numbered from 1.
     Mesh,
-    /// glTF 2.0: GLB, or JSON with buffers that are embedded or, in a ZIP archive, beside it; written as GLB. Coordinates are f32, in metres.
+    /// glTF 2.0, read as GLB or as JSON with embedded buffers, or with sidecar buffers in a ZIP archive. Written as GLB; f32, in metres.
     Glb,
-    /// 3D Manufacturing Format: objects, places, colours and a unit, in a ZIP archive.
+    /// 3D Manufacturing Format: objects, build items, colours and a unit, in a ZIP package.
     #[serde(rename = "3mf")]
     ThreeMf,
-    /// Wavefront OBJ with its materials and pictures in a ZIP archive. One model of any other format may be in the archive too, and is then read
-    /// as what it is.
+    /// OBJ zip: a Wavefront OBJ with its materials and textures in a ZIP archive. A ZIP archive with one model of another format is read
+    /// as that format.
     Zip,
 }
 
 impl Format {
-    /// All formats.
+    /// All formats, in the order of the variants.
     pub const ALL: [Self; 8] =
         [Self::Stl, Self::Obj, Self::Ply, Self::Off, Self::Mesh, Self::Glb, Self::ThreeMf, Self::Zip];
 
-    /// The usual ending of a file's name, without the point.
+    /// The usual file name extension, without the dot.
     #[must_use]
     pub fn extension(self) -> &'static str {
         match self {
@@ -50,7 +50,7 @@ impl Format {
         }
     }
 
-    /// The precision in which coordinates are written.
+    /// The precision in which the format stores coordinates.
     #[must_use]
     pub fn precision(self) -> Precision {
         match self {
@@ -59,87 +59,87 @@ impl Format {
         }
     }
 
-    /// Whether faces share vertices by their indices, so that a reader takes them as they are. STL has no indices, and glTF gives a vertex
-    /// once for each normal and each place in a picture, so that readers of both join vertices by position.
+    /// Whether faces share vertices by index, and readers keep them as they are. STL has no indices. glTF repeats a vertex for each of its
+    /// normals and texture coordinates, so readers of STL and glTF join vertices by position.
     #[must_use]
     pub fn is_indexed(self) -> bool {
         !matches!(self, Self::Stl | Self::Glb)
     }
 
-    /// Whether it says what faces are painted with.
+    /// Whether the format stores colours, materials or textures of faces.
     #[must_use]
     pub fn has_paint(self) -> bool {
         matches!(self, Self::Ply | Self::Zip | Self::Glb | Self::ThreeMf)
     }
 
-    /// Whether it keeps objects apart, each in its places.
+    /// Whether the format stores separate objects and their instances.
     #[must_use]
     pub fn has_objects(self) -> bool {
         matches!(self, Self::Glb | Self::ThreeMf)
     }
 }
 
-/// Something that a format can't say.
+/// A property of a scene that a format can't store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Loss {
-    /// That there are several objects, or one in several places: all are one mesh then.
+    /// Separate objects, or several instances of one: they become one mesh.
     Objects,
-    /// What faces are painted with that is no picture.
+    /// Colours of faces, other than textures.
     Colors,
-    /// Pictures that faces are painted with.
+    /// Textures.
     Pictures,
-    /// The names of materials, where colours can be said.
+    /// Names of materials, in a format that stores colours.
     Materials,
-    /// A colour that a picture is multiplied with.
+    /// A colour that a texture is multiplied with.
     Tints,
-    /// A unit other than the millimetre, which is what is taken for granted where none is said.
+    /// A unit other than the millimetre, which readers assume if a file declares none.
     Unit,
-    /// Title, designer and the like.
+    /// Metadata, such as title and designer.
     Notes,
 }
 
 impl Loss {
-    /// The word for it in a sentence.
+    /// The phrase for this loss in a warning.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Objects => "separate objects",
             Self::Colors => "colours",
-            Self::Pictures => "pictures",
-            Self::Materials => "names of materials",
-            Self::Tints => "tints of pictures",
-            Self::Unit => "a unit",
-            Self::Notes => "notes",
+            Self::Pictures => "textures",
+            Self::Materials => "material names",
+            Self::Tints => "texture tints",
+            Self::Unit => "the unit",
+            Self::Notes => "metadata",
         }
     }
 
-    /// Whether a format can't say it.
+    /// Whether `format` can't store this property.
     fn is_of(self, format: Format) -> bool {
         match self {
             Self::Objects | Self::Unit | Self::Notes => !format.has_objects(),
             Self::Colors => !format.has_paint(),
             Self::Pictures => !format.has_paint() || format == Format::Ply,
-            // Without colours there is no more to say of materials.
+            // A format without colours loses the materials as `Colors`.
             Self::Materials => format == Format::Ply,
             Self::Tints => format == Format::ThreeMf,
         }
     }
 }
 
-/// What of a scene is lost where it is written in a format, in the order in which [`Loss`] has it.
+/// The properties of a scene that are lost when it is written in `format`, in the order of [`Loss`].
 #[must_use]
 pub fn losses(scene: &Scene, format: Format) -> Vec<Loss> {
-    let mut losses = of_paint(scene);
-    if is_several(scene) {
+    let mut losses = paint_losses(scene);
+    if has_several_instances(scene) {
         losses.push(Loss::Objects);
     }
     if scene.unit.is_some_and(|unit| unit != Unit::Millimetre) {
         losses.push(Loss::Unit);
     }
-    let noted = |notes: &[Note]| !notes.is_empty();
-    if noted(&scene.notes)
-        || scene.objects.iter().any(|object| noted(&object.notes))
-        || scene.items.iter().any(|item| noted(&item.notes))
+    let has_notes = |notes: &[Note]| !notes.is_empty();
+    if has_notes(&scene.notes)
+        || scene.objects.iter().any(|object| has_notes(&object.notes))
+        || scene.items.iter().any(|item| has_notes(&item.notes))
     {
         losses.push(Loss::Notes);
     }
@@ -148,20 +148,22 @@ pub fn losses(scene: &Scene, format: Format) -> Vec<Loss> {
     losses
 }
 
-/// What is lost as a warning for the person who asked for the format; none where nothing is.
+/// A warning that names what `format` loses of a scene, and formats that keep it; `None` if nothing is lost.
 #[must_use]
 pub fn losses_in_words(scene: &Scene, format: Format) -> Option<String> {
     let losses = losses(scene, format);
     let words: Vec<&str> = losses.iter().map(|loss| loss.as_str()).collect();
     let (last, before) = words.split_last()?;
-    let what = if before.is_empty() { (*last).to_owned() } else { format!("{} and {last}", before.join(", ")) };
+    let lost = if before.is_empty() { (*last).to_owned() } else { format!("{} and {last}", before.join(", ")) };
     let keeps = |other: &Format| !losses.iter().any(|loss| loss.is_of(*other));
     let others: Vec<&str> = [Format::ThreeMf, Format::Glb].into_iter().filter(keeps).map(name).collect();
     let (name, others) = (name(format), others.join(" or "));
-    let advice = if others.is_empty() { String::new() } else { format!("; ask for {others} to keep them") };
-    Some(format!("{name} can't hold {what}, so they were left out{advice}"))
+    let advice =
+        if others.is_empty() { String::new() } else { format!("; choose {others} as output format to keep them") };
+    Some(format!("{name} can't store {lost}, so they were dropped{advice}"))
 }
 
+/// The format's name for a message.
 fn name(format: Format) -> &'static str {
     match format {
         Format::Stl => "STL",
@@ -175,8 +177,8 @@ fn name(format: Format) -> &'static str {
     }
 }
 
-/// Whether there is more than one object in one place.
-fn is_several(scene: &Scene) -> bool {
+/// Whether the scene has more than one object or instance.
+fn has_several_instances(scene: &Scene) -> bool {
     match &scene.items[..] {
         [item] => match scene.objects.get(item.object as usize).map(|object| &object.shape) {
             Some(Shape::Components(parts)) => parts.len() > 1,
@@ -186,8 +188,8 @@ fn is_several(scene: &Scene) -> bool {
     }
 }
 
-/// What the paint of faces says.
-fn of_paint(scene: &Scene) -> Vec<Loss> {
+/// What would be lost of the faces' paint in a format that stores none.
+fn paint_losses(scene: &Scene) -> Vec<Loss> {
     let mut used = vec![false; scene.palettes.len()];
     let meshes = scene.objects.iter().filter_map(|object| object.mesh());
     for Paint { palette, .. } in meshes.flat_map(|mesh| &mesh.paint).filter(|paint| **paint != PAINTLESS) {
@@ -199,7 +201,9 @@ fn of_paint(scene: &Scene) -> Vec<Loss> {
     for (palette, _) in scene.palettes.iter().zip(used).filter(|(_, used)| *used) {
         let own: &[Loss] = match palette {
             Palette::Colors(_) => &[Loss::Colors],
-            Palette::Materials(materials) if materials.iter().all(|it| it.name.is_empty()) => &[Loss::Colors],
+            Palette::Materials(materials) if materials.iter().all(|material| material.name.is_empty()) => {
+                &[Loss::Colors]
+            }
             Palette::Materials(_) => &[Loss::Colors, Loss::Materials],
             Palette::Textured { tint: [255, 255, 255, 255], .. } => &[Loss::Pictures],
             Palette::Textured { .. } => &[Loss::Pictures, Loss::Tints],
@@ -228,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bare_mesh_loses_nothing_in_any_format() {
+    fn an_unpainted_mesh_loses_nothing_in_any_format() {
         let mut scene = painted(Vec::new());
         scene.palettes.push(Palette::Colors(vec![[0; 4]]));
         scene.unit = Some(Unit::Millimetre);
@@ -238,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn each_format_loses_what_it_has_no_words_for() {
+    fn each_format_loses_what_it_cannot_store() {
         let material = Material { name: "PLA".to_owned(), color: [1; 4] };
         let mut scene = painted(vec![Palette::Materials(vec![material]), textured([255; 4])]);
         scene.items.push(Item::of(0));
@@ -255,17 +259,19 @@ mod tests {
     }
 
     #[test]
-    fn the_warning_names_formats_that_keep_it() {
+    fn the_warning_names_formats_that_keep_the_losses() {
         let mut scene = painted(vec![Palette::Colors(vec![[0; 4]]), textured([1; 4])]);
         assert_eq!(
             losses_in_words(&scene, Format::ThreeMf).as_deref(),
-            Some("3MF can't hold tints of pictures, so they were left out; ask for GLB to keep them")
+            Some("3MF can't store texture tints, so they were dropped; choose GLB as output format to keep them")
         );
         scene = painted(vec![Palette::Colors(vec![[0; 4]])]);
         scene.items.push(Item::of(0));
         assert_eq!(
             losses_in_words(&scene, Format::Stl).as_deref(),
-            Some("STL can't hold separate objects and colours, so they were left out; ask for 3MF or GLB to keep them")
+            Some(
+                "STL can't store separate objects and colours, so they were dropped; choose 3MF or GLB as output format to keep them"
+            )
         );
     }
 }

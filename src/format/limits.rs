@@ -1,20 +1,20 @@
-//! What a reader may spend on a file, and how it reads.
+//! Limits that every reader enforces, and options for reading.
 
 use serde::{Deserialize, Serialize};
 
 use super::errors::{ReadError, ReadErrorKind};
 
-/// How much of a file is looked at to tell its format. Longer heads are cut to this, so that a reader and a sniffer agree.
-pub(super) const HEAD: usize = 4096;
+/// Number of bytes that determine a file's format. Readers use the same number as [`sniff`](super::sniff), so both find the same format.
+pub(super) const SNIFFED_BYTES: usize = 4096;
 
-/// What a reader may spend on one file.
+/// Limits on one file. Readers check them before they allocate memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Limits {
-    /// Largest file, in bytes.
+    /// Maximum size of the file, in bytes.
     pub max_bytes: u64,
-    /// Most triangles after polygons are cut.
+    /// Maximum number of triangles, counted after polygons are triangulated.
     pub max_faces: u64,
-    /// Most vertices.
+    /// Maximum number of vertices.
     pub max_vertices: u64,
 }
 
@@ -24,13 +24,13 @@ impl Default for Limits {
     }
 }
 
-/// How a file is read.
+/// Options for reading a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadOptions {
-    /// What may be spent.
+    /// Limits on size and counts.
     pub limits: Limits,
-    /// Polygons twisted by more than this many degrees are cut with the least fold, others as flat ones, which is how programs
-    /// show them that draw a quad as two triangles from its first corner: 45 by default.
+    /// Twist in degrees above which a polygon is triangulated with the least fold; the default is 45. Other polygons are triangulated as
+    /// flat ones: a quad from its first corner, as most programs display it.
     pub twist_angle_deg: f64,
 }
 
@@ -41,7 +41,7 @@ impl Default for ReadOptions {
 }
 
 impl ReadOptions {
-    /// The defaults within limits.
+    /// The default options with these limits.
     #[must_use]
     pub fn within(limits: Limits) -> Self {
         Self { limits, ..Self::default() }
@@ -49,25 +49,32 @@ impl ReadOptions {
 }
 
 impl Limits {
-    /// None at all, for what we wrote ourselves.
+    /// No limits, for files that meshmend wrote itself.
     pub const NONE: Self = Self { max_bytes: u64::MAX, max_faces: u64::MAX, max_vertices: u64::MAX };
 
-    pub(super) fn check_bytes(&self, found: u64) -> Result<(), ReadError> {
-        check("bytes", found, self.max_bytes)
+    /// # Errors
+    /// A [`ReadError`] of kind `TooLarge` if a file of `count` bytes is over the limit.
+    pub(super) fn check_bytes(&self, count: u64) -> Result<(), ReadError> {
+        check_limit("bytes", count, self.max_bytes)
     }
 
-    pub(super) fn check_faces(&self, found: u64) -> Result<(), ReadError> {
-        check("faces", found, self.max_faces)
+    /// # Errors
+    /// A [`ReadError`] of kind `TooLarge` if `count` faces are over the limit.
+    pub(super) fn check_faces(&self, count: u64) -> Result<(), ReadError> {
+        check_limit("faces", count, self.max_faces)
     }
 
-    /// Vertices are also held to what a 32-bit index can name, whatever the limit says.
-    pub(super) fn check_vertices(&self, found: u64) -> Result<(), ReadError> {
-        check("vertices", found, self.max_vertices.min(u64::from(u32::MAX)))
+    /// The limit on vertices is never above `u32::MAX`, because indices have 32 bits.
+    ///
+    /// # Errors
+    /// A [`ReadError`] of kind `TooLarge` if `count` vertices are over the limit.
+    pub(super) fn check_vertices(&self, count: u64) -> Result<(), ReadError> {
+        check_limit("vertices", count, self.max_vertices.min(u64::from(u32::MAX)))
     }
 }
 
-fn check(what: &str, found: u64, most: u64) -> Result<(), ReadError> {
-    if found <= most {
+fn check_limit(what: &str, count: u64, limit: u64) -> Result<(), ReadError> {
+    if count <= limit {
         return Ok(());
     }
     let advice = if what == "bytes" {
@@ -75,8 +82,8 @@ fn check(what: &str, found: u64, most: u64) -> Result<(), ReadError> {
     } else {
         "simplify the model before you send it"
     };
-    Err(ReadError::whole(
+    Err(ReadError::for_file(
         ReadErrorKind::TooLarge,
-        format!("the file has {found} {what}, which is over the limit of {most}; {advice}"),
+        format!("the file has {count} {what}, over the limit of {limit}; {advice}"),
     ))
 }

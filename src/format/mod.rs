@@ -1,10 +1,10 @@
-//! Bytes to [`Soup`] and back: one file or folder a format, found by content and never by name.
+//! Reading and writing mesh files. Each format has a module of its own, and is detected by content, never by file name.
 //!
-//! The way of a file: [`sniff`] names its format from its first bytes; `archive` opens what is packed, and `sidecar` finds the model in it;
-//! the format's reader makes a mesh or a scene of it, which `content` holds; and the format's writer makes bytes again.
+//! How a file is read: [`sniff`] detects the format from the first bytes. `archive` opens ZIP archives, and `sidecar` finds the model in
+//! them. The format's reader returns a mesh or a scene, which `content` holds. The format's writer turns a mesh or a scene into bytes.
 //!
-//! Every input is hostile: readers check counts against [`Limits`] and against the bytes that are there before they
-//! allocate, and answer a [`ReadError`] that names the byte or line and what was expected there.
+//! Every input is hostile. Readers check counts against [`Limits`] and against the file's size before they allocate memory. A
+//! [`ReadError`] names the byte or line, and what was expected there.
 
 mod archive;
 mod content;
@@ -26,7 +26,10 @@ mod threemf;
 mod vertex_face;
 
 pub use content::{Polygons, ReadFile, ReadMesh, ReadScene};
-pub use errors::{Place, ReadError, ReadErrorKind, WriteError};
+/// Former name of [`FileLocation`].
+#[doc(hidden)]
+pub use errors::FileLocation as Place;
+pub use errors::{FileLocation, ReadError, ReadErrorKind, WriteError};
 pub use formats::{Format, Loss, losses, losses_in_words};
 pub use limits::{Limits, ReadOptions};
 pub use sniff::sniff;
@@ -35,19 +38,19 @@ use crate::mesh::Soup;
 use crate::scene::{PaintedMesh, Scene};
 use archive::Archive;
 use content::Content;
-use sidecar::{Files, Sidecars};
+use sidecar::{ObjZipFiles, Sidecars};
 
-/// Reads a whole file of any known format.
+/// Reads a file of any supported format as one mesh.
 ///
-/// Coordinates that are not finite are passed on. STL gives three positions a face, which nothing has merged yet.
+/// Coordinates that are not finite are kept. STL has three positions for each face; duplicate positions are not merged here.
 ///
 /// # Errors
-/// A [`ReadError`] that names the place and what was expected.
+/// A [`ReadError`] that says where the problem is, what was expected and what to do.
 pub fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
     read_with(bytes, &ReadOptions::within(*limits))
 }
 
-/// As [`read`], with all that can be chosen.
+/// As [`read`], with all options.
 ///
 /// # Errors
 /// As [`read`].
@@ -55,7 +58,7 @@ pub fn read_with(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, ReadEr
     read_shape(bytes, options).map(|file| file.mesh)
 }
 
-/// As [`read_file`], where a file of one mesh is read without its colours.
+/// As [`read_file`], but does not read the colours of a file that holds a single mesh.
 ///
 /// # Errors
 /// As [`read`].
@@ -63,7 +66,7 @@ pub fn read_shape(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadE
     read_content(bytes, options, false)?.into_file(&options.limits)
 }
 
-/// Reads a whole file with all that it holds.
+/// Reads a file with its scene: objects, build items, colours and unit.
 ///
 /// # Errors
 /// As [`read`].
@@ -71,7 +74,7 @@ pub fn read_file(bytes: &[u8], options: &ReadOptions) -> Result<ReadFile, ReadEr
     read_content(bytes, options, true)?.into_file(&options.limits)
 }
 
-/// Reads a whole file with its objects, where they stand and what they are painted with.
+/// Reads a file as a scene: its objects, their instances, and their paint.
 ///
 /// # Errors
 /// As [`read`].
@@ -79,31 +82,31 @@ pub fn read_scene(bytes: &[u8], options: &ReadOptions) -> Result<ReadScene, Read
     read_content(bytes, options, true).map(Content::into_scene)
 }
 
-/// Reads a whole file, whatever its format; the colours of a mesh only where they are asked for.
+/// Reads a file of any format. `painted` tells whether to read the colours of a single mesh.
 fn read_content(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result<Content, ReadError> {
     options.limits.check_bytes(bytes.len() as u64)?;
     match sniff(bytes, Some(bytes.len() as u64))? {
-        // Only the whole of an archive tells what it holds.
+        // Only the archive's directory, at its end, shows whether the archive is a 3MF package.
         Format::ThreeMf | Format::Zip => read_archive(bytes, options, painted),
-        format => read_model(format, bytes, options, painted, &Sidecars::nothing()),
+        format => read_model(format, bytes, options, painted, &Sidecars::none()),
     }
 }
 
-/// Reads an archive: 3MF, which is one too, or one that holds a model.
+/// Reads a ZIP archive: a 3MF package, or an archive that holds one model with its sidecar files.
 fn read_archive(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result<Content, ReadError> {
     let mut archive = Archive::open(bytes, &options.limits)?;
     if let Some(scene) = threemf::read(&mut archive, options)? {
         return Ok(Content::Scene(scene));
     }
-    let (name, format) = sidecar::model_of(&archive)?;
-    let model = archive.bytes(name, options.limits.max_bytes)?.unwrap_or_default();
-    let sidecars = Sidecars::of(name, &archive, &options.limits);
+    let (name, format) = sidecar::find_model(&archive)?;
+    let model = archive.read_file(name, options.limits.max_bytes)?.unwrap_or_default();
+    let sidecars = Sidecars::in_archive(name, &archive, &options.limits);
     let within = |error: ReadError| {
-        let detail = format!("in the archive's file {}: {}", archive::shown(name), error.detail);
+        let detail = format!("in the archive's file {}: {}", archive::name_excerpt(name), error.detail);
         ReadError { detail, ..error }
     };
     let mut content = read_model(format, &model, options, painted, &sidecars).map_err(within)?;
-    let (format, dialect, warnings) = content.account();
+    let (format, dialect, warnings) = content.metadata_mut();
     if *format == Format::Obj {
         *format = Format::Zip;
     }
@@ -112,7 +115,7 @@ fn read_archive(bytes: &[u8], options: &ReadOptions, painted: bool) -> Result<Co
     Ok(content)
 }
 
-/// Reads a file of a format.
+/// Reads a file of a known format.
 fn read_model(
     format: Format,
     bytes: &[u8],
@@ -130,22 +133,24 @@ fn read_model(
         Format::ThreeMf | Format::Zip => {
             let read = threemf::read(&mut Archive::open(bytes, &options.limits)?, options)?;
             return read.map(Content::Scene).ok_or_else(|| {
-                let detail = "the ZIP archive holds no 3MF model; unpack it, and send the model that is in it";
-                ReadError::whole(ReadErrorKind::UnsupportedFormat, detail)
+                let detail = "the ZIP archive holds no 3MF model; unpack the archive and send the model file itself";
+                ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail)
             });
         }
     };
     Ok(Content::Mesh(Box::new(mesh)))
 }
 
-/// Writes a mesh in a format. The same mesh gives the same bytes, and reading them gives the same mesh: exactly for OBJ, in an archive or not,
-/// PLY, OFF and Vertex/Face, rounded to f32 and without indices for STL.
+/// Writes a mesh in a format. The same mesh always gives the same bytes.
+///
+/// Reading the bytes gives the same mesh: exactly for OBJ, OBJ zip, PLY, OFF and Vertex/Face text; rounded to f32 and without indices for
+/// STL.
 ///
 /// # Errors
-/// [`WriteError`] when the mesh can't be said in the format; only STL has such limits.
+/// A [`WriteError`] if the format can't store the mesh, for example because a coordinate is not finite.
 ///
 /// # Panics
-/// When a face names a position that is not there, against what [`Soup`] promises.
+/// If a face refers to a vertex that does not exist, which violates the invariant of [`Soup`].
 pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
     match format {
         Format::Stl => stl::write(soup),
@@ -153,18 +158,18 @@ pub fn write(soup: &Soup, format: Format) -> Result<Vec<u8>, WriteError> {
         Format::Ply => Ok(ply::write(soup)),
         Format::Off => Ok(off::write(soup)),
         Format::Mesh => Ok(vertex_face::write(soup)),
-        Format::Zip => sidecar::pack(&Files { obj: obj::write(soup), mtl: None, pictures: Vec::new() }),
+        Format::Zip => sidecar::pack(&ObjZipFiles { obj: obj::write(soup), mtl: None, textures: Vec::new() }),
         Format::Glb | Format::ThreeMf => {
             write_scene(&Scene::of_mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() }), format)
         }
     }
 }
 
-/// Writes a scene in a format: with all that the format can say of it, in others than 3MF and GLB as one mesh. What it can't say is left out,
-/// and [`losses`] tells what that is.
+/// Writes a scene in a format. Formats other than 3MF and GLB store it as one mesh. Properties that the format can't store are dropped;
+/// [`losses`] lists them.
 ///
 /// # Errors
-/// [`WriteError`] as for [`write`], and where the scene's places together have more faces than can be counted.
+/// A [`WriteError`] as for [`write`], or `TooLarge` if all instances together have more than `u32::MAX` faces.
 ///
 /// # Panics
 /// As [`write`].
@@ -173,7 +178,7 @@ pub fn write_scene(scene: &Scene, format: Format) -> Result<Vec<u8>, WriteError>
     match format {
         Format::ThreeMf => threemf::write(scene),
         Format::Glb => gltf::write(scene),
-        Format::Zip => sidecar::pack(&obj::write_painted(&placed()?, scene, sidecar::MATERIALS)),
+        Format::Zip => sidecar::pack(&obj::write_painted(&placed()?, scene, sidecar::MTL_NAME)),
         Format::Ply => Ok(ply::write_painted(&placed()?, scene)),
         Format::Stl | Format::Obj | Format::Off | Format::Mesh => write(&placed()?.soup, format),
     }

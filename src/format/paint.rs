@@ -1,35 +1,39 @@
-//! What readers and writers of paint share: palettes in the making, pictures, and colours in sRGB and in linear light.
+//! Helpers for readers and writers of paint: building palettes, recognising texture files, and converting colours between sRGB and linear
+//! light.
 
 use rustc_hash::FxHashMap;
 
 use crate::scene::{Material, Paint, Palette, Texture};
 
-/// What the faces of a mesh are painted with; empty where none is painted.
+/// The paint of a mesh's faces, with its palettes and textures; empty if no face is painted.
 #[derive(Default)]
-pub(super) struct Paints {
+pub(super) struct MeshPaint {
+    /// The paint of each face; empty if no face is painted.
     pub of_faces: Vec<Paint>,
+    /// The palettes that `of_faces` refers to.
     pub palettes: Vec<Palette>,
+    /// The textures that palettes refer to.
     pub textures: Vec<Texture>,
 }
 
-/// Palettes in the making: one of all materials without a picture, one of all colours, and one for each material with a picture, in the order
-/// in which they are asked for. An entry is named by its palette and its place there.
+/// Builds palettes: one of all untextured materials, one of all colours, and one for each textured material, in the order of first use. An
+/// entry is identified by the index of its palette and its index there.
 #[derive(Default)]
-pub(super) struct Palettes {
+pub(super) struct PaletteBuilder {
     all: Vec<Palette>,
     materials: Option<u32>,
     colors: Option<u32>,
-    /// Where a colour is in the palette of colours.
+    /// Index of each colour in the palette of colours.
     colored: FxHashMap<[u8; 4], u32>,
 }
 
-impl Palettes {
-    /// The palettes that were made.
+impl PaletteBuilder {
+    /// The finished palettes.
     pub fn finish(self) -> Vec<Palette> {
         self.all
     }
 
-    /// Adds a material.
+    /// Adds a material; returns its palette and entry.
     pub fn material(&mut self, material: Material) -> (u32, u32) {
         let palette = *self.materials.get_or_insert_with(|| push(&mut self.all, Palette::Materials(Vec::new())));
         let Some(Palette::Materials(materials)) = self.all.get_mut(palette as usize) else { return (palette, 0) };
@@ -37,12 +41,12 @@ impl Palettes {
         (palette, index(materials.len() - 1))
     }
 
-    /// The palette of colours.
+    /// Index of the palette of colours.
     pub fn colors(&mut self) -> u32 {
         *self.colors.get_or_insert_with(|| push(&mut self.all, Palette::Colors(Vec::new())))
     }
 
-    /// A colour, each of which is kept once.
+    /// Adds a colour unless it is there already; returns its palette and entry.
     pub fn color(&mut self, color: [u8; 4]) -> (u32, u32) {
         let palette = self.colors();
         let next = index(self.colored.len());
@@ -55,13 +59,13 @@ impl Palettes {
         (palette, entry)
     }
 
-    /// Adds a palette of places in a texture, without any yet.
+    /// Adds an empty palette of texture coordinates; returns its index.
     pub fn textured(&mut self, texture: u32, name: Option<String>, tint: [u8; 4]) -> u32 {
         push(&mut self.all, Palette::Textured { texture, name, tint, places: Vec::new() })
     }
 
-    /// Adds places to a palette of such, and tells where they begin.
-    pub fn places(&mut self, palette: u32, new: impl Iterator<Item = [f64; 2]>) -> u32 {
+    /// Adds texture coordinates to a palette; returns the index of the first.
+    pub fn add_texture_coordinates(&mut self, palette: u32, new: impl Iterator<Item = [f64; 2]>) -> u32 {
         match self.all.get_mut(palette as usize) {
             Some(Palette::Textured { places, .. }) => {
                 let base = index(places.len());
@@ -73,73 +77,74 @@ impl Palettes {
     }
 }
 
+/// Adds a palette; returns its index.
 fn push(palettes: &mut Vec<Palette>, palette: Palette) -> u32 {
     palettes.push(palette);
     index(palettes.len() - 1)
 }
 
-/// As a number of an entry; the entries of palettes are as bounded as corners and lists are.
+/// An index as u32. Limits on corners and lists keep palettes far smaller than that.
 fn index(number: usize) -> u32 {
     u32::try_from(number).unwrap_or(u32::MAX)
 }
 
-// Pictures, kept as the files that they are: nothing here decodes one.
+// Textures are kept as files; nothing here decodes an image.
 
-/// Most bytes of all pictures of a file together, where it does not hold them itself.
-pub(super) const MOST_PICTURE_BYTES: u64 = 128 << 20;
+/// Maximum total bytes of the textures that a model refers to as sidecar files.
+pub(super) const MAX_TEXTURE_BYTES: u64 = 128 << 20;
 
-/// What the files begin with that 3MF and glTF take, their media types and the usual endings of their names.
-const KINDS: [(&[u8], &str, &str); 2] =
+/// Signature, media type and usual extension of the image formats that 3MF and glTF allow.
+const IMAGE_TYPES: [(&[u8], &str, &str); 2] =
     [(b"\x89PNG\r\n\x1A\n", "image/png", "png"), (b"\xFF\xD8\xFF", "image/jpeg", "jpg")];
 
-/// The media type of a picture by its first bytes; none for other kinds than PNG and JPEG.
+/// The media type of an image; `None` unless it is PNG or JPEG.
 pub(super) fn media_type(bytes: &[u8]) -> Option<&'static str> {
-    KINDS.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|(_, media_type, _)| *media_type)
+    IMAGE_TYPES.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|(_, media_type, _)| *media_type)
 }
 
-/// The usual ending of the name of a file of this kind.
+/// The usual file name extension of an image; `None` unless it is PNG or JPEG.
 pub(super) fn extension(bytes: &[u8]) -> Option<&'static str> {
-    KINDS.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|(.., extension)| *extension)
+    IMAGE_TYPES.iter().find(|(magic, ..)| bytes.starts_with(magic)).map(|(.., extension)| *extension)
 }
 
-// Colours between linear light, which glTF has, and sRGB, which scenes have (IEC 61966-2-1).
+// Colours in linear light, as glTF stores them, and in sRGB, as scenes store them (IEC 61966-2-1).
 
-/// The part of a colour that is nearest to a value from 0 to 1.
+/// A colour component from 0 to 1 as the nearest byte.
 pub(super) fn byte(value: f64) -> u8 {
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
-        reason = "clamped; what is not a number becomes 0"
+        reason = "clamped to 0..255; not-a-number becomes 0"
     )]
     let byte = (value.clamp(0.0, 1.0) * 255.0).round() as u8;
     byte
 }
 
-/// A part of an sRGB colour in linear light, from 0 to 1.
-fn linear(part: u8) -> f64 {
-    let part = f64::from(part) / 255.0;
-    if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
+/// An sRGB component in linear light, from 0 to 1.
+fn linear(component: u8) -> f64 {
+    let component = f64::from(component) / 255.0;
+    if component <= 0.04045 { component / 12.92 } else { ((component + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The part of an sRGB colour that is nearest to a value in linear light.
+/// A component in linear light as the nearest sRGB byte.
 fn srgb(linear: f64) -> u8 {
     let linear = linear.clamp(0.0, 1.0);
     byte(if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 })
 }
 
-/// An sRGB colour with alpha as glTF's factors, to six places.
+/// An sRGB colour with alpha as a glTF colour factor, rounded to six decimals.
 pub(super) fn linear_factor([r, g, b, alpha]: [u8; 4]) -> [f64; 4] {
     [linear(r), linear(g), linear(b), f64::from(alpha) / 255.0].map(|x| (x * 1e6).round() / 1e6)
 }
 
-/// An sRGB colour with alpha as a vertex has it: 16 bits are enough for linear light to give the same 8 bits of sRGB again.
+/// An sRGB colour with alpha as a glTF vertex colour. 16 bits of linear light are enough to restore each 8-bit sRGB component.
 pub(super) fn linear_vertex([r, g, b, alpha]: [u8; 4]) -> [u16; 4] {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 65535")]
-    let wide = |part: u8| (linear(part) * 65535.0).round() as u16;
+    let wide = |component: u8| (linear(component) * 65535.0).round() as u16;
     [wide(r), wide(g), wide(b), u16::from(alpha) * 257]
 }
 
-/// Linear light with alpha as an sRGB colour.
+/// A colour in linear light with alpha as an sRGB colour.
 pub(super) fn srgb_of_linear([r, g, b, alpha]: [f64; 4]) -> [u8; 4] {
     [srgb(r), srgb(g), srgb(b), byte(alpha)]
 }
@@ -149,10 +154,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_colour_comes_back_from_a_vertex_and_from_a_factor() {
-        for part in 0..=255 {
-            let color = [part, 255 - part, part, part];
-            let wide = linear_vertex(color).map(|part| f64::from(f32::from(part) / 65535.0));
+    fn every_colour_survives_conversion_to_a_vertex_colour_and_to_a_factor() {
+        for component in 0..=255 {
+            let color = [component, 255 - component, component, component];
+            let wide = linear_vertex(color).map(|component| f64::from(f32::from(component) / 65535.0));
             assert_eq!(srgb_of_linear(wide), color);
             assert_eq!(srgb_of_linear(linear_factor(color)), color);
         }

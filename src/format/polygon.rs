@@ -1,9 +1,10 @@
-//! Cutting polygons into triangles.
+//! Triangulation of polygons.
 //!
-//! A polygon is seen along the axis that its Newell normal (Sutherland, Sproull, Schumacker 1974) is nearest to: leaving out
-//! a coordinate is free of rounding, so that corners on a line stay on that line and a flat polygon that doesn't cross
-//! itself still doesn't. Ears are then cut in that plane. Every polygon of n corners gives exactly n - 2 triangles that turn
-//! as it does and have each of its edges once, whatever its shape.
+//! The polygon is projected along the axis nearest to its Newell normal (Sutherland, Sproull and Schumacker 1974). Dropping a coordinate needs
+//! no rounding. Collinear corners therefore stay collinear, and a flat simple polygon stays simple. Ear cutting then runs in that plane.
+//!
+//! Every polygon of n corners, whatever its shape, gives exactly n - 2 triangles. They have the polygon's orientation, and each edge of the
+//! polygon is a side of exactly one of them.
 
 mod twist;
 
@@ -13,8 +14,8 @@ use robust::{Coord, orient2d};
 
 use super::content::Polygons;
 
-/// Cuts polygons, keeping its buffers from one to the next.
-pub(super) struct Cutter {
+/// Triangulates polygons, and reuses its buffers from one polygon to the next.
+pub(super) struct Triangulator {
     earcut: Earcut<f64>,
     refiner: Refiner,
     flat: Vec<[f64; 2]>,
@@ -22,41 +23,39 @@ pub(super) struct Cutter {
     edges: Vec<(u32, u32)>,
     order: Vec<u32>,
     work: u64,
-    without_normal: u64,
-    fanned: u64,
+    degenerate_count: u64,
+    fan_count: u64,
     points: Vec<DVec3>,
     fold_work: u64,
-    /// The square of the sine of the angle above which polygons are twisted.
+    /// Squared sine of the twist angle above which a polygon counts as twisted.
     twist: f64,
     counted: u64,
     twisted: u64,
-    /// The largest square of a sine so far.
-    most_twist: f64,
+    /// Largest squared sine of a twist so far.
+    max_squared_sine: f64,
 }
 
-/// Corners above which polygons are cut as fans, right for convex ones only: ear cutting takes quadratic time on polygons
-/// that are made to defeat it.
-const MOST_CORNERS: usize = 8192;
+/// Polygons with more corners are split as fans, which is right only for is_convex polygons. Ear cutting takes quadratic time on adversarial
+/// polygons.
+const MAX_CORNERS: usize = 8192;
 
-/// Corners above which a polygon that crosses itself is cut as a fan: on these ear cutting can take cubic time, and what it
-/// gives is no better.
-const MOST_CROSSING_CORNERS: usize = 64;
+/// Self-intersecting polygons with more corners are split as fans. Ear cutting can take cubic time on them, and its result is no better.
+const MAX_CROSSING_CORNERS: usize = 64;
 
-/// Work after which all polygons are cut as fans, in squared corner counts; far more than a model needs that is not made to
-/// be slow.
-const MOST_WORK: u64 = 100_000_000;
+/// Total work, in squared corner counts, after which all polygons are split as fans. Only adversarial models need that much.
+const MAX_WORK: u64 = 100_000_000;
 
-/// Twice the area of the triangle at a corner, in a polygon of a size near one, below which the corner counts as straight.
-const STRAIGHT: f64 = 1e-9;
+/// Corners with a smaller doubled triangle area count as straight, in a polygon scaled to a size near one.
+const STRAIGHT_AREA: f64 = 1e-9;
 
-/// Corners up to which twisted polygons are cut with the least fold, which takes cubic time, ...
-const MOST_TWISTED_CORNERS: usize = 64;
+/// Twisted polygons with more corners are triangulated as flat ones, because finding the least fold takes cubic time.
+const MAX_TWISTED_CORNERS: usize = 64;
 
-/// ... and work in cubed corner counts after which they are cut as flat ones.
-const MOST_FOLD_WORK: u64 = 500_000_000;
+/// Total work, in cubed corner counts, after which all twisted polygons are triangulated as flat ones.
+const MAX_FOLD_WORK: u64 = 500_000_000;
 
-impl Cutter {
-    /// Polygons twisted by more than `twist_angle_deg` are cut with the least fold.
+impl Triangulator {
+    /// Polygons twisted by more than `twist_angle_deg` are triangulated with the least fold.
     pub fn new(twist_angle_deg: f64) -> Self {
         let sine = twist_angle_deg.max(0.0).to_radians().sin();
         Self {
@@ -67,36 +66,36 @@ impl Cutter {
             edges: Vec::new(),
             order: Vec::new(),
             work: 0,
-            without_normal: 0,
-            fanned: 0,
+            degenerate_count: 0,
+            fan_count: 0,
             points: Vec::new(),
             fold_work: 0,
             twist: if twist_angle_deg < 90.0 { sine * sine } else { f64::INFINITY },
             counted: 0,
             twisted: 0,
-            most_twist: 0.0,
+            max_squared_sine: 0.0,
         }
     }
 
-    /// Polygons without a normal: with all corners on a line, or some that are not finite. They are cut as fans.
-    pub fn without_normal(&self) -> u64 {
-        self.without_normal
+    /// Number of polygons without a normal: all corners are collinear, or some are not finite. They are split as fans.
+    pub fn degenerate_count(&self) -> u64 {
+        self.degenerate_count
     }
 
-    /// Polygons that had to be cut as fans although they are not convex: crossing themselves, or with too many corners.
-    pub fn fanned(&self) -> u64 {
-        self.fanned
+    /// Number of non-is_convex polygons that were split as fans, because they cross themselves or have too many corners.
+    pub fn fan_count(&self) -> u64 {
+        self.fan_count
     }
 
-    /// What there was to cut.
+    /// Counts of all polygons with more than three corners so far.
     pub fn polygons(&self) -> Polygons {
-        let largest_twist_deg = self.most_twist.sqrt().min(1.0).asin().to_degrees();
+        let largest_twist_deg = self.max_squared_sine.sqrt().min(1.0).asin().to_degrees();
         Polygons { count: self.counted, twisted: self.twisted, largest_twist_deg }
     }
 
-    /// Cuts one polygon. `corners` are indices into `positions`, all in range; the n - 2 triangles go to `push`, as places
-    /// in `corners`.
-    pub fn cut(&mut self, positions: &[DVec3], corners: &[u32], mut push: impl FnMut([usize; 3])) {
+    /// Triangulates one polygon. `corners` are indices into `positions`, all in range. The n - 2 triangles go to `push` as indices into
+    /// `corners`.
+    pub fn triangulate(&mut self, positions: &[DVec3], corners: &[u32], mut push: impl FnMut([usize; 3])) {
         let count = corners.len();
         if count < 3 {
             return;
@@ -106,13 +105,13 @@ impl Cutter {
             return;
         }
         self.counted += 1;
-        match self.shape(positions, corners) {
-            Shape::FanFrom(start) => {
+        match self.triangulation_of(positions, corners) {
+            Triangulation::FanFrom(start) => {
                 for k in 1..count - 1 {
                     push([start, (start + k) % count, (start + k + 1) % count]);
                 }
             }
-            Shape::Ears => {
+            Triangulation::Ears => {
                 for triangle in self.triangles.chunks_exact(3) {
                     push([triangle[0], triangle[1], triangle[2]].map(|k| k as usize));
                 }
@@ -120,66 +119,67 @@ impl Cutter {
         }
     }
 
-    fn shape(&mut self, positions: &[DVec3], corners: &[u32]) -> Shape {
+    /// Chooses the triangulation of a polygon with more than three corners.
+    fn triangulation_of(&mut self, positions: &[DVec3], corners: &[u32]) -> Triangulation {
         let count = corners.len();
         let Some((normal, scale)) = newell(positions, corners) else {
-            self.without_normal += 1;
-            return Shape::FanFrom(0);
+            self.degenerate_count += 1;
+            return Triangulation::FanFrom(0);
         };
         let twist = twist::squared_sine(positions, corners, normal, scale);
-        self.most_twist = self.most_twist.max(twist);
+        self.max_squared_sine = self.max_squared_sine.max(twist);
         let twisted = twist > self.twist;
         self.twisted += u64::from(twisted);
-        self.look_along_axis(positions, corners, normal, scale);
+        self.project_along_axis(positions, corners, normal, scale);
         if count == 4 {
-            // A fan from a straight or reflex corner is the only one whose triangles have area and don't fold.
-            let flat = (0..4).find(|&k| self.turn(k) <= STRAIGHT).unwrap_or(0);
+            // Only a fan from a straight or reflex corner has triangles with area and without folds.
+            let flat = (0..4).find(|&k| self.turn(k) <= STRAIGHT_AREA).unwrap_or(0);
             let at = |k: usize| (positions[corners[k] as usize] - positions[corners[0] as usize]) * scale;
-            return Shape::FanFrom(if twisted { twist::quad([0, 1, 2, 3].map(at), flat) } else { flat });
+            return Triangulation::FanFrom(if twisted { twist::quad_start([0, 1, 2, 3].map(at), flat) } else { flat });
         }
-        if twisted && self.fold_least(positions, corners, scale) {
-            return Shape::Ears;
+        if twisted && self.triangulate_twisted(positions, corners, scale) {
+            return Triangulation::Ears;
         }
-        let convex = self.convex();
-        if count > MOST_CORNERS || self.work > MOST_WORK {
-            self.fanned += u64::from(!convex);
-            return Shape::FanFrom(0);
+        let is_convex = self.is_convex();
+        if count > MAX_CORNERS || self.work > MAX_WORK {
+            self.fan_count += u64::from(!is_convex);
+            return Triangulation::FanFrom(0);
         }
-        if convex {
+        if is_convex {
             self.triangles.clear();
-            #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MOST_CORNERS corners")]
+            #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MAX_CORNERS corners")]
             self.triangles.extend((1..count as u32 - 1).flat_map(|k| [0, k, k + 1]));
             self.refiner.refine(&mut self.triangles, &self.flat);
-            return Shape::Ears;
+            return Triangulation::Ears;
         }
         if self.cut_ears() {
-            return Shape::Ears;
+            return Triangulation::Ears;
         }
-        // A narrow polygon that is not quite flat can cross itself when seen askew.
-        self.look_along_normal(positions, corners, normal, scale);
+        // A narrow polygon that is slightly bent can cross itself in an axis-aligned projection.
+        self.project_along_normal(positions, corners, normal, scale);
         if self.cut_ears() {
-            return Shape::Ears;
+            return Triangulation::Ears;
         }
-        self.fanned += 1;
-        Shape::FanFrom(0)
+        self.fan_count += 1;
+        Triangulation::FanFrom(0)
     }
 
-    /// Cuts a twisted polygon; false if that would take too long.
-    fn fold_least(&mut self, positions: &[DVec3], corners: &[u32], scale: f64) -> bool {
+    /// Triangulates a twisted polygon with the least fold; `false` if that would take too long.
+    fn triangulate_twisted(&mut self, positions: &[DVec3], corners: &[u32], scale: f64) -> bool {
         let cubed = (corners.len() as u64).saturating_pow(3);
-        if corners.len() > MOST_TWISTED_CORNERS || self.fold_work + cubed > MOST_FOLD_WORK {
+        if corners.len() > MAX_TWISTED_CORNERS || self.fold_work + cubed > MAX_FOLD_WORK {
             return false;
         }
         self.fold_work += cubed;
         let origin = positions[corners[0] as usize];
         self.points.clear();
         self.points.extend(corners.iter().map(|&v| (positions[v as usize] - origin) * scale));
-        twist::least_fold(&self.points, &mut self.triangles);
+        twist::triangulate_with_least_fold(&self.points, &mut self.triangles);
         true
     }
 
-    /// Fills `flat` with the polygon in the coordinate plane in which it is largest; there it runs counter-clockwise.
-    fn look_along_axis(&mut self, positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) {
+    /// Projects the polygon along the axis nearest to its normal into `flat`, counter-clockwise.
+    fn project_along_axis(&mut self, positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) {
         let axis = normal.abs().max_position();
         let (mut u, mut v) = ((axis + 1) % 3, (axis + 2) % 3);
         if normal[axis] < 0.0 {
@@ -192,8 +192,8 @@ impl Cutter {
         }));
     }
 
-    /// Fills `flat` with the polygon in the plane across its normal, counter-clockwise.
-    fn look_along_normal(&mut self, positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) {
+    /// Projects the polygon along its normal into `flat`, counter-clockwise.
+    fn project_along_normal(&mut self, positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) {
         let (u, v) = normal.normalize_or_zero().any_orthonormal_pair();
         let origin = positions[corners[0] as usize] * scale;
         self.flat.clear();
@@ -203,20 +203,20 @@ impl Cutter {
         }));
     }
 
-    /// How the polygon turns at a corner: above zero for left, zero for straight on.
+    /// The orientation at a corner: positive for a left turn, zero for straight.
     fn turn(&self, k: usize) -> f64 {
         let count = self.flat.len();
         let at = |k: usize| Coord { x: self.flat[k % count][0], y: self.flat[k % count][1] };
         orient2d(at(k + count - 1), at(k), at(k + 1))
     }
 
-    /// Every corner turns left and the turns add up to one round.
-    fn convex(&self) -> bool {
+    /// Whether the polygon is is_convex: every corner turns left, and the turns add up to one revolution.
+    fn is_convex(&self) -> bool {
         if (0..self.flat.len()).any(|k| self.turn(k) <= 0.0) {
             return false;
         }
         let count = self.flat.len();
-        // A polygon that only turns left goes round once if its direction changes between left and right twice.
+        // A polygon with only left turns makes one revolution if its direction changes between left and right twice.
         let rightward = |k: usize| {
             let (a, b) = (self.flat[k % count], self.flat[(k + 1) % count]);
             (b[0], b[1]) > (a[0], a[1])
@@ -224,41 +224,41 @@ impl Cutter {
         (0..count).filter(|&k| rightward(k) != rightward(k + 1)).count() == 2
     }
 
-    /// Cuts ears; false if what comes out is not a disk over exactly the polygon's edges.
+    /// Cuts ears; `false` if the result is not a disk bounded by exactly the polygon's edges.
     fn cut_ears(&mut self) -> bool {
         let count = self.flat.len();
         let squared = (count as u64).saturating_pow(2);
         let crossing = self.crosses_itself();
         self.work += squared / 16;
         if crossing {
-            if count > MOST_CROSSING_CORNERS {
+            if count > MAX_CROSSING_CORNERS {
                 return false;
             }
             self.work += squared;
         }
         self.earcut.earcut_slice(&self.flat, &[], &mut self.triangles);
         for triangle in self.triangles.chunks_exact_mut(3) {
-            // Along the polygon, so that each turns as it does.
+            // In the polygon's order, so each triangle has its orientation.
             triangle.sort_unstable();
         }
         if self.triangles.len() < 3 * (count - 2) {
-            self.put_back_skipped_corners();
+            self.restore_skipped_corners();
         }
         if !crossing {
-            // Rounding lets ears without area pass for ears; Delaunay flips are rid of them.
+            // Rounding can produce ears without area; Delaunay flips remove them.
             self.refiner.refine(&mut self.triangles, &self.flat);
         }
         self.triangles.len() == 3 * (count - 2) && self.is_disk()
     }
 
-    /// Whether two of the polygon's edges cross. Touching is not crossing: a polygon with a hole that is joined to the
-    /// outline by a cut runs along the cut twice.
+    /// Whether two of the polygon's edges cross in their interiors. Touching edges are allowed: a polygon with a hole that a bridge edge
+    /// joins to the outline runs along the bridge twice.
     fn crosses_itself(&mut self) -> bool {
         let count = self.flat.len();
         let flat = &self.flat;
         let ends = |k: u32| (flat[k as usize], flat[(k as usize + 1) % count]);
         self.order.clear();
-        #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MOST_CORNERS corners")]
+        #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MAX_CORNERS corners")]
         self.order.extend(0..count as u32);
         let left = |k: u32| ends(k).0[0].min(ends(k).1[0]);
         self.order.sort_unstable_by(|&a, &b| left(a).total_cmp(&left(b)));
@@ -270,7 +270,7 @@ impl Cutter {
                 if r[0].min(s[0]) > right {
                     break;
                 }
-                if r[1].max(s[1]) >= low && r[1].min(s[1]) <= high && cross([p, q, r, s]) {
+                if r[1].max(s[1]) >= low && r[1].min(s[1]) <= high && segments_cross([p, q, r, s]) {
                     return true;
                 }
             }
@@ -278,27 +278,26 @@ impl Cutter {
         false
     }
 
-    /// Ear cutting passes over corners on a straight line; each run of them is put back by splitting the triangle that has
-    /// the line as its side.
-    fn put_back_skipped_corners(&mut self) {
+    /// Restores the collinear corners that ear cutting skips. Each run of them splits the triangle that has the run as a side.
+    fn restore_skipped_corners(&mut self) {
         let count = self.flat.len();
         let mut used = vec![false; count];
         for &k in &self.triangles {
             used[k as usize] = true;
         }
         let Some(first) = used.iter().position(|&u| u) else { return };
-        #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MOST_CORNERS corners")]
+        #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MAX_CORNERS corners")]
         let name = |k: usize| (k % count) as u32;
         let mut at = first;
         while at < first + count {
             let Some(next) = (at + 1..=first + count).find(|&k| used[k % count]) else { return };
             if next > at + 1 {
                 let (a, b) = (name(at), name(next));
-                let Some(found) = self.triangles.chunks_exact(3).position(|t| has_side(t, a, b)) else { return };
-                let apex = self.triangles[3 * found..3 * found + 3].iter().copied().find(|&k| k != a && k != b);
+                let Some(index) = self.triangles.chunks_exact(3).position(|t| has_side(t, a, b)) else { return };
+                let apex = self.triangles[3 * index..3 * index + 3].iter().copied().find(|&k| k != a && k != b);
                 let Some(apex) = apex else { return };
                 for (k, slot) in [a, name(at + 1), apex].into_iter().enumerate() {
-                    self.triangles[3 * found + k] = slot;
+                    self.triangles[3 * index + k] = slot;
                 }
                 for k in at + 1..next {
                     self.triangles.extend([name(k), name(k + 1), apex]);
@@ -308,15 +307,15 @@ impl Cutter {
         }
     }
 
-    /// Every edge of the polygon is a side once, and every other side is there once in either direction.
+    /// Whether every polygon edge is a side exactly once, and every other side occurs once in each direction.
     fn is_disk(&mut self) -> bool {
         self.edges.clear();
         for t in self.triangles.chunks_exact(3) {
             self.edges.extend([(t[0], t[1]), (t[1], t[2]), (t[2], t[0])]);
         }
         let count = self.flat.len();
-        // What closes the polygon's own edges, so that every side has a partner.
-        #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MOST_CORNERS corners")]
+        // The polygon's own edges in reverse, so that every side has an opposite.
+        #[expect(clippy::cast_possible_truncation, reason = "a polygon here has at most MAX_CORNERS corners")]
         self.edges.extend((0..count).map(|k| (((k + 1) % count) as u32, k as u32)));
         self.edges.sort_unstable();
         self.edges.windows(2).all(|w| w[0] != w[1])
@@ -324,8 +323,8 @@ impl Cutter {
     }
 }
 
-/// The Newell normal, not normalised, of a polygon that was scaled to a size near one, and that scale, a power of two;
-/// none if the corners lie on a line or are not finite.
+/// The Newell normal, not normalised, of a polygon scaled to a size near one, and that scale, a power of two. `None` if the corners are
+/// collinear or not finite.
 fn newell(positions: &[DVec3], corners: &[u32]) -> Option<(DVec3, f64)> {
     let at = |k: usize| positions[corners[k] as usize];
     let origin = at(0);
@@ -334,18 +333,18 @@ fn newell(positions: &[DVec3], corners: &[u32]) -> Option<(DVec3, f64)> {
     if !finite || size == 0.0 {
         return None;
     }
-    // So that products of very large or small coordinates stay in range; a power of two is free of rounding.
+    // Scaling keeps products of very large or small coordinates in range; a power of two scales without rounding.
     let scale = size.log2().floor().clamp(-1000.0, 1000.0).exp2().recip();
     let mut normal = DVec3::ZERO;
     for k in 1..corners.len() - 1 {
         normal += ((at(k) - origin) * scale).cross((at(k + 1) - origin) * scale);
     }
-    // Less is what rounding leaves of corners on a line.
+    // Smaller normals are rounding errors of collinear corners.
     (normal.abs().max_element() > 16.0 * f64::EPSILON).then_some((normal, scale))
 }
 
-/// Whether the segments from p to q and from r to s cross in their insides.
-fn cross([p, q, r, s]: [[f64; 2]; 4]) -> bool {
+/// Whether the segments pq and rs cross in their interiors.
+fn segments_cross([p, q, r, s]: [[f64; 2]; 4]) -> bool {
     let side = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
         orient2d(Coord { x: a[0], y: a[1] }, Coord { x: b[0], y: b[1] }, Coord { x: c[0], y: c[1] })
     };
@@ -356,10 +355,11 @@ fn has_side(triangle: &[u32], a: u32, b: u32) -> bool {
     (0..3).any(|k| triangle[k] == a && triangle[(k + 1) % 3] == b)
 }
 
-enum Shape {
-    /// Triangles from one corner to all others.
+/// How a polygon is triangulated.
+enum Triangulation {
+    /// A fan of triangles from one corner.
     FanFrom(usize),
-    /// The triangles are in `Cutter::triangles`, as places in the polygon.
+    /// The triangles are in `Triangulator::triangles`, as corner indices of the polygon.
     Ears,
 }
 

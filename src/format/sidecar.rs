@@ -1,5 +1,6 @@
-//! A model and its side files in a ZIP archive: which file is the model, what it names beside it, and how OBJ is packed with its materials
-//! and pictures.
+//! A model and its sidecar files (materials, textures, buffers) in a ZIP archive.
+//!
+//! This module finds the model in an archive, resolves the files that the model refers to, and packs OBJ with materials and textures.
 
 use std::cell::{Cell, RefCell};
 use std::collections::HashMap;
@@ -9,166 +10,172 @@ use std::sync::Arc;
 use zip::ZipWriter;
 use zip::result::ZipResult;
 
-use super::archive::{self, Archive, compressed, key, resolve, stored};
-use super::errors::{ReadError, ReadErrorKind, WriteError, shown, shown_up_to};
+use super::archive::{self, Archive, deflate_options, name_key, resolve, store_options};
+use super::errors::{ReadError, ReadErrorKind, WriteError, excerpt, excerpt_up_to};
 use super::formats::Format;
-use super::limits::{HEAD, Limits};
-use super::paint::{MOST_PICTURE_BYTES, media_type};
+use super::limits::{Limits, SNIFFED_BYTES};
+use super::paint::{MAX_TEXTURE_BYTES, media_type};
 use super::sniff::sniff;
 
-/// What is beside a model.
+/// The sidecar files of a model: all files in the archive that the model came in.
 pub(super) struct Sidecars<'z> {
-    /// The archive and the model's name in it; none for a model that came alone.
-    within: Option<(&'z Archive<'z>, &'z str)>,
-    /// The first file of each bare name, by [`key`].
-    bare: HashMap<String, &'z str>,
-    /// How many bytes may still be unpacked, and how many of pictures.
-    left: Cell<u64>,
-    left_for_pictures: Cell<u64>,
-    missing: RefCell<Names>,
-    strange: RefCell<Names>,
+    /// The archive and the model's name in it; `None` for a model that came without an archive.
+    origin: Option<(&'z Archive<'z>, &'z str)>,
+    /// The first file with each base name, by [`name_key`].
+    by_base_name: HashMap<String, &'z str>,
+    /// Bytes that may still be unpacked, and how many of them for textures.
+    bytes_left: Cell<u64>,
+    texture_bytes_left: Cell<u64>,
+    /// Files that could not be found or unpacked.
+    missing: RefCell<FailedNames>,
+    /// Textures that are neither PNG nor JPEG.
+    unsupported_images: RefCell<FailedNames>,
 }
 
-/// Names that could not be followed: how many, and the first.
+/// File names that caused a warning: their number, and the first of them.
 #[derive(Default)]
-struct Names {
+struct FailedNames {
     count: u64,
     first: String,
 }
 
-impl Names {
+impl FailedNames {
     fn add(&mut self, name: &str) {
         if self.count == 0 {
-            self.first = shown(name.as_bytes());
+            self.first = excerpt(name.as_bytes());
         }
         self.count += 1;
     }
 }
 
 impl<'z> Sidecars<'z> {
-    /// Nothing, for a model that came alone.
-    pub fn nothing() -> Self {
+    /// No sidecar files, for a model that came without an archive.
+    pub fn none() -> Self {
         Self {
-            within: None,
-            bare: HashMap::new(),
-            left: Cell::new(0),
-            left_for_pictures: Cell::new(0),
+            origin: None,
+            by_base_name: HashMap::new(),
+            bytes_left: Cell::new(0),
+            texture_bytes_left: Cell::new(0),
             missing: RefCell::default(),
-            strange: RefCell::default(),
+            unsupported_images: RefCell::default(),
         }
     }
 
-    /// What is in the archive of a model.
-    pub fn of(model: &'z str, archive: &'z Archive<'z>, limits: &Limits) -> Self {
-        let mut bare = HashMap::new();
+    /// The sidecar files of the file `model` in an archive.
+    pub fn in_archive(model: &'z str, archive: &'z Archive<'z>, limits: &Limits) -> Self {
+        let mut by_base_name = HashMap::new();
         for name in archive.names() {
-            bare.entry(key(bare_name(name))).or_insert(name);
+            by_base_name.entry(name_key(base_name(name))).or_insert(name);
         }
         Self {
-            within: Some((archive, model)),
-            bare,
-            left: Cell::new(limits.max_bytes),
-            left_for_pictures: Cell::new(MOST_PICTURE_BYTES),
-            ..Self::nothing()
+            origin: Some((archive, model)),
+            by_base_name,
+            bytes_left: Cell::new(limits.max_bytes),
+            texture_bytes_left: Cell::new(MAX_TEXTURE_BYTES),
+            ..Self::none()
         }
     }
 
-    /// Whether there may be any.
-    pub fn is_something(&self) -> bool {
-        self.within.is_some()
+    /// Whether the model came in an archive.
+    pub fn has_archive(&self) -> bool {
+        self.origin.is_some()
     }
 
-    /// Whether there is a file that the model means by this name.
+    /// Whether the file that the model refers to as `name` exists.
     pub fn has(&self, name: &str) -> bool {
         self.find(name).is_some()
     }
 
-    /// The bytes, no more than `most`, of the file that the model means by a name; none if they can't be had, which [`Sidecars::warnings`]
-    /// tells.
-    pub fn file(&self, name: &str, most: u64) -> Option<Vec<u8>> {
-        let (archive, _) = self.within?;
-        let most = most.min(self.left.get());
-        let bytes = self.find(name).and_then(|found| archive.bytes(found, most).ok().flatten());
+    /// Unpacks the file that the model refers to as `name`, up to `most` bytes. `None` if the file is missing or too large, which
+    /// [`Sidecars::warnings`] reports.
+    pub fn read_file(&self, name: &str, most: u64) -> Option<Vec<u8>> {
+        let (archive, _) = self.origin?;
+        let most = most.min(self.bytes_left.get());
+        let bytes = self.find(name).and_then(|found| archive.read_file(found, most).ok().flatten());
         match &bytes {
-            Some(bytes) => self.left.set(self.left.get().saturating_sub(bytes.len() as u64)),
+            Some(bytes) => self.bytes_left.set(self.bytes_left.get().saturating_sub(bytes.len() as u64)),
             None => self.missing.borrow_mut().add(name),
         }
         bytes
     }
 
-    /// As [`Sidecars::file`], for a picture, with its media type; none too if it is not of a kind that is kept.
-    pub fn picture(&self, name: &str) -> Option<(Arc<[u8]>, &'static str)> {
-        let bytes = self.file(name, self.left_for_pictures.get())?;
+    /// As [`Sidecars::read_file`], for a texture; returns its media type too. `None` also if the file is neither PNG nor JPEG.
+    pub fn read_texture(&self, name: &str) -> Option<(Arc<[u8]>, &'static str)> {
+        let bytes = self.read_file(name, self.texture_bytes_left.get())?;
         let Some(media_type) = media_type(&bytes) else {
-            self.strange.borrow_mut().add(name);
+            self.unsupported_images.borrow_mut().add(name);
             return None;
         };
-        self.left_for_pictures.set(self.left_for_pictures.get().saturating_sub(bytes.len() as u64));
+        self.texture_bytes_left.set(self.texture_bytes_left.get().saturating_sub(bytes.len() as u64));
         Some((bytes.into(), media_type))
     }
 
-    /// What could not be had.
+    /// Warnings about files that were missing, too large or of an unsupported type.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         let missing = self.missing.borrow();
         if missing.count > 0 {
             warnings.push(format!(
-                "files that the model names are not in the archive, or can't be unpacked within the limits: {}, the first '{}'",
+                "files that the model refers to are not in the archive, or are too large to unpack: {}, the first '{}'",
                 missing.count, missing.first
             ));
         }
-        let strange = self.strange.borrow();
-        if strange.count > 0 {
+        let unsupported_images = self.unsupported_images.borrow();
+        if unsupported_images.count > 0 {
             warnings.push(format!(
-                "pictures that are neither PNG nor JPEG were left out: {}, the first '{}'",
-                strange.count, strange.first
+                "textures that are neither PNG nor JPEG were dropped: {}, the first '{}'",
+                unsupported_images.count, unsupported_images.first
             ));
         }
         warnings
     }
 
-    /// By its path from the model's folder, else by its bare name, as paths are often those of another machine.
+    /// Finds a file by its path from the model's folder, else by its base name, because paths often come from another computer.
     fn find(&self, name: &str) -> Option<&'z str> {
-        let (archive, model) = self.within?;
-        let there = resolve(model, name).and_then(|path| archive.name(&path));
-        there.or_else(|| self.bare.get(&key(bare_name(name))).copied())
+        let (archive, model) = self.origin?;
+        let by_path = resolve(model, name).and_then(|path| archive.stored_name(&path));
+        by_path.or_else(|| self.by_base_name.get(&name_key(base_name(name))).copied())
     }
 }
 
-fn bare_name(name: &str) -> &str {
+/// The part of a path after the last slash or backslash.
+fn base_name(name: &str) -> &str {
     name.rsplit(['/', '\\']).next().unwrap_or(name)
 }
 
-/// Endings of models that are read.
-const MODELS: [&str; 8] = ["stl", "obj", "ply", "off", "mesh", "glb", "gltf", "3mf"];
+/// File name extensions of models that can be read.
+const MODEL_EXTENSIONS: [&str; 8] = ["stl", "obj", "ply", "off", "mesh", "glb", "gltf", "3mf"];
 
-/// Endings of what is often sent along, some of which a careless eye could take for a model.
-const NO_MODELS: [&str; 51] = [
+/// Extensions of files that often accompany a model, and that format detection could mistake for one.
+const OTHER_EXTENSIONS: [&str; 51] = [
     "txt", "md", "rtf", "doc", "docx", "odt", "xls", "xlsx", "pptx", "pdf", "htm", "html", "url", "webloc", "xml",
     "json", "csv", "log", "ini", "db", "nfo", "mtl", "bin", "png", "jpg", "jpeg", "gif", "bmp", "tif", "tiff", "tga",
     "webp", "svg", "psd", "exr", "hdr", "dds", "ktx", "ktx2", "mp4", "mov", "zip", "7z", "rar", "gz", "tar", "xz",
     "bz2", "gcode", "exe", "js",
 ];
 
-/// How many names are shown.
-const SHOWN_NAMES: usize = 4;
+/// Maximum number of file names in a message.
+const MAX_SHOWN_NAMES: usize = 4;
 
-/// The only model of an archive, and its format, told by its content. The ending of a name only says which files are looked at first: where
-/// one that is named as a model is one, others are not looked at.
-pub(super) fn model_of<'z>(archive: &'z Archive<'_>) -> Result<(&'z str, Format), ReadError> {
+/// Finds the only model in an archive and its format, which is detected by content. Files with a model's extension are tried first; other
+/// files are tried only if none of those is a model.
+///
+/// # Errors
+/// A [`ReadError`] of kind `UnsupportedFormat` if the archive holds no model or several.
+pub(super) fn find_model<'z>(archive: &'z Archive<'_>) -> Result<(&'z str, Format), ReadError> {
     let visible = || archive.names().filter(|name| !is_hidden(name));
     let mut refused = None;
-    let named = visible().filter(|name| has_ending(name, &MODELS));
-    let mut found = models(archive, named, |name, error| {
+    let named = visible().filter(|name| has_extension(name, &MODEL_EXTENSIONS));
+    let mut found = detect_models(archive, named, |name, error| {
         refused.get_or_insert_with(|| {
-            let detail = format!("in the archive's file {}: {}", archive::shown(name), error.detail);
+            let detail = format!("in the archive's file {}: {}", archive::name_excerpt(name), error.detail);
             ReadError { detail, ..error }
         });
     });
     if found.is_empty() && refused.is_none() {
-        let others = visible().filter(|name| !has_ending(name, &NO_MODELS));
-        found = models(archive, others, |_, _| {});
-        // A package of office programs looks like 3MF from its head.
+        let others = visible().filter(|name| !has_extension(name, &OTHER_EXTENSIONS));
+        found = detect_models(archive, others, |_, _| {});
+        // The first bytes of an office document look like those of 3MF.
         found.retain(|(_, format)| !matches!(format, Format::ThreeMf | Format::Zip));
     }
     match (found[..].first(), found.len()) {
@@ -176,28 +183,28 @@ pub(super) fn model_of<'z>(archive: &'z Archive<'_>) -> Result<(&'z str, Format)
         (Some(_), _) => {
             let names = shown_names(found.iter().map(|(name, _)| *name), found.len());
             let detail =
-                format!("the ZIP archive holds {} models ({names}); send each for itself, or in an archive of its own", found.len());
-            Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail))
+                format!("the ZIP archive holds {} models ({names}); send each in a request or archive of its own", found.len());
+            Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail))
         }
         (None, _) => Err(refused.unwrap_or_else(|| {
             let names = shown_names(archive.names(), archive.names().count());
             let detail = format!(
-                "the ZIP archive holds no model that is read here ({names}); put one STL, OBJ, PLY, OFF, 3MF, GLB or glTF file into it, with the files that it needs"
+                "the ZIP archive holds no supported model ({names}); add one STL, OBJ, PLY, OFF, 3MF, GLB or glTF file and the files it uses"
             );
-            ReadError::whole(ReadErrorKind::UnsupportedFormat, detail)
+            ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail)
         })),
     }
 }
 
-/// Those of the files that are models.
-fn models<'z>(
+/// The models among the files, with their formats. `refuse` receives the errors of the others.
+fn detect_models<'z>(
     archive: &Archive<'_>,
     names: impl Iterator<Item = &'z str>,
     mut refuse: impl FnMut(&str, ReadError),
 ) -> Vec<(&'z str, Format)> {
     let mut found = Vec::new();
     for name in names {
-        match format(archive, name) {
+        match detect_format(archive, name) {
             Ok(format) => found.push((name, format)),
             Err(error) => refuse(name, error),
         }
@@ -205,65 +212,73 @@ fn models<'z>(
     found
 }
 
-fn format(archive: &Archive<'_>, name: &str) -> Result<Format, ReadError> {
-    let head = archive.first(name, HEAD as u64)?.unwrap_or_default();
+/// Detects a file's format. Nested archives are rejected unless their name ends in `.3mf`.
+fn detect_format(archive: &Archive<'_>, name: &str) -> Result<Format, ReadError> {
+    let head = archive.read_prefix(name, SNIFFED_BYTES as u64)?.unwrap_or_default();
     match sniff(&head, archive.size(name))? {
-        // Only by its end is it told from 3MF, and by its name.
-        Format::Zip if !has_ending(name, &["3mf"]) => {
-            let detail = "it is a ZIP archive within the ZIP archive, and is not opened; send it for itself";
-            Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail))
+        // The first bytes of a 3MF package can look like those of any ZIP archive, so the name decides.
+        Format::Zip if !has_extension(name, &["3mf"]) => {
+            let detail =
+                "this is a ZIP archive inside the ZIP archive, which is not opened; send the inner archive by itself";
+            Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail))
         }
         Format::Zip => Ok(Format::ThreeMf),
         format => Ok(format),
     }
 }
 
-/// What programs leave for themselves, such as `__MACOSX/._a.obj` and `.DS_Store`.
+/// Whether a file is metadata of an operating system, such as `__MACOSX/._a.obj` or `.DS_Store`.
 fn is_hidden(name: &str) -> bool {
     name.split('/').any(|segment| segment.starts_with('.') || segment == "__MACOSX")
 }
 
-fn has_ending(name: &str, endings: &[&str]) -> bool {
+fn has_extension(name: &str, extensions: &[&str]) -> bool {
     let file = name.rsplit('/').next().unwrap_or(name);
-    file.rsplit_once('.').is_some_and(|(_, ending)| endings.iter().any(|it| ending.eq_ignore_ascii_case(it)))
+    file.rsplit_once('.')
+        .is_some_and(|(_, extension)| extensions.iter().any(|known| extension.eq_ignore_ascii_case(known)))
 }
 
+/// Up to [`MAX_SHOWN_NAMES`] file names as a list for a message.
 fn shown_names<'n>(names: impl Iterator<Item = &'n str>, count: usize) -> String {
-    let some: Vec<String> = names.take(SHOWN_NAMES).map(|name| shown_up_to(60, name.as_bytes())).collect();
-    let more = if count > SHOWN_NAMES { format!(" and {} more", count - SHOWN_NAMES) } else { String::new() };
-    if some.is_empty() { "it is empty".to_owned() } else { some.join(", ") + &more }
+    let some: Vec<String> = names.take(MAX_SHOWN_NAMES).map(|name| excerpt_up_to(60, name.as_bytes())).collect();
+    let more = if count > MAX_SHOWN_NAMES { format!(" and {} more", count - MAX_SHOWN_NAMES) } else { String::new() };
+    if some.is_empty() { "the archive is empty".to_owned() } else { some.join(", ") + &more }
 }
 
-/// What a model is written as.
-pub(super) struct Files {
+/// The files of an OBJ zip.
+pub(super) struct ObjZipFiles {
+    /// The OBJ file.
     pub obj: Vec<u8>,
-    /// Its materials, where it has some.
+    /// The MTL file; `None` if the model has no materials.
     pub mtl: Option<Vec<u8>>,
-    /// The pictures that materials name.
-    pub pictures: Vec<(String, Arc<[u8]>)>,
+    /// The textures that materials refer to, each with its file name.
+    pub textures: Vec<(String, Arc<[u8]>)>,
 }
 
-/// The name of the model that is written, and that of its materials.
-const MODEL: &str = "model.obj";
-pub(super) const MATERIALS: &str = "model.mtl";
+/// File names of the OBJ and MTL files in an OBJ zip that meshmend writes.
+const OBJ_NAME: &str = "model.obj";
+pub(super) const MTL_NAME: &str = "model.mtl";
 
-/// Packs a model with its side files. The same files give the same bytes.
-pub(super) fn pack(files: &Files) -> Result<Vec<u8>, WriteError> {
-    // To memory nothing can fail but a size.
+/// Packs an OBJ zip. The same files always give the same bytes.
+///
+/// # Errors
+/// [`WriteError::TooLarge`] if a file is larger than ZIP allows.
+pub(super) fn pack(files: &ObjZipFiles) -> Result<Vec<u8>, WriteError> {
+    // Writing to memory fails only if a size is too large.
     packed(files).map_err(|_| WriteError::TooLarge)
 }
 
-fn packed(files: &Files) -> ZipResult<Vec<u8>> {
+fn packed(files: &ObjZipFiles) -> ZipResult<Vec<u8>> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    let texts = [(MODEL, Some(&files.obj)), (MATERIALS, files.mtl.as_ref())];
+    let texts = [(OBJ_NAME, Some(&files.obj)), (MTL_NAME, files.mtl.as_ref())];
     for (name, text) in texts {
         if let Some(text) = text {
-            zip.start_file(name, compressed(text.len() as u64 > u64::from(u32::MAX) / 2))?;
+            zip.start_file(name, deflate_options(text.len() as u64 > u64::from(u32::MAX) / 2))?;
             zip.write_all(text)?;
         }
     }
-    for (name, bytes) in &files.pictures {
-        zip.start_file(name.as_str(), stored())?;
+    for (name, bytes) in &files.textures {
+        zip.start_file(name.as_str(), store_options())?;
         zip.write_all(bytes)?;
     }
     Ok(zip.finish()?.into_inner())

@@ -1,67 +1,67 @@
-//! Telling formats apart by their first bytes.
+//! Detecting a file's format from its first bytes.
 //!
-//! Only binary STL has no mark of its own: its header is free text, often `solid ...`. A length that fits its facet count
-//! exactly is proof (a text file would have to be gigabytes long to fit by accident), so that test comes first; where
-//! the count is wrong, numbers that look like coordinates have to do.
+//! Binary STL is the only format without a signature: its header is free text, often `solid ...`. If the file's length fits the facet
+//! count exactly, the file is binary STL. A text file would have to be gigabytes long to fit by chance, so this check comes first. If the
+//! count is wrong, plausible coordinates decide.
 
-use super::errors::{ReadError, ReadErrorKind, shown};
+use super::errors::{ReadError, ReadErrorKind, excerpt};
 use super::formats::Format;
-use super::limits::HEAD;
+use super::limits::SNIFFED_BYTES;
 use super::off::is_off_keyword;
 use super::text::{Text, UTF8_MARK, integer, number};
 use super::{archive, gltf, stl, vertex_face};
 
-/// Names the format of a file from its first bytes and its length where it is known.
+/// Detects the format of a file from its first bytes, and from its length if known.
 ///
-/// 4096 bytes are enough, and no more are looked at, so that [`read`](super::read) finds the same format; but what an archive holds is only told by its
-/// end, so that [`Format::ThreeMf`] and [`Format::Zip`] may turn out to be each other, or what the archive holds.
+/// At most 4096 bytes are used, so [`read`](super::read) detects the same format. A ZIP archive's content is known only from its end.
+/// [`Format::ThreeMf`] and [`Format::Zip`] may therefore turn out to be each other, or the format of the model in the archive.
 ///
 /// # Errors
-/// [`ReadErrorKind::Empty`], [`ReadErrorKind::UnknownFormat`] or [`ReadErrorKind::UnsupportedFormat`], with what was found.
+/// [`ReadErrorKind::Empty`], [`ReadErrorKind::UnknownFormat`] or [`ReadErrorKind::UnsupportedFormat`], with a description of the file.
 pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
-    let head = &head[..head.len().min(HEAD)];
+    let head = &head[..head.len().min(SNIFFED_BYTES)];
     if head.is_empty() {
-        return Err(ReadError::whole(ReadErrorKind::Empty, "the file is empty; send it again"));
+        return Err(ReadError::for_file(ReadErrorKind::Empty, "the file is empty; send it again"));
     }
     if stl::length_fits(head, length) {
         return Ok(Format::Stl);
     }
-    if is_mangled(head) {
-        return Err(ReadError::whole(
+    if is_damaged_by_text_conversion(head) {
+        return Err(ReadError::for_file(
             ReadErrorKind::UnknownFormat,
-            "this was a binary file and was then converted as if it were text, which can't be undone; send the original",
+            "this binary file was converted as if it were text, which destroyed it; send the original file",
         ));
     }
     let start = text_start(head);
     if head.starts_with(gltf::MAGIC) || is_gltf(&head[start..]) {
         return Ok(Format::Glb);
     }
-    // What the archive holds is told by its end, which only the reader looks at.
-    if head.starts_with(archive::LOCAL) {
+    // Only the archive's directory, at its end, lists all files; the reader decides from that.
+    if head.starts_with(archive::LOCAL_HEADER_SIGNATURE) {
         let is_unknown = archive::names_in_head(head).next().is_none();
         return Ok(if is_unknown || archive::is_likely_3mf(head) { Format::ThreeMf } else { Format::Zip });
     }
-    if let Some(found) = recognise_foreign(head) {
-        return Err(ReadError::whole(
+    if let Some(unsupported) = recognise_unsupported(head) {
+        return Err(ReadError::for_file(
             ReadErrorKind::UnsupportedFormat,
-            format!("this is {}; {}, and send that", found.name, found.advice),
+            format!("this is {}, which can't be read; {}, and send that file", unsupported.name, unsupported.advice),
         ));
     }
     let first = Text::new(&head[start..]).with_comments().word().map_or(&[][..], |word| word.bytes);
     if is_ply(&head[start..]) {
         return Ok(Format::Ply);
     }
-    if is_off_keyword(first) && !looks_binary(head) {
+    if is_off_keyword(first) && !has_binary_bytes(head) {
         return Ok(Format::Off);
     }
-    if stl::starts_as_text(head) || (looks_binary(head) && stl::looks_like_facets(head)) {
+    if stl::starts_as_text(head) || (has_binary_bytes(head) && stl::looks_like_facets(head)) {
         return Ok(Format::Stl);
     }
     if is_off_keyword(first) {
-        // OFF BINARY: the reader names it.
+        // Binary OFF: the reader reports that it is not supported.
         return Ok(Format::Off);
     }
-    if !looks_binary(head) {
+    if !has_binary_bytes(head) {
         if vertex_face::starts(head) {
             return Ok(Format::Mesh);
         }
@@ -75,25 +75,25 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
     Err(unknown(head))
 }
 
-/// Offset of the first byte that is neither a byte order mark nor white space.
+/// Offset of the first byte after a byte order mark and white space.
 fn text_start(head: &[u8]) -> usize {
     let mark = if head.starts_with(UTF8_MARK) { UTF8_MARK.len() } else { 0 };
     mark + head[mark..].iter().take_while(|b| b.is_ascii_whitespace()).count()
 }
 
-/// Whether there are bytes that no text has.
-fn looks_binary(head: &[u8]) -> bool {
+/// Whether there are control characters that no text file contains.
+fn has_binary_bytes(head: &[u8]) -> bool {
     head.iter().any(|&b| b < 0x20 && !matches!(b, b'\t' | b'\n' | b'\r' | 0x0B | 0x0C | 0x1A))
 }
 
-/// Whether bytes of a binary file were replaced by U+FFFD, as programs do that take it for UTF-8: then the whole is UTF-8. The bytes of such
-/// a mark alone may be a colour, which a file has for every face.
-fn is_mangled(head: &[u8]) -> bool {
+/// Whether a program took a binary file for UTF-8 and replaced its invalid bytes by U+FFFD. The whole file is then valid UTF-8. The bytes of
+/// U+FFFD alone prove nothing: they may be a colour that repeats for every face.
+fn is_damaged_by_text_conversion(head: &[u8]) -> bool {
     let is_text = std::str::from_utf8(head).map_or_else(|error| error.error_len().is_none(), |_| true);
     is_text && head.contains(&0) && head.windows(3).filter(|w| w == b"\xEF\xBF\xBD").count() >= 3
 }
 
-/// An object of JSON with a member that glTF has. It may begin with a buffer that is longer than the head.
+/// Whether the text is a JSON object with a member of glTF. Its first member may be a buffer that is longer than the bytes examined.
 fn is_gltf(text: &[u8]) -> bool {
     const MEMBERS: [&[u8]; 5] = [b"\"asset\"", b"\"meshes\"", b"\"accessors\"", b"\"buffers\"", b"\"bufferViews\""];
     let has = |member: &&[u8]| text.windows(member.len()).any(|window| window == *member);
@@ -104,7 +104,7 @@ fn is_ply(head: &[u8]) -> bool {
     head.len() >= 4 && head[..3].eq_ignore_ascii_case(b"ply") && head[3].is_ascii_whitespace()
 }
 
-/// Three whole numbers on the first line and at least three numbers on the second.
+/// Whether the first line has three whole numbers and the second at least three numbers.
 fn is_off_without_keyword(head: &[u8]) -> bool {
     let mut text = Text::new(head).with_comments();
     let line = |text: &mut Text<'_>| -> Vec<Vec<u8>> {
@@ -123,18 +123,18 @@ fn is_off_without_keyword(head: &[u8]) -> bool {
         && vertex.iter().all(|w| number(w).is_some())
 }
 
-/// Statements that an OBJ file may begin with, after Wavefront's "Advanced Visualizer Manual", appendix B1.
+/// Statements that an OBJ file may begin with (Wavefront, "Advanced Visualizer Manual", appendix B1).
 const OBJ_STATEMENTS: &str = "v vt vn vp f fo l p o g s mg usemtl mtllib usemap maplib cstype deg bmat step curv curv2 \
     surf parm trim hole scrv sp end con bevel c_interp d_interp lod shadow_obj trace_obj ctech stech";
 
-/// The first statement is one of OBJ's, or there is a line `v x y z`, or there is nothing but comments.
+/// Whether the first statement belongs to OBJ, or there is a line `v x y z`, or the file has only comments so far.
 fn is_obj(head: &[u8]) -> bool {
     let mut text = Text::new(head).with_comments();
     let Some(first) = text.word() else {
         return head.contains(&b'#');
     };
     let is_statement = OBJ_STATEMENTS.split(' ').any(|s| first.bytes == s.as_bytes());
-    // A letter alone starts many a text; what follows has to fit.
+    // Many texts begin with a single letter, so the next word must fit too.
     let mut rest = text.clone();
     let second = rest.word_on_line();
     let fits = match first.bytes {
@@ -146,8 +146,8 @@ fn is_obj(head: &[u8]) -> bool {
         return true;
     }
     let mut word = Some(first);
-    while let Some(found) = word {
-        if found.bytes == b"v" {
+    while let Some(statement) = word {
+        if statement.bytes == b"v" {
             let coordinates = (0..3).map_while(|_| text.word_on_line()).filter(|w| number(w.bytes).is_some()).count();
             if coordinates == 3 {
                 return true;
@@ -159,35 +159,36 @@ fn is_obj(head: &[u8]) -> bool {
     false
 }
 
+/// The error for a file of no known format.
 fn unknown(head: &[u8]) -> ReadError {
     let detail = if head.starts_with(b"\xFF\xFE") || head.starts_with(b"\xFE\xFF") {
-        "this is text in UTF-16; save it as UTF-8 or plain ASCII text, or export a binary format, and send that"
+        "this is text in UTF-16; save it as UTF-8 or ASCII text, or export a binary format, and send that file"
             .to_owned()
     } else {
-        let cut = if looks_binary(head) && head.len() < stl::LEAST_BINARY {
+        let cut = if has_binary_bytes(head) && head.len() < stl::MIN_BINARY_BYTES {
             "; if it was binary STL, it was cut off, so send it again"
         } else {
             ""
         };
         format!(
-            "the file begins with '{}', which is no format that is known here; send STL, OBJ, PLY, OFF, 3MF or GLB{cut}",
-            shown(&head[..head.len().min(16)])
+            "the file begins with '{}', which matches no supported format; send STL, OBJ, PLY, OFF, 3MF or GLB{cut}",
+            excerpt(&head[..head.len().min(16)])
         )
     };
-    ReadError::whole(ReadErrorKind::UnknownFormat, detail)
+    ReadError::for_file(ReadErrorKind::UnknownFormat, detail)
 }
 
-/// A format that is recognised, so that it can be named, and not read.
-struct Foreign {
-    /// Its name, with an article.
+/// A format that is recognised but not read.
+struct UnsupportedFormat {
+    /// Name of the format, with an article.
     name: &'static str,
-    /// What to do to get a format that is read.
+    /// How to get a file that can be read.
     advice: &'static str,
 }
 
 const EXPORT: &str = "open it in the program that made it, export 3MF, GLB, STL, OBJ, PLY or OFF";
-const UNPACK: &str = "unpack it, take the 3MF, GLB, STL, OBJ, PLY or OFF file inside";
-const NOT_A_MODEL: &str = "look for the 3D model itself, as 3MF, GLB, STL, OBJ, PLY or OFF";
+const UNPACK: &str = "unpack it, take the 3MF, GLB, STL, OBJ, PLY or OFF file from it";
+const NOT_A_MODEL: &str = "find the 3D model itself, as 3MF, GLB, STL, OBJ, PLY or OFF";
 
 /// Signatures at the very start of a file.
 const SIGNATURES: [(&[u8], &str, &str); 40] = [
@@ -212,7 +213,7 @@ const SIGNATURES: [(&[u8], &str, &str); 40] = [
     (b"DBRep_DrawableShape", "an OpenCASCADE BREP file", EXPORT),
     (b"CASCADE Topology", "an OpenCASCADE BREP file", EXPORT),
     (b"xof 0", "a DirectX X file", EXPORT),
-    (b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1", "a compound document, as SolidWorks and 3ds Max write", EXPORT),
+    (b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1", "a compound document, such as SolidWorks and 3ds Max write", EXPORT),
     (b"GCDE", "a binary G-code file", NOT_A_MODEL),
     (b"; generated by", "a G-code file", NOT_A_MODEL),
     (b";FLAVOR:", "a G-code file", NOT_A_MODEL),
@@ -233,7 +234,7 @@ const SIGNATURES: [(&[u8], &str, &str); 40] = [
     (b"PAR1", "a Parquet file", NOT_A_MODEL),
 ];
 
-/// Elements that tell what an XML or HTML file is.
+/// Elements that identify XML and HTML files.
 const ELEMENTS: [(&[u8], &str, &str); 9] = [
     (b"<!doctype html", "an HTML page, perhaps an error page that was saved instead of the model", NOT_A_MODEL),
     (b"<html", "an HTML page, perhaps an error page that was saved instead of the model", NOT_A_MODEL),
@@ -246,35 +247,35 @@ const ELEMENTS: [(&[u8], &str, &str); 9] = [
     (b"<error", "an XML error message that was saved instead of the model", NOT_A_MODEL),
 ];
 
-/// Names a format that is known and not read.
-fn recognise_foreign(head: &[u8]) -> Option<Foreign> {
+/// Recognises a format that meshmend does not read.
+fn recognise_unsupported(head: &[u8]) -> Option<UnsupportedFormat> {
     let mark = if head.starts_with(UTF8_MARK) { 3 } else { 0 };
     let text = head[mark..].trim_ascii_start();
     for (signature, name, advice) in SIGNATURES {
         if head.starts_with(signature) || text.starts_with(signature) {
-            return Some(Foreign { name, advice });
+            return Some(UnsupportedFormat { name, advice });
         }
     }
     match text.first()? {
         b'<' => {
             let lower = text.to_ascii_lowercase();
-            let found = ELEMENTS.iter().find(|(element, ..)| contains(&lower, element));
-            match found {
-                Some((_, name, advice)) => Some(Foreign { name, advice }),
-                None if lower.starts_with(b"<?xml") => Some(Foreign { name: "an XML file", advice: EXPORT }),
+            let known = ELEMENTS.iter().find(|(element, ..)| contains(&lower, element));
+            match known {
+                Some((_, name, advice)) => Some(UnsupportedFormat { name, advice }),
+                None if lower.starts_with(b"<?xml") => Some(UnsupportedFormat { name: "an XML file", advice: EXPORT }),
                 None => None,
             }
         }
         b'{' if contains(text, b"\":") || contains(text, b"\" :") => {
-            Some(Foreign { name: "a JSON file", advice: NOT_A_MODEL })
+            Some(UnsupportedFormat { name: "a JSON file", advice: NOT_A_MODEL })
         }
-        b'0' | b'9' if is_dxf(text) => Some(Foreign { name: "a DXF file", advice: EXPORT }),
-        _ if is_iges(head) => Some(Foreign { name: "an IGES file", advice: EXPORT }),
+        b'0' | b'9' if is_dxf(text) => Some(UnsupportedFormat { name: "a DXF file", advice: EXPORT }),
+        _ if is_iges(head) => Some(UnsupportedFormat { name: "an IGES file", advice: EXPORT }),
         _ => None,
     }
 }
 
-/// `0` and `SECTION`, or `999` and a comment, on lines of their own.
+/// Whether the text begins with the lines `0` and `SECTION`, or `999` and a comment.
 fn is_dxf(text: &[u8]) -> bool {
     let mut lines = text.split(|&b| b == b'\n').map(<[u8]>::trim_ascii);
     match (lines.next(), lines.next()) {
@@ -284,7 +285,7 @@ fn is_dxf(text: &[u8]) -> bool {
     }
 }
 
-/// An `S` in column 73 and a sequence number to column 80.
+/// Whether column 73 holds an `S` and columns 74 to 80 a sequence number.
 fn is_iges(head: &[u8]) -> bool {
     head.len() >= 80
         && head[72] == b'S'

@@ -1,70 +1,76 @@
-//! The words, numbers and lines of text formats.
+//! Words, numbers and lines of text formats, shared by the readers of STL, OBJ, MTL, PLY, OFF and Vertex/Face text.
 
 use std::num::IntErrorKind;
 
-use super::errors::{Place, ReadError, ReadErrorKind, shown};
+use super::errors::{FileLocation, ReadError, ReadErrorKind, excerpt};
 
-/// A word of a text file and where it stands.
+/// A word of a text file and its byte offset.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Word<'a> {
+    /// The word's bytes.
     pub bytes: &'a [u8],
+    /// Byte offset of the word in the file.
     pub at: usize,
 }
 
 impl Word<'_> {
-    /// Whether the word is `keyword` (given in lowercase), in whatever case.
+    /// Whether the word equals `keyword` (given in lowercase), ignoring case.
     pub fn is(&self, keyword: &str) -> bool {
         self.bytes.eq_ignore_ascii_case(keyword.as_bytes())
     }
 }
 
-/// A walk over the words of a text file whose lines end in LF, CR LF or CR.
+/// A cursor over the words of a text file whose lines end in LF, CR LF or CR.
 ///
-/// Words are runs of bytes in no particular encoding. Line numbers are only counted when an error asks for one.
+/// Words are byte sequences in no particular encoding. Line numbers are computed only when an error needs one.
 #[derive(Debug, Clone)]
 pub(super) struct Text<'a> {
     bytes: &'a [u8],
     at: usize,
-    /// Whether `#` at the start of a word hides the rest of the line.
+    /// Whether `#` at the start of a word begins a comment that runs to the end of the line.
     comments: bool,
-    /// Whether a backslash before a line's end joins it to the next.
+    /// Whether a backslash before a line end joins the line to the next.
     continued: bool,
 }
 
-/// The byte order mark that some editors put before UTF-8.
+/// The UTF-8 byte order mark, which some editors write at the start of a file.
 pub(super) const UTF8_MARK: &[u8] = b"\xEF\xBB\xBF";
 
 impl<'a> Text<'a> {
+    /// A cursor at the start of the text, after a byte order mark.
     pub fn new(bytes: &'a [u8]) -> Self {
         let at = if bytes.starts_with(UTF8_MARK) { UTF8_MARK.len() } else { 0 };
         Self { bytes, at, comments: false, continued: false }
     }
 
-    /// Starts at an offset, for text after a header.
+    /// A cursor at a byte offset, for text after a header.
     pub fn starting_at(bytes: &'a [u8], at: usize) -> Self {
         Self { bytes, at, comments: false, continued: false }
     }
 
+    /// Enables `#` comments.
     pub fn with_comments(mut self) -> Self {
         self.comments = true;
         self
     }
 
+    /// Enables line continuation by backslash.
     pub fn with_continued_lines(mut self) -> Self {
         self.continued = true;
         self
     }
 
-    /// Offset of the next byte.
+    /// Byte offset of the next unread byte.
     pub fn at(&self) -> usize {
         self.at
     }
 
+    /// Number of unread bytes.
     pub fn remaining(&self) -> usize {
         self.bytes.len() - self.at
     }
 
-    /// The next word on this line; none at the line's end, which stays unread.
+    /// The next word on this line; `None` at the end of the line, which stays unread.
     #[inline]
     pub fn word_on_line(&mut self) -> Option<Word<'a>> {
         let bytes = self.bytes;
@@ -101,7 +107,7 @@ impl<'a> Text<'a> {
         Some(Word { bytes: &bytes[start..at], at: start })
     }
 
-    /// The next word, on whichever line it is; none at the end of the file.
+    /// The next word on this or a later line; `None` at the end of the file.
     #[inline]
     pub fn word(&mut self) -> Option<Word<'a>> {
         loop {
@@ -114,7 +120,7 @@ impl<'a> Text<'a> {
         }
     }
 
-    /// Passes one line end; false at the end of the file.
+    /// Skips one line end; `false` at the end of the file.
     fn next_line(&mut self) -> bool {
         match line_end(self.bytes, self.at) {
             Some(next) => {
@@ -125,31 +131,31 @@ impl<'a> Text<'a> {
         }
     }
 
-    /// Goes to the end of this line as it stands, without regard to continuation.
+    /// Skips to the end of this line, ignoring continuation.
     pub fn skip_line(&mut self) {
         while !matches!(self.bytes.get(self.at), None | Some(b'\n' | b'\r')) {
             self.at += 1;
         }
     }
 
-    /// What is left of this line as it stands, without blanks around it.
+    /// The rest of this line, ignoring continuation, without surrounding white space.
     pub fn rest_of_line(&mut self) -> &'a [u8] {
         let begin = self.at;
         self.skip_line();
         self.bytes[begin..self.at].trim_ascii()
     }
 
-    /// Goes to the end of this line with all lines that continue it.
+    /// Skips to the end of this line and of all lines that continue it.
     pub fn skip_statement(&mut self) {
         while self.word_on_line().is_some() {}
     }
 
-    /// An error at the line that holds an offset.
+    /// An error at the line that contains the byte offset `at`.
     pub fn error(&self, kind: ReadErrorKind, at: usize, detail: impl Into<String>) -> ReadError {
-        ReadError { kind, place: Some(Place::Line(line_of(self.bytes, at))), detail: detail.into() }
+        ReadError { kind, place: Some(FileLocation::Line(line_of(self.bytes, at))), detail: detail.into() }
     }
 
-    /// The file ended where `expected` should stand.
+    /// An error for a file that ends where `expected` should be.
     pub fn ended(&self, expected: &str) -> ReadError {
         self.error(
             ReadErrorKind::Truncated,
@@ -158,7 +164,7 @@ impl<'a> Text<'a> {
         )
     }
 
-    /// Reads a word as a number. Words for infinity and not-a-number, Microsoft's `1.#QNAN` among them, are numbers.
+    /// Parses a word as a number. Spellings of infinity and not-a-number count as numbers, including Microsoft's `1.#QNAN`.
     #[inline]
     pub fn number(&self, word: Word<'_>, expected: &str) -> Result<f64, ReadError> {
         number(word.bytes).ok_or_else(|| self.not_a_number(word, expected))
@@ -166,8 +172,8 @@ impl<'a> Text<'a> {
 
     #[cold]
     fn not_a_number(&self, word: Word<'_>, expected: &str) -> ReadError {
-        let found = shown(word.bytes);
-        let comma = word.bytes.contains(&b',') && number(&replaced(word.bytes, b',', b'.')).is_some();
+        let found = excerpt(word.bytes);
+        let comma = word.bytes.contains(&b',') && number(&with_replaced_byte(word.bytes, b',', b'.')).is_some();
         let detail = if comma {
             format!("'{found}' has a decimal comma where {expected} was expected; export with decimal points")
         } else {
@@ -176,20 +182,20 @@ impl<'a> Text<'a> {
         self.error(ReadErrorKind::Malformed, word.at, detail)
     }
 
-    /// Reads a word as a whole number; `3.0` is taken for 3.
+    /// Parses a word as a whole number; `3.0` counts as 3.
     #[inline]
     pub fn integer(&self, word: Word<'_>, expected: &str) -> Result<i64, ReadError> {
         integer(word.bytes).ok_or_else(|| {
             self.error(
                 ReadErrorKind::Malformed,
                 word.at,
-                format!("found '{}' where {expected} was expected; export the model again", shown(word.bytes)),
+                format!("found '{}' where {expected} was expected; export the model again", excerpt(word.bytes)),
             )
         })
     }
 }
 
-/// The offset after a line end at `at`, if there is one; the end of the file is none.
+/// The offset after the line end at `at`; `None` if there is no line end at `at`.
 fn line_end(bytes: &[u8], at: usize) -> Option<usize> {
     match bytes.get(at) {
         Some(b'\n') => Some(at + 1),
@@ -199,7 +205,7 @@ fn line_end(bytes: &[u8], at: usize) -> Option<usize> {
     }
 }
 
-/// The number of the line that holds an offset, the first being 1.
+/// The number of the line that contains a byte offset, counted from 1.
 fn line_of(bytes: &[u8], at: usize) -> u64 {
     let mut line = 1;
     let mut here = 0;
@@ -216,14 +222,14 @@ fn line_of(bytes: &[u8], at: usize) -> u64 {
     line
 }
 
-/// A word as a number, in the notations of the world's `printf`s.
+/// Parses a word as a number, in any spelling that a C library's `printf` produces.
 pub(super) fn number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
     text.parse().ok().or_else(|| spelled_number(text))
 }
 
-/// Not-a-number and infinity as C libraries spell them: `1.#QNAN`, `-1.#IND00`, `1.#INF`, `-nan(ind)`; and exponents with
-/// Fortran's `D`.
+/// Parses not-a-number and infinity as C libraries spell them (`1.#QNAN`, `-1.#IND00`, `1.#INF`, `-nan(ind)`), and Fortran's exponents with
+/// `D`.
 #[cold]
 fn spelled_number(text: &str) -> Option<f64> {
     let (negative, rest) = match text.as_bytes().first()? {
@@ -249,9 +255,9 @@ fn spelled_number(text: &str) -> Option<f64> {
     None
 }
 
-/// A word as a whole number; beyond what an i64 holds, the nearest that it does.
+/// Parses a word as a whole number, clamped to the range of i64.
 pub(super) fn integer(word: &[u8]) -> Option<i64> {
-    // Ten digits can't overflow, and longer ones are rare.
+    // Fast path: ten digits can't overflow.
     if !word.is_empty() && word.len() <= 10 && word.iter().all(u8::is_ascii_digit) {
         return Some(word.iter().fold(0, |value, digit| value * 10 + i64::from(digit - b'0')));
     }
@@ -267,8 +273,8 @@ pub(super) fn integer(word: &[u8]) -> Option<i64> {
     (value.fract() == 0.0 && value.abs() < 9_007_199_254_740_992.0).then_some(value as i64)
 }
 
-fn replaced(word: &[u8], from: u8, to: u8) -> Vec<u8> {
-    // Only a short word can be a number.
+fn with_replaced_byte(word: &[u8], from: u8, to: u8) -> Vec<u8> {
+    // Longer words can't be numbers.
     word.iter().take(64).map(|&b| if b == from { to } else { b }).collect()
 }
 
@@ -291,19 +297,19 @@ mod tests {
     }
 
     #[test]
-    fn a_byte_order_mark_is_no_part_of_the_first_word() {
+    fn a_byte_order_mark_is_not_part_of_the_first_word() {
         assert_eq!(words(Text::new(b"\xEF\xBB\xBFOFF 1")), ["OFF", "1"]);
     }
 
     #[test]
-    fn a_backslash_joins_lines_only_where_it_is_asked_for() {
+    fn a_backslash_joins_lines_only_when_enabled() {
         assert_eq!(words(Text::new(b"f 1\\\n2").with_continued_lines()), ["f", "1", "2"]);
         assert_eq!(words(Text::new(b"f 1\\\r\n2 \\x").with_continued_lines()), ["f", "1", "2", "\\x"]);
         assert_eq!(words(Text::new(b"f 1\\\n2")), ["f", "1\\", "2"]);
     }
 
     #[test]
-    fn a_hash_hides_the_rest_of_the_line_only_where_it_is_asked_for() {
+    fn a_hash_begins_a_comment_only_when_enabled() {
         assert_eq!(words(Text::new(b"1 # 2\n3#4").with_comments()), ["1", "3#4"]);
         assert_eq!(words(Text::new(b"1 # 2")), ["1", "#", "2"]);
     }

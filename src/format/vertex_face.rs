@@ -1,27 +1,27 @@
-//! Vertex/Face text, the mesh format of meshalyzer, DReAMM and MCell: a line `Vertex i x y z` or `Face j v1 v2 v3` for each element.
+//! Vertex/Face text, the format of meshalyzer, DReAMM and MCell: one line `Vertex i x y z` or `Face j v1 v2 v3` for each element.
 //!
-//! Numbers count from 1; they may have gaps, come in any order, and a face may name a vertex that no line gives.
+//! Numbers count from 1. They may have gaps and come in any order, and a face may refer to a vertex that no line defines.
 
 use std::fmt::Write as _;
 
 use glam::DVec3;
 
-use super::errors::{ReadError, ReadErrorKind, shown};
+use super::errors::{ReadError, ReadErrorKind, excerpt};
 use super::text::{Text, Word, integer};
 use super::{Format, Limits, ReadMesh};
-use crate::mesh::{LeftOutFace, Numbering, Soup};
+use crate::mesh::{Numbering, OmittedFace, Soup};
 
-/// Faces that name missing vertices, and such vertices, of which the numbers are kept.
-const MOST_KEPT: usize = 10_000;
+/// Maximum number of faces with missing vertices, and of missing vertices, whose numbers are recorded.
+const MAX_RECORDED: usize = 10_000;
 
-/// Whether a file's first line is one of this format's.
+/// Whether the first line is a `Vertex` or `Face` line.
 pub(super) fn starts(head: &[u8]) -> bool {
     let mut text = Text::new(head).with_comments();
     let keyword = text.word().is_some_and(|word| word.is("vertex") || word.is("face"));
     keyword && text.word_on_line().is_some_and(|word| integer(word.bytes).is_some())
 }
 
-/// Reads a file. Faces that name a missing vertex are left out and counted.
+/// Reads a file. Faces that refer to a missing vertex are dropped and counted.
 pub(super) fn read(bytes: &[u8], limits: &Limits) -> Result<ReadMesh, ReadError> {
     let mut reader = Reader {
         text: Text::new(bytes).with_comments(),
@@ -52,7 +52,7 @@ struct Reader<'a> {
     /// The number of each face.
     face_numbers: Vec<u32>,
     faces_contiguous: bool,
-    /// How many lines are of no known kind, and the word that the first begins with.
+    /// Number of lines that are neither `Vertex` nor `Face`, and the first word of the first such line.
     unknown: Option<(u64, String)>,
 }
 
@@ -82,8 +82,8 @@ impl<'a> Reader<'a> {
                     ReadErrorKind::Malformed,
                     word.at,
                     format!(
-                        "found '{}' after the three vertices of a face; cut the polygons into triangles",
-                        shown(word.bytes)
+                        "found '{}' after the three vertices of a face; split polygons into triangles and export again",
+                        excerpt(word.bytes)
                     ),
                 ));
             }
@@ -91,14 +91,14 @@ impl<'a> Reader<'a> {
             self.face_numbers.push(number);
             self.faces_contiguous &= number as usize == self.faces.len();
         } else {
-            let (count, _) = self.unknown.get_or_insert_with(|| (0, shown(keyword.bytes)));
+            let (count, _) = self.unknown.get_or_insert_with(|| (0, excerpt(keyword.bytes)));
             *count += 1;
             self.text.skip_line();
         }
         Ok(())
     }
 
-    /// The next word of this line.
+    /// The next word on this line.
     fn word(&mut self, keyword: Word<'a>, expected: &str) -> Result<Word<'a>, ReadError> {
         match self.text.word_on_line() {
             Some(word) => Ok(word),
@@ -111,7 +111,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The next word as the number of an element.
+    /// The next word on this line as an element number.
     fn element(&mut self, keyword: Word<'a>, expected: &str) -> Result<u32, ReadError> {
         let word = self.word(keyword, expected)?;
         let number = self.text.integer(word, expected)?;
@@ -120,8 +120,8 @@ impl<'a> Reader<'a> {
                 ReadErrorKind::Malformed,
                 word.at,
                 format!(
-                    "found '{}' where {expected} was expected; numbers go from 1 to {}",
-                    shown(word.bytes),
+                    "found '{}' where {expected} was expected; numbers must be from 1 to {}",
+                    excerpt(word.bytes),
                     u32::MAX
                 ),
             )
@@ -149,20 +149,20 @@ impl<'a> Reader<'a> {
             missing.extend(face.iter().zip(indices).filter(|(_, index)| index.is_none()).map(|(&number, _)| number));
             if let [Some(a), Some(b), Some(c)] = indices {
                 *face = [a, b, c];
-                last = middle(&self.positions, &indices).unwrap_or(last);
+                last = centroid(&self.positions, &indices).unwrap_or(last);
                 kept.push(number);
                 return true;
             }
-            let at = middle(&self.positions, &indices).unwrap_or(last);
-            if numbering.left_out.len() < MOST_KEPT {
-                numbering.left_out.push(LeftOutFace { number, at: at.to_array() });
+            let at = centroid(&self.positions, &indices).unwrap_or(last);
+            if numbering.omitted.len() < MAX_RECORDED {
+                numbering.omitted.push(OmittedFace { number, at: at.to_array() });
             }
             false
         });
         missing.sort_unstable();
         missing.dedup();
         numbering.missing_vertices = missing.len() as u64;
-        numbering.missing = missing.iter().copied().take(MOST_KEPT).collect();
+        numbering.missing = missing.iter().copied().take(MAX_RECORDED).collect();
         if !self.faces_contiguous || kept.len() < given {
             numbering.face_numbers = kept;
         }
@@ -171,18 +171,18 @@ impl<'a> Reader<'a> {
         }
         numbering.faces_without_vertex = (given - self.faces.len()) as u64;
         if self.faces.is_empty() {
-            return Err(ReadError::whole(ReadErrorKind::NoFaces, self.no_faces(given)));
+            return Err(ReadError::for_file(ReadErrorKind::NoFaces, self.no_faces(given)));
         }
         let mut warnings = Vec::new();
         if let Some(first) = missing.first() {
             warnings.push(format!(
-                "vertices that are named and not given: {}, the first being number {first}; faces left out for it: {}",
+                "vertices that faces refer to are missing: {}, the first is number {first}; faces dropped for this reason: {}",
                 numbering.missing_vertices, numbering.faces_without_vertex
             ));
         }
         if let Some((count, word)) = &self.unknown {
             warnings.push(format!(
-                "lines that are neither Vertex nor Face were passed over: {count} in all, the first beginning with '{word}'"
+                "lines that begin with neither Vertex nor Face were ignored: {count}, the first begins with '{word}'"
             ));
         }
         let soup = Soup { positions: self.positions, faces: self.faces };
@@ -190,7 +190,7 @@ impl<'a> Reader<'a> {
         Ok(ReadMesh { numbering: Some(numbering), warnings, ..mesh })
     }
 
-    /// Each vertex number with the vertex's index, by number; none where the numbers are those in order.
+    /// Pairs of vertex number and index, sorted by number; `None` if the numbers run from 1 in order.
     fn sorted_numbers(&self, bytes: &[u8]) -> Result<Option<Vec<(u32, u32)>>, ReadError> {
         if self.vertices_contiguous {
             return Ok(None);
@@ -199,13 +199,13 @@ impl<'a> Reader<'a> {
         sorted.sort_unstable();
         match sorted.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             None => Ok(Some(sorted)),
-            Some(pair) => Err(self.given_twice(bytes, pair[1])),
+            Some(pair) => Err(self.duplicate_vertex(bytes, pair[1])),
         }
     }
 
-    /// Where the vertex stands is looked up again, so that lines need not be kept for all.
+    /// The error for a vertex number that is defined twice. The file is parsed again to find its line, so lines need not be stored.
     #[cold]
-    fn given_twice(&self, bytes: &[u8], (number, index): (u32, u32)) -> ReadError {
+    fn duplicate_vertex(&self, bytes: &[u8], (number, index): (u32, u32)) -> ReadError {
         let mut text = Text::new(bytes).with_comments();
         let mut left = index;
         let mut at = 0;
@@ -222,7 +222,9 @@ impl<'a> Reader<'a> {
         text.error(
             ReadErrorKind::Malformed,
             at,
-            format!("vertex {number} is given a second time; a number must name one vertex, so export the model again"),
+            format!(
+                "vertex {number} is defined a second time; a number must name one vertex, so export the model again"
+            ),
         )
     }
 
@@ -230,27 +232,27 @@ impl<'a> Reader<'a> {
         let vertices = self.positions.len();
         if given > 0 {
             format!(
-                "all of the file's {given} faces name vertices that are not given; it was cut apart or damaged, so export the model again"
+                "all of the file's {given} faces refer to missing vertices; the file was split or damaged, so export the model again"
             )
         } else {
             format!(
-                "the file holds {vertices} vertices and no faces: it is a point cloud; make a surface from it first"
+                "the file holds {vertices} vertices and no faces, so it is a point cloud; reconstruct a surface from it first"
             )
         }
     }
 }
 
-/// The middle of the corners that are given and finite.
-fn middle(positions: &[DVec3], indices: &[Option<u32>]) -> Option<DVec3> {
+/// The mean of the corners that exist and are finite; `None` if there is none.
+fn centroid(positions: &[DVec3], indices: &[Option<u32>]) -> Option<DVec3> {
     let given = indices.iter().flatten().filter_map(|&v| positions.get(v as usize)).filter(|p| p.is_finite());
     let (sum, count) = given.fold((DVec3::ZERO, 0.0), |(sum, count), &p| (sum + p, count + 1.0));
     (count > 0.0 && sum.is_finite()).then(|| sum / count)
 }
 
-/// Writes numbers from 1 in order; every f64 as the shortest decimal that reads back the same.
+/// Writes vertices and faces, numbered from 1. Each f64 is the shortest decimal that parses to the same value.
 pub(super) fn write(soup: &Soup) -> Vec<u8> {
     let mut text = String::with_capacity(64 * soup.positions.len() + 40 * soup.faces.len());
-    // Writing to a string can't fail.
+    // Writing to a String can't fail.
     for (p, number) in soup.positions.iter().zip(1u64..) {
         let _ = writeln!(text, "Vertex {number} {} {} {}", p.x, p.y, p.z);
     }

@@ -1,3 +1,5 @@
+//! Structure of a mesh shared by all measurements and searches: connectivity, parts, fans, and cached spatial data.
+
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
@@ -11,20 +13,21 @@ use crate::math::{Box3, Dipoles, Tree, area_vanishes, collinear, to_unit_range, 
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
 use crate::scene::LengthUnit;
 
-/// What is looked at: a mesh as its file has it, with what the file says beyond triangles.
+/// Input of an analysis: a mesh as read from a file, with additional information from the file.
 #[derive(Debug, Clone, Copy)]
 pub struct Subject<'a> {
-    /// The triangles.
+    /// Triangles of the mesh.
     pub soup: &'a Soup,
-    /// Normals at the corners, where the format carries them.
+    /// Corner normals, if the format stores normals.
     pub normals: Option<&'a CornerNormals>,
-    /// The file's own numbers, where the format has numbers.
+    /// The file's own vertex and face numbers, if the format has numbers.
     pub numbering: Option<&'a Numbering>,
-    /// Of each face the number of its material, where the mesh is an assembly of bodies of several materials. Such bodies may touch.
+    /// For each face its material number, if the mesh is an assembly of bodies of several materials. Bodies of
+    /// different materials may touch.
     pub materials: Option<&'a [u32]>,
-    /// Whether its readers take faces to share vertices by the file's indices only, and not by position.
+    /// Whether the format's readers join vertices by index only, not by position.
     pub is_indexed: bool,
-    /// What its lengths are in, where that is settled.
+    /// Unit of lengths, if settled.
     pub unit: Option<&'a LengthUnit>,
 }
 
@@ -34,24 +37,24 @@ impl<'a> From<&'a Soup> for Subject<'a> {
     }
 }
 
-/// The structure of a mesh, found once and shared by everything that looks at it.
+/// Connectivity and derived structure of a mesh, built once and shared by all measurements and searches.
 ///
-/// Faces are those of `surface`; [`Surface::source`] leads back to the file's. What is costly and not always
-/// needed is made at its first use.
+/// Face indices refer to `surface`; [`Surface::source`] maps them to the file's faces. Expensive structures are built
+/// on first use.
 pub struct Analysis<'a> {
-    /// What is looked at.
+    /// The analysed mesh.
     pub subject: Subject<'a>,
-    /// Its finite faces, with vertices merged at equal positions.
+    /// Faces with finite corners, with vertices merged at equal positions.
     pub surface: Surface,
-    /// What was merged and left out.
+    /// Counts of merged and omitted elements.
     pub ingest: Ingest,
-    /// The edges of `surface`.
+    /// Edges of `surface`.
     pub edges: Edges,
-    /// Its edge-connected parts, before anything is processed.
+    /// Edge-connected parts of `surface`, before any processing.
     pub parts: Parts,
-    /// Its fans.
+    /// Fans of `surface`: for each vertex, its faces grouped by shared edges.
     pub fans: Fans,
-    /// Volume, area and box of each part.
+    /// Volume, area and bounding box of each part.
     pub solids: Vec<Solid>,
     scale: OnceLock<f64>,
     unit: OnceLock<Vec<DVec3>>,
@@ -62,13 +65,16 @@ pub struct Analysis<'a> {
     tree: OnceLock<Tree>,
     dipoles: OnceLock<Dipoles>,
     keys: OnceLock<(f64, FaceKeys)>,
+    /// Cache of [`measures`](super::measures()).
     pub(super) measures: OnceLock<Measures>,
+    /// Cache of [`Analysis::intersections`].
     pub(super) intersections: OnceLock<Intersections>,
+    /// Cache of [`Analysis::faces_in_other_materials`].
     pub(super) faces_in_other_materials: OnceLock<Vec<u32>>,
 }
 
 impl<'a> Analysis<'a> {
-    /// Finds the structure. O(n log n) in the number of faces.
+    /// Builds the connectivity. O(n log n) in the number of faces.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
@@ -110,40 +116,41 @@ impl<'a> Analysis<'a> {
         })
     }
 
-    /// The material of a face of `surface`; 0 where there is only one.
+    /// Material of a face of `surface`; 0 if the mesh is not an assembly.
     pub(super) fn material(&self, face: u32) -> u32 {
         let source = self.surface.source[face as usize] as usize;
         self.subject.materials.and_then(|materials| materials.get(source)).copied().unwrap_or(0)
     }
 
-    /// The positions of `surface`, scaled by a power of two for the exact predicates (see [`to_unit_range`]).
+    /// Positions of `surface`, scaled by a power of two into the range of the exact predicates (see
+    /// [`to_unit_range`]).
     pub fn unit(&self) -> &[DVec3] {
         self.unit.get_or_init(|| to_unit_range(&self.surface.positions))
     }
 
-    /// What the positions were multiplied by for [`Analysis::unit`]: a power of two.
+    /// Scale factor from the model's unit to [`Analysis::unit`]: a power of two.
     pub fn scale(&self) -> f64 {
         *self.scale.get_or_init(|| unit_scale(&self.surface.positions))
     }
 
-    /// How long 1 in [`Analysis::unit`] is in the model's unit: a power of two.
+    /// Scale factor from [`Analysis::unit`] to the model's unit: a power of two.
     pub fn unit_length(&self) -> f64 {
         1.0 / self.scale()
     }
 
-    /// Of each face whether its corners are on a line, exactly.
+    /// For each face, whether its corners are exactly collinear.
     pub fn flat(&self) -> &[bool] {
         self.flat.get_or_init(|| flat_faces(self.unit(), &self.surface.faces))
     }
 
-    /// Whether a face of `surface` has no area: exactly, or as far as f64 can tell.
+    /// Whether a face of `surface` has zero area, exactly or in f64.
     pub(super) fn is_without_area(&self, face: u32) -> bool {
         let [a, b, c] = self.unit_corners(face);
         self.flat()[face as usize] || area_vanishes(a, b, c)
     }
 
-    /// The box in the coordinates of [`Analysis::unit`] around all faces that have an area, which are those that a repair can keep; around
-    /// all faces where none has.
+    /// Bounding box, in coordinates of [`Analysis::unit`], of all faces with an area, which are the faces that a
+    /// repair can keep. If no face has an area, the box of all faces.
     pub(super) fn extent(&self) -> Box3 {
         *self.extent.get_or_init(|| {
             let faces = (0u32..).take(self.surface.faces.len());
@@ -153,12 +160,12 @@ impl<'a> Analysis<'a> {
         })
     }
 
-    /// The diagonal of [`Analysis::extent`].
+    /// Diagonal of [`Analysis::extent`].
     pub(super) fn unit_diagonal(&self) -> f64 {
         self.extent().diagonal()
     }
 
-    /// The other closed parts that each part lies in, as [`nesting`] finds them for all parts.
+    /// For each part the other closed parts that contain it, as [`nesting`] computes for all parts.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
@@ -167,10 +174,10 @@ impl<'a> Analysis<'a> {
             let all = vec![true; self.solids.len()];
             nesting(&self.surface, &self.parts, &self.solids, &all, context)
         };
-        get_or_find(&self.containers, find).map(Vec::as_slice)
+        get_or_try_init(&self.containers, find).map(Vec::as_slice)
     }
 
-    /// How many other closed parts each part lies in; none where it can't be found out.
+    /// For each part the number of closed parts that contain it; `None` if undecided.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
@@ -179,77 +186,85 @@ impl<'a> Analysis<'a> {
         Ok(self.depths.get_or_init(|| depths_of(containers)))
     }
 
-    /// The faces by where they are, when positions are multiplied by `scale`. Those of the first scale that is asked for are kept.
+    /// Face keys by position, with positions multiplied by `scale`. Cached for the first requested scale.
     pub(super) fn keys(&self, scale: f64) -> Cow<'_, FaceKeys> {
         let (known, keys) = self.keys.get_or_init(|| (scale, FaceKeys::new(&self.surface, self.unit(), scale)));
         if *known == scale { Cow::Borrowed(keys) } else { Cow::Owned(FaceKeys::new(&self.surface, self.unit(), scale)) }
     }
 
-    /// A tree over the faces of `surface` in the coordinates of [`Analysis::unit`].
+    /// Bounding volume hierarchy over the faces of `surface`, in coordinates of [`Analysis::unit`].
     pub fn tree(&self) -> &Tree {
         self.tree.get_or_init(|| Tree::new(self.unit(), &self.surface.faces))
     }
 
-    /// What winding numbers of all faces are told from. Linear, once.
+    /// Dipole moments of the tree's nodes, for fast winding numbers. O(n) on first use.
     pub(super) fn dipoles(&self) -> &Dipoles {
         self.dipoles.get_or_init(|| self.tree().dipoles(|f| self.unit_corners(f)))
     }
 
-    /// The corners of a face of `surface` in the coordinates of [`Analysis::unit`].
+    /// Corners of a face of `surface`, in coordinates of [`Analysis::unit`].
     pub(super) fn unit_corners(&self, face: u32) -> [DVec3; 3] {
         let (unit, [a, b, c]) = (self.unit(), self.surface.faces[face as usize]);
         [unit[a as usize], unit[b as usize], unit[c as usize]]
     }
 
-    /// Twice the area of a face of `surface` times its unit normal, in the coordinates of [`Analysis::unit`].
+    /// Area vector of a face of `surface`: the unit normal times twice the area, in coordinates of
+    /// [`Analysis::unit`].
     pub(super) fn unit_area_vector(&self, face: u32) -> DVec3 {
         let [a, b, c] = self.unit_corners(face);
         (b - a).cross(c - a)
     }
 
-    /// The unit normal of a face of `surface`; zero where it has no area.
+    /// Unit normal of a face of `surface`; zero if the face has no area.
     pub(super) fn unit_normal(&self, face: u32) -> DVec3 {
         self.unit_area_vector(face).normalize_or_zero()
     }
 
-    /// The centre of a face of `surface` in the coordinates of [`Analysis::unit`].
+    /// Centroid of a face of `surface`, in coordinates of [`Analysis::unit`].
     pub(super) fn unit_centre(&self, face: u32) -> DVec3 {
         let [a, b, c] = self.unit_corners(face);
         (a + b + c) / 3.0
     }
 }
 
-/// What a cell holds, found at its first use.
-pub(super) fn get_or_find<T>(cell: &OnceLock<T>, find: impl FnOnce() -> Result<T, Cancelled>) -> Result<&T, Cancelled> {
+/// Returns the value of a cell, computing it on first use.
+pub(super) fn get_or_try_init<T>(
+    cell: &OnceLock<T>,
+    find: impl FnOnce() -> Result<T, Cancelled>,
+) -> Result<&T, Cancelled> {
     if let Some(known) = cell.get() {
         return Ok(known);
     }
-    let found = find()?;
-    Ok(cell.get_or_init(|| found))
+    let value = find()?;
+    Ok(cell.get_or_init(|| value))
 }
 
-/// Two meshes in their own unit coordinates, and how one's become the other's.
+/// Two meshes, each in its own unit coordinates, and the factor between these coordinates.
 #[derive(Clone, Copy)]
 pub(super) struct Pair<'a> {
+    /// First mesh.
     pub from: &'a Analysis<'a>,
+    /// Second mesh.
     pub to: &'a Analysis<'a>,
-    /// What makes unit coordinates of `from` such of `to`: a power of two, so it rounds nothing.
+    /// Factor from unit coordinates of `from` to unit coordinates of `to`: a power of two, so that no rounding
+    /// occurs.
     pub ratio: f64,
 }
 
 impl<'a> Pair<'a> {
+    /// Builds a pair, computing both scales.
     pub fn new(from: &'a Analysis<'a>, to: &'a Analysis<'a>) -> Self {
         Self::scaled([from, to], [from, to].map(|mesh| mesh.scale()))
     }
 
-    /// The same with the scales of both known.
-    pub fn scaled([from, to]: [&'a Analysis<'a>; 2], [mine, theirs]: [f64; 2]) -> Self {
-        // Beyond that, the smaller mesh is a point to the larger, at the origin.
-        Self { from, to, ratio: (theirs / mine).clamp(2f64.powi(-1000), 2f64.powi(1000)) }
+    /// Builds a pair from two meshes whose scales are already known.
+    pub fn scaled([from, to]: [&'a Analysis<'a>; 2], [own_scale, other_scale]: [f64; 2]) -> Self {
+        // Beyond this ratio, the smaller mesh is a point at the origin in the coordinates of the larger.
+        Self { from, to, ratio: (other_scale / own_scale).clamp(2f64.powi(-1000), 2f64.powi(1000)) }
     }
 }
 
-/// Of each face whether its corners are on a line, for positions in the range of [`to_unit_range`].
+/// For each face, whether its corners are exactly collinear. Positions must be in the range of [`to_unit_range`].
 pub(super) fn flat_faces(unit: &[DVec3], faces: &[[u32; 3]]) -> Vec<bool> {
     let on_line = |face: &[u32; 3]| {
         let [a, b, c] = face.map(|v| unit[v as usize]);

@@ -1,28 +1,30 @@
+//! Verdict whether a mesh keeps the rules of an inspection level.
+
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::{DefectKind, Findings, Level, Measures};
 
-/// A rule of Parasolid's mesh checking (seed 002, 86.4), as far as it concerns a mesh by itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+/// A rule of Parasolid's mesh check that applies to a single mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum CheckRule {
-    /// From level basic on: no edge of more than two faces and no vertex of more than one fan.
+    /// From level `basic`: no edge with more than two faces and no vertex with more than one fan.
     Manifold,
-    /// From level basic on: no degenerate face, which has an edge of zero length.
+    /// From level `basic`: no degenerate face, that is, no edge of zero length.
     NoZeroLengthEdge,
-    /// From level basic on: no flat face, which has zero area.
+    /// From level `basic`: no flat face, that is, no face of zero area.
     NoZeroAreaFace,
-    /// From level basic on: no vertex normal that is opposed to all faces that it belongs to.
+    /// From level `basic`: no vertex normal that opposes the normals of all faces at the vertex.
     NoOpposedVertexNormal,
-    /// At level full: no slit.
+    /// At level `full`: no slit.
     NoSlit,
-    /// At level full: no self-intersection.
+    /// At level `full`: no self-intersection.
     NoSelfIntersection,
 }
 
 impl CheckRule {
-    /// The rules of a level.
+    /// The rules that a level checks.
     #[must_use]
     pub fn of(level: Level) -> &'static [Self] {
         const ALL: [CheckRule; 6] = [
@@ -41,50 +43,51 @@ impl CheckRule {
     }
 }
 
-/// Whether a mesh keeps the rules of a check level. A mesh that [`Measures::printable`] passes keeps them all.
+/// Result of checking a mesh against the rules of its inspection level. A printable mesh breaks no rule.
 ///
-/// A rule is broken by what is exactly so: an edge without length, a face without area, a slit. What is so within the tolerances only,
-/// such as a face lower than a ten-millionth of the model, is advice: no reader takes it for broken, and to remove it may move surface
-/// into other surface. Normals of the file are advice too, since slicers compute their own.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Only an exact violation breaks a rule: an edge of zero length, a face of zero area, a slit. A violation within the
+/// tolerances, such as a face lower than 1e-7 of the diagonal, is advice. No reader rejects such a face, and removing
+/// the face can move surface into other surface. Bad normals are advice too, since slicers compute their own.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CheckVerdict {
-    /// Every rule was checked, and none is broken.
+    /// Whether every rule was checked and none is broken.
     pub passes: bool,
-    /// The rules that are broken.
+    /// Broken rules.
     pub broken: Vec<CheckRule>,
-    /// The rules that are kept exactly, but not within the tolerances, or by the normals that the file gives.
+    /// Rules that hold exactly but fail within the tolerances, or that the file's normals violate.
     #[serde(default)]
     pub advice: Vec<CheckRule>,
-    /// The rules that could not be decided: nothing against them was found, but the search was not finished.
+    /// Rules without a verdict: the search found no violation but stopped early.
     pub undecided: Vec<CheckRule>,
 }
 
 impl CheckVerdict {
-    /// Judges a mesh by what was found at a level; none at level none, which checks nothing.
+    /// Judges a mesh by its measures and findings. Returns `None` at level `none`, which has no rules.
     #[must_use]
     pub fn new(level: Level, measures: &Measures, findings: &Findings) -> Option<Self> {
         let rules = CheckRule::of(level);
-        let found = |kinds: &[DefectKind]| kinds.iter().map(|&kind| findings.count(kind)).sum::<u64>();
+        let count_of = |kinds: &[DefectKind]| kinds.iter().map(|&kind| findings.count(kind)).sum::<u64>();
         let finished = |kind| !findings.incomplete().contains(&kind);
         let (mut broken, mut advice, mut undecided) = (Vec::new(), Vec::new(), Vec::new());
         for &rule in rules {
-            let near = match rule {
-                CheckRule::NoZeroLengthEdge => found(&[DefectKind::DegenerateFace]),
-                CheckRule::NoZeroAreaFace => found(&[DefectKind::FlatFace]),
-                CheckRule::NoOpposedVertexNormal => found(&[DefectKind::BadVertexNormal]),
+            let within_tolerance = match rule {
+                CheckRule::NoZeroLengthEdge => count_of(&[DefectKind::DegenerateFace]),
+                CheckRule::NoZeroAreaFace => count_of(&[DefectKind::FlatFace]),
+                CheckRule::NoOpposedVertexNormal => count_of(&[DefectKind::BadVertexNormal]),
                 _ => 0,
             };
             let (count, decided) = match rule {
-                CheckRule::Manifold => (found(&[DefectKind::NonManifoldEdge, DefectKind::NonManifoldVertex]), true),
-                CheckRule::NoZeroLengthEdge => (measures.near_coincident_faults + collapsed(findings), true),
+                CheckRule::Manifold => (count_of(&[DefectKind::NonManifoldEdge, DefectKind::NonManifoldVertex]), true),
+                CheckRule::NoZeroLengthEdge => (measures.near_coincident_defects + collapsed(findings), true),
                 CheckRule::NoZeroAreaFace => (measures.degenerate_faces, true),
                 CheckRule::NoOpposedVertexNormal => (0, true),
                 CheckRule::NoSlit => {
-                    (measures.unshared_edges.max(found(&[DefectKind::Slit])), finished(DefectKind::Slit))
+                    (measures.unshared_edges.max(count_of(&[DefectKind::Slit])), finished(DefectKind::Slit))
                 }
                 CheckRule::NoSelfIntersection => {
                     let intersections = &measures.self_intersections;
-                    let count = intersections.pairs.unwrap_or(0).max(found(&[DefectKind::SelfIntersection]));
+                    let count = intersections.pairs.unwrap_or(0).max(count_of(&[DefectKind::SelfIntersection]));
                     (count, intersections.checked && finished(DefectKind::SelfIntersection))
                 }
             };
@@ -92,7 +95,7 @@ impl CheckVerdict {
                 broken.push(rule);
             } else if !decided {
                 undecided.push(rule);
-            } else if near > 0 {
+            } else if within_tolerance > 0 {
                 advice.push(rule);
             }
         }
@@ -101,7 +104,7 @@ impl CheckVerdict {
     }
 }
 
-/// Faces that have a vertex twice; there may be more where places were not kept.
+/// Number of listed faces with a repeated vertex. A lower bound where the findings do not keep all places.
 fn collapsed(findings: &Findings) -> u64 {
     findings.places(DefectKind::DegenerateFace).iter().filter(|place| place.value == Some(0.0)).count() as u64
 }
@@ -111,7 +114,7 @@ mod tests {
     use super::super::{Defect, SelfIntersections};
     use super::*;
 
-    fn found(kinds: &[DefectKind]) -> Findings {
+    fn findings_with(kinds: &[DefectKind]) -> Findings {
         let mut findings = Findings::new(1, 1);
         for &kind in kinds {
             let defect = Defect { at: [0.0; 3], faces: vec![0], line: Vec::new(), value: None, meeting: None };
@@ -136,7 +139,7 @@ mod tests {
             (K::SelfIntersection, CheckRule::NoSelfIntersection, false),
         ];
         for kind in K::ALL {
-            let findings = found(&[kind]);
+            let findings = findings_with(&[kind]);
             let rule = table.iter().find(|row| row.0 == kind);
             let broken = |level| verdict(level, &findings).map(|v| (v.passes, v.broken));
             let expected = |holds: bool| rule.filter(|_| holds).map_or(vec![], |row| vec![row.1]);
@@ -148,25 +151,25 @@ mod tests {
     }
 
     #[test]
-    fn what_is_so_within_the_tolerances_only_is_advice() {
+    fn violations_within_the_tolerances_are_advice() {
         use DefectKind as K;
         for (kind, rule) in [
             (K::DegenerateFace, CheckRule::NoZeroLengthEdge),
             (K::FlatFace, CheckRule::NoZeroAreaFace),
             (K::BadVertexNormal, CheckRule::NoOpposedVertexNormal),
         ] {
-            let full = verdict(Level::Full, &found(&[kind])).map(|v| (v.passes, v.broken, v.advice));
+            let full = verdict(Level::Full, &findings_with(&[kind])).map(|v| (v.passes, v.broken, v.advice));
             assert_eq!(full, Some((true, vec![], vec![rule])));
         }
     }
 
     #[test]
-    fn a_search_that_was_given_up_passes_nothing() {
-        let mut findings = found(&[]);
+    fn an_incomplete_search_leaves_its_rule_undecided() {
+        let mut findings = findings_with(&[]);
         findings.mark_incomplete(DefectKind::Slit);
         let full = verdict(Level::Full, &findings);
         assert_eq!(full.map(|v| (v.passes, v.undecided)), Some((false, vec![CheckRule::NoSlit])));
-        let unchecked = CheckVerdict::new(Level::Full, &Measures::default(), &found(&[]));
+        let unchecked = CheckVerdict::new(Level::Full, &Measures::default(), &findings_with(&[]));
         assert_eq!(unchecked.map(|v| (v.passes, v.undecided)), Some((false, vec![CheckRule::NoSelfIntersection])));
     }
 }

@@ -1,57 +1,62 @@
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+//! Kinds of defects, and the collection of the defects that an inspection finds.
 
-/// What can be wrong with a mesh at a place.
+use serde::{Deserialize, Serialize};
+
+/// Kind of a defect that an inspection can locate.
 ///
-/// The first ten are those of Parasolid's `PK_MESH_find_defects` (seed 002).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+/// The first ten kinds follow Parasolid's `PK_MESH_find_defects`. Each variant names the quantity in
+/// [`Defect::value`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum DefectKind {
-    /// A part beside the largest, with its count of faces. No fault by itself.
+    /// A part other than the largest; the value is its face count. Not a fault by itself.
     Disjoint,
-    /// A region of faces folded back on their neighbours, with the height at which they lie over them.
+    /// A region of faces folded back onto their neighbours; the value is the height between the two layers.
     Foldover,
-    /// A face of no height, with that height: 0 where its corners are exactly on a line.
+    /// A face with height below the tolerance; the value is the height, 0 if its corners are exactly collinear.
     FlatFace,
-    /// A face with an edge of no length, with that length: 0 where it has a vertex twice. It is flat too.
+    /// A face with an edge shorter than the tolerance; the value is that length, 0 if a vertex repeats. Also a flat
+    /// face.
     DegenerateFace,
-    /// A chain of boundary edges that lie on one another, with the largest gap.
+    /// A chain of coincident boundary edges that are not joined; the value is the widest gap.
     Slit,
-    /// Two faces intersect other than in a shared vertex or edge.
+    /// Two faces that intersect outside a shared vertex or edge.
     SelfIntersection,
-    /// An edge of more than two faces, with their count.
+    /// An edge with more than two faces; the value is their count.
     NonManifoldEdge,
-    /// A vertex with more than one fan, with their count.
+    /// A vertex whose faces form more than one edge-connected fan; the value is the number of fans.
     NonManifoldVertex,
-    /// A vertex of which a normal of the file points into the mesh, with the angle from the faces' normals.
+    /// A vertex whose stored normal points into the mesh; the value is the angle to the face normals, in radians.
     BadVertexNormal,
-    /// A face that can't be used: a corner is not a number, or names no vertex.
+    /// A face that cannot be used because a corner is not finite or names a missing vertex.
     Corrupt,
-    /// A hole: a closed chain of boundary edges, with its length.
+    /// A hole, bounded by a closed chain of boundary edges; the value is the chain's length.
     Hole,
-    /// Two faces that run along their edge in the same direction.
+    /// An edge whose two faces have opposite winding.
     MisorientedEdge,
-    /// A boundary vertex on a boundary edge that does not use it, with the gap: 0 where it lies on it exactly.
+    /// A boundary vertex in the interior of a boundary edge; the value is the distance, 0 if the vertex lies exactly
+    /// on the edge.
     TJunction,
-    /// Chains of boundary edges that nearly coincide, with the widest gap.
+    /// Chains of boundary edges that almost coincide; the value is the widest gap.
     Crack,
-    /// A closed part that is turned inside out, with the even number of parts it lies in, if any.
+    /// A closed part turned inside out; the value, if any, is the (even) number of parts that contain it.
     InvertedPart,
-    /// A face with the same vertices as another one, turned the same way.
+    /// A face with the same vertices and the same winding as another face.
     DuplicateFace,
-    /// A face with the same vertices as another one, turned the other way.
+    /// A face with the same vertices as another face and the opposite winding.
     OppositeFace,
-    /// Surface of no thickness, with that thickness: two sides that lie on one another.
+    /// A zero-thickness region whose two sides coincide; the value is the measured thickness.
     Sheet,
-    /// A closed part inside others, with their count: positive for a cavity, which is turned inward; negative for a solid
-    /// within a solid. No fault by itself.
+    /// A closed part inside other parts. The value counts the containing parts: positive for an inward-facing cavity,
+    /// negative for a solid inside a solid. Not a fault by itself.
     InnerShell,
-    /// A part too small to print, with its diagonal.
+    /// A part too small to print; the value is its bounding-box diagonal.
     TinyPart,
 }
 
 impl DefectKind {
-    /// All kinds, in the order of their numbers.
+    /// All kinds, in the order of their discriminants.
     pub const ALL: [Self; 20] = [
         Self::Disjoint,
         Self::Foldover,
@@ -82,56 +87,59 @@ impl DefectKind {
     }
 }
 
-/// How two faces meet that should not.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+/// How two intersecting faces meet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Meeting {
-    /// The inside of one passes through the other.
+    /// The interior of one face passes through the other face.
     Crossing,
-    /// They have points in common, but neither passes through the other.
+    /// The faces share points, but neither passes through the other.
     Touching,
-    /// They lie in one plane and overlap.
+    /// The faces are coplanar and overlap.
     Coplanar,
 }
 
-/// One thing that is wrong, with its place.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// One defect and its place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Defect {
-    /// A point of it, in the model's unit.
+    /// A point of the defect, in the model's unit.
     pub at: [f64; 3],
-    /// The faces of the file that it concerns, by index from 0, ascending. Of a large set only the first.
+    /// The affected faces of the file: 0-based indices, ascending. Only the first ones of a large set.
     pub faces: Vec<u32>,
-    /// The points of the edge or chain of edges that it is, in the model's unit; empty for a face or a vertex.
+    /// Points along the affected edge or chain of edges, in the model's unit; empty for a face or vertex defect.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub line: Vec<[f64; 3]>,
-    /// What was measured: a height, a gap or a size in the model's unit, an angle in radians, or a count.
+    /// The measured quantity: a height, gap or size in the model's unit, an angle in radians, or a count. See the
+    /// kind.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub value: Option<f64>,
-    /// Of a self-intersection: how the faces meet.
+    /// For a self-intersection, how the two faces meet.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub meeting: Option<Meeting>,
 }
 
-/// Everything that was found: exact counts, places up to a limit for each kind, and a mark on every face.
+/// Defects found by an inspection: exact counts, a limited number of places per kind, and a bit mask per face.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Findings {
     counts: [u64; DefectKind::ALL.len()],
     places: Vec<Vec<Defect>>,
     most: usize,
     incomplete: Vec<DefectKind>,
-    /// For each face of the file, the [`DefectKind::bit`]s of what it has part in.
+    /// For each face of the file, the [`DefectKind::bit`]s of the defects that affect the face.
     pub marks: Vec<u32>,
 }
 
 impl Findings {
-    /// Nothing found yet on a file of `faces` faces; at most `most` places of each kind will be kept.
+    /// Creates empty findings for a file with `faces` faces. Keeps at most `most` places of each kind.
     #[must_use]
     pub fn new(faces: usize, most: usize) -> Self {
         let places = vec![Vec::new(); DefectKind::ALL.len()];
         Self { counts: [0; DefectKind::ALL.len()], places, most, incomplete: Vec::new(), marks: vec![0; faces] }
     }
 
-    /// Counts one defect, marks its faces, and keeps its place while there is room.
+    /// Counts a defect, marks its faces, and keeps its place while the limit allows.
     pub fn push(&mut self, kind: DefectKind, defect: Defect) {
         self.mark(kind, &defect.faces);
         self.counts[kind as usize] += 1;
@@ -141,18 +149,19 @@ impl Findings {
         }
     }
 
-    /// How many more places of a kind would be kept.
+    /// Number of further places of this kind that [`Findings::push`] keeps.
     #[must_use]
-    pub fn room(&self, kind: DefectKind) -> usize {
+    pub fn remaining_places(&self, kind: DefectKind) -> usize {
         self.most.saturating_sub(self.places[kind as usize].len())
     }
 
-    /// Counts defects whose places are not kept.
+    /// Adds to a kind's count without keeping places.
     pub fn count_more(&mut self, kind: DefectKind, count: u64) {
         self.counts[kind as usize] += count;
     }
 
-    /// Marks faces of the file without counting, such as the rest of a part whose defect names only some.
+    /// Marks faces of the file without counting a defect, for example the faces of a part that its defect does not
+    /// list.
     pub fn mark(&mut self, kind: DefectKind, faces: &[u32]) {
         for &face in faces {
             if let Some(marks) = self.marks.get_mut(face as usize) {
@@ -161,52 +170,54 @@ impl Findings {
         }
     }
 
-    /// How many defects of a kind there are.
+    /// Number of defects of a kind.
     #[must_use]
     pub fn count(&self, kind: DefectKind) -> u64 {
         self.counts[kind as usize]
     }
 
-    /// The places of a kind that were kept, in the order they were found.
+    /// The kept places of a kind, in the order of discovery.
     #[must_use]
     pub fn places(&self, kind: DefectKind) -> &[Defect] {
         &self.places[kind as usize]
     }
 
-    /// Says that the search for a kind was given up before its end, so that there may be more than were counted.
+    /// Records that the search for a kind stopped early, so that its count is a lower bound.
     pub fn mark_incomplete(&mut self, kind: DefectKind) {
         if let Err(at) = self.incomplete.binary_search(&kind) {
             self.incomplete.insert(at, kind);
         }
     }
 
-    /// The kinds whose search was given up, in the order of their numbers.
+    /// Kinds whose search stopped early, in the order of their discriminants.
     #[must_use]
     pub fn incomplete(&self) -> &[DefectKind] {
         &self.incomplete
     }
 
-    /// The kinds of which there is one, each with its count and its first `most` places.
+    /// Groups the defects by kind, each with its count and its first `most` places. Omits kinds without defects.
     #[must_use]
     pub fn groups(&self, most: usize) -> Vec<DefectGroup> {
-        let some = DefectKind::ALL.into_iter().filter(|&kind| self.count(kind) > 0);
-        some.map(|kind| DefectGroup {
-            kind,
-            count: self.count(kind),
-            places: self.places(kind).iter().take(most).cloned().collect(),
-        })
-        .collect()
+        let kinds = DefectKind::ALL.into_iter().filter(|&kind| self.count(kind) > 0);
+        kinds
+            .map(|kind| DefectGroup {
+                kind,
+                count: self.count(kind),
+                places: self.places(kind).iter().take(most).cloned().collect(),
+            })
+            .collect()
     }
 }
 
 /// All defects of one kind.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct DefectGroup {
-    /// Which kind.
+    /// The kind of these defects.
     pub kind: DefectKind,
-    /// How many there are, exactly.
+    /// Exact number of defects of this kind. A lower bound if the inspection lists the kind as incomplete.
     pub count: u64,
-    /// The first of them, with their places; all of them where offenders were asked for.
+    /// The first of these defects; all of them if the request asks for the full list.
     pub places: Vec<Defect>,
 }
 
@@ -229,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn kinds_are_listed_in_the_order_of_their_numbers() {
+    fn all_kinds_are_listed_in_the_order_of_their_discriminants() {
         for (number, kind) in DefectKind::ALL.into_iter().enumerate() {
             assert_eq!(kind as usize, number);
         }

@@ -1,50 +1,53 @@
+//! Exact search for intersecting faces in a mesh or between two meshes, for faces inside other materials, and for
+//! touching instances.
+
 use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::analysis::{flat_faces, get_or_find};
+use super::analysis::{flat_faces, get_or_try_init};
 use super::{Analysis, Defect, DefectKind, Findings, IntersectingPair, Intersections, Meeting, SelfIntersections};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Contact, Frame, Hit, PairSearch, Tree, common_point, contact, to_unit_range};
 use crate::mesh::Parts;
 
-/// Steps that a search may take, and as many more for each face: some seconds, and many times what a usual model needs.
+/// Budget of a search, in steps: a fixed allowance plus steps per face. Takes a few seconds; typical models need far
+/// less.
 const STEPS: u64 = 128_000_000;
-const STEPS_A_FACE: u64 = 500;
-/// Steps that a determinant counts for which floating point could not decide.
-const STEPS_A_SLOW_SIGN: u64 = 8;
-/// Pairs that are listed.
+const STEPS_PER_FACE: u64 = 500;
+/// Steps charged for a determinant whose sign needs exact arithmetic.
+const STEPS_PER_EXACT_SIGN: u64 = 8;
+/// Maximum number of listed pairs.
 const MOST_PAIRS: usize = 1_000_000;
 
 impl Analysis<'_> {
-    /// The faces that intersect, as [`intersections`] finds them.
+    /// Intersecting faces of this mesh, computed once by [`intersections()`].
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn intersections(&self, context: &Context<'_>) -> Result<&Intersections, Cancelled> {
-        get_or_find(&self.intersections, || intersections(self, context))
+        get_or_try_init(&self.intersections, || intersections(self, context))
     }
 
-    /// The faces of the file that lie inside bodies of another material.
+    /// Faces of the file that lie inside a body of another material.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn faces_in_other_materials(&self, context: &Context<'_>) -> Result<&[u32], Cancelled> {
-        get_or_find(&self.faces_in_other_materials, || faces_in_other_materials(self, context)).map(Vec::as_slice)
+        get_or_try_init(&self.faces_in_other_materials, || faces_in_other_materials(self, context)).map(Vec::as_slice)
     }
 }
 
-/// Finds all pairs of faces that intersect other than in a vertex or an edge that they share, exactly.
+/// Finds all pairs of faces that intersect outside a shared vertex or edge, with exact predicates.
 ///
-/// Faces whose corners are on a line are left out, and so are pairs with the same three vertices: both are counted
-/// apart. Crafted input, such as a hundred thousand faces that all overlap, ends the search early; then
-/// [`SelfIntersections::complete`] is false, and the counts are at least what is true. Runs on the current pool of
-/// threads; the answer is the same for any number of them.
+/// Ignores flat faces and pairs with the same three vertices, which other measures count. Adversarial input, such as
+/// a hundred thousand overlapping faces, exhausts the budget; then [`SelfIntersections::complete`] is false and the
+/// counts are lower bounds. Runs on the current thread pool; the result does not depend on the number of threads.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn intersections(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Intersections, Cancelled> {
-    let budget = STEPS + STEPS_A_FACE * analysis.surface.faces.len() as u64;
+    let budget = STEPS + STEPS_PER_FACE * analysis.surface.faces.len() as u64;
     intersections_within(analysis, budget, context)
 }
 
@@ -55,25 +58,25 @@ fn intersections_within(
 ) -> Result<Intersections, Cancelled> {
     let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
     let flat = analysis.flat();
-    let meeting = |f: u32, g: u32, steps: &mut u64| look(unit, [faces, faces], [flat, flat], [f, g], steps);
+    let meeting = |f: u32, g: u32, steps: &mut u64| face_meeting(unit, [faces, faces], [flat, flat], [f, g], steps);
     context.check()?;
     let tree = analysis.tree();
     context.check()?;
-    let mut found = Found::new([analysis, analysis]);
+    let mut collector = Collector::new([analysis, analysis]);
     let complete = if analysis.subject.materials.is_none() {
-        PairSearch { look: meeting, budget }.within(tree, |hits| found.take(hits, context))?
+        PairSearch { look: meeting, budget }.within(tree, |hits| collector.add(hits, context))?
     } else {
         let look = |f: u32, g: u32, steps: &mut u64| {
             let is_one_body = analysis.material(f) == analysis.material(g);
-            meeting(f, g, steps).filter(|&meeting| is_one_body || overlap(analysis, [f, g], meeting))
+            meeting(f, g, steps).filter(|&meeting| is_one_body || bodies_overlap(analysis, [f, g], meeting))
         };
-        PairSearch { look, budget }.within(tree, |hits| found.take(hits, context))?
+        PairSearch { look, budget }.within(tree, |hits| collector.add(hits, context))?
     };
-    Ok(found.finish(complete))
+    Ok(collector.finish(complete))
 }
 
-/// Finds all pairs of a face in `a` and one in `b` that have a point in common, exactly. They share no vertices, so
-/// that touching in a vertex counts.
+/// Finds all pairs of a face of `a` and a face of `b` with a common point, with exact predicates. The two meshes
+/// share no vertices, so touching at a vertex counts.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -82,7 +85,7 @@ pub fn intersections_between(
     b: &Analysis<'_>,
     context: &Context<'_>,
 ) -> Result<Intersections, Cancelled> {
-    // One power of two scales both. The vertices of `b` are numbered after those of `a`.
+    // One power of two scales both meshes. The vertices of `b` are numbered after the vertices of `a`.
     let mut positions = a.surface.positions.clone();
     positions.extend(&b.surface.positions);
     let unit = to_unit_range(&positions);
@@ -93,20 +96,22 @@ pub fn intersections_between(
     let (flat_a, flat_b) = (flat_faces(&unit, faces_a), flat_faces(&unit, &faces_b));
     context.check()?;
     let search = PairSearch {
-        look: |f: u32, g: u32, steps: &mut u64| look(&unit, [faces_a, &faces_b], [&flat_a, &flat_b], [f, g], steps),
-        budget: STEPS + STEPS_A_FACE * (faces_a.len() + faces_b.len()) as u64,
+        look: |f: u32, g: u32, steps: &mut u64| {
+            face_meeting(&unit, [faces_a, &faces_b], [&flat_a, &flat_b], [f, g], steps)
+        },
+        budget: STEPS + STEPS_PER_FACE * (faces_a.len() + faces_b.len()) as u64,
     };
     let frame = Frame::around(&unit, &[faces_a.as_slice(), &faces_b].concat());
     let trees = [Tree::in_frame(frame, &unit, faces_a), Tree::in_frame(frame, &unit, &faces_b)];
     context.check()?;
-    let mut found = Found::new([a, b]);
-    found.one_mesh = false;
-    let complete = search.between(&trees[0], &trees[1], |hits| found.take(hits, context))?;
-    Ok(found.finish(complete))
+    let mut collector = Collector::new([a, b]);
+    collector.one_mesh = false;
+    let complete = search.between(&trees[0], &trees[1], |hits| collector.add(hits, context))?;
+    Ok(collector.finish(complete))
 }
 
 #[inline]
-fn look(
+fn face_meeting(
     unit: &[DVec3],
     faces: [&Vec<[u32; 3]>; 2],
     flat: [&[bool]; 2],
@@ -117,9 +122,9 @@ fn look(
     if flat[0][f] || flat[1][g] {
         return None;
     }
-    let mut slow = 0;
-    let contact = contact(unit, faces[0][f], faces[1][g], &mut slow);
-    *steps += slow * STEPS_A_SLOW_SIGN;
+    let mut exact_signs = 0;
+    let contact = contact(unit, faces[0][f], faces[1][g], &mut exact_signs);
+    *steps += exact_signs * STEPS_PER_EXACT_SIGN;
     match contact {
         Contact::Disjoint | Contact::Neighbours | Contact::Same => None,
         Contact::Touching => Some(Meeting::Touching),
@@ -128,15 +133,17 @@ fn look(
     }
 }
 
-/// How deep bodies of two materials may lie in one another and still only touch, in the coordinates of [`Analysis::unit`], in which no
-/// coordinate is larger than 1. f32 rounds by 2^-25 there, and vertices that would meet others by it are moved a little farther.
+/// Largest depth to which bodies of two materials may overlap and still count as touching, in coordinates of
+/// [`Analysis::unit`], whose absolute values are at most 1. Rounding to f32 moves vertices by 2^-25 at that size, and
+/// perturbing them a little farther.
 const TOUCHING_DEPTH: f64 = 1e-5;
 
-/// Whether the bodies behind two faces of different materials that meet so have more than their surface in common.
-fn overlap(analysis: &Analysis<'_>, faces: [u32; 2], meeting: Meeting) -> bool {
+/// Whether two bodies of different materials overlap by more than their surfaces, judged at two of their faces that
+/// meet.
+fn bodies_overlap(analysis: &Analysis<'_>, faces: [u32; 2], meeting: Meeting) -> bool {
     let corners = faces.map(|face| analysis.unit_corners(face));
     let normals = faces.map(|face| analysis.unit_normal(face));
-    // How far a face lies on both sides of the other's plane: the lesser of the two.
+    // For one face, its smaller extent on either side of the other face's plane.
     let depth = |one: usize| {
         let other = 1 - one;
         let heights = corners[one].map(|p| (p - corners[other][0]).dot(normals[other]));
@@ -151,7 +158,7 @@ fn overlap(analysis: &Analysis<'_>, faces: [u32; 2], meeting: Meeting) -> bool {
     }
 }
 
-/// The materials of faces, each once, in ascending order.
+/// The distinct materials of a list of faces, ascending.
 pub(super) fn materials_in(of_face: &[u32]) -> Vec<u32> {
     let mut numbers = of_face.to_vec();
     numbers.sort_unstable();
@@ -159,10 +166,10 @@ pub(super) fn materials_in(of_face: &[u32]) -> Vec<u32> {
     numbers
 }
 
-/// The faces that lie inside bodies of another material.
+/// Finds the faces that lie inside a body of another material.
 ///
-/// Surfaces that cross are found as intersecting faces; where they don't, a face lies inside another body as a whole or not at all, which
-/// the winding number behind its centre tells.
+/// The search for intersecting faces finds surfaces that cross. Any other face is wholly inside or outside a body,
+/// and the winding number just behind its centre decides.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -178,7 +185,7 @@ fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> R
             .faces
             .iter()
             .zip(&material)
-            .filter(|(_, it)| **it == number)
+            .filter(|(_, material)| **material == number)
             .map(|(face, _)| *face)
             .collect();
         let corners = |face: u32| own[face as usize].map(|v| unit[v as usize]);
@@ -186,9 +193,9 @@ fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> R
         let tree = Tree::new(unit, &own);
         let dipoles = tree.dipoles(corners);
         let others: Vec<u32> = (0u32..).take(count).filter(|&face| material[face as usize] != number).collect();
-        for some in others.chunks(4096) {
+        for chunk in others.chunks(4096) {
             context.check()?;
-            for &face in some.iter().filter(|&&face| !analysis.flat()[face as usize]) {
+            for &face in chunk.iter().filter(|&&face| !analysis.flat()[face as usize]) {
                 let behind = analysis.unit_centre(face) - analysis.unit_normal(face) * (2.0 * TOUCHING_DEPTH);
                 if bounds.holds(behind) && tree.winding(&dipoles, behind, &mut u64::MAX.clone(), corners).abs() > 0.75 {
                     inside.push(analysis.surface.source[face as usize]);
@@ -200,8 +207,8 @@ fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> R
     Ok(inside)
 }
 
-/// What a search has found so far.
-struct Found<'a> {
+/// Accumulated result of a search.
+struct Collector<'a> {
     of: [&'a Analysis<'a>; 2],
     one_mesh: bool,
     pairs: Vec<IntersectingPair>,
@@ -209,13 +216,13 @@ struct Found<'a> {
     takes_part: [Vec<bool>; 2],
 }
 
-impl<'a> Found<'a> {
+impl<'a> Collector<'a> {
     fn new(of: [&'a Analysis<'a>; 2]) -> Self {
         let takes_part = of.map(|a| vec![false; a.subject.soup.faces.len()]);
         Self { of, one_mesh: true, pairs: Vec::new(), counts: SelfIntersections::default(), takes_part }
     }
 
-    fn take(&mut self, hits: Vec<Hit<Meeting>>, context: &Context<'_>) -> Result<(), Cancelled> {
+    fn add(&mut self, hits: Vec<Hit<Meeting>>, context: &Context<'_>) -> Result<(), Cancelled> {
         for ([f, g], meeting) in hits {
             let at = [f as usize, g as usize];
             let mut faces = [self.of[0].surface.source[at[0]], self.of[1].surface.source[at[1]]];
@@ -255,14 +262,14 @@ fn same_part(parts: &Parts, [f, g]: [usize; 2]) -> bool {
 }
 
 impl Intersections {
-    /// Puts the pairs of one mesh among its findings, as far as there is room for places.
+    /// Adds the pairs of one mesh to its findings, with places up to the limit.
     pub fn report(&self, analysis: &Analysis<'_>, findings: &mut Findings) {
         let faces: Vec<u32> = (0u32..).zip(&self.takes_part[0]).filter(|(_, takes)| **takes).map(|(f, _)| f).collect();
         findings.mark(DefectKind::SelfIntersection, &faces);
-        let room = findings.room(DefectKind::SelfIntersection);
-        for pair in self.pairs.iter().take(room) {
+        let limit = findings.remaining_places(DefectKind::SelfIntersection);
+        for pair in self.pairs.iter().take(limit) {
             let defect = Defect {
-                at: place(analysis, pair).to_array(),
+                at: common_point_of(analysis, pair).to_array(),
                 faces: pair.faces.to_vec(),
                 line: Vec::new(),
                 value: None,
@@ -271,36 +278,36 @@ impl Intersections {
             findings.push(DefectKind::SelfIntersection, defect);
         }
         let pairs = self.counts.pairs.unwrap_or(0);
-        findings.count_more(DefectKind::SelfIntersection, pairs - room.min(self.pairs.len()) as u64);
+        findings.count_more(DefectKind::SelfIntersection, pairs - limit.min(self.pairs.len()) as u64);
     }
 }
 
-/// A point that two faces have in common, in the model's unit.
-fn place(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
+/// A common point of two faces, in the model's unit.
+fn common_point_of(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
     let [p, q] = pair
         .faces
         .map(|f| analysis.subject.soup.faces[f as usize].map(|v| analysis.subject.soup.positions[v as usize]));
-    // Scaled so that products stay in range.
+    // Scaled so that products neither overflow nor underflow.
     let largest = p.iter().chain(&q).fold(0.0f64, |m, x| m.max(x.abs().max_element()));
     let down = |t: [DVec3; 3]| t.map(|x| x / largest);
     common_point(&down(p), &down(q), pair.meeting == Meeting::Coplanar) * largest
 }
 
-/// Two instances of objects that have points in common where they stand.
+/// Two instances of objects with common points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InstanceContact {
-    /// The instances, the smaller number first.
+    /// Indices of the two instances, smaller first.
     pub instances: [u32; 2],
-    /// Pairs of faces, one of each, that intersect; 0 where the instances only share vertices.
+    /// Number of intersecting pairs of faces, one of each instance; 0 if the instances only share vertices.
     pub pairs: u64,
-    /// A point that both have in common, in the model's unit.
+    /// A common point of the two instances, in the model's unit.
     pub at: [f64; 3],
 }
 
-/// Finds the instances that have points in common: a pair of faces that intersects, or a vertex at the same position.
+/// Finds pairs of instances with common points: intersecting faces or coincident vertices. The contacts are sorted.
 ///
-/// `instance_of` tells for each face of the file which instance it belongs to. Where the search for intersecting faces was given up,
-/// instances also count as in contact when the boxes of their intersecting faces meet. The contacts are sorted.
+/// `instance_of` maps each face of the file to its instance. If the search for intersecting faces is incomplete,
+/// instances whose intersecting faces have overlapping bounding boxes also count as in contact.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -309,12 +316,12 @@ pub fn instance_contacts(
     instance_of: impl Fn(u32) -> u32,
     context: &Context<'_>,
 ) -> Result<Vec<InstanceContact>, Cancelled> {
-    let found = analysis.intersections(context)?;
+    let intersections = analysis.intersections(context)?;
     let mut contacts: BTreeMap<[u32; 2], (u64, DVec3)> = BTreeMap::new();
-    for pair in &found.pairs {
+    for pair in &intersections.pairs {
         let [a, b] = pair.faces.map(&instance_of);
         if a != b {
-            let at = || place(analysis, pair);
+            let at = || common_point_of(analysis, pair);
             contacts.entry([a.min(b), a.max(b)]).or_insert_with(|| (0, at())).0 += 1;
         }
     }
@@ -331,8 +338,8 @@ pub fn instance_contacts(
             }
         }
     }
-    if !found.counts.complete || (found.pairs.len() as u64) < found.counts.pairs.unwrap_or(0) {
-        add_meeting_boxes(analysis, &found.takes_part[0], &instance_of, &mut contacts);
+    if !intersections.counts.complete || (intersections.pairs.len() as u64) < intersections.counts.pairs.unwrap_or(0) {
+        add_overlapping_boxes(analysis, &intersections.takes_part[0], &instance_of, &mut contacts);
     }
     let contact = |(instances, (pairs, at)): ([u32; 2], (u64, DVec3))| {
         let at = at.to_array();
@@ -341,7 +348,7 @@ pub fn instance_contacts(
     Ok(contacts.into_iter().map(contact).collect())
 }
 
-fn add_meeting_boxes(
+fn add_overlapping_boxes(
     analysis: &Analysis<'_>,
     takes_part: &[bool],
     instance_of: &impl Fn(u32) -> u32,
@@ -376,7 +383,7 @@ mod tests {
     use crate::mesh::Soup;
 
     #[test]
-    fn where_the_budget_ends_the_search_the_count_is_at_least_and_nothing_is_proven() {
+    fn an_exhausted_budget_gives_a_lower_bound_and_proves_nothing() {
         let mut soup = Soup::default();
         for i in 0..3000u32 {
             let z = f64::from(i);
@@ -388,9 +395,9 @@ mod tests {
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
         let analysis = Analysis::new((&soup).into(), &context).expect("nobody cancels");
         let all = intersections_within(&analysis, u64::MAX, &context).expect("nobody cancels").counts;
-        let some = intersections_within(&analysis, 400_000, &context).expect("nobody cancels").counts;
-        assert!(all.complete && !some.complete);
-        assert!(some.pairs < all.pairs && some.pairs > Some(10_000), "{some:?} {all:?}");
+        let partial = intersections_within(&analysis, 400_000, &context).expect("nobody cancels").counts;
+        assert!(all.complete && !partial.complete);
+        assert!(partial.pairs < all.pairs && partial.pairs > Some(10_000), "{partial:?} {all:?}");
         let none = SelfIntersections { checked: true, pairs: Some(0), ..SelfIntersections::default() };
         assert!(!none.proven_none());
     }

@@ -1,4 +1,5 @@
-//! Faces that are the same: in one mesh by their vertices, in two meshes by their positions.
+//! Identical faces: groups of faces with the same vertices in one mesh, and faces at the same positions in two
+//! meshes.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,36 +7,36 @@ use rayon::prelude::*;
 use crate::math::Box3;
 use crate::mesh::Surface;
 
-/// Faces grouped by their three vertices, whatever the order.
+/// Faces grouped by their three vertices, regardless of vertex order.
 #[derive(Debug, Clone, Default)]
 pub struct FaceGroups {
     /// Faces sorted by group, and by index within a group.
     order: Vec<u32>,
-    /// Where each group starts in `order`, and the end.
+    /// Start of each group in `order`, and the end of the last.
     start: Vec<u32>,
 }
 
 impl FaceGroups {
-    /// How many different faces there are.
+    /// Number of groups, that is, of distinct faces.
     #[must_use]
     pub fn len(&self) -> usize {
         self.start.len().saturating_sub(1)
     }
 
-    /// Whether there is no face.
+    /// Whether there are no faces.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The groups in order of their vertices; each lists its faces by index.
+    /// The groups, ordered by their vertices. Each lists its faces by ascending index.
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
         self.start.windows(2).map(|w| &self.order[w[0] as usize..w[1] as usize])
     }
 }
 
-/// Groups faces that have the same three vertices: distributes them over their smallest vertex by counting, and sorts
-/// the few of each.
+/// Groups faces with the same three vertices. Distributes the faces by their smallest vertex with a counting sort,
+/// then sorts the few faces of each vertex.
 #[must_use]
 pub fn group_faces(faces: &[[u32; 3]]) -> FaceGroups {
     let vertices = faces.iter().flatten().max().map_or(0, |&v| v as usize + 1);
@@ -62,10 +63,10 @@ pub fn group_faces(faces: &[[u32; 3]]) -> FaceGroups {
     let mut start = Vec::with_capacity(faces.len() + 1);
     let mut begin = 0;
     for end in end {
-        let among = &mut order[begin as usize..end as usize];
-        among.sort_unstable_by_key(|&f| (key(f), f));
+        let group = &mut order[begin as usize..end as usize];
+        group.sort_unstable_by_key(|&f| (key(f), f));
         let mut last = None;
-        for (&f, at) in among.iter().zip(begin..) {
+        for (&f, at) in group.iter().zip(begin..) {
             let key = key(f);
             if last.replace(key) != Some(key) {
                 start.push(at);
@@ -77,25 +78,25 @@ pub fn group_faces(faces: &[[u32; 3]]) -> FaceGroups {
     FaceGroups { order, start }
 }
 
-/// Diagonals that a mesh may be away from the origin for f32 to tell its faces apart by less than a millionth of the
-/// diagonal.
-const NEAR: f64 = 16.0;
+/// Largest distance of a mesh from the origin, in diagonals, at which f32 positions are accurate to a millionth of
+/// the diagonal.
+const MAX_DIAGONALS_FROM_ORIGIN: f64 = 16.0;
 
-/// No face of the other mesh.
+/// Marks a face without an identical face in the other mesh.
 pub(super) const NO_FACE: u32 = u32::MAX;
 
-/// The faces of a mesh by where they are, to find them in another.
+/// Sorted position keys of a mesh's faces, for finding identical faces in another mesh.
 #[derive(Clone)]
 pub(super) struct FaceKeys {
-    /// The corners as f32 and sorted, with the face of the surface; sorted.
+    /// For each face its sorted corner positions as f32 bits, with the face index. Sorted by key.
     sorted: Vec<([[u32; 3]; 3], u32)>,
-    /// Whether f32 tells the mesh's faces apart.
+    /// Whether f32 positions are accurate enough to distinguish the mesh's faces.
     fine: bool,
 }
 
 impl FaceKeys {
-    /// Sorts the faces. O(n log n). `scale` is a power of two, the same for both meshes, so that f32 holds their numbers
-    /// however large or small they are; it changes no mantissa. `unit` are the positions in the range of
+    /// Builds the keys. O(n log n). `scale` is a power of two, the same for both meshes, so that f32 represents
+    /// coordinates of any magnitude without changing mantissas. `unit` holds the positions in the range of
     /// [`to_unit_range`](crate::math::to_unit_range).
     #[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
     pub fn new(surface: &Surface, unit: &[DVec3], scale: f64) -> Self {
@@ -110,12 +111,12 @@ impl FaceKeys {
         sorted.par_sort_unstable();
         let bounds = Box3::of(unit.iter().copied());
         // Unit coordinates reach 2.
-        Self { sorted, fine: bounds.diagonal() * NEAR >= 2.0 }
+        Self { sorted, fine: bounds.diagonal() * MAX_DIAGONALS_FROM_ORIGIN >= 2.0 }
     }
 }
 
-/// For each face of one mesh the face of another that stands at the same three positions as f32, or [`NO_FACE`]. Of faces at
-/// one place the first ones are matched, as many as the other mesh has there. Linear.
+/// For each face of mesh `a` the face of mesh `b` at the same three f32 positions, or [`NO_FACE`]. Coincident faces
+/// of `a` match as often as `b` has faces there, lowest index first. O(n).
 pub(super) fn matched(a: &FaceKeys, b: &FaceKeys) -> Vec<u32> {
     let mut matched = vec![NO_FACE; a.sorted.len()];
     let mut at = 0;
@@ -131,23 +132,24 @@ pub(super) fn matched(a: &FaceKeys, b: &FaceKeys) -> Vec<u32> {
     matched
 }
 
-/// What two meshes have in common.
+/// Faces that two meshes have in common.
 pub(super) struct Common {
-    /// Of each face of one, whether it stands in the other at the same three positions as f32, whatever its direction.
+    /// For each face of the first mesh, whether the second has a face at the same three f32 positions, with any
+    /// winding.
     pub first: Vec<bool>,
-    /// The same for the faces of the other.
+    /// For each face of the second mesh, whether the first has a face there.
     pub second: Vec<bool>,
-    /// Whether a face that stands is nowhere farther from the other mesh than can be measured.
+    /// Whether a common face coincides in both meshes to within measurable distance.
     pub fine: bool,
 }
 
 impl Common {
-    /// What a mesh of so many faces has in common with itself.
+    /// A mesh with `faces` faces compared with itself.
     pub fn whole(faces: usize) -> Self {
         Self { first: vec![true; faces], second: vec![true; faces], fine: true }
     }
 
-    /// Finds the faces of each mesh in the other. Linear.
+    /// Finds the common faces of two meshes. O(n).
     pub fn new(a: &FaceKeys, b: &FaceKeys) -> Self {
         let mut common =
             Self { first: vec![false; a.sorted.len()], second: vec![false; b.sorted.len()], fine: a.fine && b.fine };
@@ -177,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faces_with_the_same_vertices_are_one_group_whatever_the_order() {
+    fn faces_with_the_same_vertices_form_one_group_in_any_vertex_order() {
         let groups = group_faces(&[[2, 1, 0], [0, 1, 3], [0, 1, 2]]);
         assert_eq!(groups.iter().collect::<Vec<_>>(), [&[0u32, 2][..], &[1][..]]);
         assert_eq!(groups.len(), 2);

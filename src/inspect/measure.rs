@@ -1,24 +1,23 @@
-//! Counting and measuring a mesh, also as other programs read it: those that take vertices by index alone, and those that join
-//! vertices which are nearly equal.
+//! Computes [`Measures`]: counts and sizes of a mesh, and defects that only some readers see. Such readers join
+//! vertices by index alone, or join vertices that are almost equal.
 
 use glam::DVec3;
 
-use super::analysis::get_or_find;
+use super::analysis::get_or_try_init;
 use super::intersections::materials_in;
 use super::{Analysis, BoundingBox, Measures, Subject, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
 use crate::mesh::{Edges, Soup, Surface, count_boundary_chains, weld_exactly};
 use crate::scene::{Unit, UnitSource};
 
-/// Positions that agree when multiplied by this and rounded are one vertex to trimesh, whose `tol.merge` is 1e-8.
+/// trimesh merges vertices whose positions agree when multiplied by this factor and rounded; its `tol.merge` is 1e-8.
 const DECIMALS: f64 = 1e8;
-/// The same as a share of the diagonal, for models so small that eight decimals would not tell their features apart.
+/// Steps per diagonal for models so small that eight decimals would not resolve their features.
 const OF_DIAGONAL: f64 = 1e7;
 
-/// Measures a mesh as [`Measures`] says, after merging vertices at exactly equal positions, and counts the faces that
-/// intersect.
+/// Measures a mesh and counts its self-intersections. Vertices at exactly equal positions are merged first.
 ///
-/// O(n log n) in the number of faces and of pairs of faces whose boxes meet.
+/// O(n log n) in the number of faces and of face pairs whose boxes overlap.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -26,17 +25,17 @@ pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled
     measure_analysis(&Analysis::new(soup.into(), context)?, context)
 }
 
-/// The same for a mesh whose structure is known.
+/// Measures a mesh whose structure is already analysed, and counts its self-intersections.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn measure_analysis(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
-    let mut it = measures(analysis, context)?;
-    it.self_intersections = analysis.intersections(context)?.counts;
-    Ok(it)
+    let mut counts = measures(analysis, context)?;
+    counts.self_intersections = analysis.intersections(context)?.counts;
+    Ok(counts)
 }
 
-/// Measures a mesh whose structure is known, but for [`Measures::self_intersections`], which are not checked.
+/// Measures a mesh whose structure is already analysed. [`Measures::self_intersections`] stays unchecked.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -45,60 +44,60 @@ pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measur
 }
 
 impl Analysis<'_> {
-    /// The measures, but for self-intersections.
+    /// The cached measures, without self-intersections.
     fn measures(&self, context: &Context<'_>) -> Result<&Measures, Cancelled> {
-        get_or_find(&self.measures, || count(self, context))
+        get_or_try_init(&self.measures, || count(self, context))
     }
 }
 
-/// Counts what [`Analysis::measures`] keeps.
+/// Computes the measures that [`Analysis::measures`] caches.
 fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
     let Analysis { subject, surface, ingest, edges, parts, fans, solids, .. } = analysis;
-    let mut it = Measures {
+    let mut counts = Measures {
         faces: subject.soup.faces.len() as u64,
         vertices: surface.positions.len() as u64,
         unreferenced_vertices: ingest.unreferenced_vertices,
-        nonfinite_faces: ingest.nonfinite_faces,
+        non_finite_faces: ingest.non_finite_faces,
         unreadable_faces: subject.numbering.map_or(0, |numbering| numbering.faces_without_vertex),
         ..Measures::default()
     };
     if surface.faces.is_empty() {
-        return Ok(it);
+        return Ok(counts);
     }
-    it.materials = subject.materials.map_or(0, |materials| materials_in(materials).len() as u64);
-    it.faces_in_other_materials = analysis.faces_in_other_materials(context)?.len() as u64;
-    it.edges = edges.len() as u64;
-    it.parts = parts.count as u64;
-    it.nonmanifold_vertices = fans.nonmanifold_vertices;
-    it.boundary_loops = count_boundary_chains(edges, fans);
+    counts.materials = subject.materials.map_or(0, |materials| materials_in(materials).len() as u64);
+    counts.faces_in_other_materials = analysis.faces_in_other_materials(context)?.len() as u64;
+    counts.edges = edges.len() as u64;
+    counts.parts = parts.count as u64;
+    counts.non_manifold_vertices = fans.non_manifold_vertices;
+    counts.boundary_loops = count_boundary_chains(edges, fans);
     let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
     let count_degenerate =
         || (0u32..).take(surface.faces.len()).filter(|&f| analysis.is_without_area(f)).count() as u64;
-    (it.degenerate_faces, it.duplicate_faces) = rayon::join(count_degenerate, count_duplicate);
-    it.unshared_edges = unshared_edges(analysis).count() as u64;
-    it.near_coincident_faults = joined_faults(analysis);
+    (counts.degenerate_faces, counts.duplicate_faces) = rayon::join(count_degenerate, count_duplicate);
+    counts.unshared_edges = unshared_edges(analysis).count() as u64;
+    counts.near_coincident_defects = near_coincident_defects(analysis);
     context.check()?;
     let mut balanced = true;
-    it.consistent = true;
+    counts.consistent = true;
     for half_edges in edges.iter() {
         let forward = half_edges.iter().filter(|&&h| Edges::is_forward(&surface.faces, h)).count();
         match half_edges.len() {
-            1 => it.boundary_edges += 1,
-            2 => it.misoriented_edges += u64::from(forward != 1),
-            _ => it.nonmanifold_edges += 1,
+            1 => counts.boundary_edges += 1,
+            2 => counts.misoriented_edges += u64::from(forward != 1),
+            _ => counts.non_manifold_edges += 1,
         }
         balanced &= 2 * forward == half_edges.len();
-        it.consistent &= forward <= 1 && half_edges.len() - forward <= 1;
+        counts.consistent &= forward <= 1 && half_edges.len() - forward <= 1;
     }
-    // Faces with a repeated vertex have no edges; a mesh of nothing else is not closed.
-    it.closed = it.boundary_edges == 0 && !edges.is_empty();
-    it.manifold = it.nonmanifold_edges == 0 && it.nonmanifold_vertices == 0;
+    // A face with a repeated vertex has no edges; a mesh of only such faces is not closed.
+    counts.closed = counts.boundary_edges == 0 && !edges.is_empty();
+    counts.manifold = counts.non_manifold_edges == 0 && counts.non_manifold_vertices == 0;
     let negative: Vec<bool> = solids.iter().map(|s| s.volume < 0.0).collect();
     let depths = nesting_depths(surface, parts, solids, &negative, context)?;
-    it.inverted_parts = depths.iter().filter(|d| d.is_some_and(|d| d % 2 == 0)).count() as u64;
-    it.outward = it.closed && it.manifold && it.consistent && it.inverted_parts == 0;
+    counts.inverted_parts = depths.iter().filter(|d| d.is_some_and(|d| d % 2 == 0)).count() as u64;
+    counts.outward = counts.closed && counts.manifold && counts.consistent && counts.inverted_parts == 0;
     let bounds = surface.bounds();
-    it.bounding_box = Some(BoundingBox { min: bounds.min.to_array(), max: bounds.max.to_array() });
+    counts.bounding_box = Some(BoundingBox { min: bounds.min.to_array(), max: bounds.max.to_array() });
     let about = bounds.centre();
     let tetrahedron = |f: usize| {
         let [a, b, c] = surface.corners(f).map(|p| p - about);
@@ -106,14 +105,14 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     };
     let area = || (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).sum();
     let (area, value): (f64, f64) = rayon::join(area, || (0..surface.faces.len()).map(tetrahedron).sum());
-    // Surface that is written twice counts twice.
-    it.volume = Volume { value: finite(value), reliable: it.closed && balanced && it.duplicate_faces == 0 };
-    it.area = finite(area);
-    Ok(it)
+    // A duplicate face counts twice in the volume.
+    counts.volume = Volume { value: finite(value), reliable: counts.closed && balanced && counts.duplicate_faces == 0 };
+    counts.area = finite(area);
+    Ok(counts)
 }
 
-/// The edges of two faces that have different vertices there in the file, though at the same positions. None in formats whose readers
-/// join vertices by position.
+/// Edges whose two faces share positions but not vertex indices in the file. Empty for formats whose readers join
+/// vertices by position.
 pub(super) fn unshared_edges<'a>(analysis: &'a Analysis<'_>) -> impl Iterator<Item = usize> + 'a {
     let (surface, soup) = (&analysis.surface, analysis.subject.soup);
     let ends = move |half_edge: u32| {
@@ -126,35 +125,36 @@ pub(super) fn unshared_edges<'a>(analysis: &'a Analysis<'_>) -> impl Iterator<It
     edges.filter(move |(_, half_edges)| matches!(half_edges, [x, y] if ends(*x) != ends(*y))).map(|(edge, _)| edge)
 }
 
-/// How readers that round positions to eight decimals tell vertices apart.
+/// The grid to which some readers round positions: eight decimals, or 1e-7 of the diagonal if that is finer.
 #[derive(Debug, Clone, Copy)]
 pub struct Decimals {
     scale: f64,
 }
 
 impl Decimals {
-    /// For a model; none where its size says nothing.
+    /// The grid for a surface; `None` if the step would not be finite.
     #[must_use]
     pub fn of(surface: &Surface) -> Option<Self> {
         let scale = (OF_DIAGONAL / surface.bounds().diagonal()).max(DECIMALS);
         scale.is_finite().then_some(Self { scale })
     }
 
-    /// The position in whole numbers: vertices for which it is the same are one to such a reader. Not finite where it is too large.
+    /// The position in whole grid steps. Vertices with equal results are one vertex to such a reader. Not finite on
+    /// overflow.
     #[must_use]
     pub fn round(self, p: DVec3) -> DVec3 {
         DVec3::from_array((p * self.scale).to_array().map(f64::round_ties_even))
     }
 
-    /// The least length that such a reader tells along an axis, in the model's unit, so many times.
+    /// The length of `count` grid steps, in the model's unit.
     #[must_use]
     pub fn steps(self, count: f64) -> f64 {
         count / self.scale
     }
 }
 
-/// The surface with vertices joined as readers join them that round positions to eight decimals; none where that joins none. Its
-/// positions are no lengths. Linear.
+/// Joins vertices that round to the same grid position (see [`Decimals`]). Returns `None` if no vertices join.
+/// Positions of the returned surface are grid steps, not lengths. O(n).
 #[must_use]
 pub fn joined_by_decimals(surface: &Surface) -> Option<Surface> {
     let decimals = Decimals::of(surface)?;
@@ -166,19 +166,21 @@ pub fn joined_by_decimals(surface: &Surface) -> Option<Surface> {
     (weld_exactly(&mut joined) > 0).then_some(joined)
 }
 
-/// Faces that lose a corner, and edges that have other than two opposite faces, only when vertices are joined as by
-/// [`joined_by_decimals`].
-fn joined_faults(analysis: &Analysis<'_>) -> u64 {
+/// Number of faces that collapse and edges that lose their opposite face when [`joined_by_decimals`] joins vertices.
+fn near_coincident_defects(analysis: &Analysis<'_>) -> u64 {
     let Subject { materials, unit, .. } = analysis.subject;
-    // Bodies of different materials may touch, and are not joined. Metres, as in glTF, are placed numbers: a glTF file has its vertices in
-    // other numbers below a transform, which is what a reader rounds.
+    // Bodies of different materials may touch and are not joined. A glTF file (unit metre) stores its coordinates
+    // below a transform, and readers round those stored coordinates, not the transformed ones.
     if materials.is_some() || unit.is_some_and(|unit| unit.used == Unit::Metre && unit.source == UnitSource::File) {
         return 0;
     }
     let Some(joined) = joined_by_decimals(&analysis.surface) else { return 0 };
     let collapsed = |faces: &[[u32; 3]]| faces.iter().filter(|[a, b, c]| a == b || b == c || c == a).count() as u64;
     let unpaired = |edges: &Edges, faces: &[[u32; 3]]| {
-        let paired = |half_edges: &[u32]| matches!(half_edges, [x, y] if Edges::is_forward(faces, *x) != Edges::is_forward(faces, *y));
+        let paired = |half_edges: &[u32]| match half_edges {
+            [x, y] => Edges::is_forward(faces, *x) != Edges::is_forward(faces, *y),
+            _ => false,
+        };
         edges.iter().filter(|half_edges| !paired(half_edges)).count() as u64
     };
     let faces = &analysis.surface.faces;

@@ -1,88 +1,91 @@
+//! Report types for the counts and sizes of a mesh, and the definition of a printable mesh.
+
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::Meeting;
 
-/// A mesh measured. Vertices are merged at exactly equal positions first, as every STL reader must, so that the
-/// counts say what a slicer sees; `-0.0` equals `0.0`.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+/// Counts and sizes of a mesh. Vertices at exactly equal positions are merged first, as every STL reader must, so the
+/// counts agree with a slicer's view; `-0.0` equals `0.0`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Measures {
-    /// Faces, as the file has them.
+    /// Number of faces in the file.
     pub faces: u64,
-    /// Different vertex positions that a face uses.
+    /// Number of distinct vertex positions that faces use.
     pub vertices: u64,
-    /// Different edges.
+    /// Number of distinct edges.
     pub edges: u64,
-    /// Edge-connected parts of the raw mesh, counted before anything is processed.
+    /// Number of edge-connected parts, counted before any processing.
     pub parts: u64,
-    /// Edges that one face uses.
+    /// Edges with exactly one face.
     pub boundary_edges: u64,
-    /// Closed chains of boundary edges.
+    /// Closed chains of boundary edges, that is, holes.
     pub boundary_loops: u64,
-    /// Edges that more than two faces use.
-    pub nonmanifold_edges: u64,
-    /// Vertices whose faces form more than one fan.
-    pub nonmanifold_vertices: u64,
-    /// Edges of two faces that both run along it in the same direction.
+    /// Edges with more than two faces.
+    pub non_manifold_edges: u64,
+    /// Vertices whose faces form more than one edge-connected fan.
+    pub non_manifold_vertices: u64,
+    /// Edges whose two faces have opposite winding: both traverse the edge in the same direction.
     pub misoriented_edges: u64,
-    /// Faces without area: a repeated vertex, or corners on a line, or so near one that f64 finds no area.
+    /// Faces without area: a vertex repeats, the corners are collinear, or the area is zero in f64.
     pub degenerate_faces: u64,
     /// Faces with the same three vertices as an earlier face.
     pub duplicate_faces: u64,
     /// Vertices of the file that no face uses.
     pub unreferenced_vertices: u64,
-    /// Faces with a corner that is not a finite number; they are left out of every other count.
-    pub nonfinite_faces: u64,
-    /// Edges of two faces that are joined by position only: in the file each of the two faces has vertices of its own there. A reader
-    /// that takes vertices by index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
+    /// Faces with a corner that is not a finite number. All other counts exclude these faces.
+    pub non_finite_faces: u64,
+    /// Edges whose two faces share positions but not vertex indices in the file. A reader that joins vertices by
+    /// index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
     #[serde(default)]
     pub unshared_edges: u64,
-    /// Faces that name a vertex which the file does not give; they are left out of every other count.
+    /// Faces that name a vertex missing from the file. All other counts exclude these faces.
     #[serde(default)]
     pub unreadable_faces: u64,
-    /// Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
-    /// or to 1e-7 of the diagonal where that is finer.
+    /// Faces that collapse and edges that lose their opposite face when a reader rounds positions to eight decimals,
+    /// as trimesh does, or to 1e-7 of the diagonal if that is finer.
     #[serde(default)]
-    pub near_coincident_faults: u64,
-    /// Closed parts that are turned inside out: not within another part, and of negative volume.
+    pub near_coincident_defects: u64,
+    /// Closed parts turned inside out: of negative volume and not a cavity of another part.
     pub inverted_parts: u64,
-    /// Materials of an assembly of bodies, such as a 3MF file for a print of several materials. Bodies of one material are judged
-    /// together; those of another may touch them. 0 where the file is one mesh.
+    /// Number of materials in an assembly of bodies, such as a 3MF file for a multi-material print. Bodies of one
+    /// material are judged together; bodies of different materials may touch. 0 if the file is a single mesh.
     #[serde(default)]
     pub materials: u64,
     /// Faces of an assembly that lie inside a body of another material.
     #[serde(default)]
     pub faces_in_other_materials: u64,
-    /// No boundary edge, and there is a face.
+    /// Whether the mesh has faces and no boundary edge.
     pub closed: bool,
-    /// Every edge has at most two faces and every vertex one fan.
+    /// Whether every edge has at most two faces and every vertex one fan.
     pub manifold: bool,
-    /// No edge is crossed twice in the same direction.
+    /// Whether no two faces traverse an edge in the same direction.
     pub consistent: bool,
-    /// Closed, manifold, consistent, and no part is inside out.
+    /// Whether the mesh is closed, manifold and consistent, and no part is inside out.
     pub outward: bool,
-    /// The box around all faces; none for a mesh without faces.
+    /// Bounding box of all faces; `null` for a mesh without faces.
     pub bounding_box: Option<BoundingBox>,
-    /// Area of all faces, in square units.
+    /// Total area of all faces, in square model units.
     pub area: f64,
-    /// Enclosed volume, in cubic units.
+    /// Enclosed volume, in cubic model units.
     pub volume: Volume,
-    /// Pairs of faces that intersect other than in a shared vertex or edge.
+    /// Pairs of faces that intersect outside a shared vertex or edge.
     pub self_intersections: SelfIntersections,
 }
 
 impl Measures {
-    /// Whether the file is printable as it stands: closed, manifold, outward, without degenerate or duplicate faces, of positive volume,
-    /// and proven to be without self-intersections; all that for a reader that joins vertices by position, for one that takes them by
-    /// index, and for one that rounds positions to eight decimals; and every face can be read.
+    /// Whether the mesh is printable as it is: closed, manifold, outward, of positive volume, without degenerate or
+    /// duplicate faces, and proven free of self-intersections. Every face must be readable. These conditions must
+    /// hold for readers that join vertices by position, by index, or by positions rounded to eight decimals.
     ///
-    /// The outcome of a repair, `after.check`, `meshmend inspect` and the ranking of candidates all ask this function.
+    /// The outcome of a repair, `after.check`, `meshmend inspect` and the ranking of candidates all use this
+    /// function.
     #[must_use]
     pub fn printable(&self) -> bool {
         self.printable_but_for_intersections() && self.self_intersections.proven_none()
     }
 
-    /// What [`Measures::printable`] says but for self-intersections.
+    /// [`Measures::printable`] without the condition on self-intersections.
     #[must_use]
     pub fn printable_but_for_intersections(&self) -> bool {
         self.closed
@@ -90,18 +93,18 @@ impl Measures {
             && self.consistent
             && self.outward
             && self.faces > 0
-            && self.nonfinite_faces == 0
+            && self.non_finite_faces == 0
             && self.unreadable_faces == 0
             && self.unshared_edges == 0
-            && self.near_coincident_faults == 0
+            && self.near_coincident_defects == 0
             && self.degenerate_faces == 0
             && self.duplicate_faces == 0
             && self.faces_in_other_materials == 0
             && self.volume.value > 0.0
     }
 
-    /// Whether the mesh is printable; none where nothing is wrong that was looked for, but intersections were not looked
-    /// for, or not to the end.
+    /// Whether the mesh is printable. `None` if only the search for intersections is missing or incomplete and no
+    /// other fault is known.
     #[must_use]
     pub fn verdict(&self) -> Option<bool> {
         let undecided = !self.printable()
@@ -110,43 +113,43 @@ impl Measures {
         (!undecided).then(|| self.printable())
     }
 
-    /// Its size and its defects in a few words, for a log.
+    /// One-line summary of size and defects for logs.
     #[must_use]
     pub fn in_short(&self) -> String {
         format!("{} faces, {} parts, {} defects", self.faces, self.parts, self.defects())
     }
 
-    /// What was left out of every count, as a sentence for the person who sent the file.
+    /// A warning for the sender about faces that all counts exclude; `None` if there are none.
     #[must_use]
-    pub fn left_out(&self) -> Option<String> {
-        let faces = self.nonfinite_faces;
-        (faces > 0).then(|| format!("{faces} faces have a corner that is not a finite number; they were left out"))
+    pub fn omitted(&self) -> Option<String> {
+        let faces = self.non_finite_faces;
+        (faces > 0).then(|| format!("{faces} faces with a corner that is not a finite number were ignored."))
     }
 
-    /// How many things are wrong, to compare candidates of which none is printable.
+    /// Total number of defects, for ranking candidates of which none is printable.
     #[must_use]
     pub fn defects(&self) -> u64 {
         self.boundary_edges
-            + self.nonmanifold_edges
-            + self.nonmanifold_vertices
+            + self.non_manifold_edges
+            + self.non_manifold_vertices
             + self.misoriented_edges
             + self.degenerate_faces
             + self.duplicate_faces
-            + self.nonfinite_faces
+            + self.non_finite_faces
             + self.unreadable_faces
             + self.unshared_edges
-            + self.near_coincident_faults
+            + self.near_coincident_defects
             + self.inverted_parts
             + self.faces_in_other_materials
             + self.self_intersections.pairs.unwrap_or(0)
     }
 
-    /// What keeps the mesh from being printable, each fault with its count in words.
+    /// Descriptions of the faults that keep the mesh from being printable, each with its count.
     #[must_use]
     pub fn faults(&self) -> Vec<String> {
         let counts = [
-            (self.nonmanifold_edges, "non-manifold edge", "non-manifold edges"),
-            (self.nonmanifold_vertices, "non-manifold vertex", "non-manifold vertices"),
+            (self.non_manifold_edges, "non-manifold edge", "non-manifold edges"),
+            (self.non_manifold_vertices, "non-manifold vertex", "non-manifold vertices"),
             (
                 self.misoriented_edges,
                 "edge between faces of opposite winding",
@@ -154,7 +157,7 @@ impl Measures {
             ),
             (self.degenerate_faces, "face without area", "faces without area"),
             (self.duplicate_faces, "duplicate face", "duplicate faces"),
-            (self.nonfinite_faces, "face that is not finite", "faces that are not finite"),
+            (self.non_finite_faces, "face with a non-finite corner", "faces with a non-finite corner"),
             (
                 self.faces_in_other_materials,
                 "face inside a body of another material",
@@ -167,7 +170,7 @@ impl Measures {
                 "edges whose two faces do not share their vertices",
             ),
             (
-                self.near_coincident_faults,
+                self.near_coincident_defects,
                 "face or edge that breaks when positions are rounded to eight decimals",
                 "faces and edges that break when positions are rounded to eight decimals",
             ),
@@ -183,95 +186,96 @@ impl Measures {
         }
         faults.extend(counts.iter().filter(|(count, ..)| *count > 0).map(words));
         if !self.self_intersections.checked {
-            faults.push("intersecting faces were not looked for".to_owned());
+            faults.push("self-intersections not checked".to_owned());
         } else if !self.self_intersections.complete {
-            faults.push("so many overlapping faces that they were not all counted".to_owned());
+            faults.push("too many overlapping faces to count all intersections".to_owned());
         }
         if faults.is_empty() && !self.printable() {
-            faults.push("it encloses no volume".to_owned());
+            faults.push("no enclosed volume".to_owned());
         }
         faults
     }
 }
 
 /// An axis-parallel box.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct BoundingBox {
-    /// Smallest coordinates.
+    /// Smallest x, y and z coordinates.
     pub min: [f64; 3],
-    /// Largest coordinates.
+    /// Largest x, y and z coordinates.
     pub max: [f64; 3],
 }
 
 impl BoundingBox {
-    /// Length of the diagonal.
+    /// Length of the diagonal, in the unit of the coordinates.
     #[must_use]
     pub fn diagonal(&self) -> f64 {
         (0..3).map(|k| (self.max[k] - self.min[k]).powi(2)).sum::<f64>().sqrt()
     }
 }
 
-/// Enclosed volume by the divergence theorem.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, ToSchema)]
+/// Enclosed volume, computed by the divergence theorem.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Volume {
-    /// Cubic units; negative for a mesh that is inside out.
+    /// Signed volume in cubic model units; negative for a mesh turned inside out.
     pub value: f64,
-    /// Whether the mesh is closed and consistently oriented, without which the figure means little.
+    /// Whether the mesh is closed and consistently oriented. Otherwise the value has little meaning.
     pub reliable: bool,
 }
 
-/// Pairs of faces that intersect, counted exactly: they have a point in common beside a vertex or an edge that they
-/// share. Left out are faces whose corners are on a line and pairs with the same three vertices, which are counted as
-/// degenerate and duplicate faces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+/// Exact counts of intersecting face pairs: pairs with a common point outside a shared vertex or edge. Excludes flat
+/// faces and pairs with the same three vertices, which count as degenerate and duplicate faces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SelfIntersections {
-    /// Whether they were counted at all.
+    /// Whether the search ran.
     pub checked: bool,
-    /// Whether the count was brought to its end. Where it is not, for the sake of time, each number is at least so
-    /// large.
+    /// Whether the search finished. If not, each count is a lower bound.
     pub complete: bool,
-    /// How many pairs, where counted.
+    /// Total number of pairs; `null` if the search did not run.
     pub pairs: Option<u64>,
     /// Pairs within one edge-connected part.
     pub within_one_part: u64,
-    /// Pairs of faces of two parts.
+    /// Pairs of faces from two different parts.
     pub between_parts: u64,
-    /// Pairs of which the inside of one passes through the inside of the other.
+    /// Pairs in which the interior of one face passes through the interior of the other.
     pub crossing: u64,
     /// Pairs that only touch.
     pub touching: u64,
-    /// Pairs that lie in one plane and overlap.
+    /// Pairs that are coplanar and overlap.
     pub coplanar: u64,
-    /// Faces that are in a pair.
+    /// Number of faces in at least one pair.
     pub faces: u64,
 }
 
 impl SelfIntersections {
-    /// Whether there is none for certain.
+    /// Whether a complete search found no pair.
     #[must_use]
     pub fn proven_none(&self) -> bool {
         self.checked && self.complete && self.pairs == Some(0)
     }
 }
 
-/// Two faces that intersect other than in a shared vertex or edge.
+/// Two faces that intersect outside a shared vertex or edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct IntersectingPair {
-    /// The faces by index in the file, the smaller first; between two meshes, first that of the first mesh.
+    /// File indices of the two faces, smaller first. Between two meshes, the first index belongs to the first mesh.
     pub faces: [u32; 2],
-    /// How they meet.
+    /// How the two faces meet.
     pub meeting: Meeting,
-    /// Whether both are of one edge-connected part.
+    /// Whether both faces belong to one edge-connected part.
     pub within_one_part: bool,
 }
 
-/// All faces of a mesh, or of two meshes, that intersect.
+/// All intersecting faces of a mesh, or between two meshes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Intersections {
-    /// The pairs, sorted. Of more than a million those that were found first.
+    /// The pairs, sorted. Limited to the first million found.
     pub pairs: Vec<IntersectingPair>,
     /// Exact counts of all pairs, listed or not.
     pub counts: SelfIntersections,
-    /// For each face of the file whether it takes part; between two meshes, of the first and then of the second.
+    /// For each face of the file, whether it is in a pair. Between two meshes, one list per mesh.
     pub takes_part: [Vec<bool>; 2],
 }

@@ -1,7 +1,7 @@
-//! What is wrong with a mesh: one analysis, the same for input and output.
+//! Mesh inspection: finds and measures the defects of a mesh, in the same way for a repair's input and output.
 //!
-//! [`Analysis`] finds the structure once; [`measures`] counts, the other files each look at one thing, and [`inspect`]
-//! puts all of it in one [`Inspection`].
+//! [`Analysis`] builds the connectivity once. [`measures()`] counts, the other files each search for one type of
+//! defect or measure one quantity, and [`inspect`] combines the results in one [`Inspection`].
 
 mod analysis;
 mod check;
@@ -25,8 +25,9 @@ mod statistics;
 pub use analysis::{Analysis, Subject};
 pub use check::{CheckRule, CheckVerdict};
 pub use compare::{
-    COMPARISON_VERSION, Certificate, Changes, CompareOptions, ComparedMesh, Comparison, Deviation, Dispensable, Fate,
-    Fates, InsideAgreement, Ledger, LostPart, Original, PartCertificate, Spread, SurfaceShare, SurfaceShares, compare,
+    AccountedPart, COMPARISON_VERSION, Changes, CompareOptions, ComparedMesh, Comparison, Deviation, Dispensable,
+    InsideAgreement, LostPart, Original, PartAccounting, PartReason, Provenance, Spread, SurfaceProvenance,
+    SurfaceShare, SurfaceShares, compare,
 };
 pub use defects::find_defects;
 use distribution::finite;
@@ -42,9 +43,9 @@ pub use measure::{Decimals, joined_by_decimals, measure, measure_analysis, measu
 pub use measures::{BoundingBox, IntersectingPair, Intersections, Measures, SelfIntersections, Volume};
 pub use options::{InspectOptions, Level, OptionsError, Tolerance, ToleranceError, Tolerances, changed_fields};
 pub use print::{
-    Fit, NoWall, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
+    Fit, NoWallReason, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
 };
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing, Spacing, spacing};
-pub use shells::{Answer, Attributes, Shell, Shells, Turning, Unmeasurable, shells};
+pub use shells::{Answer, Attributes, OrientationCounts, Shell, Shells, Unmeasurable, shells};
 pub use solids::{Solid, doubled_areas, nesting, nesting_depths, solids};
 pub use statistics::{EdgeAngles, Side, Statistics, aspect_ratio, statistics};

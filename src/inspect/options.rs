@@ -1,29 +1,30 @@
-//! What is looked for in a mesh, how closely, and with which tolerances.
+//! Options of an inspection: its level, its tolerances, and the printing parameters that it measures for.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::{IntoParams, ToSchema};
 
 use super::DefectKind;
 use crate::scene::Unit;
 
-/// How closely a mesh is looked at, after Parasolid's `PK_check_mesh_*` (seed 002).
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-)]
+/// How thoroughly a mesh is inspected, modelled on the levels of Parasolid's `PK_check_mesh_*`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum Level {
-    /// Counts and attributes only; no defect is looked for.
+    /// Counts and attributes only; searches for no defects.
     None,
-    /// Without what needs a search in space: slits, self-intersections and other neighbours that do not share an edge.
+    /// All searches that follow shared edges and vertices; omits spatial searches, such as slits and
+    /// self-intersections.
     Basic,
-    /// Everything.
+    /// All searches.
     #[default]
     Full,
 }
 
 impl Level {
-    /// Whether a kind of defect is looked for. Sheets are at level basic as far as their two sides have the same faces.
+    /// Whether this level searches for a kind of defect. [`Level::Basic`] finds only sheets whose two sides use the
+    /// same vertices.
     #[must_use]
     pub fn looks_for(self, kind: DefectKind) -> bool {
         use DefectKind as K;
@@ -35,34 +36,37 @@ impl Level {
     }
 }
 
-/// What to look for, and how. Every field has a default.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
+/// Options of an inspection. Every field has a default.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema, utoipa::IntoParams))]
 #[serde(default)]
-#[into_params(parameter_in = Query)]
+#[cfg_attr(feature = "openapi", into_params(parameter_in = Query))]
 pub struct InspectOptions {
-    /// How closely.
+    /// How thoroughly the mesh is inspected.
     pub level: Level,
-    /// Places of each kind of defect that the report lists.
-    #[schema(minimum = 0, maximum = 1000)]
+    /// Largest number of places that the report lists for each kind of defect, from 0 to 1000.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1000))]
     pub places: usize,
-    /// How closely things must agree to count as the same.
+    /// Distances and angles below which a defect is recognised.
     pub tolerances: Tolerances,
-    /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed.
+    /// Unit of the file's lengths; overrides the unit that the file declares. Without both, millimetres are assumed.
     pub unit: Option<Unit>,
-    /// The direction in which the model is built, of any length but zero.
-    #[schema(min_items = 3, max_items = 3)]
+    /// Build direction, pointing away from the build plate; any length above 0.
+    #[cfg_attr(feature = "openapi", schema(min_items = 3, max_items = 3))]
     pub up: [f64; 3],
-    /// An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
-    #[schema(minimum = 0.0, maximum = 90.0)]
+    /// Additional overhang angle from the vertical, in degrees from 0 to 90. The report always has 30, 45 and 60
+    /// degrees.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 90.0))]
     pub overhang_deg: f64,
-    /// Sides of the printer's build volume, in millimetres.
-    #[schema(min_items = 3, max_items = 3)]
+    /// Side lengths of the printer's build volume along x, y and z, in millimetres.
+    #[cfg_attr(feature = "openapi", schema(min_items = 3, max_items = 3))]
     pub build_volume: Option<[f64; 3]>,
-    /// Whether walls are measured of a printable mesh only. A repair asks for that of its input: what is printed is the result, and
-    /// walls of a mesh with faults take winding numbers, which is half of the time of a small repair.
+    /// Whether wall thickness is measured only if the mesh is printable. A repair sets this for its input, because
+    /// the result is what is printed. Walls of a defective mesh need winding numbers, half of the time of a small
+    /// repair.
     #[serde(skip)]
-    #[schema(ignore)]
-    #[param(ignore)]
+    #[cfg_attr(feature = "openapi", schema(ignore))]
+    #[cfg_attr(feature = "openapi", param(ignore))]
     pub walls_of_printable_only: bool,
 }
 
@@ -82,35 +86,41 @@ impl Default for InspectOptions {
 }
 
 impl InspectOptions {
-    /// Checks every range.
+    /// Checks that every option is in its range.
     ///
     /// # Errors
-    /// The first option that is out of its range.
+    /// [`OptionsError`] for the first option out of range.
     pub fn validate(&self) -> Result<(), OptionsError> {
         #[expect(clippy::cast_precision_loss, reason = "compared with a small bound")]
         let places = self.places as f64;
-        OptionsError::unless_within("places", places, (0.0, 1000.0), "between 0 and 1000 places of each kind")?;
+        OptionsError::unless_within("places", places, (0.0, 1000.0), "from 0 to 1000 places per defect kind")?;
         self.tolerances.validate().map_err(|error| OptionsError {
             option: error.name,
             value: error.value.to_string(),
-            expected: "a finite number that is not negative",
+            expected: "a finite number, 0 or greater",
         })?;
-        let degrees = "between 0 and 90 degrees from the vertical";
+        let degrees = "from 0 to 90 degrees from the vertical";
         OptionsError::unless_within("overhang_deg", self.overhang_deg, (0.0, 90.0), degrees)?;
         let up: f64 = self.up.iter().map(|x| x.abs()).sum();
-        OptionsError::unless_within("up", up, (f64::MIN_POSITIVE, f64::MAX), "a direction that is not zero")?;
+        OptionsError::unless_within(
+            "up",
+            up,
+            (f64::MIN_POSITIVE, f64::MAX),
+            "three finite numbers that are not all 0",
+        )?;
         let smallest = self.build_volume.map_or(1.0, |sides| sides.into_iter().fold(f64::MAX, f64::min));
-        OptionsError::unless_within("build_volume", smallest, (f64::MIN_POSITIVE, f64::MAX), "three lengths above zero")
+        OptionsError::unless_within("build_volume", smallest, (f64::MIN_POSITIVE, f64::MAX), "three lengths above 0")
     }
 }
 
-/// A length below which something counts as nothing.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// A distance threshold, relative to the mesh or absolute.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Tolerance {
-    /// A share of the diagonal of the box around the mesh.
+    /// Fraction of the diagonal of the mesh's bounding box.
     OfDiagonal(f64),
-    /// A length in the model's unit.
+    /// Length in the model's unit.
     Absolute(f64),
 }
 
@@ -121,8 +131,8 @@ impl Tolerance {
         }
     }
 
-    /// The length in a unit of which the model's unit has `scale`, in a mesh of this diagonal in that unit. What is no
-    /// length is 0: only what is exactly nothing counts then.
+    /// The tolerance as a length on a scale where the model's unit measures `1 / scale`, for a mesh with this
+    /// diagonal on that scale. Returns 0 for NaN and negative values, so that only exact coincidence counts.
     fn length(self, diagonal: f64, scale: f64) -> f64 {
         let length = match self {
             Self::OfDiagonal(share) => share * diagonal,
@@ -132,32 +142,33 @@ impl Tolerance {
     }
 }
 
-/// How closely things must agree to count as the same, after Parasolid's `tolerance` and `defect_tolerances` (seed 002).
+/// Thresholds below which a defect is recognised, modelled on Parasolid's `tolerance` and `defect_tolerances`.
 ///
-/// An override that is not given is the linear tolerance. A tolerance of 0 finds only what is so exactly, decided by
-/// exact predicates; above 0 lengths are measured in f64.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// An omitted override takes the value of `linear`. At 0 exact predicates find exact defects only; above 0, lengths
+/// are measured in f64.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct Tolerances {
-    /// What no override is given for. By default 1e-7 of the diagonal, about the distance of neighbouring 32-bit numbers
-    /// at the size of the model.
+    /// Default for omitted overrides. 1e-7 of the diagonal by default, roughly the spacing of f32 coordinates at the
+    /// model's size.
     pub linear: Tolerance,
-    /// Largest angle between the two faces of an edge, in radians, at which the edge is a fold. By default 0.01.
+    /// Largest angle between two faces at an edge, in radians, at which the edge counts as a fold. 0.01 by default.
     pub foldover_angle: f64,
-    /// How far faces may stand off from those that they are folded on.
+    /// Largest distance between a folded face and the face that it lies on.
     pub foldover_height: Option<Tolerance>,
-    /// Smallest height of a face that is not flat, and smallest edge of one that is not degenerate.
+    /// Height below which a face is flat, and edge length below which a face is degenerate.
     pub degenerate: Option<Tolerance>,
-    /// Distance of boundary edges that are at the same place.
+    /// Largest distance between two boundary edges that form a slit.
     pub slit: Option<Tolerance>,
-    /// Distance of a vertex from the boundary edge that it lies on.
+    /// Largest distance between a T-junction's vertex and the boundary edge that it lies on.
     pub t_junction: Option<Tolerance>,
-    /// Thickness of surface that has none.
+    /// Thickness up to which two opposite surfaces count as a sheet.
     pub sheet: Option<Tolerance>,
-    /// Widest gap between boundaries that nearly coincide; never more than a fifth of an edge's length is taken for one.
-    /// By default 1e-4 of the diagonal.
+    /// Largest width of a crack, the gap between two almost coincident boundaries. The width is also at most a fifth
+    /// of the boundary edge's length. 1e-4 of the diagonal by default.
     pub crack: Tolerance,
-    /// Diagonal of the largest part that is too small to print. By default 1e-3 of the whole diagonal.
+    /// Bounding-box diagonal below which a part is too small to print. 1e-3 of the mesh's diagonal by default.
     pub tiny_part: Tolerance,
 }
 
@@ -177,21 +188,21 @@ impl Default for Tolerances {
     }
 }
 
-/// A tolerance that is no length or angle.
+/// A tolerance that is negative or not finite.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("the tolerance '{name}' is {value}, but a finite number that is not negative was expected")]
+#[error("`{name}` must be a finite number, 0 or greater; got {value}.")]
 pub struct ToleranceError {
-    /// Its field in [`Tolerances`].
+    /// Name of the field of [`Tolerances`].
     pub name: &'static str,
-    /// What was given.
+    /// The rejected value.
     pub value: f64,
 }
 
 impl Tolerances {
-    /// Whether every tolerance is a finite number that is not negative.
+    /// Checks that every tolerance is finite and at least 0.
     ///
     /// # Errors
-    /// [`ToleranceError`] for the first that is not.
+    /// [`ToleranceError`] for the first invalid tolerance.
     pub fn validate(&self) -> Result<(), ToleranceError> {
         let all = [
             ("linear", Some(self.linear)),
@@ -211,11 +222,11 @@ impl Tolerances {
         }
     }
 
-    /// The tolerances as lengths in a unit of which the model's unit has `scale`.
-    pub(super) fn lengths(&self, diagonal: f64, scale: f64) -> Lengths {
+    /// Converts the tolerances to lengths on a scale where the model's unit measures `1 / scale`.
+    pub(super) fn lengths(&self, diagonal: f64, scale: f64) -> ToleranceLengths {
         let length = |tolerance: Tolerance| tolerance.length(diagonal, scale);
         let or_linear = |given: Option<Tolerance>| length(given.unwrap_or(self.linear));
-        Lengths {
+        ToleranceLengths {
             foldover_angle: self.foldover_angle,
             foldover_height: or_linear(self.foldover_height),
             degenerate: or_linear(self.degenerate),
@@ -228,45 +239,53 @@ impl Tolerances {
     }
 }
 
-/// [`Tolerances`] as lengths, in the unit of [`Analysis::unit`](super::Analysis::unit).
+/// [`Tolerances`] converted to lengths, in the coordinates of [`Analysis::unit`](super::Analysis::unit).
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Lengths {
+pub(super) struct ToleranceLengths {
+    /// See [`Tolerances::foldover_angle`]; in radians.
     pub foldover_angle: f64,
+    /// See [`Tolerances::foldover_height`].
     pub foldover_height: f64,
+    /// See [`Tolerances::degenerate`].
     pub degenerate: f64,
+    /// See [`Tolerances::slit`].
     pub slit: f64,
+    /// See [`Tolerances::t_junction`].
     pub t_junction: f64,
+    /// See [`Tolerances::sheet`].
     pub sheet: f64,
+    /// See [`Tolerances::crack`].
     pub crack: f64,
+    /// See [`Tolerances::tiny_part`].
     pub tiny_part: f64,
 }
 
-/// The fields of options that differ from their defaults, as JSON.
+/// Serializes the fields that differ from their defaults as a JSON object.
 #[must_use]
 pub fn changed_fields<T: Serialize>(options: &T, defaults: &T) -> Map<String, Value> {
-    let [fields, defaults] = [options, defaults].map(|it| serde_json::to_value(it).unwrap_or_default());
+    let [fields, defaults] = [options, defaults].map(|value| serde_json::to_value(value).unwrap_or_default());
     let Value::Object(mut fields) = fields else { return Map::new() };
     fields.retain(|name, value| defaults.get(name.as_str()) != Some(value));
     fields
 }
 
-/// An option outside what it may be.
+/// An option out of its allowed range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("`{option}` must be {expected}; got {value}.")]
 pub struct OptionsError {
-    /// The option's name.
+    /// Name of the option.
     pub option: &'static str,
-    /// What was given.
+    /// The rejected value.
     pub value: String,
-    /// What is allowed, in words.
+    /// Description of the allowed values.
     pub expected: &'static str,
 }
 
 impl OptionsError {
-    /// Checks that a number lies in its range; one that is none does not.
+    /// Checks that a number is in the closed range from `low` to `high`. NaN is out of range.
     ///
     /// # Errors
-    /// The error, when it does not.
+    /// [`OptionsError`] if the number is out of range.
     pub fn unless_within(
         option: &'static str,
         value: f64,
@@ -282,7 +301,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_override_that_is_not_given_is_the_linear_tolerance() {
+    fn omitted_overrides_take_the_linear_tolerance() {
         let given = Tolerances {
             linear: Tolerance::OfDiagonal(0.5),
             slit: Some(Tolerance::Absolute(3.0)),
@@ -293,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn tolerances_that_are_no_numbers_are_refused_by_name() {
+    fn invalid_tolerances_are_rejected_by_field_name() {
         assert_eq!(Tolerances::default().validate(), Ok(()));
         for bad in [f64::NAN, f64::INFINITY, -1.0] {
             let slit = Tolerances { slit: Some(Tolerance::OfDiagonal(bad)), ..Tolerances::default() };
@@ -304,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn json_names_what_is_given_and_leaves_the_rest_to_the_defaults() {
+    fn omitted_json_fields_take_their_defaults() {
         let json = r#"{"linear": {"absolute": 0.01}, "crack": {"of_diagonal": 0.001}}"#;
         let read: Tolerances = serde_json::from_str(json).unwrap();
         assert_eq!((read.linear, read.crack), (Tolerance::Absolute(0.01), Tolerance::OfDiagonal(0.001)));

@@ -1,4 +1,4 @@
-//! Points spread over a mesh, and questions about points that are asked within a budget: what sees the outside, and what is inside.
+//! Sample points on a mesh, and budgeted parallel queries about points: visibility from outside, and winding numbers.
 
 use std::ops::Range;
 
@@ -9,99 +9,100 @@ use super::Analysis;
 use crate::context::{Cancelled, Context};
 use crate::math::{Dipoles, hit, r2, ray_direction};
 
-/// Share of a budget that one question may take.
-pub(super) const SHARE: u64 = 16;
-/// Questions asked at once before anything is known of what they cost, at least, and at most.
+/// Divisor of the budget for a single query: no query may use more than a sixteenth of the budget.
+pub(super) const QUERY_BUDGET_DIVISOR: u64 = 16;
+/// Number of queries in the first block, and the minimum and maximum for later blocks.
 const BLOCK: [usize; 3] = [64, 16, 4096];
-/// Directions in which a point may see the outside.
+/// Number of ray directions in which visibility from outside is tested.
 const DIRECTIONS: u32 = 32;
-/// How far in front of its face a ray starts, as a share of the diagonal.
+/// Offset of a ray's start from its face, as a fraction of the diagonal.
 const LIFT: f64 = 1e-5;
-/// Faces that all rays together may look at: so many, and so many more for each point.
+/// Budget of all rays: faces visited, plus an allowance per point.
 const BUDGET: u64 = 10_000_000;
-const BUDGET_A_POINT: u64 = 500;
+const BUDGET_PER_POINT: u64 = 500;
 
-/// What many questions to a tree were answered.
+/// Results of a batch of queries.
 pub(super) struct Answers<T> {
-    /// The answer to each question; none to those that were not asked or had too few steps for any.
+    /// Result of each query; `None` if the query did not run or ran out of its steps.
     pub values: Vec<Option<T>>,
-    /// Whether every question was asked and had all the steps that it wanted.
+    /// Whether every query ran to its end.
     pub complete: bool,
 }
 
-/// Asks questions 0 to `count` in parallel until `budget` steps are spent, so that a mesh made to be slow, such as a fan of
-/// needles whose boxes all overlap, costs no more. `question` gets a number of steps to count down.
+/// Runs queries 0 to `count` in parallel until `budget` steps are spent. The budget bounds the time on adversarial
+/// meshes, such as a fan of needles with overlapping boxes. `query` receives a number of steps to count down.
 ///
-/// The questions are asked in an order of which every beginning is spread evenly over all of them. Blocks and their sizes
-/// follow from the steps alone, so the answers are the same for any number of threads.
+/// Queries run in an order whose every prefix is spread evenly over all of them. Block sizes depend on the steps
+/// only, so that the results are the same for any number of threads.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
-pub(super) fn ask<T: Send>(
+pub(super) fn run_queries<T: Send>(
     count: usize,
     budget: u64,
     context: &Context<'_>,
-    question: impl Fn(usize, &mut u64) -> Option<T> + Sync,
+    query: impl Fn(usize, &mut u64) -> Option<T> + Sync,
 ) -> Result<Answers<T>, Cancelled> {
     let mut answers = Answers { values: (0..count).map(|_| None).collect(), complete: true };
-    let (order, most) = (Spread::over(count), (budget / SHARE).max(1));
-    let (mut asked, mut spent) = (0, 0u64);
+    let (order, most) = (SpreadOrder::over(count), (budget / QUERY_BUDGET_DIVISOR).max(1));
+    let (mut done, mut spent) = (0, 0u64);
     let mut block = BLOCK[0];
-    while asked < count {
+    while done < count {
         context.check()?;
         if spent >= budget {
             answers.complete = false;
             break;
         }
-        let end = count.min(asked + block);
-        for (number, answer, left) in ask_each(order.numbers(asked..end), BLOCK[1], most, &question) {
+        let end = count.min(done + block);
+        for (number, answer, left) in run_each(order.numbers(done..end), BLOCK[1], most, &query) {
             answers.values[number] = answer;
             answers.complete &= left > 0;
             spent += most - left;
         }
-        asked = end;
-        let mean = (spent / asked as u64).max(1);
+        done = end;
+        let mean = (spent / done as u64).max(1);
         block = usize::try_from((budget.saturating_sub(spent) / mean / 2).max(1)).unwrap_or(BLOCK[2]);
         block = block.clamp(BLOCK[1], BLOCK[2]);
     }
     Ok(answers)
 }
 
-/// Asks questions in parallel, each with so many steps, `task` or more of them on one thread. Answers for each its number, its answer
-/// and the steps that it left.
-pub(super) fn ask_each<T: Send>(
+/// Runs queries in parallel, each with the given number of steps, with at least `task` queries per thread. Returns
+/// for each its index, its result and its remaining steps.
+pub(super) fn run_each<T: Send>(
     numbers: impl IndexedParallelIterator<Item = usize>,
     task: usize,
     steps: u64,
-    question: impl Fn(usize, &mut u64) -> Option<T> + Sync,
+    query: impl Fn(usize, &mut u64) -> Option<T> + Sync,
 ) -> Vec<(usize, Option<T>, u64)> {
-    let ask = |number| {
+    let run = |number| {
         let mut left = steps;
-        let answer = question(number, &mut left);
+        let answer = query(number, &mut left);
         (number, answer, left)
     };
-    numbers.with_min_len(task).map(ask).collect()
+    numbers.with_min_len(task).map(run).collect()
 }
 
-/// An order of the numbers below `count` of which every beginning is spread evenly over all of them.
+/// A permutation of the numbers below `count` whose every prefix is spread evenly over the range.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Spread {
+pub(super) struct SpreadOrder {
     count: usize,
     stride: usize,
 }
 
-impl Spread {
+impl SpreadOrder {
+    /// The permutation of the numbers below `count`.
     pub fn over(count: usize) -> Self {
         Self { count, stride: stride(count) }
     }
 
-    /// The numbers at some places of the order.
+    /// The numbers at the given positions of the permutation.
     pub fn numbers(self, places: Range<usize>) -> impl IndexedParallelIterator<Item = usize> {
         places.into_par_iter().map(move |i| (i as u128 * self.stride as u128 % self.count as u128) as usize)
     }
 }
 
-/// A step that leads to every number below `count` once, about a golden section of it.
+/// A stride that is coprime to `count`, close to its golden section.
 fn stride(count: usize) -> usize {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a count")]
     let start = (count as f64 * 0.618_033_988_749_895) as usize;
@@ -115,18 +116,18 @@ fn coprime(mut a: usize, mut b: usize) -> bool {
     a == 1
 }
 
-/// A point on a face.
+/// A sample point on a face.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    /// The face of the analysis's surface.
+    /// Index of the face in the analysed surface.
     pub face: u32,
-    /// Where it is, in the coordinates of [`Analysis::unit`].
+    /// Position, in coordinates of [`Analysis::unit`].
     pub point: DVec3,
-    /// The face's unit normal.
+    /// Unit normal of the face.
     pub normal: DVec3,
 }
 
-/// Points spread by area, in order of their faces. None where the mesh has no area. The same for the same mesh.
+/// Samples spread evenly by area, in the order of their faces. Deterministic. Empty if the mesh has no area.
 pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
     let faces = (0u32..).take(analysis.surface.faces.len());
     let spread = spread_by_area(analysis, faces, count, |face| analysis.unit_area_vector(face).length());
@@ -134,8 +135,9 @@ pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
     spread.into_iter().map(sample).collect()
 }
 
-/// Points on some faces, each with its face: one in each of `count` equal shares of their area, placed in its face by the R2 sequence.
-/// `area` may be any multiple of a face's area. None where there is no area.
+/// Points spread evenly by area over some faces, each with its face: one point per `count`th of the area, placed
+/// within its face by the R2 sequence (Roberts 2018). `area` may return any constant multiple of a face's area. Empty
+/// if the area is 0.
 pub(super) fn spread_by_area(
     analysis: &Analysis<'_>,
     faces: impl Iterator<Item = u32> + Clone,
@@ -157,8 +159,8 @@ pub(super) fn spread_by_area(
     points
 }
 
-/// Which of the points can be seen from outside, in one of some fixed directions and from either side of their face, so
-/// that inner walls, which a union removes, are told from the rest. None for points that the budget did not reach.
+/// Whether each point is visible from outside along one of several fixed directions, from either side of its face.
+/// Distinguishes outer surface from internal faces, which a union removes. `None` for points beyond the budget.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
@@ -189,28 +191,28 @@ pub(super) fn visible(
         }
         Some(false)
     };
-    let budget = BUDGET + BUDGET_A_POINT * samples.len() as u64;
-    Ok(ask(samples.len(), budget, context, |i, steps| sees_outside(&samples[i], steps))?.values)
+    let budget = BUDGET + BUDGET_PER_POINT * samples.len() as u64;
+    Ok(run_queries(samples.len(), budget, context, |i, steps| sees_outside(&samples[i], steps))?.values)
 }
 
-/// Tells what is inside a mesh.
-pub(super) struct Inside<'a> {
+/// Winding number queries on one mesh.
+pub(super) struct InsideTest<'a> {
     analysis: &'a Analysis<'a>,
     dipoles: &'a Dipoles,
 }
 
-impl<'a> Inside<'a> {
-    /// Sums the faces, unless that was done for the same mesh before.
+impl<'a> InsideTest<'a> {
+    /// Prepares the queries. Reuses the mesh's cached dipoles.
     pub fn new(analysis: &'a Analysis<'a>) -> Self {
         Self { analysis, dipoles: analysis.dipoles() }
     }
 
-    /// The size of the winding number at a point in unit coordinates, whichever way the mesh is turned.
+    /// Absolute value of the winding number at a point in unit coordinates, independent of the mesh's orientation.
     pub fn winding(&self, point: DVec3, steps: &mut u64) -> f64 {
         self.analysis.tree().winding(self.dipoles, point, steps, |f| self.analysis.unit_corners(f)).abs()
     }
 
-    /// The same on both sides of a point.
+    /// Absolute winding numbers at `point + aside` and `point - aside`.
     pub fn windings(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
         let tree = self.analysis.tree();
         tree.windings(self.dipoles, [point, aside], steps, |f| self.analysis.unit_corners(f)).map(f64::abs)
@@ -228,7 +230,7 @@ mod tests {
     fn costly(count: usize, budget: u64, cost: u64) -> Answers<usize> {
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1));
-        ask(count, budget, &context, |i, steps| {
+        run_queries(count, budget, &context, |i, steps| {
             *steps = steps.saturating_sub(cost);
             Some(i)
         })
@@ -236,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn every_question_is_asked_once_while_there_are_steps() {
+    fn every_query_runs_once_within_the_budget() {
         for count in [0, 1, 2, 7, 1000, 5001] {
             let answers = costly(count, u64::MAX, 3);
             assert!(answers.complete);
@@ -245,18 +247,18 @@ mod tests {
     }
 
     #[test]
-    fn a_spent_budget_leaves_answers_that_are_spread_evenly() {
+    fn an_exhausted_budget_leaves_evenly_spread_results() {
         let answers = costly(10_000, 200_000, 100);
         assert!(!answers.complete);
         for tenth in answers.values.chunks(1000) {
-            let asked = tenth.iter().flatten().count();
-            assert!((150..350).contains(&asked), "{asked}");
+            let done = tenth.iter().flatten().count();
+            assert!((150..350).contains(&done), "{done}");
         }
         assert_eq!(answers.values, costly(10_000, 200_000, 100).values);
     }
 
     #[test]
-    fn no_question_takes_more_than_its_share() {
+    fn no_query_takes_more_than_its_share_of_the_budget() {
         let answers = costly(1000, 1600, 1_000_000);
         assert!(!answers.complete);
         assert_eq!(answers.values.iter().flatten().count(), BLOCK[0]);

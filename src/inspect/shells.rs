@@ -1,24 +1,24 @@
-//! The parts of a mesh, how they are turned, and the attributes that follow.
+//! Edge-connected parts of a mesh (shells), their orientation, and the attributes that follow.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::{Analysis, BoundingBox, Measures, Volume, finite};
 use crate::context::{Cancelled, Context};
 use crate::mesh::{Edges, Parts, boundary_chains};
 
-/// Parts that the report lists.
+/// Maximum number of parts that the report lists.
 const MOST_SHELLS: usize = 100;
 
-/// An answer to a question that can't always be asked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Answer to a question that may not apply.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Answer {
     /// The mesh has the attribute.
     Yes,
-    /// It has not.
+    /// The mesh lacks the attribute.
     No,
-    /// An attribute that this one assumes is missing, or it can't be told.
+    /// The attribute is undefined because a prerequisite is missing, or is undecided.
     NotMeasurable,
 }
 
@@ -28,114 +28,117 @@ impl From<bool> for Answer {
     }
 }
 
-/// Why something can't be measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Why a quantity cannot be measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Unmeasurable {
-    /// There is a boundary edge.
+    /// The mesh has a boundary edge.
     NotClosed,
-    /// There is a non-manifold edge or vertex.
+    /// The mesh has a non-manifold edge or vertex.
     NotManifold,
-    /// Faces are turned against each other.
+    /// Neighbouring faces have opposite winding.
     NotConsistent,
-    /// There is no element of the kind.
+    /// The mesh has no element of this type.
     NoElement,
 }
 
-/// The edge-connected parts of a mesh.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Edge-connected parts (shells) of a mesh.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Shells {
-    /// How many there are.
+    /// Number of parts.
     pub count: u64,
-    /// The sum of their genera (handles); none where a part has none.
+    /// Sum of the parts' genera (number of handles); `null` if a part has no defined genus.
     pub genus: Option<u64>,
-    /// Why there is no genus.
+    /// Why the genus is `null`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub genus_not_measurable: Option<Unmeasurable>,
-    /// Parts that are turned the wrong way, as [`Shell::outward`] says.
+    /// Number of parts with the wrong orientation, as defined by [`Shell::outward`].
     pub inward: u64,
-    /// The parts of largest area, largest first, at most 100.
+    /// The parts with the largest area, in descending order; at most 100.
     pub list: Vec<Shell>,
 }
 
 /// One edge-connected part of a mesh.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Shell {
-    /// Its first face, by index in the file from 0.
+    /// Index of the part's first face in the file, from 0.
     pub first_face: u32,
-    /// Faces.
+    /// Number of faces.
     pub faces: u64,
-    /// Different positions that they use.
+    /// Number of distinct vertex positions.
     pub vertices: u64,
-    /// Edges.
+    /// Number of edges.
     pub edges: u64,
-    /// Closed chains of boundary edges.
+    /// Number of closed chains of boundary edges.
     pub boundaries: u64,
-    /// No boundary edge.
+    /// Whether the part has no boundary edge.
     pub closed: bool,
-    /// Every edge has at most two faces and every vertex one fan of this part's faces.
+    /// Whether every edge has at most two faces, and every vertex one fan of this part's faces.
     pub manifold: bool,
-    /// No edge is crossed twice in the same direction.
+    /// Whether no two faces traverse an edge in the same direction.
     pub consistent: bool,
-    /// Area, in square units.
+    /// Area, in square model units.
     pub area: f64,
-    /// Enclosed volume, in cubic units; reliable where the part is closed, manifold and consistent.
+    /// Enclosed volume, in cubic model units. Reliable if the part is closed, manifold and consistent.
     pub volume: Volume,
-    /// The box around it.
+    /// Bounding box of the part.
     pub bounding_box: BoundingBox,
-    /// Its handles by the formula of Euler and Poincaré, vertices - edges + faces = 2 - 2 genus. Vertices that no face uses
-    /// don't count here, so that they don't stand in its way.
+    /// Genus (number of handles) by the Euler-Poincaré formula: vertices - edges + faces = 2 - 2 genus. Unreferenced
+    /// vertices do not count. `null` if the genus is undefined.
     pub genus: Option<u64>,
-    /// Why there is no genus.
+    /// Why the genus is `null`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub genus_not_measurable: Option<Unmeasurable>,
-    /// How many other closed parts it lies in; none where it is open or that can't be told.
+    /// Number of other closed parts that contain this part; `null` if the part is open or the depth is undecided.
     pub depth: Option<u32>,
-    /// Whether its faces are turned outward, or into the hollow where an odd number of parts is around it; none where it
-    /// is not closed, manifold and consistent, has no volume, or its depth can't be told.
+    /// Whether the faces point out of the material: outward at even depth, into the cavity at odd depth. `null` if
+    /// the part is not closed, manifold and consistent, has zero volume, or has an undecided depth.
     pub outward: Option<bool>,
 }
 
-/// How the parts of a mesh are turned.
+/// Numbers of parts by orientation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Turning {
-    /// Parts turned as [`Shell::outward`] says.
+pub struct OrientationCounts {
+    /// Parts with the orientation that [`Shell::outward`] defines as correct.
     pub outward: u64,
-    /// Parts turned the other way.
+    /// Parts with the opposite orientation.
     pub inward: u64,
-    /// Parts of which it can't be told.
+    /// Parts with an undecided orientation.
     pub unknown: u64,
 }
 
-/// The four attributes of a mesh as meshalyzer defines them (seed 004), each one assuming those before it where its
-/// definition does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// The four attributes of a mesh as the tool meshalyzer defines them. Some attributes require preceding ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Attributes {
-    /// Each edge is shared by two or more faces. Edges of more than two are allowed.
+    /// Whether every edge is shared by two or more faces. Edges with more than two faces are allowed.
     pub closed: Answer,
-    /// All faces at a vertex are reached from one another across edges, of which each has at most two faces. The mesh
+    /// Whether every edge has at most two faces, and the faces at each vertex are connected across edges. The mesh
     /// may be open.
     pub manifold: Answer,
-    /// No edge is crossed twice in the same direction. Assumes manifold; the mesh may be open.
+    /// Whether no two faces traverse an edge in the same direction. Requires `manifold`; the mesh may be open.
     pub consistent: Answer,
-    /// A ray from a face to the outside passes an even number of faces, for each part of the mesh: outer shells are
-    /// turned outward and cavities into their hollow. Assumes closed, manifold and consistent. Unlike the field of
-    /// [`Measures`] it is not given to a part turned outward inside another.
+    /// Whether a ray along any face's normal crosses an even number of further faces, in each part: outer shells face
+    /// outward and cavities face inward. Requires `closed`, `manifold` and `consistent`. Stricter than the field of
+    /// [`Measures`], which accepts an outward-facing part inside another.
     pub outward: Answer,
 }
 
 impl Attributes {
-    /// The attributes, from what was counted and how the parts are turned.
+    /// Derives the attributes from the measures and from the orientation of the parts.
     #[must_use]
-    pub fn new(measures: &Measures, turning: &Turning) -> Self {
+    pub fn new(measures: &Measures, orientation: &OrientationCounts) -> Self {
         let closed = measures.closed.into();
         let manifold = measures.manifold.into();
         let consistent = if measures.manifold { measures.consistent.into() } else { Answer::NotMeasurable };
         let outward = if !(measures.closed && measures.manifold && measures.consistent) {
             Answer::NotMeasurable
-        } else if turning.inward > 0 {
+        } else if orientation.inward > 0 {
             Answer::No
-        } else if turning.unknown > 0 {
+        } else if orientation.unknown > 0 {
             Answer::NotMeasurable
         } else {
             Answer::Yes
@@ -143,9 +146,9 @@ impl Attributes {
         Self { closed, manifold, consistent, outward }
     }
 
-    /// Why what assumes manifold and consistent can't be measured.
+    /// Why measurements that require a manifold, consistent mesh are impossible; `None` if they are possible.
     #[must_use]
-    pub fn why_not_oriented(&self) -> Option<Unmeasurable> {
+    pub fn reason_not_oriented(&self) -> Option<Unmeasurable> {
         if self.manifold != Answer::Yes {
             Some(Unmeasurable::NotManifold)
         } else if self.consistent != Answer::Yes {
@@ -156,7 +159,7 @@ impl Attributes {
     }
 }
 
-/// What is counted and added up of each part, in units of [`Analysis::unit`].
+/// Counts and sums of one part, in coordinates of [`Analysis::unit`].
 #[derive(Clone, Default)]
 struct Tally {
     first_face: Option<u32>,
@@ -172,7 +175,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn why_no_genus(&self) -> Option<Unmeasurable> {
+    fn reason_without_genus(&self) -> Option<Unmeasurable> {
         if self.boundary_edges > 0 {
             Some(Unmeasurable::NotClosed)
         } else if self.nonmanifold {
@@ -186,64 +189,67 @@ impl Tally {
 
     fn genus(&self) -> Option<u64> {
         let characteristic = i64::from(self.vertices) - i64::from(self.edges) + i64::from(self.faces);
-        self.why_no_genus().map_or_else(|| u64::try_from((2 - characteristic) / 2).ok(), |_| None)
+        self.reason_without_genus().map_or_else(|| u64::try_from((2 - characteristic) / 2).ok(), |_| None)
     }
 
     fn outward(&self, depth: Option<u32>) -> Option<bool> {
-        let known = self.why_no_genus().is_none() && self.volume != 0.0;
+        let known = self.reason_without_genus().is_none() && self.volume != 0.0;
         depth.filter(|_| known).map(|depth| (self.volume > 0.0) == (depth % 2 == 0))
     }
 }
 
-/// Describes the parts of a mesh, and counts how they are turned. O(n log n).
+/// Describes the parts of a mesh and counts their orientations. O(n log n).
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
-pub fn shells(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Shells, Turning), Cancelled> {
+pub fn shells(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Shells, OrientationCounts), Cancelled> {
     let Analysis { surface, parts, solids, .. } = analysis;
     let tallies = tally(analysis);
     context.check()?;
     let depths = analysis.depths(context)?;
-    let mut turning = Turning::default();
+    let mut orientation = OrientationCounts::default();
     for (tally, &depth) in tallies.iter().zip(depths) {
         match tally.outward(depth) {
-            Some(true) => turning.outward += 1,
-            Some(false) => turning.inward += 1,
-            None => turning.unknown += 1,
+            Some(true) => orientation.outward += 1,
+            Some(false) => orientation.inward += 1,
+            None => orientation.unknown += 1,
         }
     }
     let mut order: Vec<usize> = (0..parts.count).collect();
     order.sort_by(|&a, &b| tallies[b].area.total_cmp(&tallies[a].area));
     let unit = analysis.unit_length();
     let list = order.iter().take(MOST_SHELLS).map(|&part| {
-        let (it, bounds) = (&tallies[part], solids[part].bounds);
+        let (part_tally, bounds) = (&tallies[part], solids[part].bounds);
         Shell {
-            first_face: it.first_face.map_or(0, |face| surface.source[face as usize]),
-            faces: it.faces.into(),
-            vertices: it.vertices.into(),
-            edges: it.edges.into(),
-            boundaries: it.boundaries.into(),
-            closed: it.boundary_edges == 0,
-            manifold: !it.nonmanifold,
-            consistent: !it.inconsistent,
-            area: finite(it.area * unit * unit),
-            volume: Volume { value: finite(it.volume * unit * unit * unit), reliable: it.why_no_genus().is_none() },
+            first_face: part_tally.first_face.map_or(0, |face| surface.source[face as usize]),
+            faces: part_tally.faces.into(),
+            vertices: part_tally.vertices.into(),
+            edges: part_tally.edges.into(),
+            boundaries: part_tally.boundaries.into(),
+            closed: part_tally.boundary_edges == 0,
+            manifold: !part_tally.nonmanifold,
+            consistent: !part_tally.inconsistent,
+            area: finite(part_tally.area * unit * unit),
+            volume: Volume {
+                value: finite(part_tally.volume * unit * unit * unit),
+                reliable: part_tally.reason_without_genus().is_none(),
+            },
             bounding_box: BoundingBox { min: bounds.min.to_array(), max: bounds.max.to_array() },
-            genus: it.genus(),
-            genus_not_measurable: it.why_no_genus(),
+            genus: part_tally.genus(),
+            genus_not_measurable: part_tally.reason_without_genus(),
             depth: depths[part],
-            outward: it.outward(depths[part]),
+            outward: part_tally.outward(depths[part]),
         }
     });
-    let why = tallies.iter().find_map(Tally::why_no_genus);
+    let reason = tallies.iter().find_map(Tally::reason_without_genus);
     let shells = Shells {
         count: parts.count as u64,
         genus: tallies.iter().map(Tally::genus).sum::<Option<u64>>().filter(|_| parts.count > 0),
-        genus_not_measurable: why.or((parts.count == 0).then_some(Unmeasurable::NoElement)),
-        inward: turning.inward,
+        genus_not_measurable: reason.or((parts.count == 0).then_some(Unmeasurable::NoElement)),
+        inward: orientation.inward,
         list: list.collect(),
     };
-    Ok((shells, turning))
+    Ok((shells, orientation))
 }
 
 fn tally(analysis: &Analysis<'_>) -> Vec<Tally> {
@@ -251,29 +257,29 @@ fn tally(analysis: &Analysis<'_>) -> Vec<Tally> {
     let (unit, length) = (analysis.unit(), analysis.unit_length());
     let mut all = vec![Tally::default(); parts.count];
     for (f, &part) in (0u32..).zip(&parts.of_face).filter(|&(_, &part)| part != Parts::NONE) {
-        let it = &mut all[part as usize];
-        it.faces += 1;
-        it.first_face.get_or_insert(f);
-        // About the middle of the part, so that a part far from the origin loses nothing.
+        let part_tally = &mut all[part as usize];
+        part_tally.faces += 1;
+        part_tally.first_face.get_or_insert(f);
+        // Relative to the centre of the part, so that a part far from the origin loses no precision.
         let about = solids[part as usize].bounds.centre() / length;
         let [a, b, c] = surface.faces[f as usize].map(|v| unit[v as usize] - about);
-        it.area += (b - a).cross(c - a).length() / 2.0;
-        it.volume += a.dot(b.cross(c)) / 6.0;
+        part_tally.area += (b - a).cross(c - a).length() / 2.0;
+        part_tally.volume += a.dot(b.cross(c)) / 6.0;
     }
-    // All faces of an edge are of one part.
+    // All faces of an edge belong to one part.
     let part_of = |half_edge: u32| parts.of_face[half_edge as usize / 3] as usize;
     for half_edges in edges.iter() {
         let forward = half_edges.iter().filter(|&&h| Edges::is_forward(&surface.faces, h)).count();
-        let it = &mut all[part_of(half_edges[0])];
-        it.edges += 1;
-        it.boundary_edges += u32::from(half_edges.len() == 1);
-        it.nonmanifold |= half_edges.len() > 2;
-        it.inconsistent |= forward > 1 || half_edges.len() - forward > 1;
+        let part_tally = &mut all[part_of(half_edges[0])];
+        part_tally.edges += 1;
+        part_tally.boundary_edges += u32::from(half_edges.len() == 1);
+        part_tally.nonmanifold |= half_edges.len() > 2;
+        part_tally.inconsistent |= forward > 1 || half_edges.len() - forward > 1;
     }
     for half_edge in boundary_chains(edges, fans) {
         all[part_of(half_edge)].boundaries += 1;
     }
-    // A fan is of one part and at one vertex; a vertex with two fans of a part pinches it.
+    // Each fan belongs to one part and one vertex. Two fans of one part at a vertex make the vertex non-manifold.
     let mut fan_at: Vec<(u32, u32)> = (0u32..)
         .zip(&fans.of_corner)
         .filter(|&(corner, &fan)| corner == fan)
@@ -281,9 +287,9 @@ fn tally(analysis: &Analysis<'_>) -> Vec<Tally> {
         .collect();
     fan_at.sort_unstable();
     for same in fan_at.chunk_by(|a, b| a == b) {
-        let it = &mut all[same[0].0 as usize];
-        it.vertices += 1;
-        it.nonmanifold |= same.len() > 1;
+        let part_tally = &mut all[same[0].0 as usize];
+        part_tally.vertices += 1;
+        part_tally.nonmanifold |= same.len() > 1;
     }
     all
 }

@@ -1,4 +1,4 @@
-//! What the parts of a mesh enclose, and which lies in which.
+//! Enclosed volumes of a mesh's parts, and nesting of the parts.
 
 use glam::DVec3;
 
@@ -6,48 +6,49 @@ use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Crossing, Tree, crossing, ray_direction, to_unit_range};
 use crate::mesh::{Edges, Parts, Surface};
 
-/// Rays tried from one vertex before another is taken.
+/// Number of rays tried from one vertex.
 const ATTEMPTS: u32 = 8;
-/// Faces that all rays together may look at, and as many again for each face, so that thousands of nested shells, of
-/// which each ray meets them all, do not take for ever.
+/// Budget of all rays: faces visited, a fixed allowance plus an allowance per face. Bounds the time for thousands of
+/// nested shells, where every ray crosses all of them.
 const BUDGET: u64 = 5_000_000;
-const BUDGET_A_FACE: u64 = 8;
+const BUDGET_PER_FACE: u64 = 8;
 
-/// What one part or patch of a surface is.
+/// Measures of one part or patch of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Solid {
-    /// Whether each of its edges is used by exactly two of its faces, once in each direction.
+    /// Whether exactly two of the part's faces use each of its edges, once in each direction.
     pub closed: bool,
-    /// Signed volume by the divergence theorem, about the middle of its box; it means little where it is not closed.
+    /// Signed volume by the divergence theorem, relative to the centre of the box. Has little meaning if the part is
+    /// open.
     pub volume: f64,
-    /// Area.
+    /// Surface area.
     pub area: f64,
-    /// Box.
+    /// Bounding box.
     pub bounds: Box3,
 }
 
-/// Measures every part of `parts`. Linear but for the sort within `edges`.
+/// Measures every part of `parts`. O(n), plus sorting within `edges`.
 #[must_use]
 pub fn solids(surface: &Surface, edges: &Edges, parts: &Parts) -> Vec<Solid> {
     let mut all = vec![Solid { closed: true, volume: 0.0, area: 0.0, bounds: Box3::EMPTY }; parts.count];
-    let each = |f: usize| {
+    let part_of = |f: usize| {
         let part = parts.of_face[f];
         (part != Parts::NONE).then_some(part as usize)
     };
     for f in 0..surface.faces.len() {
-        if let Some(part) = each(f) {
+        if let Some(part) = part_of(f) {
             for p in surface.corners(f) {
                 all[part].bounds.extend(p);
             }
         }
     }
     for f in 0..surface.faces.len() {
-        if let Some(part) = each(f) {
-            let it = &mut all[part];
-            let about = it.bounds.centre();
+        if let Some(part) = part_of(f) {
+            let solid = &mut all[part];
+            let about = solid.bounds.centre();
             let [a, b, c] = surface.corners(f).map(|p| p - about);
-            it.volume += a.dot(b.cross(c)) / 6.0;
-            it.area += (b - a).cross(c - a).length() / 2.0;
+            solid.volume += a.dot(b.cross(c)) / 6.0;
+            solid.area += (b - a).cross(c - a).length() / 2.0;
         }
     }
     for half_edges in edges.iter() {
@@ -56,7 +57,7 @@ pub fn solids(surface: &Surface, edges: &Edges, parts: &Parts) -> Vec<Solid> {
     all
 }
 
-/// Marks the parts open that do not use this edge twice, once in each direction.
+/// Marks parts as open that do not use this edge exactly twice, once in each direction.
 fn mark_open(surface: &Surface, parts: &Parts, half_edges: &[u32], all: &mut [Solid]) {
     let part = |h: u32| parts.of_face[h as usize / 3];
     if let &[a, b] = half_edges
@@ -83,7 +84,7 @@ pub fn doubled_areas(surface: &Surface) -> Vec<f64> {
     (0..surface.faces.len()).map(|f| DVec3::length(surface.area_vector(f))).collect()
 }
 
-/// How many other closed parts each closed part lies in, as [`nesting`] tells of it.
+/// For each closed part the number of other closed parts that contain it, as [`nesting`] computes.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -91,25 +92,26 @@ pub fn nesting_depths(
     surface: &Surface,
     parts: &Parts,
     solids: &[Solid],
-    wanted: &[bool],
+    requested: &[bool],
     context: &Context<'_>,
 ) -> Result<Vec<Option<u32>>, Cancelled> {
-    Ok(depths_of(&nesting(surface, parts, solids, wanted, context)?))
+    Ok(depths_of(&nesting(surface, parts, solids, requested, context)?))
 }
 
-/// The count of each part's containers.
+/// Number of containers of each part.
 pub(super) fn depths_of(containers: &[Option<Vec<u32>>]) -> Vec<Option<u32>> {
     #[expect(clippy::cast_possible_truncation, reason = "parts are counted in u32")]
     containers.iter().map(|of_part| of_part.as_ref().map(|of_part| of_part.len() as u32)).collect()
 }
 
-/// The other closed parts that each closed part lies in, in order, where `wanted` asks for it; none where it is not asked
-/// for, not closed, or can't be told (it touches another part at all tried vertices, or the budget is spent).
+/// For each requested closed part, the other closed parts that contain it, in ascending order. `None` if the part is
+/// not requested, is open, or is undecided because it touches another part at all tried vertices or the budget ran
+/// out.
 ///
-/// Counts exact crossings of a ray from two extreme vertices of the part with every part whose box holds its box:
-/// an odd number means inside. Both vertices must agree, so that parts that merely overlap are not taken for nested.
-/// Where no box holds another no ray is cast, and rays end where the boxes do, so that many parts side by side cost
-/// n log n.
+/// Counts exact crossings of rays from two extreme vertices of the part with every part whose bounding box contains
+/// the part's box. An odd number means inside. Both vertices must agree, so that parts that merely overlap do not
+/// count as nested. Casts no rays if no box contains another, and ends rays at the boxes, so that many parts side by
+/// side cost O(n log n).
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -117,23 +119,23 @@ pub fn nesting(
     surface: &Surface,
     parts: &Parts,
     solids: &[Solid],
-    wanted: &[bool],
+    requested: &[bool],
     context: &Context<'_>,
 ) -> Result<Vec<Option<Vec<u32>>>, Cancelled> {
     let mut all: Vec<Option<Vec<u32>>> =
-        solids.iter().zip(wanted).map(|(s, &w)| (s.closed && w).then(Vec::new)).collect();
+        solids.iter().zip(requested).map(|(s, &w)| (s.closed && w).then(Vec::new)).collect();
     if solids.iter().filter(|s| s.closed).count() < 2 || all.iter().all(Option::is_none) {
         return Ok(all);
     }
-    let mut budget = BUDGET + BUDGET_A_FACE * surface.faces.len() as u64;
-    let around = boxes_around(solids, &all, &mut budget, context)?;
-    if around.iter().all(|boxes| boxes.as_ref().is_some_and(Vec::is_empty)) {
+    let mut budget = BUDGET + BUDGET_PER_FACE * surface.faces.len() as u64;
+    let enclosing_boxes = boxes_around(solids, &all, &mut budget, context)?;
+    if enclosing_boxes.iter().all(|boxes| boxes.as_ref().is_some_and(Vec::is_empty)) {
         return Ok(all);
     }
     let unit = to_unit_range(&surface.positions);
     let extents = extents(surface, parts, solids, &unit);
     let mut holds_any = vec![false; solids.len()];
-    for &part in around.iter().flatten().flatten() {
+    for &part in enclosing_boxes.iter().flatten().flatten() {
         holds_any[part as usize] = true;
     }
     let sources: Vec<u32> = (0u32..)
@@ -144,7 +146,7 @@ pub fn nesting(
     let faces: Vec<[u32; 3]> = sources.iter().map(|&f| surface.faces[f as usize]).collect();
     let tree = Tree::new(&unit, &faces);
     let rays = Rays { parts, unit: &unit, sources: &sources, faces: &faces, tree: &tree };
-    for (part, (of_part, boxes)) in all.iter_mut().zip(around).enumerate() {
+    for (part, (of_part, boxes)) in all.iter_mut().zip(enclosing_boxes).enumerate() {
         if part % 256 == 0 {
             context.check()?;
         }
@@ -156,13 +158,13 @@ pub fn nesting(
         if boxes.is_empty() {
             continue;
         }
-        let mut whole = Box3::EMPTY;
-        for it in boxes.iter().filter_map(|&b| extents[b as usize]) {
-            whole.extend(it.bounds.min);
-            whole.extend(it.bounds.max);
+        let mut combined = Box3::EMPTY;
+        for extent in boxes.iter().filter_map(|&b| extents[b as usize]) {
+            combined.extend(extent.bounds.min);
+            combined.extend(extent.bounds.max);
         }
-        // From within a box a ray of its diagonal's length ends outside.
-        let length = (whole.diagonal() * 1.001).clamp(f64::MIN_POSITIVE, 8.0);
+        // A ray from inside a box, as long as the box's diagonal, ends outside.
+        let length = (combined.diagonal() * 1.001).clamp(f64::MIN_POSITIVE, 8.0);
         let mut containers: Option<Vec<u32>> = None;
         for v in ends {
             let Some(odd) = rays.crossed_oddly(unit[v as usize], length, &boxes, &mut budget) else { continue };
@@ -176,19 +178,19 @@ pub fn nesting(
     Ok(all)
 }
 
-/// Rays through the faces of the parts whose boxes hold others.
+/// Ray queries against the faces of parts whose boxes contain other parts.
 struct Rays<'a> {
     parts: &'a Parts,
     unit: &'a [DVec3],
-    /// The faces by number in the surface, and their vertices.
+    /// Indices of the faces in the surface; `faces` holds their vertices.
     sources: &'a [u32],
     faces: &'a [[u32; 3]],
     tree: &'a Tree,
 }
 
 impl Rays<'_> {
-    /// Those of `candidates` that a ray of some length crosses an odd number of times, in order; none where every ray that was tried
-    /// touches an edge or a vertex, or the budget was spent before.
+    /// The candidates that a ray of the given length crosses an odd number of times, in ascending order. `None` if
+    /// every tried ray touches an edge or a vertex, or the budget ran out.
     fn crossed_oddly(&self, from: DVec3, length: f64, candidates: &[u32], budget: &mut u64) -> Option<Vec<u32>> {
         let mut hits = Vec::new();
         let is_clear = (0..ATTEMPTS).any(|attempt| {
@@ -217,50 +219,50 @@ impl Rays<'_> {
     }
 }
 
-/// For each part that is asked for the other closed parts whose boxes hold its box, in order; none where the budget was
-/// spent before.
+/// For each requested part the other closed parts whose boxes contain its box, in ascending order; `None` if the
+/// budget ran out.
 fn boxes_around(
     solids: &[Solid],
-    asked: &[Option<Vec<u32>>],
+    requested: &[Option<Vec<u32>>],
     budget: &mut u64,
     context: &Context<'_>,
 ) -> Result<Vec<Option<Vec<u32>>>, Cancelled> {
     let closed: Vec<u32> = (0u32..).zip(solids).filter(|(_, s)| s.closed).map(|(p, _)| p).collect();
-    // A triangle between two opposite corners of a box has the same box.
+    // A degenerate triangle between two opposite corners of a box has the same bounding box.
     let corners: Vec<DVec3> =
         closed.iter().flat_map(|&p| [solids[p as usize].bounds.min, solids[p as usize].bounds.max]).collect();
     let diagonals: Vec<[u32; 3]> = (0u32..).step_by(2).zip(&closed).map(|(i, _)| [i, i + 1, i]).collect();
     let tree = Tree::new(&corners, &diagonals);
-    let mut around = vec![Some(Vec::new()); solids.len()];
-    for (part, boxes) in around.iter_mut().enumerate().filter(|(part, _)| asked[*part].is_some()) {
+    let mut enclosing_boxes = vec![Some(Vec::new()); solids.len()];
+    for (part, boxes) in enclosing_boxes.iter_mut().enumerate().filter(|(part, _)| requested[*part].is_some()) {
         if part % 256 == 0 {
             context.check()?;
         }
         let bounds = &solids[part].bounds;
-        let mut found = Vec::new();
+        let mut containers = Vec::new();
         tree.around(bounds.min, 0.0, |i| {
             *budget = budget.saturating_sub(1);
             let other = closed[i as usize];
             if other as usize != part && solids[other as usize].bounds.contains(bounds) {
-                found.push(other);
+                containers.push(other);
             }
             *budget > 0
         });
-        found.sort_unstable();
-        *boxes = (*budget > 0).then_some(found);
+        containers.sort_unstable();
+        *boxes = (*budget > 0).then_some(containers);
     }
-    Ok(around)
+    Ok(enclosing_boxes)
 }
 
-/// Where a part is, on the unit scale.
+/// Extent of a part, on the unit scale.
 #[derive(Debug, Clone, Copy)]
 struct Extent {
-    /// Its lowest and its highest vertex.
+    /// The part's lexicographically smallest and largest vertices.
     ends: [u32; 2],
     bounds: Box3,
 }
 
-/// The extent of each closed part.
+/// Extent of each closed part.
 fn extents(surface: &Surface, parts: &Parts, solids: &[Solid], unit: &[DVec3]) -> Vec<Option<Extent>> {
     let mut extents: Vec<Option<Extent>> = vec![None; solids.len()];
     for (face, &part) in surface.faces.iter().zip(&parts.of_face) {
@@ -269,19 +271,19 @@ fn extents(surface: &Surface, parts: &Parts, solids: &[Solid], unit: &[DVec3]) -
         }
         for &v in face {
             let p = unit[v as usize];
-            let it = extents[part as usize].get_or_insert(Extent { ends: [v, v], bounds: Box3::EMPTY });
-            it.bounds.extend(p);
-            if before(p, unit[it.ends[0] as usize]) {
-                it.ends[0] = v;
+            let extent = extents[part as usize].get_or_insert(Extent { ends: [v, v], bounds: Box3::EMPTY });
+            extent.bounds.extend(p);
+            if precedes(p, unit[extent.ends[0] as usize]) {
+                extent.ends[0] = v;
             }
-            if before(unit[it.ends[1] as usize], p) {
-                it.ends[1] = v;
+            if precedes(unit[extent.ends[1] as usize], p) {
+                extent.ends[1] = v;
             }
         }
     }
     extents
 }
 
-fn before(a: DVec3, b: DVec3) -> bool {
+fn precedes(a: DVec3, b: DVec3) -> bool {
     a.to_array().partial_cmp(&b.to_array()) == Some(std::cmp::Ordering::Less)
 }

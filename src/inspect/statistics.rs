@@ -1,65 +1,69 @@
+//! Shape statistics: face areas, aspect ratios, edge lengths and dihedral angles.
+
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
-use super::{Analysis, Attributes, Bins, Distribution, Turning, Unmeasurable};
+use super::{Analysis, Attributes, Bins, Distribution, OrientationCounts, Unmeasurable};
 use crate::context::{Cancelled, Context};
 use crate::math::{Sign, collinear, orient3d};
 
-/// Elements between two looks at the clock.
+/// Number of elements between two cancellation checks.
 const STRIDE: usize = 1 << 16;
-/// Bins of edge angles. An odd number, so that flat edges, of which most meshes are full, stand in the middle of a
-/// bin and not on a border, where rounding would throw them to either side.
+/// Number of bins for edge angles. An odd number puts flat edges, the most frequent ones, in the middle of a bin. At
+/// a bin edge, rounding would scatter them over two bins.
 const ANGLE_BINS: usize = 17;
 
-/// How the faces and edges of a mesh are shaped.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Shape statistics of a mesh's faces and edges.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Statistics {
-    /// Areas of the faces, in square units; 0 for a degenerate face.
+    /// Face areas, in square model units; 0 for a degenerate face.
     pub face_area: Option<Distribution>,
-    /// Aspect ratios of the faces: the longest edge over the shortest altitude. The least is that of an equilateral
-    /// triangle, 2 / sqrt(3), about 1.1547.
+    /// Face aspect ratios: longest edge divided by shortest altitude. The minimum, of an equilateral triangle, is 2 /
+    /// sqrt(3), about 1.1547.
     pub face_aspect_ratio: Option<Distribution>,
-    /// Faces that have no aspect ratio: degenerate, or thinner than f64 can tell.
+    /// Number of faces without an aspect ratio: degenerate, or too thin for f64.
     pub faces_without_aspect_ratio: u64,
-    /// Lengths of the edges.
+    /// Edge lengths, in the model's unit.
     pub edge_length: Option<Distribution>,
-    /// Angles at the edges between two faces.
+    /// Dihedral angles at edges with two faces.
     pub edge_angle: EdgeAngles,
 }
 
-/// Angles between the two faces of an edge, measured on the side that their normals look to.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Dihedral angles at edges, measured on the side of the face normals.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EdgeAngles {
-    /// The angles in radians, from 0 to 2 pi: pi where the surface is flat, above pi where it is convex seen from the
-    /// side of the normals, 0 where two faces lie on each other. Boundary edges have none.
+    /// Angles in radians from 0 to 2 pi: pi at a flat edge, more than pi at a convex edge as seen from the side of
+    /// the normals, 0 where two faces coincide. Excludes boundary edges.
     pub distribution: Option<Distribution>,
-    /// Why there is none.
+    /// Why the distribution is `null`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub not_measurable: Option<Unmeasurable>,
-    /// The side that the normals look to; none where it is not known, as for an open mesh.
+    /// Side to which the normals point; `null` if unknown, for example for an open mesh.
     pub side: Option<Side>,
-    /// Edges of a degenerate face, which has no normal; they have no angle.
+    /// Number of edges without an angle, because one of their faces is degenerate and has no normal.
     pub edges_without_angle: u64,
 }
 
-/// Which angles were measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Side on which edge angles were measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Side {
-    /// Normals look out of the solid: angles are exterior, 3/2 pi at the edges of a box.
+    /// Normals point out of the solid; angles are exterior, 3/2 pi at the edges of a box.
     Exterior,
-    /// Normals look into the solid: angles are interior, 1/2 pi at the edges of a box.
+    /// Normals point into the solid; angles are interior, 1/2 pi at the edges of a box.
     Interior,
-    /// Parts differ.
+    /// The parts have different orientations.
     Mixed,
 }
 
 impl Side {
-    fn of(turning: &Turning) -> Option<Self> {
-        match (turning.outward, turning.inward, turning.unknown) {
+    fn of(orientation: &OrientationCounts) -> Option<Self> {
+        match (orientation.outward, orientation.inward, orientation.unknown) {
             (_, _, 1..) | (0, 0, _) => None,
             (_, 0, _) => Some(Self::Exterior),
             (0, _, _) => Some(Self::Interior),
@@ -68,47 +72,47 @@ impl Side {
     }
 }
 
-/// Describes the faces and edges of a mesh. O(n log n) for sorting the values.
+/// Computes shape statistics of a mesh. O(n log n), since distributions sort their values.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn statistics(
     analysis: &Analysis<'_>,
     attributes: &Attributes,
-    turning: &Turning,
+    orientation: &OrientationCounts,
     context: &Context<'_>,
 ) -> Result<Statistics, Cancelled> {
     let length = analysis.unit_length();
     let (areas, ratios) = face_values(analysis, context)?;
     let faces_without_aspect_ratio = (areas.len() - ratios.len()) as u64;
-    let face_area = Distribution::of(areas, Bins::ByRange).map(|it| it.in_unit(length, 2));
+    let face_area = Distribution::of(areas, Bins::ByRange).map(|values| values.in_unit(length, 2));
     context.check()?;
     let face_aspect_ratio = Distribution::of(ratios, Bins::ByRange);
     context.check()?;
-    let edge_length = Distribution::of(edge_lengths(analysis), Bins::ByRange).map(|it| it.in_unit(length, 1));
+    let edge_length = Distribution::of(edge_lengths(analysis), Bins::ByRange).map(|values| values.in_unit(length, 1));
     context.check()?;
-    let edge_angle = edge_angles(analysis, attributes, turning, context)?;
+    let edge_angle = edge_angles(analysis, attributes, orientation, context)?;
     Ok(Statistics { face_area, face_aspect_ratio, faces_without_aspect_ratio, edge_length, edge_angle })
 }
 
-/// The aspect ratio of a face of an analysed surface: its longest edge over the height on it. None where it is degenerate, or thinner than f64
-/// can tell.
+/// Aspect ratio of a face of the analysed surface: longest edge divided by shortest altitude. `None` if the face is
+/// degenerate or too thin for f64.
 ///
 /// # Panics
-/// When `face` is not an index of the surface's faces.
+/// If `face` is out of range.
 #[must_use]
 pub fn aspect_ratio(analysis: &Analysis<'_>, face: u32) -> Option<f64> {
     Shape::of(analysis.unit_corners(face)).aspect_ratio
 }
 
-/// The area of each face, and the aspect ratio of each face that has one.
+/// Area of each face, and aspect ratio of each face that has one.
 fn face_values(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Vec<f64>, Vec<f64>), Cancelled> {
     let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
     let mut areas = Vec::with_capacity(faces.len());
     let mut ratios = Vec::with_capacity(faces.len());
-    for some in faces.chunks(STRIDE) {
+    for chunk in faces.chunks(STRIDE) {
         context.check()?;
-        for face in some {
+        for face in chunk {
             let shape = Shape::of(face.map(|v| unit[v as usize]));
             areas.push(shape.area);
             ratios.extend(shape.aspect_ratio);
@@ -130,14 +134,14 @@ fn edge_lengths(analysis: &Analysis<'_>) -> Vec<f64> {
 fn edge_angles(
     analysis: &Analysis<'_>,
     attributes: &Attributes,
-    turning: &Turning,
+    orientation: &OrientationCounts,
     context: &Context<'_>,
 ) -> Result<EdgeAngles, Cancelled> {
-    let mut it =
-        EdgeAngles { distribution: None, not_measurable: None, side: Side::of(turning), edges_without_angle: 0 };
-    if let Some(why) = attributes.why_not_oriented() {
-        it.not_measurable = Some(why);
-        return Ok(it);
+    let mut result =
+        EdgeAngles { distribution: None, not_measurable: None, side: Side::of(orientation), edges_without_angle: 0 };
+    if let Some(reason) = attributes.reason_not_oriented() {
+        result.not_measurable = Some(reason);
+        return Ok(result);
     }
     let (unit, faces, edges) = (analysis.unit(), &analysis.surface.faces, &analysis.edges);
     let mut angles = Vec::with_capacity(edges.len());
@@ -152,16 +156,16 @@ fn edge_angles(
         let angle = opposite.and_then(|&v| angle(corners(h), corners(g), unit[v as usize]));
         match angle {
             Some(angle) => angles.push(angle),
-            None => it.edges_without_angle += 1,
+            None => result.edges_without_angle += 1,
         }
     }
-    it.distribution = Distribution::of(angles, Bins::Between(0.0, TAU, ANGLE_BINS));
-    it.not_measurable = it.distribution.is_none().then_some(Unmeasurable::NoElement);
-    Ok(it)
+    result.distribution = Distribution::of(angles, Bins::Between(0.0, TAU, ANGLE_BINS));
+    result.not_measurable = result.distribution.is_none().then_some(Unmeasurable::NoElement);
+    Ok(result)
 }
 
-/// The angle between two faces of which the second has the corner `opposite` across the edge that they share; none
-/// where one of them is degenerate. On which side of flat it is, is decided exactly.
+/// Dihedral angle of two faces that share an edge; `opposite` is the second face's corner opposite the edge. `None`
+/// if a face is degenerate. An exact predicate decides between convex and concave.
 fn angle(first: [DVec3; 3], second: [DVec3; 3], opposite: DVec3) -> Option<f64> {
     let (n, m) = (Shape::of(first).normal?, Shape::of(second).normal?);
     let bend = n.cross(m).length().atan2(n.dot(m));
@@ -174,7 +178,7 @@ fn angle(first: [DVec3; 3], second: [DVec3; 3], opposite: DVec3) -> Option<f64> 
     })
 }
 
-/// The shape of a triangle in coordinates of [`Analysis::unit`].
+/// Shape of a triangle, in coordinates of [`Analysis::unit`].
 struct Shape {
     area: f64,
     aspect_ratio: Option<f64>,
@@ -184,7 +188,7 @@ struct Shape {
 impl Shape {
     const DEGENERATE: Self = Self { area: 0.0, aspect_ratio: None, normal: None };
 
-    /// From the two shorter edges, whose product loses least.
+    /// Computes the area from the two shorter edges, which loses least precision.
     fn of([a, b, c]: [DVec3; 3]) -> Self {
         let edges = [b - a, c - b, a - c];
         let largest = edges.iter().fold(0.0f64, |m, e| m.max(e.abs().max_element()));
@@ -203,7 +207,7 @@ impl Shape {
         };
         let doubled = edges[(longest + 1) % 3].cross(edges[(longest + 2) % 3]);
         let doubled_area = doubled.length();
-        // Rounding can't bring a face of some height below this share; a face of none has to be told exactly.
+        // Below this ratio, only an exact predicate distinguishes a thin face from a degenerate one.
         if doubled_area <= 1e-12 * squares[longest] && collinear(a, b, c) {
             return Self::DEGENERATE;
         }
@@ -216,7 +220,7 @@ impl Shape {
     }
 }
 
-/// The power of two at or below a normal number, to divide by without rounding; 1 for what is not normal.
+/// Largest power of two up to a normal number, for division without rounding; 1 for subnormal or non-finite numbers.
 fn power_of_two(x: f64) -> f64 {
     if x.is_normal() { f64::from_bits(x.to_bits() & 0x7FF0_0000_0000_0000) } else { 1.0 }
 }
@@ -237,15 +241,15 @@ mod tests {
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
         let analysis = Analysis::new((&soup).into(), &context).unwrap();
-        let (_, turning) = shells(&analysis, &context).unwrap();
-        let attributes = Attributes::new(&measures(&analysis, &context).unwrap(), &turning);
-        statistics(&analysis, &attributes, &turning, &context).unwrap()
+        let (_, orientation) = shells(&analysis, &context).unwrap();
+        let attributes = Attributes::new(&measures(&analysis, &context).unwrap(), &orientation);
+        statistics(&analysis, &attributes, &orientation, &context).unwrap()
     }
 
     const CORNER: [DVec3; 4] = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z];
     const TETRAHEDRON: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
 
-    /// A unit box of 12 faces, turned outward.
+    /// A unit box with 12 outward-facing triangles.
     fn unit_box() -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let positions =
             (0..8).map(|i| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2))).collect();
@@ -263,9 +267,10 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_of_a_cube_has_the_figures_that_a_hand_finds() {
-        let it = of(&CORNER, &TETRAHEDRON);
-        let (area, ratio, length) = (it.face_area.unwrap(), it.face_aspect_ratio.unwrap(), it.edge_length.unwrap());
+    fn statistics_of_a_cube_corner_match_hand_computed_values() {
+        let stats = of(&CORNER, &TETRAHEDRON);
+        let (area, ratio, length) =
+            (stats.face_area.unwrap(), stats.face_aspect_ratio.unwrap(), stats.edge_length.unwrap());
         assert_eq!((area.count, area.min, area.median), (4, 0.5, 0.5));
         assert_near(area.max, 3f64.sqrt() / 2.0);
         assert_near(area.mean, (1.5 + 3f64.sqrt() / 2.0) / 4.0);
@@ -275,49 +280,49 @@ mod tests {
         assert_eq!((length.count, length.min, length.max), (6, 1.0, SQRT_2));
         assert_near(length.median, f64::midpoint(1.0, SQRT_2));
         assert_near(length.variance, ((SQRT_2 - 1.0) / 2.0).powi(2));
-        let angle = it.edge_angle.distribution.unwrap();
-        assert_eq!((angle.count, it.edge_angle.side), (6, Some(Side::Exterior)));
+        let angle = stats.edge_angle.distribution.unwrap();
+        assert_eq!((angle.count, stats.edge_angle.side), (6, Some(Side::Exterior)));
         assert_near(angle.max, TAU - (1.0 / 3f64.sqrt()).acos());
         assert_near(angle.min, 1.5 * PI);
     }
 
     #[test]
-    fn angles_of_a_box_are_exterior_where_it_is_outward_and_interior_where_it_is_inward() {
+    fn box_angles_are_exterior_if_outward_and_interior_if_inward() {
         let (positions, faces) = unit_box();
-        let it = of(&positions, &faces).edge_angle;
-        let angles = it.distribution.unwrap();
-        assert_eq!((it.side, it.not_measurable), (Some(Side::Exterior), None));
+        let stats = of(&positions, &faces).edge_angle;
+        let angles = stats.distribution.unwrap();
+        assert_eq!((stats.side, stats.not_measurable), (Some(Side::Exterior), None));
         assert_eq!((angles.count, angles.min, angles.max), (18, PI, PI + FRAC_PI_2));
         // Flat edges are in the middle bin of 17.
         assert_eq!((angles.histogram.counts[8], angles.histogram.counts[12]), (6, 12));
-        let it = of(&positions, &turned(&faces)).edge_angle;
-        let angles = it.distribution.unwrap();
-        assert_eq!((it.side, angles.min, angles.max), (Some(Side::Interior), FRAC_PI_2, PI));
+        let stats = of(&positions, &turned(&faces)).edge_angle;
+        let angles = stats.distribution.unwrap();
+        assert_eq!((stats.side, angles.min, angles.max), (Some(Side::Interior), FRAC_PI_2, PI));
         assert_eq!((angles.histogram.counts[8], angles.histogram.counts[4]), (6, 12));
     }
 
     #[test]
     fn boundary_edges_have_no_angle_and_an_open_mesh_has_no_side() {
         let (positions, faces) = unit_box();
-        let it = of(&positions, &faces[..10]).edge_angle;
-        // Of the 17 edges that are left, four bound the hole.
-        assert_eq!(it.distribution.unwrap().count, 13);
-        assert_eq!(it.side, None);
+        let stats = of(&positions, &faces[..10]).edge_angle;
+        // Four of the 17 remaining edges bound the hole.
+        assert_eq!(stats.distribution.unwrap().count, 13);
+        assert_eq!(stats.side, None);
     }
 
     #[test]
-    fn angles_need_a_manifold_and_consistent_mesh_and_say_so() {
+    fn angles_of_a_non_manifold_or_inconsistent_mesh_give_a_reason() {
         let positions = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_Y];
-        let it = of(&positions, &[[0, 1, 2], [1, 0, 3], [0, 1, 4]]).edge_angle;
-        assert_eq!((it.distribution, it.not_measurable), (None, Some(Unmeasurable::NotManifold)));
-        let it = of(&positions, &[[0, 1, 2], [0, 1, 3]]).edge_angle;
-        assert_eq!((it.distribution, it.not_measurable), (None, Some(Unmeasurable::NotConsistent)));
-        let it = of(&positions, &[[0, 1, 2]]).edge_angle;
-        assert_eq!((it.distribution, it.not_measurable), (None, Some(Unmeasurable::NoElement)));
+        let stats = of(&positions, &[[0, 1, 2], [1, 0, 3], [0, 1, 4]]).edge_angle;
+        assert_eq!((stats.distribution, stats.not_measurable), (None, Some(Unmeasurable::NotManifold)));
+        let stats = of(&positions, &[[0, 1, 2], [0, 1, 3]]).edge_angle;
+        assert_eq!((stats.distribution, stats.not_measurable), (None, Some(Unmeasurable::NotConsistent)));
+        let stats = of(&positions, &[[0, 1, 2]]).edge_angle;
+        assert_eq!((stats.distribution, stats.not_measurable), (None, Some(Unmeasurable::NoElement)));
     }
 
     #[test]
-    fn a_dent_is_below_flat_and_a_ridge_above_by_the_least_bit() {
+    fn slight_dents_and_ridges_are_on_different_sides_of_flat() {
         let fold = |height: f64| {
             let positions = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::new(0.5, -1.0, height)];
             of(&positions, &[[0, 1, 2], [1, 0, 3]]).edge_angle.distribution.unwrap().min
@@ -329,52 +334,52 @@ mod tests {
     }
 
     #[test]
-    fn faces_that_lie_on_each_other_have_the_angle_zero() {
+    fn coincident_faces_have_the_angle_zero() {
         let positions = [DVec3::ZERO, DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::new(0.4, 0.9, 0.0)];
         assert_eq!(of(&positions, &[[0, 1, 2], [1, 0, 3]]).edge_angle.distribution.unwrap().min, 0.0);
     }
 
     #[test]
-    fn degenerate_faces_have_no_aspect_ratio_no_area_and_no_angle() {
-        // Three points of a line that no f64 holds exactly but for its multiples, and one a bit off it.
+    fn degenerate_faces_have_no_aspect_ratio_area_or_angle() {
+        // Collinear points whose coordinates are inexact in f64, and one point an ulp off their line.
         let d = DVec3::new(0.1, 0.3, 0.7);
         let off = DVec3::new(d.x * 4.0, d.y * 4.0, f64::from_bits((d.z * 4.0).to_bits() + 1));
         let positions = [d, d * 2.0, d * 4.0, DVec3::X, off];
-        let it = of(&positions, &[[0, 1, 2], [1, 0, 3], [0, 0, 3]]);
-        assert_eq!((it.faces_without_aspect_ratio, it.face_aspect_ratio.unwrap().count), (2, 1));
-        let area = it.face_area.unwrap();
+        let stats = of(&positions, &[[0, 1, 2], [1, 0, 3], [0, 0, 3]]);
+        assert_eq!((stats.faces_without_aspect_ratio, stats.face_aspect_ratio.unwrap().count), (2, 1));
+        let area = stats.face_area.unwrap();
         assert_eq!((area.count, area.min, area.median), (3, 0.0, 0.0));
-        assert_eq!(it.edge_angle.edges_without_angle, 1);
-        let it = of(&positions, &[[0, 1, 4]]);
-        assert_eq!(it.faces_without_aspect_ratio, 0);
-        assert!(it.face_aspect_ratio.unwrap().min > 1e12);
+        assert_eq!(stats.edge_angle.edges_without_angle, 1);
+        let stats = of(&positions, &[[0, 1, 4]]);
+        assert_eq!(stats.faces_without_aspect_ratio, 0);
+        assert!(stats.face_aspect_ratio.unwrap().min > 1e12);
     }
 
     #[test]
-    fn a_scale_by_a_power_of_two_scales_every_figure_exactly_and_leaves_angles() {
+    fn scaling_by_a_power_of_two_is_exact_and_keeps_angles() {
         let (positions, faces) = unit_box();
         let odd: Vec<DVec3> = positions.iter().map(|p| DVec3::new(p.x * 0.7, p.y + p.x * 0.1, p.z * 1.3)).collect();
         let given = of(&odd, &faces);
         for scale in [2f64.powi(40), 2f64.powi(-40)] {
             let scaled: Vec<DVec3> = odd.iter().map(|p| *p * scale).collect();
-            let it = of(&scaled, &faces);
-            assert_eq!(it.face_area, given.face_area.clone().map(|area| area.in_unit(scale, 2)));
-            assert_eq!(it.edge_length, given.edge_length.clone().map(|length| length.in_unit(scale, 1)));
-            assert_eq!((&it.face_aspect_ratio, &it.edge_angle), (&given.face_aspect_ratio, &given.edge_angle));
+            let stats = of(&scaled, &faces);
+            assert_eq!(stats.face_area, given.face_area.clone().map(|area| area.in_unit(scale, 2)));
+            assert_eq!(stats.edge_length, given.edge_length.clone().map(|length| length.in_unit(scale, 1)));
+            assert_eq!((&stats.face_aspect_ratio, &stats.edge_angle), (&given.face_aspect_ratio, &given.edge_angle));
         }
     }
 
     #[test]
-    fn coordinates_of_any_size_give_finite_figures_and_the_same_shapes() {
+    fn coordinates_of_any_magnitude_give_finite_statistics() {
         let (positions, faces) = unit_box();
         for scale in [1e300, 1e-300, f64::MAX, f64::MIN_POSITIVE] {
             let scaled: Vec<DVec3> = positions.iter().map(|p| *p * scale).collect();
-            let it = of(&scaled, &faces);
-            let (area, length) = (it.face_area.unwrap(), it.edge_length.unwrap());
+            let stats = of(&scaled, &faces);
+            let (area, length) = (stats.face_area.unwrap(), stats.edge_length.unwrap());
             assert!([area.min, area.max, area.mean, area.variance, length.variance].iter().all(|x| x.is_finite()));
             assert_near(length.min / scale, 1.0);
-            assert_near(it.face_aspect_ratio.unwrap().max, 2.0);
-            assert_eq!(it.edge_angle.distribution.unwrap().max, 1.5 * PI);
+            assert_near(stats.face_aspect_ratio.unwrap().max, 2.0);
+            assert_eq!(stats.edge_angle.distribution.unwrap().max, 1.5 * PI);
         }
     }
 
@@ -382,15 +387,15 @@ mod tests {
     fn a_needle_beside_a_large_face_keeps_its_shape() {
         let tiny = 1e-80;
         let positions = [DVec3::ZERO, DVec3::X * tiny, DVec3::Y * tiny, DVec3::X, DVec3::Y, DVec3::Z];
-        let it = of(&positions, &[[0, 1, 2], [3, 4, 5]]);
-        let (ratio, length) = (it.face_aspect_ratio.unwrap(), it.edge_length.unwrap());
+        let stats = of(&positions, &[[0, 1, 2], [3, 4, 5]]);
+        let (ratio, length) = (stats.face_aspect_ratio.unwrap(), stats.edge_length.unwrap());
         assert_near(ratio.max, 2.0);
         assert_near(length.min / tiny, 1.0);
-        assert_near(it.face_area.unwrap().min / tiny / tiny, 0.5);
+        assert_near(stats.face_area.unwrap().min / tiny / tiny, 0.5);
     }
 
     #[test]
-    fn attributes_that_others_assume_are_not_measurable_without_them() {
+    fn attributes_are_not_measurable_without_their_prerequisites() {
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
         let of = |faces: &[[u32; 3]]| {
@@ -398,9 +403,9 @@ mod tests {
             positions.extend([DVec3::NEG_Y, DVec3::NEG_X, DVec3::NEG_Z]);
             let soup = Soup { positions, faces: faces.to_vec() };
             let analysis = Analysis::new((&soup).into(), &context).unwrap();
-            let (_, turning) = shells(&analysis, &context).unwrap();
-            let it = Attributes::new(&measures(&analysis, &context).unwrap(), &turning);
-            [it.closed, it.manifold, it.consistent, it.outward]
+            let (_, orientation) = shells(&analysis, &context).unwrap();
+            let stats = Attributes::new(&measures(&analysis, &context).unwrap(), &orientation);
+            [stats.closed, stats.manifold, stats.consistent, stats.outward]
         };
         use Answer::{No, NotMeasurable, Yes};
         assert_eq!(of(&TETRAHEDRON), [Yes, Yes, Yes, Yes]);
@@ -409,7 +414,7 @@ mod tests {
         let mut one_flipped = TETRAHEDRON;
         one_flipped[0].swap(0, 1);
         assert_eq!(of(&one_flipped), [Yes, Yes, No, NotMeasurable]);
-        // Two tetrahedra on one edge: closed, for its edges have two faces or more, and no manifold.
+        // Two tetrahedra on one edge are closed, since every edge has at least two faces, but not manifold.
         let two = [TETRAHEDRON.to_vec(), vec![[0, 3, 4], [0, 4, 5], [3, 5, 4], [0, 5, 3]]].concat();
         assert_eq!(of(&two), [Yes, No, NotMeasurable, NotMeasurable]);
     }

@@ -1,4 +1,4 @@
-//! Errors of the store, and why a database could not be opened.
+//! Errors of the store, and the reasons why a database can't be opened.
 
 use std::io;
 
@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteError;
 
 use crate::telemetry;
 
-/// An error of the store.
+/// An error of the store: of its database, or of a condition that a write requires.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The database refused a statement or could not be reached.
@@ -17,40 +17,41 @@ pub enum StoreError {
     /// The migrations could not be run.
     #[error("migration: {0}")]
     Migration(#[from] MigrateError),
-    /// A row holds what this version can't read.
+    /// A row has a value that this version can't read.
     #[error("job {id}: column {column} can't be read: {reason}")]
     Corrupt {
         /// The row's id.
         id: String,
         /// The column.
         column: &'static str,
-        /// What is wrong.
+        /// Why the value can't be read.
         reason: String,
     },
-    /// The request took so long that its idempotency key went to another one.
-    #[error("the idempotency key is another request's now")]
+    /// The idempotency key went to another request, because this one took too long.
+    #[error("the idempotency key now belongs to another request")]
     KeyLost,
     /// Another job uses the upload, or the upload has expired.
-    #[error("the upload is another job's now, or gone")]
+    #[error("the upload has expired or belongs to another job")]
     UploadTaken,
-    /// The lease is no longer this worker's: it expired, or the job was canceled or deleted.
-    #[error("the lease on this job was lost")]
+    /// The worker lost its lease: the lease expired, or the job was canceled or deleted.
+    #[error("the worker lost its lease on this job")]
     LeaseLost,
 }
 
 impl StoreError {
-    /// Whether the same may succeed in a while: the database is away or not ready, or the connection broke. What was asked may
-    /// have been done all the same.
+    /// Whether a retry may succeed: the database is unavailable or not ready, or the connection broke. The failed request may
+    /// have taken effect all the same.
     #[must_use]
-    pub fn may_pass(&self) -> bool {
+    pub fn is_transient(&self) -> bool {
         use sqlx::Error as E;
         let Self::Database(error) = self else { return false };
         if let Some(code) = sqlite_code(error) {
-            return SQLITE_PASSES.contains(&code);
+            return SQLITE_TRANSIENT.contains(&code);
         }
         match error {
             E::Io(_) | E::Tls(_) | E::Protocol(_) | E::PoolTimedOut | E::WorkerCrashed => true,
-            // Connection exceptions, the server's resources, its operator, and timeouts (PostgreSQL, appendix A).
+            // Classes of connection errors, insufficient resources, operator intervention, and lock timeouts (PostgreSQL manual,
+            // appendix A, "PostgreSQL Error Codes").
             E::Database(error) => error.code().is_some_and(|code| {
                 code.len() == 5 && ["08", "53", "57", "55P03"].iter().any(|class| code.starts_with(class))
             }),
@@ -58,7 +59,7 @@ impl StoreError {
         }
     }
 
-    /// Whether it is for want of room on the database's disk.
+    /// Whether the database's disk is full.
     #[must_use]
     pub fn is_full(&self) -> bool {
         let Self::Database(error) = self else { return false };
@@ -68,20 +69,20 @@ impl StoreError {
         }
     }
 
-    /// Why opening the database failed with this error.
+    /// The reason why opening the database failed with this error.
     #[must_use]
     pub fn open_failure(&self) -> OpenFailure {
         match self {
-            Self::Database(error) => of_database(error),
+            Self::Database(error) => open_failure(error),
             Self::Migration(MigrateError::VersionMissing(_) | MigrateError::VersionTooNew(..)) => OpenFailure::Newer,
             Self::Migration(MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _)) => {
-                of_database(error)
+                open_failure(error)
             }
             _ => OpenFailure::Other,
         }
     }
 
-    /// The message of the database or the operating system.
+    /// The message of the database or the operating system, without added context.
     #[must_use]
     pub fn database_message(&self) -> String {
         match self {
@@ -95,7 +96,7 @@ impl StoreError {
     }
 }
 
-/// Why a database could not be opened, told apart by what its operator has to do.
+/// Why a database could not be opened. Each variant calls for another action of the operator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OpenFailure {
     /// The address can't be read.
@@ -110,39 +111,39 @@ pub enum OpenFailure {
     Permission,
     /// The file is not a SQLite database, or is damaged.
     NotADatabase,
-    /// A newer version of this program has changed the tables.
+    /// A newer version of this program created the tables.
     Newer,
-    /// Another cause, which the database's own words tell.
+    /// Another cause; the database's message gives it.
     Other,
 }
 
-/// SQLite's result codes (its documentation, "Result and Error Codes").
+// SQLite's result codes (SQLite documentation, "Result and Error Codes").
 const PERM: u32 = 3;
 const READONLY: u32 = 8;
 const CORRUPT: u32 = 11;
 const CANTOPEN: u32 = 14;
 const NOTADB: u32 = 26;
 const SQLITE_FULL: u32 = 13;
-/// SQLite's results that another time may be others: busy, locked, read-only, a failed read or write, full.
-const SQLITE_PASSES: [u32; 5] = [5, 6, 8, 10, SQLITE_FULL];
+/// SQLite's transient errors: busy, locked, read-only, a failed read or write, and a full disk.
+const SQLITE_TRANSIENT: [u32; 5] = [5, 6, 8, 10, SQLITE_FULL];
 
-/// The primary result code of an error of SQLite's (its documentation, "Result and Error Codes").
+/// The primary result code of a SQLite error.
 fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
     let error = error.as_database_error()?.try_downcast_ref::<SqliteError>()?;
     error.code()?.parse::<u32>().ok().map(|extended| extended & 0xff)
 }
 
-/// Counted here, where every error of a database passes.
+/// Also counts the error in the metrics: every database error passes this conversion.
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
         let error = Self::Database(error);
-        let kind = if error.may_pass() { "away" } else { "other" };
+        let kind = if error.is_transient() { "away" } else { "other" };
         metrics::counter!(telemetry::STORE_ERRORS, "kind" => kind).increment(1);
         error
     }
 }
 
-fn of_database(error: &sqlx::Error) -> OpenFailure {
+fn open_failure(error: &sqlx::Error) -> OpenFailure {
     use sqlx::Error as E;
     if let Some(code) = sqlite_code(error) {
         return match code {
@@ -154,9 +155,9 @@ fn of_database(error: &sqlx::Error) -> OpenFailure {
     match error {
         E::Configuration(_) => OpenFailure::Address,
         E::Io(error) if error.kind() == io::ErrorKind::PermissionDenied => OpenFailure::Permission,
-        // Something that is no PostgreSQL server breaks the protocol.
+        // A server that is not PostgreSQL breaks the protocol.
         E::Io(_) | E::PoolTimedOut | E::Protocol(_) => OpenFailure::Unreachable,
-        // PostgreSQL, appendix A.
+        // PostgreSQL manual, appendix A, "PostgreSQL Error Codes".
         E::Database(error) => match error.code().as_deref() {
             Some("28P01" | "28000") => OpenFailure::Credentials,
             Some("3D000") => OpenFailure::NoDatabase,

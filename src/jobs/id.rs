@@ -1,4 +1,4 @@
-//! Names of jobs, uploads and other rows, and where they come from.
+//! Ids of jobs, uploads and other rows, and the source of their random numbers.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,16 +6,16 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
-/// Where names and random numbers come from, passed in beside the clock.
+/// A source of ids and random numbers, passed in like the clock so that tests can fix them.
 pub trait IdSource: Send + Sync {
-    /// A new UUID that sorts by the time at which it was made.
+    /// A new UUID that sorts by its creation time.
     fn sortable(&self) -> Uuid;
 
-    /// A new UUID that nobody can guess.
+    /// A new random UUID that can't be guessed.
     fn random(&self) -> Uuid;
 }
 
-/// The operating system's random numbers, and UUIDs of versions 7 and 4 made of them.
+/// Ids from the operating system's random numbers: UUIDs of versions 7 and 4.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SystemIds;
 
@@ -29,7 +29,7 @@ impl IdSource for SystemIds {
     }
 }
 
-/// Defines a name that is a prefix and a UUID of version 7, and the error of a text that is none.
+/// Defines an id type, a prefix followed by a UUID of version 7, and the error of its parser.
 macro_rules! prefixed_id {
     ($(#[$about:meta])* $id:ident, $prefix:literal, $(#[$about_error:meta])* $error:ident, $message:literal) => {
         $(#[$about])*
@@ -42,7 +42,7 @@ macro_rules! prefixed_id {
         pub struct $error;
 
         impl $id {
-            /// A new id of this moment.
+/// Creates an id with the current time.
             #[must_use]
             pub fn new() -> Self {
                 Self(SystemIds.sortable())
@@ -73,21 +73,21 @@ macro_rules! prefixed_id {
 }
 
 prefixed_id!(
-    /// A job's name: `job_` and a UUID of version 7, so that names sort by time.
+/// A job's id: `job_` and a UUID of version 7, so that ids sort by time.
     JobId,
     "job_",
-    /// A text that is no job id.
+/// The text is not a job id.
     JobIdError,
-    "a job id is 'job_' and 32 hexadecimal digits"
+"a job id must be `job_` and 32 hexadecimal digits"
 );
 
 prefixed_id!(
-    /// An upload's name: `upl_` and a UUID of version 7.
+/// An upload's id: `upl_` and a UUID of version 7.
     UploadId,
     "upl_",
-    /// A text that is no upload id.
+/// The text is not an upload id.
     UploadIdError,
-    "an upload id is 'upl_' and 32 hexadecimal digits"
+"an upload id must be `upl_` and 32 hexadecimal digits"
 );
 
 impl Serialize for JobId {
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_job_id_is_read_back_from_its_text_and_nothing_else_is() {
+    fn job_ids_round_trip_through_text_and_other_texts_are_refused() {
         let id = JobId::new();
         assert_eq!(id.to_string().parse(), Ok(id));
         let long = format!("{id}0");
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn ids_sort_by_the_time_they_were_made() {
+    fn job_ids_sort_by_creation_time() {
         let ids: Vec<JobId> = (0..100).map(|_| JobId::new()).collect();
         assert!(ids.is_sorted());
     }

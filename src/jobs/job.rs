@@ -1,4 +1,4 @@
-//! A job: where it stands, its files, what became of its model, and why it failed.
+//! A job: its status, its files, its outcome, and the reason of a failure.
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -11,32 +11,32 @@ use utoipa::ToSchema;
 use super::id::JobId;
 use super::options::JobOptions;
 use crate::context::Stage;
-use crate::format::{Format, Place};
+use crate::format::{FileLocation, Format};
 use crate::repair::{AssumptionKind, RedFlagCode};
 use crate::scene::LengthUnit;
 
-/// Where a job stands.
+/// The status of a job.
 ///
 /// ```text
 /// queued -> running -> succeeded | failed | canceled -> expired
 ///    ^         |
-///    +---------+  handed back, retried, or rescued after its lease ran out
+///    +---------+  released, retried, or requeued after its lease expired
 /// queued -> canceled
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// Waiting for a worker, perhaps until a retry is due.
+    /// The job waits for a worker; after a failed attempt also until its retry is due.
     Queued,
-    /// A worker has it under a lease.
+    /// A worker runs the job under a lease.
     Running,
-    /// Done; the result's `outcome` says how good it is.
+    /// The job finished; `outcome` gives the result.
     Succeeded,
-    /// Ended without a result; `problem` says why.
+    /// The job ended without a result; `problem` gives the reason.
     Failed,
-    /// Stopped on request.
+    /// The job was canceled on request.
     Canceled,
-    /// Ended so long ago that its files and its report were deleted.
+    /// The job ended, and its files and its report were deleted after the retention time.
     Expired,
 }
 
@@ -58,7 +58,7 @@ impl Status {
         }
     }
 
-    /// Whether nothing more will happen.
+    /// Whether the job has ended.
     #[must_use]
     pub fn is_final(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Canceled | Self::Expired)
@@ -78,18 +78,18 @@ impl FromStr for Status {
 pub struct Input {
     /// Key in the blob store.
     pub key: String,
-    /// The name it was sent with, without folders.
+    /// The file name that the client sent, without folders.
     pub name: String,
-    /// Its size.
+    /// The size in bytes.
     pub bytes: u64,
-    /// SHA-256 of its bytes, in hexadecimal.
+    /// SHA-256 of the bytes, in hexadecimal.
     pub sha256: String,
-    /// The format found in its bytes.
+    /// The format that the bytes have.
     pub format: Format,
 }
 
 impl Input {
-    /// Its name without the ending, as the names of results begin.
+    /// The name without its extension. The names of result files begin with it.
     #[must_use]
     pub fn stem(&self) -> &str {
         let stem = self.name.rsplit_once('.').map_or(self.name.as_str(), |(stem, _)| stem);
@@ -97,25 +97,25 @@ impl Input {
     }
 }
 
-/// How far a job is.
+/// The progress of a running job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobProgress {
-    /// What is being done.
+    /// The current stage.
     pub stage: Stage,
-    /// The tier that runs, 1 to 3.
+    /// The current tier, 1 to 3, while one runs.
     pub tier: Option<u8>,
-    /// Share of the work that is done, 0 to 100.
+    /// The share of the work that is done, 0 to 100.
     pub percent: u8,
 }
 
-/// A result file.
+/// A result file of a job.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Artifact {
-    /// The name to save it under.
+    /// The file name for the download.
     pub filename: String,
-    /// Its media type.
+    /// The media type.
     pub media_type: String,
-    /// What is stored; none of a picture that is drawn when somebody asks for it.
+    /// The stored file; `None` for a picture that is not drawn yet. Pictures are drawn at the first request.
     #[serde(flatten)]
     pub file: Option<StoredFile>,
 }
@@ -123,102 +123,102 @@ pub struct Artifact {
 /// A file in the blob store.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoredFile {
-    /// Its key there.
+    /// The file's key in the blob store.
     pub key: String,
-    /// Its size.
+    /// The size in bytes.
     pub bytes: u64,
-    /// SHA-256 of its bytes, in hexadecimal.
+    /// SHA-256 of the bytes, in hexadecimal.
     pub sha256: String,
 }
 
 /// Result files by artifact name (`model` or `original`, `report.json`, `log.txt`, pictures).
 pub type Artifacts = BTreeMap<String, Artifact>;
 
-/// A client's own notes on a job, handed back as they came: names and texts.
+/// The client's metadata of a job, returned unchanged: names and texts.
 pub type Metadata = BTreeMap<String, String>;
 
-/// Why a job failed, for programs.
+/// The code of a failed job's problem, for programs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ProblemKind {
-    /// The file can't be read as a mesh.
+    /// The file can't be read as a mesh, or the options don't fit it.
     BadInput,
-    /// The result can't be written in the format that was asked for.
+    /// The result can't be written in the requested format.
     BadOutput,
-    /// The result is not printable, which `require` asks for. The report says what is left.
+    /// The result is not printable, but `require` demands it. The report lists the remaining defects.
     NotPrintable,
-    /// The time given by `deadline_s` ran out before there was any result.
+    /// The time of `deadline_s` ran out before there was a result.
     DeadlineExceeded,
-    /// The job needed more memory than a job may have.
+    /// The job needed more memory than a job may use.
     OutOfMemory,
-    /// The job needed more processor time than a job may have.
+    /// The job needed more processor time than a job may use.
     CpuLimit,
-    /// The job wrote a larger file than a job may write.
+    /// The job wrote a larger file, or more bytes, than a job may write.
     FileLimit,
-    /// The job's process ended by itself, again and again.
+    /// The job's process crashed repeatedly.
     Crashed,
-    /// Workers went away while they had this job, again and again; it is set aside.
+    /// Several workers were lost while they ran the job, so it is not retried.
     WorkerLost,
-    /// Something in the service failed, again and again.
+    /// The service failed repeatedly for a reason outside the job.
     Internal,
 }
 
 /// Why a job failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct JobProblem {
-    /// Which problem.
+    /// The problem's code, for programs.
     pub code: ProblemKind,
-    /// What happened and what to do, in words.
+    /// What happened and what to do, as text.
     pub detail: String,
-    /// Where in the input file, if it has a place.
+    /// The place in the input file, if known.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub place: Option<Place>,
-    /// Of several files, the one that is to blame, counted from 0.
+    pub place: Option<FileLocation>,
+    /// The number of the file at fault, counted from 0, if the job has several files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<u32>,
 }
 
 impl JobProblem {
-    /// A problem that has no place and concerns no single file.
+    /// A problem without a place and without a file.
     #[must_use]
     pub fn new(code: ProblemKind, detail: String) -> Self {
         Self { code, detail, place: None, file: None }
     }
 
-    /// That so many workers went away while they had a job.
+    /// The problem of a job during which `workers` workers were lost.
     #[must_use]
     pub fn worker_lost(workers: u32) -> Self {
         let detail = format!(
-            "{workers} workers went away while they had this job, so it was set aside. If the service was not being \
-             killed by hand, this model may be what takes workers down: please report it."
+            "The job failed because {workers} workers were lost while they ran it. Unless the service was stopped or killed meanwhile, \
+ this model may crash workers: please report it."
         );
         Self::new(ProblemKind::WorkerLost, detail)
     }
 }
 
-/// What became of a job's model, apart from whether the job ran.
+/// The outcome of a job: what its result is worth, apart from whether the job ran.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobOutcome {
-    /// Repair: the input is printable; its geometry comes back untouched.
+    /// Repair: the input is printable, and the job returns its geometry unchanged.
     AlreadyPrintable,
-    /// Repair: the result passes every check, and no red flag is up.
+    /// Repair: the result passes every check, without a red flag.
     Repaired,
-    /// Repair: the result is better than the input, but fails a check, or passes all of them with a red flag up.
+    /// Repair: the result is better than the input, but fails a check or has a red flag.
     PartiallyRepaired,
-    /// Repair: nothing that ran made the model better; the reason is in the report.
+    /// Repair: no repair step improved the model; the report gives the reason.
     Unrepairable,
-    /// Analysis: every file can be printed as it is, as far as the level of inspection tells.
+    /// Analysis: every file is printable, as far as the inspection level can tell.
     Printable,
-    /// Analysis: at least one file can't be printed as it is.
+    /// Analysis: at least one file is not printable.
     NotPrintable,
-    /// Analysis: nothing is wrong that was looked for, but the level did not ask for faces that intersect, or they could
-    /// not all be counted.
+    /// Analysis: the inspection found no defect, but intersecting faces were not requested at this level, or could not all be
+    /// counted.
     Undecided,
 }
 
 impl JobOutcome {
-    /// Whether what the job hands out, or of an analysis every file, can be printed as it is; none where that is not known.
+    /// Whether the job's file is printable: the offered file of a repair, or every file of an analysis. `None` if unknown.
     #[must_use]
     pub fn is_printable(self) -> Option<bool> {
         match self {
@@ -229,19 +229,19 @@ impl JobOutcome {
     }
 }
 
-/// A report as JSON, as it was written: its own `version` says how to read it, and rows of earlier versions of this
-/// program stay readable.
+/// A report as JSON text, stored as it was written. Its own `version` defines its structure, so that reports of earlier
+/// versions of this program stay readable.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct StoredReport(pub(super) Box<RawValue>);
 
 impl StoredReport {
-    /// Its JSON.
+    /// The report's JSON text.
     pub(super) fn json(&self) -> &str {
         self.0.get()
     }
 
-    /// The codes of a repair's red flags, and the kinds of its assumptions, each once.
+    /// The codes of a repair's red flags and the kinds of its assumptions, each once.
     #[must_use]
     pub fn remarks(&self) -> (Vec<RedFlagCode>, Vec<AssumptionKind>) {
         #[derive(Deserialize)]
@@ -249,7 +249,7 @@ impl StoredReport {
             code: RedFlagCode,
         }
         #[derive(Deserialize)]
-        struct Assumed {
+        struct Assumption {
             kind: AssumptionKind,
         }
         #[derive(Deserialize)]
@@ -257,7 +257,7 @@ impl StoredReport {
             #[serde(default)]
             red_flags: Vec<Flag>,
             #[serde(default)]
-            assumptions: Vec<Assumed>,
+            assumptions: Vec<Assumption>,
         }
         let Ok(Remarks { red_flags, assumptions }) = serde_json::from_str(self.json()) else {
             return Default::default();
@@ -274,14 +274,14 @@ impl StoredReport {
         (codes, kinds)
     }
 
-    /// The unit of each file's lengths, in their order; none in reports of before there were units.
+    /// The unit of each file's lengths, in the order of the files; empty for reports that predate units.
     #[must_use]
     pub fn units(&self) -> Vec<LengthUnit> {
         #[derive(Deserialize)]
         struct File {
             unit: LengthUnit,
         }
-        // An analysis has files; a repair has one unit. The rest is passed over as it is read.
+        // An analysis has files; a repair has a single unit. Other fields are skipped while parsing.
         #[derive(Deserialize)]
         struct Units {
             files: Option<Vec<File>>,
@@ -301,53 +301,53 @@ impl PartialEq for StoredReport {
     }
 }
 
-/// One job as the store keeps it.
+/// A job as the store keeps it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Job {
-    /// Its name.
+    /// Its id.
     pub id: JobId,
-    /// Whose it is.
+    /// The tenant that owns it.
     pub tenant: String,
-    /// The key it was submitted with; none where the service asks for none.
+    /// The id of the API key that submitted it; `None` if the service requires no keys.
     pub made_by: Option<String>,
-    /// Where it stands.
+    /// Its status.
     pub status: Status,
-    /// What became of the model, where the work was done to its end.
+    /// The outcome, if the work was finished.
     pub outcome: Option<JobOutcome>,
-    /// How far it is, while it runs.
+    /// The progress, while the job runs.
     pub progress: Option<JobProgress>,
-    /// Claims that count, the running one among them.
+    /// The number of attempts so far, with the running one.
     pub attempt: u32,
-    /// Times it took its worker or child process down.
+    /// How often the job crashed its worker or its child process.
     pub crashes: u32,
     /// When it was accepted.
     pub created_at: OffsetDateTime,
-    /// When a worker first took it.
+    /// When a worker first claimed it.
     pub started_at: Option<OffsetDateTime>,
     /// When it ended.
     pub finished_at: Option<OffsetDateTime>,
-    /// When it is due, for a job that waits.
+    /// When it is due, while it is queued.
     pub run_at: OffsetDateTime,
     /// The uploaded files, at least one, in the order they were sent.
     pub inputs: Vec<Input>,
-    /// What to do.
+    /// The mode and its options.
     pub options: JobOptions,
-    /// The client's own notes.
+    /// The client's metadata.
     pub metadata: Metadata,
-    /// Where to tell of its end.
+    /// The address that is notified of the job's end.
     pub callback_url: Option<String>,
-    /// The job whose result it was given, where nothing had to be done again.
+    /// The earlier job whose result this job reused.
     pub reused_from: Option<JobId>,
-    /// The account of what was done.
+    /// The report on the result.
     pub report: Option<StoredReport>,
     /// The result files.
     pub artifacts: Artifacts,
-    /// Why it failed.
+    /// Why the job failed.
     pub problem: Option<JobProblem>,
-    /// Where the request that made it stands in a trace.
+    /// The W3C trace context of the request that submitted the job.
     pub traceparent: Option<String>,
     /// Grows with every change of the row.
     pub version: i64,
-    /// Whether its files and content were deleted on request.
+    /// Whether its files and its content were deleted on request.
     pub purged: bool,
 }

@@ -1,8 +1,8 @@
-//! Jobs: what they are, how they move from state to state, and the store that keeps them.
+//! Jobs: their data, their states, and the store that keeps them.
 //!
-//! The store is one trait for each subject, and [`Store`] for all of them. Every statement that ends or extends a running job
-//! ([`QueueStore`]) is fenced by (job, attempt, token), so that the write of a worker that lost its lease changes nothing. The
-//! transaction that ends a job also writes the webhook messages about it ([`DeliveryStore`] sends them).
+//! The store has one trait for each subject, and [`Store`] combines them. Every statement that ends or extends a running job
+//! ([`QueueStore`]) is fenced by (job, attempt, token), so that writes of a worker that lost its lease change nothing. The
+//! transaction that ends a job also writes the webhook messages about it, which [`DeliveryStore`] then delivers.
 
 mod error;
 mod id;
@@ -29,11 +29,11 @@ pub use queue::{
 pub use report::{JobReport, Quote};
 pub use sql::{BackupError, PostgresStore, SqlStore, SqliteStore};
 pub use store::{
-    AccessStore, Cancelled, Connections, DeliveryStore, DrawingStore, EndpointStore, IdempotencyStore, JobStore,
-    ListQuery, Page, QueueStore, Redelivered, RetentionStore, StatusCount, Store, UploadStore,
+    AccessStore, CancelResult, Connections, DeliveryStore, DrawingStore, EndpointStore, IdempotencyStore, JobStore,
+    ListQuery, Page, QueueStore, RedeliveryResult, RetentionStore, StatusCount, Store, UploadStore,
 };
 pub use timestamp::{Clock, SystemClock};
 pub use webhooks::{
-    Attempt, Backlog, Delivery, DeliveryQuery, DeliveryStatus, DueDelivery, Endpoint, EndpointChange, FAILING,
-    JobEvent, JobMessage, NewEndpoint, Secrets, SigningSecret, Verdict,
+    Backlog, Delivery, DeliveryAttempt, DeliveryQuery, DeliveryResult, DeliveryStatus, DueDelivery, Endpoint,
+    EndpointChange, FAILING, JobEvent, JobMessage, NewEndpoint, Secrets, SigningSecret,
 };

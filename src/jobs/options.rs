@@ -1,3 +1,5 @@
+//! The options of a job: which ones its mode has, and how they are read and checked.
+
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Number, Value};
@@ -14,7 +16,7 @@ pub enum Mode {
     /// Repair one model.
     #[default]
     Repair,
-    /// Look at one file or several, and change nothing.
+    /// Inspect one file or several, without changing them.
     Analyze,
 }
 
@@ -31,69 +33,69 @@ impl Mode {
         }
     }
 
-    /// The names of its options.
+    /// The names of the mode's options.
     #[must_use]
     pub fn option_names(self) -> Vec<String> {
-        let of = |parameters: Vec<utoipa::openapi::path::Parameter>| parameters.into_iter().map(|p| p.name);
+        let names = |parameters: Vec<utoipa::openapi::path::Parameter>| parameters.into_iter().map(|p| p.name);
         match self {
-            Self::Repair => of(Options::into_params(|| None)).collect(),
+            Self::Repair => names(Options::into_params(|| None)).collect(),
             Self::Analyze => {
                 let own = ["deadline_s", "intersections", "spacing", "pictures", "scale_to"].map(str::to_owned);
-                of(InspectOptions::into_params(|| None)).chain(own).collect()
+                names(InspectOptions::into_params(|| None)).chain(own).collect()
             }
         }
     }
 }
 
-/// What a job is to do: `mode` (`repair` where it is left out), and that mode's options beside it. Others are refused.
+/// The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused.
 ///
-/// The structs of the options let unknown fields pass, since a struct that does not can't stand beside `mode` in one
-/// object; [`JobOptions::from_fields`] does not let them pass.
+/// The options' structs accept unknown fields, because serde can't deny unknown fields in a tagged enum's variants.
+/// [`JobOptions::from_fields`] refuses unknown fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "mode", rename_all = "snake_case")]
 pub enum JobOptions {
     /// Repair one model.
     #[schema(title = "RepairJobOptions")]
     Repair(Options),
-    /// Look at one file or several, and change nothing.
+    /// Inspect one file or several, without changing them.
     #[schema(title = "AnalyzeJobOptions")]
     Analyze(AnalyzeOptions),
 }
 
-/// Options that can't be understood, or don't go together.
+/// Options that can't be read, are out of range, or contradict each other.
 #[derive(Debug, thiserror::Error)]
 pub enum JobOptionsError {
-    /// There is no such mode.
+    /// The mode does not exist.
     #[error("`mode` must be `repair` or `analyze`; got {0}.")]
     Mode(Value),
-    /// The option is one of another mode.
+    /// The option belongs to another mode.
     #[error("`{option}` is an option of mode `{}`; this job's mode is `{}`.", .of.as_str(), .mode.as_str())]
     OtherMode {
-        /// The option.
+        /// The option's name.
         option: String,
-        /// The mode that has it.
+        /// The mode that has the option.
         of: Mode,
         /// The job's mode.
         mode: Mode,
     },
-    /// There is no such option.
+    /// The option does not exist.
     #[error("There is no option `{option}`; those of mode `{}` are {}.", .mode.as_str(), .mode.option_names().join(", "))]
     Unknown {
-        /// What was given.
+        /// The unknown name.
         option: String,
         /// The job's mode.
         mode: Mode,
     },
-    /// A value is of the wrong kind; the option's name.
-    #[error("`{0}` has a value of the wrong kind; see its description in the OpenAPI document.")]
+    /// The value has the wrong type. Holds the option's name.
+    #[error("`{0}` has a value of the wrong type; see its description in the OpenAPI document.")]
     Unreadable(String),
-    /// A value is out of its range.
+    /// A value is out of range.
     #[error(transparent)]
     Range(#[from] OptionsError),
 }
 
 impl JobOptionsError {
-    /// The option that is wrong.
+    /// The name of the wrong option.
     #[must_use]
     pub fn option(&self) -> Option<&str> {
         match self {
@@ -105,7 +107,7 @@ impl JobOptionsError {
 }
 
 impl JobOptions {
-    /// The mode.
+    /// The mode of the options.
     #[must_use]
     pub fn mode(&self) -> Mode {
         match self {
@@ -114,7 +116,7 @@ impl JobOptions {
         }
     }
 
-    /// Seconds that the work may take.
+    /// The deadline of the work, in seconds.
     #[must_use]
     pub fn deadline_s(&self) -> f64 {
         match self {
@@ -123,7 +125,7 @@ impl JobOptions {
         }
     }
 
-    /// Whether pictures can be had of the job.
+    /// Whether the job offers pictures.
     #[must_use]
     pub fn pictures(&self) -> bool {
         match self {
@@ -132,7 +134,7 @@ impl JobOptions {
         }
     }
 
-    /// The mode and the options that differ from their defaults, as JSON.
+    /// The mode and the non-default options, as JSON fields.
     #[must_use]
     pub fn to_changed_fields(&self) -> Map<String, Value> {
         let mut fields = match self {
@@ -143,7 +145,7 @@ impl JobOptions {
         fields
     }
 
-    /// Reads and checks what a client sent.
+    /// Reads and checks the options that a client sent.
     ///
     /// # Errors
     /// [`JobOptionsError`], which names the option.
@@ -172,14 +174,16 @@ impl JobOptions {
     }
 }
 
-/// The whole number that a number of JSON is, however it is written: `30.0` is one to JSON and its schemas, but not to serde.
+/// A JSON number as a whole number, also if it is written with a fraction of zero. JSON Schema counts `30.0` as an integer, but
+/// serde does not. Returns `None` for negative numbers, for fractions, and for floats from 2^53 on.
 #[must_use]
 pub fn whole_number(number: &Number) -> Option<u64> {
-    /// From here on floating point has no fractions.
-    const MOST: f64 = (1_u64 << 53) as f64;
-    let written = || number.as_f64().filter(|it| it.fract() == 0.0 && (0.0..MOST).contains(it));
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is whole and within the range")]
-    number.as_u64().or_else(|| written().map(|it| it as u64))
+    /// Larger floats have no fractional digits, so they may have been rounded.
+    const FLOAT_LIMIT: f64 = (1_u64 << 53) as f64;
+    let written_as_float =
+        || number.as_f64().filter(|value| value.fract() == 0.0 && (0.0..FLOAT_LIMIT).contains(value));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a whole number within the range")]
+    number.as_u64().or_else(|| written_as_float().map(|value| value as u64))
 }
 
 fn with_whole_numbers(value: &mut Value) {
@@ -195,7 +199,7 @@ fn with_whole_numbers(value: &mut Value) {
     }
 }
 
-/// Reads options one by one, so that an error can name the one it is about.
+/// Reads the options one by one first, so that an error names its option.
 fn read<T: DeserializeOwned>(fields: Map<String, Value>) -> Result<T, JobOptionsError> {
     for (option, value) in &fields {
         let alone = Map::from_iter([(option.clone(), value.clone())]);
@@ -225,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mode_tells_which_options_there_are_and_repair_is_the_default() {
+    fn the_mode_decides_the_options_and_defaults_to_repair() {
         assert_eq!(read(json!({})).expect("options"), JobOptions::default());
         assert_eq!(read(json!({"mode": "repair", "max_tier": 1})).expect("options").mode(), Mode::Repair);
         let analyze = read(json!({"mode": "analyze", "level": "basic", "deadline_s": 9})).expect("options");
@@ -236,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn the_options_that_serde_reads_are_those_that_are_documented() {
+    fn the_documented_options_are_those_that_serde_reads() {
         let some = Some(1.0);
         let all = Options {
             category: Some(Category::Holes),
@@ -271,20 +275,20 @@ mod tests {
     }
 
     #[test]
-    fn an_option_of_the_other_mode_is_refused_by_its_name_and_its_mode() {
-        for (given, named) in [
+    fn an_unknown_or_wrong_option_is_refused_by_its_name_and_mode() {
+        for (given, message) in [
             (json!({"level": "full"}), "`level` is an option of mode `analyze`; this job's mode is `repair`."),
             (json!({"mode": "analyze", "preset": "auto"}), "`preset` is an option of mode `repair`"),
             (json!({"mode": "destroy"}), "`mode` must be `repair` or `analyze`; got \"destroy\"."),
             (json!({"mode": "analyze", "levle": 1}), "no option `levle`; those of mode `analyze` are level, "),
-            (json!({"mode": "analyze", "level": "deep"}), "`level` has a value of the wrong kind"),
-            (json!({"deadline_s": null}), "`deadline_s` has a value of the wrong kind"),
+            (json!({"mode": "analyze", "level": "deep"}), "`level` has a value of the wrong type"),
+            (json!({"deadline_s": null}), "`deadline_s` has a value of the wrong type"),
             (json!({"mode": "analyze", "deadline_s": 0}), "`deadline_s` must be "),
             (json!({"mode": "analyze", "places": 5000}), "`places` must be "),
             (json!({"max_tier": 9}), "`max_tier` must be "),
         ] {
             let error = read(given).expect_err("refused").to_string();
-            assert!(error.contains(named), "{error}");
+            assert!(error.contains(message), "{error}");
         }
     }
 }

@@ -73,64 +73,64 @@ pub struct Reused {
     pub artifacts: Artifacts,
 }
 
-/// How long a request that is under way holds its key; it asks again in time.
+/// How long a request that is being handled holds its idempotency key; the request extends the hold in time.
 pub const KEY_HOLD: Duration = Duration::from_secs(30);
-/// How long the key of an accepted request is known.
+/// How long the idempotency key of an accepted request is kept.
 pub const KEY_LIFE: Duration = Duration::from_secs(24 * 3600);
 
-/// The key of a request, and what tells it from other requests.
+/// A request's idempotency key, with a fingerprint that distinguishes the request from others with the same key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RequestKey {
-    /// As the client sent it.
+    /// The key that the client sent.
     pub key: String,
-    /// A hash of files and options.
+    /// A hash of the request's files and options.
     pub fingerprint: String,
 }
 
-/// What is known of a key.
+/// The state of an idempotency key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum KeyState {
-    /// It is held for the job that asked, for [`KEY_HOLD`].
+    /// The key is held for the asking job, for [`KEY_HOLD`].
     Held,
-    /// Another request holds it.
+    /// Another request that is not finished holds the key.
     InUse,
-    /// A request with this fingerprint was accepted as this job.
+    /// A request with this key was accepted as a job.
     Used {
-        /// Of that request.
+        /// The fingerprint of that request.
         fingerprint: String,
-        /// That job.
+        /// The job of that request.
         job: JobId,
     },
 }
 
-/// How long an upload may be sent to its address.
+/// How long the bytes of an upload may be sent to its address.
 pub const UPLOAD_OPEN: Duration = Duration::from_secs(3600);
-/// How long a job may be made of an upload; those of which none was made then go.
+/// How long an upload may become a job; then it is deleted.
 pub const UPLOAD_LIFE: Duration = Duration::from_secs(24 * 3600);
 
-/// An upload to announce, before any of its bytes have come.
+/// An upload to announce, before its bytes arrive.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NewUpload {
-    /// Its name.
+    /// Its id.
     pub id: UploadId,
-    /// Whose it is.
+    /// The tenant that owns it.
     pub tenant: String,
-    /// The file's name, if it was told.
+    /// The file's name, if the client gave one.
     pub name: Option<String>,
-    /// SHA-256 of what its address must say, in hexadecimal; none where the address is not this service's.
+    /// SHA-256 of the token in its address, in hexadecimal; `None` for an address outside this service.
     pub token_sha256: Option<String>,
 }
 
-/// An upload that was announced.
+/// An announced upload.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PendingUpload {
-    /// What was said of it.
+    /// The announcement.
     pub upload: NewUpload,
-    /// When.
+    /// When it was announced.
     pub created_at: OffsetDateTime,
-    /// Whether its bytes may still be sent, which is so for [`UPLOAD_OPEN`].
+    /// Whether its bytes may still be sent. They may for [`UPLOAD_OPEN`], until a job uses the upload.
     pub is_open: bool,
-    /// The job that was made of it.
+    /// The job that uses it.
     pub job: Option<JobId>,
 }
 
@@ -169,7 +169,7 @@ pub enum FailureKind {
     /// A retry would fail in the same way: the job fails.
     Final,
     /// The failure is transient: the job is retried up to the policy's attempts.
-    Passing,
+    Transient,
     /// The child process crashed: the job is retried up to the policy's crashes.
     Crash,
 }
@@ -209,16 +209,16 @@ pub struct ClassLoad {
     pub wait: Duration,
 }
 
-/// How often a job is tried again and how long after.
+/// How often a job is retried, and after which delays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RetryPolicy {
-    /// Claims after which a failure that might pass (a full disk, a lost connection) is final.
+    /// The number of attempts after which a transient failure, such as a full disk or a lost connection, is final.
     pub max_attempts: u32,
-    /// Times a job may take its worker or its child process down before it is set aside.
+    /// The number of crashes of its worker or its child process after which a job fails.
     pub max_crashes: u32,
-    /// Wait before the second try; it doubles with each further one.
+    /// The delay before the second attempt; it doubles with each further attempt.
     pub first_delay: Duration,
-    /// Longest wait.
+    /// The longest delay.
     pub longest_delay: Duration,
 }
 
@@ -234,18 +234,18 @@ impl Default for RetryPolicy {
 }
 
 impl RetryPolicy {
-    /// Whether a job that failed so, at that attempt and after so many crashes, is not tried again.
+    /// Whether a failure of this kind is final, at that attempt and after so many crashes.
     #[must_use]
     pub fn ends(&self, kind: FailureKind, attempt: u32, crashes: u32) -> bool {
         match kind {
             FailureKind::Final => true,
-            FailureKind::Passing => attempt >= self.max_attempts,
+            FailureKind::Transient => attempt >= self.max_attempts,
             FailureKind::Crash => crashes >= self.max_crashes,
         }
     }
 
-    /// The wait after try number `tries` (1 for the first) failed: exponential with full jitter over its upper half, so
-    /// that jobs which failed together don't come back together. `random` is any 64 random bits.
+    /// The delay after failed attempt number `tries`, counted from 1. It grows exponentially, and its upper half is random
+    /// jitter, so that jobs that failed together are not retried together. `random` is any 64 random bits.
     #[must_use]
     pub fn delay(&self, tries: u32, random: u64) -> Duration {
         let doubled = self.first_delay.saturating_mul(1_u32 << tries.saturating_sub(1).min(20));
@@ -288,7 +288,7 @@ impl Notifier {
         self.deliveries.notify_one();
     }
 
-    /// A stream of the ids of jobs that change from now on. A listener that falls behind is told so and must look.
+    /// A stream of the ids of jobs that change from now on. A listener that falls behind gets an error, and must read the store.
     #[must_use]
     pub fn listen(&self) -> broadcast::Receiver<JobId> {
         self.changed.subscribe()

@@ -1,4 +1,4 @@
-//! The report that a job leaves, and the quote that a shop makes of it.
+//! The report of a job, in full and abridged, and the quote derived from it.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -6,12 +6,12 @@ use utoipa::ToSchema;
 use super::job::{JobOutcome, JobProblem, ProblemKind, StoredReport};
 use crate::analyze::{AnalysisReport, FileAnalysis};
 use crate::format::Format;
-use crate::repair::{AssumptionKind, HandedOut, Outcome, RedFlagCode, Report, Step};
+use crate::repair::{AssumptionKind, OfferedFile, Outcome, RedFlagCode, Report, Step};
 use crate::scene::{Unit, UnitSource};
 
-/// Most bytes of an abridged report.
+/// The target size of an abridged report, in bytes.
 const ABRIDGED_BYTES: usize = 32 << 10;
-/// Most items of each list of an abridged report, the first that makes it small enough.
+/// The maximum list lengths to try for an abridged report, until its size fits.
 const ITEMS: [usize; 4] = [3, 2, 1, 0];
 
 impl From<Outcome> for JobOutcome {
@@ -25,24 +25,24 @@ impl From<Outcome> for JobOutcome {
     }
 }
 
-/// The account that a job leaves; its `mode` tells which.
+/// The report of a job; `mode` says which kind.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "mode", rename_all = "snake_case")]
 pub enum JobReport {
-    /// Of a repair.
+    /// The report of a repair.
     #[schema(title = "RepairReport")]
     Repair(Box<Report>),
-    /// Of an analysis.
+    /// The report of an analysis.
     #[schema(title = "AnalyzeReport")]
     Analyze(Box<AnalysisReport>),
 }
 
 impl JobReport {
-    /// Reads an account from JSON: first its mode, then all of it at once, without a copy of everything in between as a tagged type
-    /// makes.
+    /// Reads a report from JSON. It reads the mode first and then the whole text, because serde's tagged enums buffer all content
+    /// in an intermediate copy.
     ///
     /// # Errors
-    /// When it is none.
+    /// When the text is not a report.
     pub fn from_json(text: &[u8]) -> serde_json::Result<Self> {
         #[derive(Deserialize)]
         #[serde(rename_all = "snake_case")]
@@ -60,31 +60,31 @@ impl JobReport {
         })
     }
 
-    /// The report that a job answers with: short lists and no statistics, in at most 32 KiB of JSON for one model. The more it has to tell,
-    /// the shorter its lists are.
+    /// The abridged report, which the API returns with the job: short lists and no statistics, in at most 32 KiB of JSON for one
+    /// model. Lists get shorter the longer the full report is.
     #[must_use]
     pub fn abridged(&self) -> Self {
-        let shortened = |&most: &usize| {
+        let shortened = |&max: &usize| {
             let mut report = self.clone();
             match &mut report {
-                Self::Repair(report) => report.abridge(most),
-                Self::Analyze(report) => report.abridge(most),
+                Self::Repair(report) => report.abridge(max),
+                Self::Analyze(report) => report.abridge(max),
             }
             report
         };
         let is_small = |report: &Self| serde_json::to_vec(report).is_ok_and(|json| json.len() <= ABRIDGED_BYTES);
-        let [most, fewer @ ..] = &ITEMS;
-        let mut report = shortened(most);
-        for most in fewer {
+        let [max, fewer @ ..] = &ITEMS;
+        let mut report = shortened(max);
+        for max in fewer {
             if is_small(&report) {
                 break;
             }
-            report = shortened(most);
+            report = shortened(max);
         }
         report
     }
 
-    /// What became of the model.
+    /// The job's outcome.
     #[must_use]
     pub fn outcome(&self) -> JobOutcome {
         match self {
@@ -97,16 +97,16 @@ impl JobReport {
         }
     }
 
-    /// The file that the job hands out, with the format that a model has.
+    /// The file that the job offers, and the format of a repaired model.
     #[must_use]
-    pub fn handed_out(&self) -> (HandedOut, Option<Format>) {
+    pub fn offered_file(&self) -> (OfferedFile, Option<Format>) {
         match self {
             Self::Repair(report) => (report.verdict.file, report.output.as_ref().map(|output| output.format)),
-            Self::Analyze(_) => (HandedOut::None, None),
+            Self::Analyze(_) => (OfferedFile::None, None),
         }
     }
 
-    /// The pictures that can be drawn of the job's files: the number of the file, counted from 0, with the picture's name.
+    /// The pictures that can be drawn of the job's files: pairs of a file's number, counted from 0, and the picture's name.
     #[must_use]
     pub fn drawings(&self) -> Vec<(usize, &'static str)> {
         match self {
@@ -120,7 +120,7 @@ impl JobReport {
         }
     }
 
-    /// Why the job fails although it has a report; none where it succeeds.
+    /// The problem of a job that fails although it has a report; `None` if the job succeeds.
     #[must_use]
     pub fn refusal(&self) -> Option<JobProblem> {
         let Self::Repair(report) = self else { return None };
@@ -138,34 +138,34 @@ impl JobReport {
 }
 
 impl StoredReport {
-    /// What is to be stored of an account.
+    /// The report to store.
     #[must_use]
     pub(super) fn of(report: &JobReport) -> Self {
-        // None of its types can fail to be written.
+        // Serialization of these types can't fail.
         Self(serde_json::value::to_raw_value(report).unwrap_or_default())
     }
 }
 
-/// What a shop needs to price a model: the figures of the file that the job hands out, or of an analysed file. Lengths are in
-/// millimetres whatever the file's unit.
+/// The figures from which a shop prices a model: those of the offered file, or of an analysed file. Lengths are in millimetres
+/// whatever the file's unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Quote {
-    /// Whether the file can be printed as it is; null where the inspection could not tell.
+    /// Whether the file is printable; null if the inspection could not decide.
     pub printable: Option<bool>,
-    /// Sides of the bounding box, in mm; null for a file without faces.
+    /// Side lengths of the bounding box, in mm; null for a file without faces.
     #[schema(required)]
     pub size_mm: Option<[f64; 3]>,
-    /// Enclosed volume, in mm³; null where the mesh does not enclose one.
+    /// Enclosed volume, in mm³; null if the mesh encloses no volume.
     #[schema(required)]
     pub volume_mm3: Option<f64>,
     /// Surface area, in mm².
     pub area_mm2: f64,
-    /// Thinnest wall that was found, in mm; null where none was measured.
+    /// Thinnest wall found, in mm; null if none was measured.
     #[schema(required)]
     pub thinnest_wall_mm: Option<f64>,
     /// The unit of the file's lengths.
     pub unit: Unit,
-    /// Where the unit comes from.
+    /// The source of the unit.
     pub unit_source: UnitSource,
     /// Number of faces.
     pub faces: u64,
@@ -173,18 +173,19 @@ pub struct Quote {
     pub parts: u64,
     /// Codes of the red flags, each once.
     pub red_flags: Vec<RedFlagCode>,
-    /// Kinds of the assumptions that the result depends on, each once.
+    /// Kinds of the assumptions on which the result depends, each once.
     pub assumptions: Vec<AssumptionKind>,
 }
 
 impl Quote {
-    /// The quote of a report; none where it is of several files, or of an earlier version that lacks the figures.
+    /// The quote from a report; `None` if the report has several files, or is of an earlier version without these figures.
     #[must_use]
     pub fn of(report: &StoredReport) -> Option<Self> {
-        let Account { verdict, unit, after, before, printable, files } = serde_json::from_str(report.json()).ok()?;
+        let QuotedReport { verdict, unit, after, before, printable, files } =
+            serde_json::from_str(report.json()).ok()?;
         let (printable, unit, figures) = match files {
             Some(files) => {
-                let [file] = <[FileAccount; 1]>::try_from(files).ok()?;
+                let [file] = <[QuotedFile; 1]>::try_from(files).ok()?;
                 (printable, file.unit, file.inspection)
             }
             None => (verdict.and_then(|verdict| verdict.printable), unit?, after.or(before)?),
@@ -209,15 +210,15 @@ impl Quote {
     }
 }
 
-/// The few fields of a report of either mode that a quote is made of. The rest is skipped as it is read.
+/// The fields of a report of either mode that a quote needs. Other fields are skipped while parsing.
 #[derive(Deserialize)]
-struct Account {
+struct QuotedReport {
     verdict: Option<StoredVerdict>,
     unit: Option<StoredUnit>,
     after: Option<Figures>,
     before: Option<Figures>,
     printable: Option<bool>,
-    files: Option<Vec<FileAccount>>,
+    files: Option<Vec<QuotedFile>>,
 }
 
 #[derive(Deserialize)]
@@ -226,7 +227,7 @@ struct StoredVerdict {
 }
 
 #[derive(Deserialize)]
-struct FileAccount {
+struct QuotedFile {
     unit: StoredUnit,
     inspection: Figures,
 }

@@ -11,24 +11,24 @@ use super::queue::{
     Claim, ClassLoad, Completion, Failure, KeyState, Lease, NewJob, NewUpload, Notifier, PendingUpload, Waiting,
 };
 use super::webhooks::{
-    Attempt, Backlog, Delivery, DeliveryQuery, DueDelivery, Endpoint, EndpointChange, NewEndpoint, Secrets,
-    SigningSecret, Verdict,
+    Backlog, Delivery, DeliveryAttempt, DeliveryQuery, DeliveryResult, DueDelivery, Endpoint, EndpointChange,
+    NewEndpoint, Secrets, SigningSecret,
 };
-use crate::access::{AccessKey, KeyQuery, NewKey, Tenant, TenantChange, TenantLimits, TenantName, Token};
+use crate::access::{AccessKey, KeyQuery, NewKey, SecretHash, Tenant, TenantChange, TenantLimits, TenantName};
 
 /// The result of a request to cancel a job.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Cancelled {
-    /// The job is canceled now, or was before.
-    Yes(Box<Job>),
-    /// The job had ended otherwise.
-    TooLate(Box<Job>),
+pub enum CancelResult {
+    /// The job is canceled; it may have been canceled before.
+    Canceled(Box<Job>),
+    /// The job had ended in another way.
+    AlreadyEnded(Box<Job>),
 }
 
-impl Cancelled {
+impl CancelResult {
     /// The result for a job that has ended.
     pub(super) fn of_ended(job: Job) -> Self {
-        if job.status == Status::Canceled { Self::Yes(Box::new(job)) } else { Self::TooLate(Box::new(job)) }
+        if job.status == Status::Canceled { Self::Canceled(Box::new(job)) } else { Self::AlreadyEnded(Box::new(job)) }
     }
 }
 
@@ -58,44 +58,44 @@ pub struct ListQuery {
 /// One page of a list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Page<T, Id> {
-    /// What is on it, newest first; jobs without their reports.
+    /// The items, newest first. Jobs have no reports here.
     pub items: Vec<T>,
-    /// Where the next page begins, if there is one.
+    /// The id to pass as `before` for the next page, if there is one.
     pub next: Option<Id>,
 }
 
 impl<T, Id> Page<T, Id> {
-    /// A page of at most `limit` items, of which there is one more where there is a next page.
+    /// A page of at most `limit` of `items`. An item beyond the limit shows that there is a next page.
     pub(super) fn of(mut items: Vec<T>, limit: u32, id: impl FnOnce(&T) -> Id) -> Self {
-        let more = items.len() > limit as usize;
+        let has_next = items.len() > limit as usize;
         items.truncate(limit as usize);
-        let next = items.last().filter(|_| more).map(id);
+        let next = items.last().filter(|_| has_next).map(id);
         Self { items, next }
     }
 }
 
-/// How many jobs there are of one status.
+/// The number of jobs with one status.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StatusCount {
     /// The status.
     pub status: Status,
-    /// How many.
+    /// The number of jobs.
     pub count: u64,
 }
 
-/// Connections to a database.
+/// The connections to a database.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Connections {
-    /// At work.
+    /// Connections that run a statement.
     pub busy: u32,
-    /// Open, with nothing to do.
+    /// Open connections without work.
     pub idle: u32,
-    /// Most that there may be.
+    /// The maximum number of connections.
     pub most: u32,
 }
 
 impl Connections {
-    /// Those of a pool.
+    /// The connections of a pool.
     pub(super) fn of<D: sqlx::Database>(pool: &sqlx::Pool<D>) -> Self {
         let idle = u32::try_from(pool.num_idle()).unwrap_or(u32::MAX);
         Self { busy: pool.size().saturating_sub(idle), idle, most: pool.options().get_max_connections() }
@@ -103,10 +103,10 @@ impl Connections {
 }
 
 impl StatusCount {
-    /// The counts of all statuses from those that were found.
-    pub(super) fn of_all(found: &[(String, i64)]) -> Vec<Self> {
+    /// The counts of all statuses, from the rows of those that have jobs.
+    pub(super) fn of_all(rows: &[(String, i64)]) -> Vec<Self> {
         let count = |status: Status| {
-            let found = found.iter().find(|(name, _)| name == status.as_str());
+            let found = rows.iter().find(|(name, _)| name == status.as_str());
             Self { status, count: found.map_or(0, |(_, n)| n.unsigned_abs()) }
         };
         Status::ALL.into_iter().map(count).collect()
@@ -136,16 +136,17 @@ pub trait JobStore: Send + Sync {
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError>;
 
     /// Stops a job. The worker of a running job loses its lease, which it learns at its next heartbeat or by a notification.
-    async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError>;
+    async fn cancel(&self, id: JobId) -> Result<Option<CancelResult>, StoreError>;
 }
 
 /// The queue of jobs, the leases on claimed jobs, and the ends of attempts.
 ///
-/// Any number of processes may share one store. A job is claimed in one short transaction under a lease. The worker that holds the
-/// lease extends it by [`heartbeat`](Self::heartbeat). When the lease expires, [`rescue`](Self::rescue) makes the job claimable again.
+/// Any number of processes may share one store. A job is claimed in one short transaction under a lease. The worker that holds
+/// the lease extends it by [`heartbeat`](Self::heartbeat). When the lease expires,
+/// [`requeue_expired`](Self::requeue_expired) makes the job claimable again.
 #[async_trait]
 pub trait QueueStore: Send + Sync {
-    /// How many jobs are queued, in all and of the tenant.
+    /// How many jobs are queued, in total and of the tenant.
     async fn waiting(&self, tenant: &str) -> Result<Waiting, StoreError>;
 
     /// Jobs of its tenant that will be claimed before this one; none if this job is not queued.
@@ -185,10 +186,10 @@ pub trait QueueStore: Send + Sync {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is no longer this worker's; nothing was changed.
-    async fn hand_back(&self, held: &Lease) -> Result<(), StoreError>;
+    async fn release(&self, held: &Lease) -> Result<(), StoreError>;
 
     /// Requeues jobs whose lease expired, or fails those whose leases expired too often.
-    async fn rescue(&self) -> Result<Vec<Job>, StoreError>;
+    async fn requeue_expired(&self) -> Result<Vec<Job>, StoreError>;
 }
 
 /// Where idempotency keys are kept: the keys of requests that may be repeated and must make only one job.
@@ -208,8 +209,8 @@ pub trait IdempotencyStore: Send + Sync {
 /// Where uploads are kept: files that clients send before they ask for a job.
 #[async_trait]
 pub trait UploadStore: Send + Sync {
-    /// Adds an upload; none if `most` uploads wait for a job already.
-    async fn add_upload(&self, upload: NewUpload, most: u64) -> Result<Option<PendingUpload>, StoreError>;
+    /// Adds an upload; `None` if `max` uploads already wait for a job.
+    async fn add_upload(&self, upload: NewUpload, max: u64) -> Result<Option<PendingUpload>, StoreError>;
 
     /// One upload that may still become a job, or became one not long ago.
     async fn upload(&self, id: UploadId) -> Result<Option<PendingUpload>, StoreError>;
@@ -222,31 +223,31 @@ pub trait UploadStore: Send + Sync {
 /// requests costs no more than a job without.
 #[async_trait]
 pub trait DrawingStore: Send + Sync {
-    /// Asks for the pictures of a job that has ended. Asked again before they are drawn it does nothing.
-    async fn ask_for_drawings(&self, job: JobId) -> Result<(), StoreError>;
+    /// Requests the pictures of a job that has ended. Repeated requests before they are drawn have no effect.
+    async fn request_drawings(&self, job: JobId) -> Result<(), StoreError>;
 
-    /// Takes a job whose pictures were asked for, and holds it for `lease`: of the tenant for which the fewest are being drawn the one
-    /// that was asked for first. A hold that ran out can be claimed again.
+    /// Claims the drawings of a job, if any are requested, under a lease of `lease`. Tenants with the fewest drawings under way go
+    /// first, and of their jobs the one requested longest ago. Drawings with an expired lease can be claimed again.
     async fn claim_drawings(&self, lease: Duration) -> Result<Option<Claim>, StoreError>;
 
-    /// Extends a hold to `lease` from now.
+    /// Extends the lease on a job's drawings to `lease` from now.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when it is no longer this worker's.
+    /// [`StoreError::LeaseLost`] when the lease is no longer this worker's.
     async fn hold_drawings(&self, held: &Lease, lease: Duration) -> Result<(), StoreError>;
 
-    /// Publishes what was drawn. Pictures of the job that are not among it can't be drawn, and the job has them no more.
+    /// Publishes what was drawn. The job's other pictures can't be drawn, so they are removed from its artifacts.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the hold is no longer this worker's, or the job's files are gone.
+    /// [`StoreError::LeaseLost`] when the lease is no longer this worker's, or the job's files were deleted.
     async fn finish_drawings(&self, held: &Lease, drawn: Artifacts) -> Result<Job, StoreError>;
 }
 
-/// How jobs lose their content and are forgotten.
+/// How jobs lose their content and their records.
 #[async_trait]
 pub trait RetentionStore: Send + Sync {
-    /// Empties the rows of jobs that ended `age` ago, at most `most` of them, and marks them as expired. The caller deletes their files.
-    async fn expire(&self, age: Duration, most: u32) -> Result<Vec<JobId>, StoreError>;
+    /// Empties the rows of jobs that ended `age` ago, at most `max` of them, and marks them as expired. The caller deletes their files.
+    async fn expire(&self, age: Duration, max: u32) -> Result<Vec<JobId>, StoreError>;
 
     /// Deletes the rows of jobs that ended `age` ago and are expired or purged. Returns how many.
     async fn forget_jobs(&self, age: Duration) -> Result<u64, StoreError>;
@@ -256,14 +257,14 @@ pub trait RetentionStore: Send + Sync {
     async fn purge(&self, id: JobId) -> Result<bool, StoreError>;
 }
 
-/// Where keys and tenants' limits are kept.
+/// Where API keys and the limits of tenants are kept.
 #[async_trait]
 pub trait AccessStore: Send + Sync {
-    /// Makes a key that is found by `token` from now on.
-    async fn create_key(&self, key: NewKey, token: &Token) -> Result<AccessKey, StoreError>;
+    /// Creates a key whose secret has this hash.
+    async fn create_key(&self, key: NewKey, hash: &SecretHash) -> Result<AccessKey, StoreError>;
 
-    /// The key of that token and the limits of its tenant; none if the key is unknown, revoked or expired, or if its parent key is.
-    async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError>;
+    /// Returns the key whose secret has this hash, with its tenant's limits; none if the key or its parent is unknown, revoked or expired.
+    async fn find_key(&self, hash: &SecretHash) -> Result<Option<(AccessKey, TenantLimits)>, StoreError>;
 
     /// Records that a key was used.
     async fn touch_key(&self, id: &str) -> Result<(), StoreError>;
@@ -283,7 +284,7 @@ pub trait AccessStore: Send + Sync {
     /// Changes the settings of a tenant that `change` names, and returns all of them. A tenant without settings gets its first.
     async fn change_tenant(&self, tenant: &TenantName, change: TenantChange) -> Result<Tenant, StoreError>;
 
-    /// One page of the tenants that have settings or an API key, by name, beginning behind `after`.
+    /// One page of the tenants that have settings or an API key, sorted by name, starting after `after`.
     async fn tenants(&self, after: Option<&str>, limit: u32) -> Result<Page<Tenant, String>, StoreError>;
 
     /// One tenant; none if it has neither settings nor an API key.
@@ -292,9 +293,9 @@ pub trait AccessStore: Send + Sync {
 
 /// The result of a request to send a delivery again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Redelivered {
-    /// It is due now.
-    Yes,
+pub enum RedeliveryResult {
+    /// The delivery is due now.
+    Due,
     /// Its endpoint is disabled.
     Disabled,
     /// The tenant has no such delivery.
@@ -304,8 +305,8 @@ pub enum Redelivered {
 /// Where webhook endpoints and the secrets of callbacks are kept.
 #[async_trait]
 pub trait EndpointStore: Send + Sync {
-    /// Adds an endpoint; none if the tenant has `most` endpoints already.
-    async fn create_endpoint(&self, new: NewEndpoint, most: u32) -> Result<Option<Endpoint>, StoreError>;
+    /// Adds an endpoint; `None` if the tenant already has `max` endpoints.
+    async fn create_endpoint(&self, new: NewEndpoint, max: u32) -> Result<Option<Endpoint>, StoreError>;
 
     /// The tenant's endpoints, oldest first.
     async fn endpoints(&self, tenant: &str) -> Result<Vec<Endpoint>, StoreError>;
@@ -313,7 +314,7 @@ pub trait EndpointStore: Send + Sync {
     /// One of the tenant's endpoints.
     async fn endpoint(&self, tenant: &str, id: &str) -> Result<Option<Endpoint>, StoreError>;
 
-    /// Changes an endpoint. Disabling it gives up its pending deliveries.
+    /// Changes an endpoint. Disabling it fails its pending deliveries.
     async fn change_endpoint(
         &self,
         tenant: &str,
@@ -321,7 +322,7 @@ pub trait EndpointStore: Send + Sync {
         change: EndpointChange,
     ) -> Result<Option<Endpoint>, StoreError>;
 
-    /// Gives an endpoint a new secret; the old one signs beside it for `keep`.
+    /// Gives an endpoint a new secret. The old secret also signs for `keep`.
     async fn rotate_endpoint(
         &self,
         tenant: &str,
@@ -336,7 +337,7 @@ pub trait EndpointStore: Send + Sync {
     /// The secrets of the tenant's callbacks. A tenant without a secret gets `fresh`.
     async fn callback_secrets(&self, tenant: &str, fresh: &SigningSecret) -> Result<Secrets, StoreError>;
 
-    /// Gives the tenant's callbacks a new secret; the old one signs beside it for `keep`.
+    /// Gives the tenant's callbacks a new secret. The old secret also signs for `keep`.
     async fn rotate_callback_secret(
         &self,
         tenant: &str,
@@ -351,27 +352,32 @@ pub trait EndpointStore: Send + Sync {
 /// expires, so each message arrives at least once.
 #[async_trait]
 pub trait DeliveryStore: Send + Sync {
-    /// Sends an endpoint a test message, and returns the delivery's name; none if the endpoint does not exist or is disabled.
+    /// Sends a test message to an endpoint, and returns the delivery's id; `None` if the endpoint does not exist or is disabled.
     async fn send_ping(&self, tenant: &str, endpoint: &str) -> Result<Option<String>, StoreError>;
 
     /// The tenant's deliveries, newest first.
     async fn deliveries(&self, query: DeliveryQuery) -> Result<Page<Delivery, String>, StoreError>;
 
-    /// Makes a delivery due now, whatever its status. A delivery that is not pending gets all of its tries again.
-    async fn redeliver(&self, tenant: &str, id: &str) -> Result<Redelivered, StoreError>;
+    /// Makes a delivery due now, whatever its status. A delivery that is not pending gets its full number of attempts again.
+    async fn redeliver(&self, tenant: &str, id: &str) -> Result<RedeliveryResult, StoreError>;
 
-    /// Claims a delivery that is due, if there is one, under a lease of `lease`. Tenants take turns: first the tenant with the fewest
-    /// deliveries under way; of its deliveries the one that has been due longest. Tenants with `most` under way are passed over.
-    async fn claim_delivery(&self, lease: Duration, most: u32) -> Result<Option<DueDelivery>, StoreError>;
+    /// Claims a delivery that is due, if there is one, under a lease of `lease`. Tenants with the fewest deliveries under way go first,
+    /// and of their deliveries the one that has been due longest. Tenants with `max` deliveries under way are passed over.
+    async fn claim_delivery(&self, lease: Duration, max: u32) -> Result<Option<DueDelivery>, StoreError>;
 
-    /// Records the result of a claimed delivery, unless the claim is lost. Returns whether this disabled the endpoint: because the
-    /// receiver is gone, or because nothing was delivered to it for [`FAILING`](super::FAILING).
-    async fn settle_delivery(&self, due: &DueDelivery, attempt: Attempt, verdict: Verdict) -> Result<bool, StoreError>;
+    /// Records the result of a claimed delivery, unless the claim is lost. Returns whether this disabled the endpoint, because the
+    /// receiver is gone or every delivery has failed for [`FAILING`](super::FAILING).
+    async fn settle_delivery(
+        &self,
+        due: &DueDelivery,
+        attempt: DeliveryAttempt,
+        result: DeliveryResult,
+    ) -> Result<bool, StoreError>;
 
     /// How many deliveries are pending.
     async fn backlog(&self) -> Result<Backlog, StoreError>;
 
-    /// Deletes messages that were made `age` ago, with their deliveries. Returns how many.
+    /// Deletes messages that were created `age` ago, with their deliveries. Returns how many.
     async fn forget_messages(&self, age: Duration) -> Result<u64, StoreError>;
 }
 
@@ -395,5 +401,5 @@ pub trait Store:
     fn connections(&self) -> Connections;
 
     /// Notifies when jobs change through this store object.
-    fn bell(&self) -> &Notifier;
+    fn notifier(&self) -> &Notifier;
 }

@@ -1,5 +1,5 @@
-//! Times: the clock that tells them, and their text in JSON. That is RFC 3339 in UTC with milliseconds, such as
-//! `2026-03-01T09:30:00.000Z`. Every time has the same width, so that texts sort as times do.
+//! Times: the clock, and the format of times in JSON. The format is RFC 3339 in UTC with milliseconds, such as
+//! `2026-03-01T09:30:00.000Z`. All texts have the same width, so that they sort like times.
 
 use std::num::NonZeroU8;
 
@@ -8,7 +8,7 @@ use time::format_description::well_known::Iso8601;
 use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimePrecision};
 use time::{OffsetDateTime, UtcOffset};
 
-/// The wall clock, passed in so that leases and retries can be tested without waiting.
+/// The wall clock, passed in so that tests of leases and retries need not wait.
 pub trait Clock: Send + Sync {
     /// Milliseconds since the Unix epoch.
     fn now_ms(&self) -> i64;
@@ -19,7 +19,7 @@ pub trait Clock: Send + Sync {
 pub struct SystemClock;
 
 impl SystemClock {
-    /// The time.
+    /// The current time.
     #[must_use]
     #[expect(clippy::disallowed_methods, reason = "the one place that asks the operating system")]
     pub fn now(self) -> OffsetDateTime {
@@ -37,47 +37,47 @@ impl Clock for SystemClock {
 const FORMAT: EncodedConfig =
     Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZeroU8::new(3) }).encode();
 
-/// A time as text.
+/// The text of a time, in the format of this module.
 #[must_use]
 pub fn text(time: OffsetDateTime) -> String {
     time.to_offset(UtcOffset::UTC).format(&Iso8601::<FORMAT>).unwrap_or_default()
 }
 
-/// Writes a time.
+/// Serializes a time as its [`text`].
 ///
 /// # Errors
-/// Those of the serializer.
+/// The serializer's errors.
 pub fn serialize<S: Serializer>(time: &OffsetDateTime, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(&text(*time))
 }
 
-/// Reads a time in any form of RFC 3339.
+/// Deserializes a time in any form of RFC 3339.
 ///
 /// # Errors
-/// When the text is no such time.
+/// When the text is not an RFC 3339 time.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<OffsetDateTime, D::Error> {
     time::serde::rfc3339::deserialize(deserializer)
 }
 
-/// The same for a time that may be missing.
+/// Serialization of an optional time.
 pub mod option {
     use serde::{Deserializer, Serialize, Serializer};
     use time::OffsetDateTime;
 
     use crate::jobs::timestamp::text;
 
-    /// Writes a time or null.
+    /// Serializes a time, or null.
     ///
     /// # Errors
-    /// Those of the serializer.
+    /// The serializer's errors.
     pub fn serialize<S: Serializer>(time: &Option<OffsetDateTime>, serializer: S) -> Result<S::Ok, S::Error> {
         time.map(text).serialize(serializer)
     }
 
-    /// Reads a time in any form of RFC 3339, or null.
+    /// Deserializes a time in any form of RFC 3339, or null.
     ///
     /// # Errors
-    /// When the text is no such time.
+    /// When the text is not an RFC 3339 time.
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<OffsetDateTime>, D::Error> {
         time::serde::rfc3339::option::deserialize(deserializer)
     }

@@ -1,4 +1,4 @@
-//! Who is told of jobs that end: endpoints, the messages for them, and how their deliveries fare.
+//! Webhooks: the endpoints that are notified when jobs end, the messages to them, and the states of the deliveries.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,21 +13,21 @@ use super::id::JobId;
 use super::job::{Artifact, Job, JobOutcome, Metadata, ProblemKind, Status, StoredReport};
 use crate::repair::{AssumptionKind, RedFlagCode};
 
-/// How long an endpoint's deliveries may all fail before it is disabled.
+/// An endpoint is disabled after all its deliveries have failed for this long.
 pub const FAILING: Duration = Duration::from_secs(5 * 24 * 3600);
-/// How many attempts of a delivery are kept, the last ones.
+/// How many of a delivery's last attempts are kept.
 pub const ATTEMPTS_KEPT: usize = 20;
 
-/// What endpoints can be told of.
+/// An event that endpoints can subscribe to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
 pub enum JobEvent {
-    /// A job has its result.
+    /// A job succeeded and has its result.
     #[serde(rename = "job.succeeded")]
     Succeeded,
     /// A job ended without a result.
     #[serde(rename = "job.failed")]
     Failed,
-    /// A job was stopped on request.
+    /// A job was canceled on request.
     #[serde(rename = "job.canceled")]
     Canceled,
 }
@@ -46,7 +46,7 @@ impl JobEvent {
         }
     }
 
-    /// What happened to a job that is of this status now; none if it has not ended.
+    /// The event of a job that now has this status; `None` if the job has not ended.
     pub(super) fn of(status: Status) -> Option<Self> {
         match status {
             Status::Succeeded => Some(Self::Succeeded),
@@ -65,18 +65,18 @@ impl FromStr for JobEvent {
     }
 }
 
-/// What messages are signed with: `whsec_` and base64.
+/// A secret that signs messages: `whsec_` and base64.
 #[derive(Clone, PartialEq, Eq)]
 pub struct SigningSecret(String);
 
 impl SigningSecret {
-    /// A secret in its own form.
+    /// A secret from its text.
     #[must_use]
     pub fn new(text: String) -> Self {
         Self(text)
     }
 
-    /// The text, for its owner and for signing.
+    /// The text of the secret.
     #[must_use]
     pub fn reveal(&self) -> &str {
         &self.0
@@ -89,73 +89,73 @@ impl fmt::Debug for SigningSecret {
     }
 }
 
-/// A secret, and the one that it took the place of as long as that still signs.
+/// A secret and, after a rotation, the previous secret while it still signs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Secrets {
-    /// The one in force.
+    /// The current secret.
     pub current: SigningSecret,
-    /// The one before, and when it ends.
+    /// The previous secret and its end.
     pub previous: Option<(SigningSecret, OffsetDateTime)>,
 }
 
-/// An endpoint to make.
+/// A webhook endpoint to create.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NewEndpoint {
-    /// Whose it is.
+    /// The tenant that owns it.
     pub tenant: String,
-    /// Where it is.
+    /// The address that receives messages.
     pub url: String,
-    /// What it is for, in its owner's words.
+    /// The tenant's description.
     pub description: String,
-    /// What it is told of.
+    /// The events to which it subscribes.
     pub events: Vec<JobEvent>,
-    /// What its messages are signed with.
+    /// The secret that signs its messages.
     pub secret: SigningSecret,
 }
 
-/// What to change of an endpoint.
+/// The changes to an endpoint; `None` leaves a value unchanged.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct EndpointChange {
-    /// Where it is.
+    /// The address that receives messages.
     pub url: Option<String>,
-    /// What it is for.
+    /// The tenant's description.
     pub description: Option<String>,
-    /// What it is told of.
+    /// The events to which it subscribes.
     pub events: Option<Vec<JobEvent>>,
-    /// Whether it is told of anything.
+    /// Whether it receives messages.
     pub enabled: Option<bool>,
 }
 
-/// Somebody who is told of a tenant's jobs.
+/// A webhook endpoint: an address that is notified of a tenant's jobs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Endpoint {
-    /// Its name: `we_` and a UUID.
+    /// Its id: `we_` and a UUID.
     pub id: String,
-    /// Where it is.
+    /// The address that receives messages.
     pub url: String,
-    /// What it is for.
+    /// The tenant's description.
     pub description: String,
-    /// What it is told of.
+    /// The events to which it subscribes.
     pub events: Vec<JobEvent>,
-    /// What its messages are signed with.
+    /// The secrets that sign its messages.
     pub secrets: Secrets,
-    /// When it was made.
+    /// When it was created.
     pub created_at: OffsetDateTime,
-    /// When its deliveries began to fail; none where the last one succeeded.
+    /// When its deliveries began to fail; `None` if the last delivery succeeded.
     pub failing_since: Option<OffsetDateTime>,
     /// When and why it was disabled.
     pub disabled: Option<(OffsetDateTime, String)>,
 }
 
-/// How a delivery stands.
+/// The status of a delivery.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DeliveryStatus {
-    /// It waits for its next try, or is under way.
+    /// The delivery waits for its next attempt, or an attempt is under way.
     Pending,
-    /// The receiver took it.
+    /// The receiver accepted the message.
     Delivered,
-    /// It was given up.
+    /// The delivery failed and is not retried.
     Failed,
 }
 
@@ -181,230 +181,231 @@ impl FromStr for DeliveryStatus {
     }
 }
 
-/// One try to deliver a message.
+/// One attempt at a delivery.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[schema(as = DeliveryAttempt)]
-pub struct Attempt {
-    /// When it began.
+pub struct DeliveryAttempt {
+    /// When the attempt began.
     #[serde(with = "crate::jobs::timestamp")]
     pub at: OffsetDateTime,
-    /// The HTTP status that the receiver answered; none if it did not answer.
+    /// The HTTP status of the receiver's response; null without a response.
     pub status: Option<u16>,
-    /// Why it was no success.
+    /// Why the attempt failed.
     pub error: Option<String>,
-    /// How long it took, in milliseconds.
+    /// How long the attempt took, in milliseconds.
     pub milliseconds: u64,
 }
 
-/// A message on its way to one receiver.
+/// The delivery of a message to one receiver.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Delivery {
-    /// Its name: `whd_` and a UUID.
+    /// Its id: `whd_` and a UUID.
     pub id: String,
-    /// The message, which is the receiver's `webhook-id`.
+    /// The message's id, which the receiver gets as the header `webhook-id`.
     pub message: String,
-    /// What the message tells.
+    /// The message's type: an event or `ping`.
     pub kind: String,
-    /// The job that it tells of.
+    /// The job that the message is about.
     pub job: Option<JobId>,
-    /// The endpoint; none where the job named its own address.
+    /// The endpoint; `None` for a job's callback address.
     pub endpoint: Option<String>,
-    /// The address that the job named.
+    /// The job's callback address; `None` for an endpoint.
     pub url: Option<String>,
-    /// How it stands.
+    /// The status.
     pub status: DeliveryStatus,
-    /// The last tries, oldest first.
-    pub attempts: Vec<Attempt>,
-    /// When the message was made.
+    /// The last attempts, oldest first.
+    pub attempts: Vec<DeliveryAttempt>,
+    /// When the message was created.
     pub created_at: OffsetDateTime,
-    /// When it is tried next, while it waits.
+    /// When the next attempt is due, while the delivery is pending.
     pub next_at: OffsetDateTime,
 }
 
-/// Which deliveries of a tenant to list, newest first.
+/// The deliveries of a tenant to list, newest first.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct DeliveryQuery {
-    /// Whose.
+    /// The tenant.
     pub tenant: String,
-    /// Only this one.
+    /// Only the delivery with this id.
     pub id: Option<String>,
-    /// Only to this endpoint.
+    /// Only deliveries to this endpoint.
     pub endpoint: Option<String>,
-    /// Only of this job.
+    /// Only deliveries about this job.
     pub job: Option<JobId>,
-    /// Only older than this one.
+    /// Only deliveries older than this one.
     pub before: Option<String>,
-    /// At most so many.
+    /// The most deliveries to list.
     pub limit: u32,
 }
 
-/// A delivery to make now, under a lease.
+/// A claimed delivery, to attempt now under a lease.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DueDelivery {
-    /// Its name.
+    /// The delivery's id.
     pub id: String,
-    /// Of this claim alone.
+    /// The claim's token.
     pub token: String,
-    /// Whose it is.
+    /// The tenant.
     pub tenant: String,
-    /// The endpoint; none where the job named its own address.
+    /// The endpoint; `None` for a job's callback address.
     pub endpoint: Option<String>,
-    /// Where it goes.
+    /// The address to send to.
     pub url: String,
-    /// The message.
+    /// The message's id.
     pub message: String,
-    /// The very bytes to send.
+    /// The message's body, to send byte for byte.
     pub payload: String,
-    /// What to sign with; none where the tenant has no secret for callbacks yet.
+    /// The secrets that sign the message; `None` if the tenant has no callback secret yet.
     pub secrets: Option<Secrets>,
-    /// Tries since it was made or last asked for again, this one among them.
+    /// The number of attempts since the delivery was created or last requested again, with this one.
     pub tries: u32,
-    /// The last tries before this one.
-    pub attempts: Vec<Attempt>,
+    /// The last attempts before this one.
+    pub attempts: Vec<DeliveryAttempt>,
 }
 
 impl DueDelivery {
-    /// The last tries with this one.
-    pub(super) fn attempts_with(&self, attempt: Attempt) -> Vec<Attempt> {
+    /// The last attempts, with this one.
+    pub(super) fn attempts_with(&self, attempt: DeliveryAttempt) -> Vec<DeliveryAttempt> {
         let mut attempts = self.attempts.clone();
         attempts.push(attempt);
         attempts.split_off(attempts.len().saturating_sub(ATTEMPTS_KEPT))
     }
 }
 
-/// What follows from a try.
+/// The result of an attempt at a delivery.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// The receiver took the message.
+pub enum DeliveryResult {
+    /// The receiver accepted the message.
     Delivered,
-    /// It is to be tried again after this time.
-    Again(Duration),
-    /// It is given up.
+    /// The attempt failed; the next one is due after this time.
+    RetryAfter(Duration),
+    /// The attempt failed, and the delivery is not retried.
     Failed,
-    /// It is given up, and so is the endpoint: the receiver wants no more.
+    /// The receiver is gone: the delivery is not retried, and the endpoint is disabled.
     Gone,
 }
 
-impl Verdict {
-    /// How the delivery stands then.
+impl DeliveryResult {
+    /// The delivery's status after this result.
     #[must_use]
     pub fn status(self) -> DeliveryStatus {
         match self {
             Self::Delivered => DeliveryStatus::Delivered,
-            Self::Again(_) => DeliveryStatus::Pending,
+            Self::RetryAfter(_) => DeliveryStatus::Pending,
             Self::Failed | Self::Gone => DeliveryStatus::Failed,
         }
     }
 
-    /// Why the endpoint is disabled after it, where it is; `long` if nothing was delivered to it for [`FAILING`].
-    pub(super) fn ends_endpoint(self, long: bool) -> Option<&'static str> {
+    /// The reason to disable the endpoint after this result, if any. `is_failing_long` says that no delivery to the endpoint has
+    /// succeeded for [`FAILING`].
+    pub(super) fn disable_reason(self, is_failing_long: bool) -> Option<&'static str> {
         match self {
-            Self::Gone => Some("The receiver answered 410: it wants no more."),
-            Self::Again(_) | Self::Failed if long => Some("Every delivery failed for 5 days."),
-            Self::Delivered | Self::Again(_) | Self::Failed => None,
+            Self::Gone => Some("The receiver responded with status 410 (Gone)."),
+            Self::RetryAfter(_) | Self::Failed if is_failing_long => Some("All deliveries failed for 5 days."),
+            Self::Delivered | Self::RetryAfter(_) | Self::Failed => None,
         }
     }
 }
 
-/// What waits to be delivered.
+/// The pending deliveries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Backlog {
-    /// Deliveries that are not at their end.
+    /// The number of pending deliveries.
     pub pending: u64,
-    /// How long ago the oldest of them was due.
+    /// How long the oldest of them has been due.
     pub overdue: Duration,
 }
 
 impl Backlog {
-    /// Of so many deliveries, the oldest due so many milliseconds ago.
+    /// From the number of pending deliveries, and the milliseconds since the oldest was due.
     pub(super) fn of(pending: i64, overdue: Option<i64>) -> Self {
         let overdue = overdue.and_then(|overdue| u64::try_from(overdue).ok()).unwrap_or_default();
         Self { pending: pending.unsigned_abs(), overdue: Duration::from_millis(overdue) }
     }
 }
 
-/// What is posted to receivers when a job has ended.
+/// The webhook message that receivers get when a job has ended.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = WebhookMessage)]
 pub struct JobMessage {
-    /// What happened.
+    /// The event.
     r#type: JobEvent,
-    /// When it happened.
+    /// When the event happened.
     #[serde(with = "crate::jobs::timestamp::option")]
     timestamp: Option<OffsetDateTime>,
     /// The job.
     data: JobMessageData,
 }
 
-/// A job as receivers are told of it.
+/// A job in a webhook message.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = WebhookJob)]
 struct JobMessageData {
-    /// Its name.
+    /// The job's id.
     #[schema(value_type = String)]
     id: JobId,
-    /// How it ended.
+    /// The job's status at its end.
     status: Status,
-    /// What became of the model, if the job succeeded, or failed since its result is not what `require` asks for.
+    /// The job's outcome, if it succeeded, or if it failed because the result lacks what `require` demands.
     outcome: Option<JobOutcome>,
-    /// Whether the result can be printed as it is, or of an analysis every file; none where that is not known.
+    /// Whether the offered file, or every file of an analysis, is printable; null if unknown.
     printable: Option<bool>,
-    /// Signs that the repair destroyed something; the report has them with their measures.
+    /// Codes of the red flags: signs that the repair destroyed something. The report has their measures.
     red_flags: Vec<RedFlagCode>,
-    /// Kinds of decisions that the file does not prove; the report has each with its amount and places.
+    /// Kinds of the assumptions that the file does not prove. The report has the amount and the places of each.
     assumptions: Vec<AssumptionKind>,
-    /// When it was accepted.
+    /// When the job was accepted.
     #[serde(with = "crate::jobs::timestamp")]
     created_at: OffsetDateTime,
-    /// When it ended.
+    /// When the job ended.
     #[serde(with = "crate::jobs::timestamp::option")]
     finished_at: Option<OffsetDateTime>,
-    /// The uploaded file; of several the first.
+    /// The uploaded file, or the first of several.
     input: Option<FileMessage>,
-    /// Your own notes, as you sent them.
+    /// Your metadata, unchanged.
     #[schema(value_type = BTreeMap<String, String>)]
     metadata: Metadata,
-    /// The files to download, by name.
+    /// The result files, by name.
     artifacts: BTreeMap<String, ArtifactMessage>,
-    /// Why it failed.
+    /// Why the job failed.
     problem: Option<ProblemMessage>,
 }
 
-/// An uploaded file as receivers are told of it.
+/// An uploaded file in a webhook message.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = WebhookInput)]
 struct FileMessage {
-    /// The name it was sent with.
+    /// The file name that the client sent.
     name: String,
-    /// SHA-256 of its bytes, in hexadecimal.
+    /// SHA-256 of the bytes, in hexadecimal.
     sha256: String,
 }
 
-/// A file to download as receivers are told of it.
+/// A result file in a webhook message.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = WebhookArtifact)]
 struct ArtifactMessage {
-    /// Its address, relative to the service's.
+    /// The download address, relative to the service's address.
     href: String,
-    /// Its size; left out of a picture that is drawn when it is first asked for.
+    /// The size in bytes; absent for a picture, which is drawn at the first request.
     #[serde(skip_serializing_if = "Option::is_none")]
     bytes: Option<u64>,
-    /// SHA-256 of its bytes, in hexadecimal; left out of such a picture too.
+    /// SHA-256 of the bytes, in hexadecimal; absent for a picture that is not drawn yet.
     #[serde(skip_serializing_if = "Option::is_none")]
     sha256: Option<String>,
 }
 
-/// Why a job failed as receivers are told of it.
+/// Why a job failed, in a webhook message.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 #[schema(as = WebhookProblem)]
 struct ProblemMessage {
-    /// The code, for programs.
+    /// The problem's code, for programs.
     code: ProblemKind,
-    /// What happened and what to do.
+    /// What happened and what to do, as text.
     detail: String,
 }
 
 impl JobMessage {
+    /// The message about this event of `job`.
     pub(super) fn new(event: JobEvent, job: &Job) -> Self {
         let input = job.inputs.first();
         let input = input.map(|input| FileMessage { name: input.name.clone(), sha256: input.sha256.clone() });

@@ -1,4 +1,4 @@
-//! The sources of the pages in Markdown: what each is about, and its HTML.
+//! The documentation's Markdown sources, and their conversion to HTML.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -8,19 +8,21 @@ use pulldown_cmark::{CowStr, Event, HeadingLevel, Options, Parser, Tag, TagEnd, 
 
 use crate::web;
 
+/// Embeds the Markdown files with these names.
 macro_rules! pages {
     ($($name:literal)*) => {
         &[$(($name, include_str!(concat!("../../docs/", $name, ".md")))),*]
     };
 }
 
+/// Embeds the PNG files with these names.
 macro_rules! pictures {
     ($($name:literal)*) => {
         &[$((concat!($name, ".png"), include_bytes!(concat!("../../docs/pictures/", $name, ".png")))),*]
     };
 }
 
-/// The pages by name, in the order in which they are listed. The first is the one at `/docs/`.
+/// The pages' names and Markdown texts, in the order in which they are listed. The first page is served at `/docs/`.
 pub const PAGES: &[(&str, &str)] = pages! {
     "README"
     "quick-start"
@@ -38,7 +40,7 @@ pub const PAGES: &[(&str, &str)] = pages! {
     "metrics"
 };
 
-/// The pictures that pages show, drawn by the program itself (`make pictures`).
+/// The images in the pages, rendered by the program itself (`make pictures`).
 pub(super) const PICTURES: &[(&str, &[u8])] = pictures! {
     "ball-before" "ball-change"
     "cube-before" "cube-after"
@@ -47,37 +49,37 @@ pub(super) const PICTURES: &[(&str, &[u8])] = pictures! {
     "sheet-before" "sheet-after"
 };
 
-/// What Markdown may have beside CommonMark.
+/// The Markdown extensions that pages may use beyond CommonMark.
 const MARKDOWN: Options = Options::ENABLE_TABLES;
 
-/// A heading within a page.
+/// A heading of a page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Heading {
-    /// 2 for a section, 3 for one within it, and so on.
+    /// The heading's level: 2 for a section, 3 for a subsection, and so on.
     pub level: u8,
-    /// Its words.
+    /// The heading's text.
     pub text: String,
-    /// What links to it end with, as GitHub makes it.
+    /// The heading's URL fragment, generated as on GitHub.
     pub anchor: String,
 }
 
-/// What a page is about.
+/// The title, summary and headings of a page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Outline {
-    /// Its first heading.
+    /// The first heading.
     pub title: String,
-    /// Its first paragraph, without markup.
+    /// The first paragraph, without markup.
     pub summary: String,
-    /// The headings below the first.
+    /// The headings after the first.
     pub headings: Vec<Heading>,
 }
 
 impl Outline {
-    /// That of a text in Markdown.
+    /// Extracts the outline of a Markdown text.
     #[must_use]
     pub fn of(markdown: &str) -> Self {
         let mut outline = Self { title: String::new(), summary: String::new(), headings: Vec::new() };
-        let mut taken = BTreeMap::new();
+        let mut anchor_counts = BTreeMap::new();
         let mut text = String::new();
         for event in Parser::new_ext(markdown, MARKDOWN) {
             match event {
@@ -86,7 +88,7 @@ impl Outline {
                 Event::SoftBreak => text.push(' '),
                 Event::End(TagEnd::Heading(HeadingLevel::H1)) => outline.title = std::mem::take(&mut text),
                 Event::End(TagEnd::Heading(level)) => {
-                    let anchor = anchor(&text, &mut taken);
+                    let anchor = anchor(&text, &mut anchor_counts);
                     outline.headings.push(Heading { level: level as u8, text: std::mem::take(&mut text), anchor });
                 }
                 Event::End(TagEnd::Paragraph) if outline.summary.is_empty() => {
@@ -99,19 +101,19 @@ impl Outline {
     }
 }
 
-/// Letters, digits, hyphens and underscores in lower case, hyphens for spaces, and a number where another has the same.
-fn anchor(text: &str, taken: &mut BTreeMap<String, u32>) -> String {
-    let kept = text.to_lowercase().replace(' ', "-");
-    let kept: String = kept.chars().filter(|c| c.is_alphanumeric() || "-_".contains(*c)).collect();
-    let before = taken.entry(kept.clone()).or_default();
-    *before += 1;
-    if *before == 1 { kept } else { format!("{kept}-{}", *before - 1) }
+/// Returns the URL fragment of a heading: lower case, with hyphens for spaces, without punctuation. A repeated fragment gets a number.
+fn anchor(text: &str, counts: &mut BTreeMap<String, u32>) -> String {
+    let hyphenated = text.to_lowercase().replace(' ', "-");
+    let anchor: String = hyphenated.chars().filter(|c| c.is_alphanumeric() || "-_".contains(*c)).collect();
+    let count = counts.entry(anchor.clone()).or_default();
+    *count += 1;
+    if *count == 1 { anchor } else { format!("{anchor}-{}", *count - 1) }
 }
 
-/// The address of a service in examples: links to it lead to this one.
-const EXAMPLE: &str = "http://127.0.0.1:8080/";
+/// The service's address in examples. Links to this address become links to the serving host.
+const EXAMPLE_HOST: &str = "http://127.0.0.1:8080/";
 
-/// A whole page: the frame with the list of pages, the list of its own sections, and the text.
+/// Renders a page: the template with the list of pages, the list of the page's sections, and the text.
 pub(super) fn document(name: &str, markdown: &str, pages: &[(&str, Outline)]) -> String {
     let Some((_, outline)) = pages.iter().find(|(known, _)| *known == name) else { return String::new() };
     let list = pages.iter().fold(String::new(), |mut list, (other, outline)| {
@@ -120,21 +122,22 @@ pub(super) fn document(name: &str, markdown: &str, pages: &[(&str, Outline)]) ->
         let _ = write!(list, "<li><a href=\"{}\"{current}>{}</a></li>", address(other), escaped(&outline.title));
         list
     });
-    let sections = outline.headings.iter().filter(|it| it.level == 2).fold(String::new(), |mut list, it| {
-        let _ = write!(list, "<li><a href=\"#{}\">{}</a></li>", it.anchor, escaped(&it.text));
-        list
-    });
+    let sections =
+        outline.headings.iter().filter(|heading| heading.level == 2).fold(String::new(), |mut list, heading| {
+            let _ = write!(list, "<li><a href=\"#{}\">{}</a></li>", heading.anchor, escaped(&heading.text));
+            list
+        });
     web::manual()
         .replace("{title}", &escaped(&outline.title))
         .replace("{summary}", &escaped(&outline.summary))
         .replace("{name}", name)
         .replace("{pages}", &list)
         .replace("{sections}", &sections)
-        // The last, since it may hold anything.
+        // The text is inserted last, because it may contain placeholders.
         .replace("{text}", &text(markdown, &outline.headings))
 }
 
-/// The text of a page. Comments are left out, and so would be any other HTML.
+/// Renders the text of a page. HTML in the source, such as comments, is omitted.
 fn text(markdown: &str, headings: &[Heading]) -> String {
     let mut headings = headings.iter();
     let mut picture: Option<(CowStr<'_>, String)> = None;
@@ -155,13 +158,13 @@ fn text(markdown: &str, headings: &[Heading]) -> String {
         match event {
             Event::Start(Tag::Image { dest_url, .. }) => picture = Some((dest_url, String::new())),
             Event::Start(Tag::Heading { level, .. }) if level != HeadingLevel::H1 => {
-                let anchor = headings.next().map_or("", |it| it.anchor.as_str());
+                let anchor = headings.next().map_or("", |heading| heading.anchor.as_str());
                 events.push(raw(format!("<{level} id=\"{anchor}\"><a href=\"#{anchor}\">")));
             }
             Event::End(TagEnd::Heading(level)) if level != HeadingLevel::H1 => {
                 events.push(raw(format!("</a></{level}>\n")));
             }
-            // What is wider than the screen is moved within its own frame, by keys too.
+            // Wide code blocks and tables scroll in their own frame, also by keyboard.
             Event::Start(Tag::CodeBlock(_)) => events.push(raw("<pre tabindex=\"0\"><code>".to_owned())),
             Event::End(TagEnd::CodeBlock) => events.push(raw("</code></pre>\n".to_owned())),
             Event::Start(Tag::Table(_)) => {
@@ -170,9 +173,9 @@ fn text(markdown: &str, headings: &[Heading]) -> String {
             }
             Event::End(TagEnd::Table) => events.extend([event, raw("</div>\n".to_owned())]),
             Event::Start(Tag::Link { link_type, dest_url, title, id }) => {
-                let leads_to = linked(&dest_url);
-                is_linked = leads_to.is_some();
-                events.extend(leads_to.map(|to| Event::Start(Tag::Link { link_type, dest_url: to.into(), title, id })));
+                let target = linked(&dest_url);
+                is_linked = target.is_some();
+                events.extend(target.map(|to| Event::Start(Tag::Link { link_type, dest_url: to.into(), title, id })));
             }
             Event::End(TagEnd::Link) if !is_linked => {}
             Event::Html(_) | Event::InlineHtml(_) => {}
@@ -188,17 +191,18 @@ fn raw(html: String) -> Event<'static> {
     Event::Html(html.into())
 }
 
-/// Where a page is, as seen from another one.
+/// Returns the relative URL of a page from another page.
 fn address(name: &str) -> &str {
     if name == PAGES[0].0 { "./" } else { name }
 }
 
-/// Where a link of a page leads when the page is served; none where that is a file of the repository, beside the pages.
+/// Returns the target of a link in the served page, or `None` for a link to a repository file outside `docs/`.
 fn linked(link: &str) -> Option<String> {
-    if let Some(path) = link.strip_prefix(EXAMPLE) {
+    if let Some(path) = link.strip_prefix(EXAMPLE_HOST) {
         return Some(format!("/{path}"));
     }
-    let (file, anchor) = link.split_once('#').map_or((link, String::new()), |(file, it)| (file, format!("#{it}")));
+    let (file, anchor) =
+        link.split_once('#').map_or((link, String::new()), |(file, fragment)| (file, format!("#{fragment}")));
     match file.strip_suffix(".md") {
         _ if file.starts_with("../") => None,
         Some(name) => Some(address(name).to_owned() + &anchor),
@@ -206,14 +210,16 @@ fn linked(link: &str) -> Option<String> {
     }
 }
 
-/// A picture with its size, so that nothing moves when it has come.
+/// Renders an image element with its size, so that the page layout does not shift when the image loads.
 fn image(address: &str, alt: &str) -> String {
     let name = address.strip_prefix("pictures/").unwrap_or(address);
     let bytes = PICTURES.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, bytes)| bytes);
-    let (width, height) = png::Decoder::new(Cursor::new(bytes)).read_info().map_or((0, 0), |it| it.info().size());
+    let (width, height) =
+        png::Decoder::new(Cursor::new(bytes)).read_info().map_or((0, 0), |reader| reader.info().size());
     format!("<img src=\"{address}\" alt=\"{}\" width=\"{width}\" height=\"{height}\" loading=\"lazy\">", escaped(alt))
 }
 
+/// Escapes a text for HTML.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -223,26 +229,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_is_about_its_first_heading_and_its_first_paragraph() {
+    fn an_outline_has_the_first_heading_the_first_paragraph_and_the_other_headings() {
         let outline = Outline::of(
             "# The `title`\n\nWhat it *is*\nabout.\n\nMore.\n\n## A part\n\n### One's own, `x_y`\n\n## A part\n",
         );
         assert_eq!((outline.title.as_str(), outline.summary.as_str()), ("The title", "What it is about."));
-        let headings: Vec<_> =
-            outline.headings.iter().map(|it| (it.level, it.text.as_str(), it.anchor.as_str())).collect();
+        let headings: Vec<_> = outline
+            .headings
+            .iter()
+            .map(|heading| (heading.level, heading.text.as_str(), heading.anchor.as_str()))
+            .collect();
         assert_eq!(
             headings,
             [(2, "A part", "a-part"), (3, "One's own, x_y", "ones-own-x_y"), (2, "A part", "a-part-1")]
         );
     }
 
-    fn made(markdown: &str) -> String {
+    fn rendered(markdown: &str) -> String {
         text(markdown, &Outline::of(markdown).headings)
     }
 
     #[test]
-    fn links_between_pages_and_to_a_service_work_where_the_pages_are_served() {
-        for (written, served) in [
+    fn links_between_pages_and_to_the_service_work_in_the_served_pages() {
+        for (source, served) in [
             ("options.md", Some("options")),
             ("options.md#repair", Some("options#repair")),
             ("README.md", Some("./")),
@@ -251,16 +260,19 @@ mod tests {
             ("https://www.standardwebhooks.com", Some("https://www.standardwebhooks.com")),
             ("../deploy/README.md", None),
         ] {
-            assert_eq!(linked(written).as_deref(), served, "{written}");
+            assert_eq!(linked(source).as_deref(), served, "{source}");
         }
-        assert_eq!(made("[deploy/](../deploy/README.md) [x](x.md)"), "<p>deploy/ <a href=\"x\">x</a></p>\n");
+        assert_eq!(rendered("[deploy/](../deploy/README.md) [x](x.md)"), "<p>deploy/ <a href=\"x\">x</a></p>\n");
     }
 
     #[test]
-    fn sections_are_links_to_themselves_and_wide_things_can_be_reached_by_keys() {
-        assert_eq!(made("# A\n\n## B `c`"), "<h1>A</h1>\n<h2 id=\"b-c\"><a href=\"#b-c\">B <code>c</code></a></h2>\n");
-        assert_eq!(made("```sh operator\na < b\n```"), "<pre tabindex=\"0\"><code>a &lt; b\n</code></pre>\n");
-        let table = made("| a |\n|---|\n| b |");
+    fn sections_link_to_themselves_and_wide_content_is_reachable_by_keyboard() {
+        assert_eq!(
+            rendered("# A\n\n## B `c`"),
+            "<h1>A</h1>\n<h2 id=\"b-c\"><a href=\"#b-c\">B <code>c</code></a></h2>\n"
+        );
+        assert_eq!(rendered("```sh operator\na < b\n```"), "<pre tabindex=\"0\"><code>a &lt; b\n</code></pre>\n");
+        let table = rendered("| a |\n|---|\n| b |");
         assert!(
             table.starts_with("<div class=\"wide\" tabindex=\"0\"") && table.ends_with("</table>\n</div>\n"),
             "{table}"
@@ -268,13 +280,13 @@ mod tests {
     }
 
     #[test]
-    fn no_html_of_a_page_is_handed_on() {
-        assert_eq!(made("<!-- a -->\n\nb <script>c</script>"), "<p>b c</p>\n");
+    fn html_in_a_page_is_omitted() {
+        assert_eq!(rendered("<!-- a -->\n\nb <script>c</script>"), "<p>b c</p>\n");
     }
 
     #[test]
-    fn pictures_have_words_and_a_size() {
-        let image = made("![A \"ball\"](pictures/ball-before.png)");
+    fn images_have_alternative_text_and_a_size() {
+        let image = rendered("![A \"ball\"](pictures/ball-before.png)");
         assert!(image.contains("alt=\"A &quot;ball&quot;\" width=\"960\" height=\"720\""), "{image}");
     }
 }

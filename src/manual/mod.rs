@@ -1,7 +1,6 @@
-//! The documentation, as pages in the program: what is in `docs/` is read there, served at `/docs`, and told to programs in
-//! `/llms.txt`.
+//! The documentation: the pages of `docs/`, embedded in the program and served as HTML and Markdown at `/docs` and in `/llms.txt`.
 //!
-//! Everything is made once, when it is first asked for. A page is added by its name in [`PAGES`].
+//! Each page is rendered on its first request. To add a page, add its name to [`PAGES`].
 
 mod markdown;
 
@@ -9,99 +8,100 @@ use std::sync::OnceLock;
 
 use self::markdown::document;
 pub use self::markdown::{Heading, Outline, PAGES};
-use crate::web::File;
+use crate::web::StaticFile;
 
 /// A page of the documentation.
 #[derive(Debug)]
 pub struct Page {
-    /// Its name: that of its file, and the last part of its address.
+    /// The page's name: its file name without `.md`, and the last segment of its URL path.
     pub name: &'static str,
-    /// Its title and headings.
+    /// The page's title, summary and headings.
     pub outline: Outline,
-    /// For people.
-    pub html: File,
-    /// For programs, and for people who read Markdown.
-    pub markdown: File,
+    /// The page as HTML.
+    pub html: StaticFile,
+    /// The page as Markdown.
+    pub markdown: StaticFile,
 }
 
 impl Page {
-    /// Whether it is the one at `/docs/`.
+    /// Whether this is the page at `/docs/`.
     #[must_use]
     pub fn is_index(&self) -> bool {
         self.name == PAGES[0].0
     }
 }
 
-/// All pages, in the order of the list.
+/// Returns all pages, in the order in which they are listed.
 pub fn pages() -> &'static [Page] {
-    static MADE: OnceLock<Vec<Page>> = OnceLock::new();
-    MADE.get_or_init(|| {
+    static PAGE_LIST: OnceLock<Vec<Page>> = OnceLock::new();
+    PAGE_LIST.get_or_init(|| {
         let outlines: Vec<_> = PAGES.iter().map(|&(name, text)| (name, Outline::of(text))).collect();
-        let made = PAGES.iter().zip(&outlines).map(|(&(name, text), (_, outline))| Page {
+        let pages = PAGES.iter().zip(&outlines).map(|(&(name, text), (_, outline))| Page {
             name,
             outline: outline.clone(),
-            html: File::new("page.html", document(name, text, &outlines).into_bytes()),
-            markdown: File::new("page.md", text.as_bytes()),
+            html: StaticFile::new("page.html", document(name, text, &outlines).into_bytes()),
+            markdown: StaticFile::new("page.md", text.as_bytes()),
         });
-        made.collect()
+        pages.collect()
     })
 }
 
-/// The page at `/docs/`.
+/// Returns the page at `/docs/`.
 #[must_use]
 pub fn index() -> &'static Page {
     &pages()[0]
 }
 
-/// The page of that name.
+/// Returns the page with this name.
 #[must_use]
 pub fn page(name: &str) -> Option<&'static Page> {
     pages().iter().find(|page| page.name == name)
 }
 
-/// A picture that pages show, by its file's name.
+/// Returns an image of the documentation, by its file name.
 #[must_use]
-pub fn picture(name: &str) -> Option<&'static File> {
-    static MADE: OnceLock<Vec<(&str, File)>> = OnceLock::new();
-    let made =
-        MADE.get_or_init(|| markdown::PICTURES.iter().map(|&(name, bytes)| (name, File::new(name, bytes))).collect());
-    made.iter().find(|(known, _)| *known == name).map(|(_, file)| file)
+pub fn picture(name: &str) -> Option<&'static StaticFile> {
+    static FILES: OnceLock<Vec<(&str, StaticFile)>> = OnceLock::new();
+    let files = FILES
+        .get_or_init(|| markdown::PICTURES.iter().map(|&(name, bytes)| (name, StaticFile::new(name, bytes))).collect());
+    files.iter().find(|(known, _)| *known == name).map(|(_, file)| file)
 }
 
-/// What there is to read, for language models, in the form of llmstxt.org.
-pub fn llms() -> &'static File {
-    static MADE: OnceLock<File> = OnceLock::new();
-    MADE.get_or_init(|| File::new("llms.txt", list_of_pages(pages()).into_bytes()))
+/// Returns the list of all pages for language models, in the format of llmstxt.org.
+pub fn llms() -> &'static StaticFile {
+    static FILE: OnceLock<StaticFile> = OnceLock::new();
+    FILE.get_or_init(|| StaticFile::new("llms.txt", list_of_pages(pages()).into_bytes()))
 }
 
-/// All pages as one text.
-pub fn llms_full() -> &'static File {
-    static MADE: OnceLock<File> = OnceLock::new();
-    MADE.get_or_init(|| File::new("llms-full.txt", all_pages().into_bytes()))
+/// Returns all pages as one text.
+pub fn llms_full() -> &'static StaticFile {
+    static FILE: OnceLock<StaticFile> = OnceLock::new();
+    FILE.get_or_init(|| StaticFile::new("llms-full.txt", all_pages().into_bytes()))
 }
 
+/// The beginning of `/llms.txt`.
 const INTRODUCTION: &str = "# meshmend
 
-> meshmend repairs broken 3D models over HTTP or on the command line, proves on the result's own bytes that it is printable, and gives an
-> honest account of what changed.
+> meshmend repairs broken 3D models over HTTP or on the command line. It verifies the exact result file for printability, and reports
+> exactly what changed.
 
-Send a model to `POST /v1/jobs`, wait with `GET /v1/jobs/{id}?wait=20`, download `/v1/jobs/{id}/artifacts/model` and `report.json`.
-`GET /v1/capabilities` says what this service takes and may do.
+Submit a model with `POST /v1/jobs`, wait with `GET /v1/jobs/{id}?wait=20`, then download `/v1/jobs/{id}/artifacts/model` and
+`report.json`. `GET /v1/capabilities` lists the supported formats, options and limits.
 
 ";
 
-/// The pages with a line on each.
+/// Lists the pages, one line each.
 fn list_of_pages(pages: &[Page]) -> String {
     let line = |page: &Page| format!("- [{}](/docs/{}.md): {}\n", page.outline.title, page.name, page.outline.summary);
     let lines: String = pages.iter().filter(|page| !page.is_index()).map(line).collect();
     format!(
-        "{INTRODUCTION}## Documentation\n\n{lines}\n## API\n\n- [OpenAPI 3.1](/openapi.json): every address, option and answer\n\
-         - [Problems](/problems): every code of an error with what to do, as JSON\n\n## Optional\n\n\
+        "{INTRODUCTION}## Documentation\n\n{lines}\n## API\n\n- [OpenAPI 3.1](/openapi.json): every route, option and response\n\
+         - [Problems](/problems): every error code with advice, as JSON\n\n## Optional\n\n\
          - [All pages in one](/llms-full.txt)\n"
     )
 }
 
-/// The pages one after the other.
+/// Concatenates all pages.
 fn all_pages() -> String {
     PAGES.iter().skip(1).map(|(_, text)| text.trim()).collect::<Vec<_>>().join("\n\n") + "\n"
 }

@@ -1,6 +1,8 @@
+//! Axis-aligned bounding boxes in f64, safe against overflow and underflow of huge and tiny coordinates.
+
 use glam::DVec3;
 
-/// An axis-parallel box in f64. The empty box has its corners at infinity, the wrong way round.
+/// An axis-aligned box in f64. The empty box has `min` at plus infinity and `max` at minus infinity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Box3 {
     /// Smallest coordinates.
@@ -10,55 +12,56 @@ pub struct Box3 {
 }
 
 impl Box3 {
-    /// The box of no points.
+    /// The empty box.
     pub const EMPTY: Self = Self { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
 
-    /// The smallest box around points.
+    /// The smallest box that contains all points.
     pub fn of(points: impl IntoIterator<Item = DVec3>) -> Self {
-        let mut it = Self::EMPTY;
+        let mut bounds = Self::EMPTY;
         for p in points {
-            it.extend(p);
+            bounds.extend(p);
         }
-        it
+        bounds
     }
 
-    /// Grows the box so that it holds `p`.
+    /// Grows the box to include `p`.
     pub fn extend(&mut self, p: DVec3) {
         self.min = self.min.min(p);
         self.max = self.max.max(p);
     }
 
-    /// Whether no point is in it.
+    /// Whether the box contains no point.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.min.x > self.max.x
     }
 
-    /// Whether `other` lies in this box, borders included.
+    /// Whether `other` lies in this box; touching the border counts.
     #[must_use]
     pub fn contains(&self, other: &Self) -> bool {
         self.min.cmple(other.min).all() && self.max.cmpge(other.max).all()
     }
 
-    /// Whether a point lies in this box, borders included.
+    /// Whether a point lies in this box; the border counts.
     #[must_use]
     pub fn holds(&self, p: DVec3) -> bool {
         self.min.cmple(p).all() && self.max.cmpge(p).all()
     }
 
-    /// Whether the boxes have a point in common, borders included.
+    /// Whether the boxes have a point in common; the border counts.
     #[must_use]
     pub fn meets(&self, other: &Self) -> bool {
         self.min.cmple(other.max).all() && self.max.cmpge(other.min).all()
     }
 
-    /// The middle. Halves are added so that huge coordinates do not overflow.
+    /// The centre, or the origin for the empty box. Halving each corner before adding avoids overflow.
     #[must_use]
     pub fn centre(&self) -> DVec3 {
         if self.is_empty() { DVec3::ZERO } else { self.min * 0.5 + self.max * 0.5 }
     }
 
-    /// Length of the diagonal; 0 for the empty box. Finite for every finite box but one of astronomic size.
+    /// Length of the diagonal; 0 for the empty box. Scaling by the longest side avoids overflow and underflow of
+    /// squares.
     #[must_use]
     pub fn diagonal(&self) -> f64 {
         if self.is_empty() {
@@ -83,7 +86,7 @@ mod tests {
 
     #[test]
     fn the_diagonal_of_a_tiny_box_does_not_underflow() {
-        let it = Box3::of([DVec3::ZERO, DVec3::splat(1e-200)]);
-        assert!((it.diagonal() / 1e-200 - 3f64.sqrt()).abs() < 1e-12);
+        let bounds = Box3::of([DVec3::ZERO, DVec3::splat(1e-200)]);
+        assert!((bounds.diagonal() / 1e-200 - 3f64.sqrt()).abs() < 1e-12);
     }
 }

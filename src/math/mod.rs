@@ -1,7 +1,7 @@
-//! Predicates, boxes, and the tree over obvhs.
+//! Geometric predicates, bounding boxes, and bounding volume hierarchies over triangles (crate `obvhs`).
 //!
-//! Where topology is decided, signs are exact (Shewchuk's adaptive predicates through the crate `robust`); boxes and
-//! the tree only ever narrow down what the predicates look at.
+//! Every decision of topology takes the exact sign of a determinant (Shewchuk's adaptive predicates, through the crate
+//! `robust`). Boxes and trees only select the candidates that the predicates then test.
 
 mod boxes;
 mod nearest;
@@ -21,7 +21,9 @@ pub use nearest::{Ball, Nearest};
 pub use opposite::OppositeFaces;
 pub use pairs::{Hit, PairSearch};
 pub use precision::{Precision, Rounding, to_unit_range, unit_scale};
-pub use predicates::{Sign, area_vanishes, collinear, midmost, order_around, orient2d, orient3d, sort_by_angle};
+pub use predicates::{
+    Sign, area_vanishes, collinear, index_of_middle, order_around, orient2d, orient3d, sort_by_angle,
+};
 pub use sequence::{r2, r3, ray_direction};
 pub use tree::{Frame, GrowingTree, Tree};
 pub use triangle::{Crossing, crossing, hit, nearest_on_segment, nearest_on_triangle, nearest_within, within};

@@ -1,32 +1,36 @@
+//! Distance queries on a [`Tree`]: the nearest point of a surface, and the largest empty ball that touches a point.
+
 use glam::DVec3;
 
 use super::tree::{DEPTH, FAR, Tree, box_distance_squared, spend, triangles_of};
 use super::triangle::{nearest_on_triangle, nearest_within};
 
-/// Share of its radius by which a ball may reach through what it touches.
+/// Relative reduction of a ball's radius in intersection tests, so that triangles touching the ball do not count as
+/// inside.
 const SLACK: f64 = 1e-6;
-/// Steps in which a ball shrinks until it clears one triangle. It mostly takes three; beside an edge it halves in each.
-const MOST_SHRUNK: usize = 40;
+/// Maximum steps to shrink a ball until it is clear of one triangle. Usually three are enough; beside an edge each step
+/// halves the ball.
+const MAX_SHRINK_STEPS: usize = 40;
 
-/// The point of a surface that is nearest to another point.
+/// The point of a surface that is nearest to a query point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Nearest {
-    /// The triangle it is on.
+    /// The triangle that contains the point.
     pub face: u32,
-    /// Where it is.
+    /// The nearest point.
     pub point: DVec3,
-    /// How far away it is.
+    /// Distance from the query point.
     pub distance: f64,
 }
 
 impl Tree {
-    /// The point of the triangles nearest to `point`, where that is nearer than `bound`.
+    /// The point of the triangles nearest to `point`, if it is nearer than `bound`.
     ///
-    /// Branch and bound, the nearer box first: a box holds its triangles for certain, so none that is nearer is passed
-    /// over, and the distance is exact but for rounding in f64. Of several nearest triangles it is always the same one.
+    /// Branch and bound, visiting the nearer box first. Each box contains its triangles, so no nearer triangle is
+    /// missed: the distance is exact up to f64 rounding. Ties between triangles are resolved deterministically.
     ///
-    /// `triangle` gives the corners that the tree was built with. `steps` is how many boxes and triangles may be looked at
-    /// and is counted down; where it reaches 0 the answer is only the best so far.
+    /// `triangle` returns the corners that the tree was built with. `steps` is the number of boxes and triangles that
+    /// the search may still visit, and counts down. When it reaches 0, the result is the best point found until then.
     pub fn nearest(
         &self,
         point: DVec3,
@@ -35,14 +39,14 @@ impl Tree {
         triangle: impl Fn(u32) -> [DVec3; 3],
     ) -> Option<Nearest> {
         let bvh = self.bvh.as_ref()?;
-        let place = self.frame.to_tree(point);
-        if !place.abs().cmplt(DVec3::splat(FAR)).all() {
+        let query = self.frame.to_tree(point);
+        if !query.abs().cmplt(DVec3::splat(FAR)).all() {
             return self.nearest_from_afar(point, bound, triangle);
         }
         let mut best = None;
         let limit = bound.max(0.0) * self.frame.scale();
         let mut best_square = if limit < FAR { limit * limit } else { f64::INFINITY };
-        let square = |node: u32| box_distance_squared(bvh.nodes[node as usize].aabb(), place);
+        let square = |node: u32| box_distance_squared(bvh.nodes[node as usize].aabb(), query);
         let mut stack = Vec::with_capacity(DEPTH);
         stack.push((square(0), 0u32));
         while let Some((at_least, at)) = stack.pop() {
@@ -76,7 +80,7 @@ impl Tree {
         best.map(|(face, found)| Nearest { face, point: found, distance: best_square.sqrt() / self.frame.scale() })
     }
 
-    /// From where the model is no more than a point.
+    /// The distance from a point so far away that the model is a point to it.
     fn nearest_from_afar(&self, point: DVec3, bound: f64, triangle: impl Fn(u32) -> [DVec3; 3]) -> Option<Nearest> {
         let face = *self.bvh.as_ref()?.primitive_indices.first()?;
         let found = triangle(face)[0];
@@ -87,50 +91,51 @@ impl Tree {
     }
 }
 
-/// A ball that was shrunk until it was empty.
+/// A ball that was shrunk until it contained no triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ball {
-    /// Its radius.
+    /// Radius.
     pub radius: f64,
-    /// What it touches beside the point that it was shrunk towards; none where it was empty at once.
+    /// The surface point that stopped the ball, apart from the point it was shrunk towards. None if the initial ball
+    /// was already empty.
     pub touches: Option<Nearest>,
 }
 
 impl Tree {
-    /// The largest ball of at most `radius` with no triangle in it that touches `point` and has its centre in the direction
-    /// `way`, of length 1 (the shrinking ball of Ma et al. 2012). None where rounding leaves no such ball or the steps were
-    /// spent.
+    /// The largest empty ball of at most `radius` that touches `point`, with its centre in the unit direction
+    /// `direction`: the shrinking ball of Ma, Bae and Choi (2012). None if rounding leaves no such ball or the steps
+    /// run out.
     ///
-    /// A smaller ball through the same point lies in the larger one, so what is passed over once need not be looked at
-    /// again, and all of it is one walk. What is near `point` comes first, since it leaves the smallest ball: in a round
-    /// body the largest one meets nearly every triangle, and the neighbours shrink it to where few are left. `triangle` and
-    /// `steps` as in [`Tree::nearest`].
+    /// A smaller ball through the same point lies within the larger one, so a skipped subtree never needs another
+    /// visit. One traversal suffices. The traversal visits the surroundings of `point` first, because they shrink the
+    /// ball most: in a round body the largest ball meets nearly every triangle. `triangle` and `steps` as in
+    /// [`Tree::nearest`].
     pub fn shrunk_ball(
         &self,
-        [point, way]: [DVec3; 2],
+        [point, direction]: [DVec3; 2],
         radius: f64,
         steps: &mut u64,
         triangle: impl Fn(u32) -> [DVec3; 3],
     ) -> Option<Ball> {
         let mut ball = Ball { radius, touches: None };
         let Some(bvh) = &self.bvh else { return Some(ball) };
-        // Its centre, and the square of what must be empty around it, in the frame of the tree.
+        // The ball's centre and its squared radius less the slack, in the tree's frame.
         let framed = |radius: f64| {
             let reach = radius * (1.0 - SLACK) * self.frame.scale();
-            (self.frame.to_tree(point + way * radius), reach * reach)
+            (self.frame.to_tree(point + direction * radius), reach * reach)
         };
         let (mut centre, mut square) = framed(radius);
         let start = self.frame.to_tree(point);
         let distance = |node: u32, from: DVec3| box_distance_squared(bvh.nodes[node as usize].aabb(), from);
-        // With the radius at which each was seen to reach into the ball.
+        // Nodes to visit, each with the ball's radius when the node was found to meet the ball.
         let mut stack = Vec::with_capacity(DEPTH);
         stack.push((0u32, f64::INFINITY));
-        while let Some((at, seen)) = stack.pop() {
+        while let Some((at, radius_at_push)) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             if !spend(steps, node) {
                 return None;
             }
-            if seen > ball.radius && distance(at, centre) >= square {
+            if radius_at_push > ball.radius && distance(at, centre) >= square {
                 continue;
             }
             if !node.is_leaf() {
@@ -149,7 +154,7 @@ impl Tree {
                 continue;
             }
             for &face in triangles_of(bvh, node) {
-                ball = ball.shrunk(point, way, face, triangle(face))?;
+                ball = ball.shrunk(point, direction, face, triangle(face))?;
             }
             (centre, square) = framed(ball.radius);
         }
@@ -158,15 +163,15 @@ impl Tree {
 }
 
 impl Ball {
-    /// The ball shrunk towards `point` until a triangle does not reach into it. None where rounding leaves none.
-    fn shrunk(mut self, point: DVec3, way: DVec3, face: u32, corners: [DVec3; 3]) -> Option<Self> {
-        for _ in 0..MOST_SHRUNK {
-            let middle = point + way * self.radius;
+    /// The ball shrunk towards `point` until the triangle is not inside it. None if rounding leaves no such ball.
+    fn shrunk(mut self, point: DVec3, direction: DVec3, face: u32, corners: [DVec3; 3]) -> Option<Self> {
+        for _ in 0..MAX_SHRINK_STEPS {
+            let middle = point + direction * self.radius;
             let Some(found) = nearest_within(middle, corners, self.radius * (1.0 - SLACK)) else {
                 return Some(self);
             };
             let towards = found - point;
-            let smaller = towards.length_squared() / (2.0 * towards.dot(way));
+            let smaller = towards.length_squared() / (2.0 * towards.dot(direction));
             if !(smaller > 0.0 && smaller < self.radius) {
                 return None;
             }
@@ -188,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_least_of_the_distances_to_all_triangles() {
+    fn the_nearest_distance_is_the_minimum_over_all_triangles() {
         for size in [1.0, 1e-60, 1e60] {
             let (positions, faces) = triangles(300, size);
             let tree = Tree::new(&positions, &faces);
@@ -208,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_that_sees_no_size_is_as_far_as_the_model() {
+    fn a_point_far_from_a_tiny_model_gets_its_distance_to_the_model() {
         let (positions, faces) = triangles(10, 1e-300);
         let tree = Tree::new(&positions, &faces);
         let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
@@ -219,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn the_steps_are_an_end_to_the_search() {
+    fn the_search_ends_when_the_steps_run_out() {
         let (positions, _) = triangles(1, 1.0);
         let faces = vec![[0, 1, 2]; 5000];
         let tree = Tree::new(&positions, &faces);
@@ -231,16 +236,18 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_in_it_and_it_touches_what_stopped_it() {
+    fn the_ball_is_empty_and_touches_the_triangle_that_stopped_it() {
         let (positions, faces) = triangles(300, 1.0);
         let tree = Tree::new(&positions, &faces);
         let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
         let mut shrunk = 0;
         for i in 0..200 {
             let point = DVec3::from(r3(f64::from(i) + 0.3)) * 2.0 - 0.5;
-            let way = (DVec3::from(r3(f64::from(i) + 0.7)) - 0.5).normalize();
-            let Some(ball) = tree.shrunk_ball([point, way], 0.5, &mut u64::MAX.clone(), corners) else { continue };
-            let centre = point + way * ball.radius;
+            let direction = (DVec3::from(r3(f64::from(i) + 0.7)) - 0.5).normalize();
+            let Some(ball) = tree.shrunk_ball([point, direction], 0.5, &mut u64::MAX.clone(), corners) else {
+                continue;
+            };
+            let centre = point + direction * ball.radius;
             let least = (0..300).map(|f| centre.distance(nearest_on_triangle(centre, corners(f)))).fold(9.0, f64::min);
             assert!(least >= ball.radius * (1.0 - 2.0 * SLACK), "{least} {ball:?}");
             match ball.touches {
@@ -255,14 +262,14 @@ mod tests {
     }
 
     #[test]
-    fn the_steps_are_an_end_to_the_ball_too() {
+    fn shrinking_the_ball_ends_when_the_steps_run_out() {
         let positions = [DVec3::ZERO, DVec3::X, DVec3::Y];
         let tree = Tree::new(&positions, &vec![[0, 1, 2]; 5000]);
         let mut steps = 3000;
-        let (point, way) = (DVec3::new(0.2, 0.2, -1.0), DVec3::Z);
-        assert_eq!(tree.shrunk_ball([point, way], 2.0, &mut steps, |_| positions), None);
+        let (point, direction) = (DVec3::new(0.2, 0.2, -1.0), DVec3::Z);
+        assert_eq!(tree.shrunk_ball([point, direction], 2.0, &mut steps, |_| positions), None);
         assert_eq!(steps, 0);
-        let ball = tree.shrunk_ball([point, way], 2.0, &mut u64::MAX.clone(), |_| positions).unwrap();
+        let ball = tree.shrunk_ball([point, direction], 2.0, &mut u64::MAX.clone(), |_| positions).unwrap();
         assert!((ball.radius - 0.5).abs() < 1e-6);
     }
 }

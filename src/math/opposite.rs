@@ -1,5 +1,6 @@
-//! Which faces have another behind them that is turned the other way. Most faces of a thick model have none within reach: one walk through
-//! the tree rules out whole neighbourhoods, and a ray passes over what is not turned the other way.
+//! Finds faces that have an oppositely oriented face behind them, as thin walls do. In a thick model most faces have
+//! none within reach: one traversal rules out a whole cluster of faces, and ray queries skip faces that are not
+//! opposite.
 
 use glam::{DVec3, Vec3A};
 use obvhs::bvh2::Bvh2;
@@ -8,14 +9,14 @@ use smallvec::SmallVec;
 
 use super::tree::{DEPTH, Tree, spend, triangles_of, vec3a};
 
-/// Most faces of a neighbourhood, which is asked about as one.
-const NEIGHBOURS: usize = 16;
-/// Nodes that one question may look at. Where it does not end, the answer is yes.
-const STEPS: usize = 512;
-/// What f32 may lose of a length or of a cosine, and more.
+/// Maximum faces of a cluster, which is tested as a whole.
+const CLUSTER_FACES: usize = 16;
+/// Maximum nodes visited per cluster. A cluster that exceeds the limit is not ruled out.
+const MAX_STEPS: usize = 512;
+/// Upper bound of the f32 rounding error of a length or a cosine, with a margin.
 const SLACK: f32 = 1e-4;
 
-/// A box around vectors.
+/// A bounding box of vectors in f32.
 #[derive(Clone, Copy)]
 struct Range {
     min: Vec3A,
@@ -41,7 +42,7 @@ impl Range {
         self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
     }
 
-    /// The least dot product of a vector in one box and one in the other.
+    /// Lower bound of the dot product of a vector in this box and one in the other.
     fn least_dot(&self, other: &Self) -> f32 {
         let low = (self.min * other.min).min(self.min * other.max);
         let high = (self.max * other.min).min(self.max * other.max);
@@ -49,36 +50,38 @@ impl Range {
     }
 }
 
-/// What is below a node: its box and its faces' normals.
+/// Summary of a node's subtree: its bounding box, the range of its faces' normals, and the number of its faces.
 #[derive(Clone, Copy)]
-struct Below {
+struct Subtree {
     bounds: Range,
     normals: Range,
     faces: usize,
 }
 
-/// The faces of a tree and the ways they are turned, to find those that are turned the other way than a given face: those whose
-/// unit normals have a dot product of at most minus a cosine.
+/// Search for opposite faces in a tree. Two faces are opposite if the dot product of their unit normals is at most
+/// minus a given cosine.
 pub struct OppositeFaces<'a> {
     tree: &'a Tree,
-    below: Vec<Below>,
-    /// The dot product from which on two faces are not opposite, for certain.
+    below: Vec<Subtree>,
+    /// Two faces whose normals have a larger dot product are certainly not opposite.
     limit: f32,
 }
 
 impl Tree {
-    /// Prepares the search for opposite faces. `normal` gives a face's unit normal, or zero for a face that is opposite to none.
+    /// Prepares the search for opposite faces. `normal` returns a face's unit normal, or zero for a face that is
+    /// opposite to none.
     #[must_use]
     pub fn opposite_faces(&self, cosine: f64, normal: impl Fn(u32) -> DVec3) -> OppositeFaces<'_> {
-        #[expect(clippy::cast_possible_truncation, reason = "rounded, with slack for it")]
+        #[expect(clippy::cast_possible_truncation, reason = "rounded; the slack covers the rounding")]
         let limit = SLACK - cosine as f32;
         OppositeFaces { tree: self, below: self.below(normal), limit }
     }
 
-    fn below(&self, normal: impl Fn(u32) -> DVec3) -> Vec<Below> {
+    /// The summary of each node's subtree.
+    fn below(&self, normal: impl Fn(u32) -> DVec3) -> Vec<Subtree> {
         let Some(bvh) = &self.bvh else { return Vec::new() };
-        let nothing = Below { bounds: Range::EMPTY, normals: Range::EMPTY, faces: 0 };
-        let mut below = vec![nothing; bvh.nodes.len()];
+        let empty = Subtree { bounds: Range::EMPTY, normals: Range::EMPTY, faces: 0 };
+        let mut below = vec![empty; bvh.nodes.len()];
         for at in self.children_first() {
             let node = &bvh.nodes[at as usize];
             let (normals, faces) = if node.is_leaf() {
@@ -90,28 +93,28 @@ impl Tree {
                 (a.normals.and(b.normals), a.faces + b.faces)
             };
             let aabb = node.aabb();
-            below[at as usize] = Below { bounds: Range { min: aabb.min, max: aabb.max }, normals, faces };
+            below[at as usize] = Subtree { bounds: Range { min: aabb.min, max: aabb.max }, normals, faces };
         }
         below
     }
 }
 
 impl OppositeFaces<'_> {
-    /// For each of `faces` faces whether an opposite one may be within `reach` behind it: a ray of that length from the face against
-    /// its normal may meet one. It may also say so of a face that has none, but never the contrary.
+    /// For each of `faces` faces, whether an opposite face may lie within `reach` behind it: a ray of that length
+    /// against the face's normal may hit one. False positives are possible, false negatives are not.
     ///
-    /// The time is linear in the faces, whatever their shape.
+    /// Takes time linear in the number of faces, whatever their shape.
     #[must_use]
     pub fn may_be_within(&self, reach: f64, faces: usize) -> Vec<bool> {
         let mut answers = vec![false; faces];
         let Some(bvh) = &self.tree.bvh else { return answers };
-        #[expect(clippy::cast_possible_truncation, reason = "rounded, with slack for it")]
+        #[expect(clippy::cast_possible_truncation, reason = "rounded; the slack covers the rounding")]
         let reach = (reach * self.tree.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK;
-        let yes: Vec<u32> = neighbourhoods(bvh, &self.below)
+        let remaining: Vec<u32> = clusters(bvh, &self.below)
             .into_par_iter()
             .filter(|&node| self.meets_swept(bvh, &self.below[node as usize], reach))
             .collect();
-        for node in yes {
+        for node in remaining {
             for face in faces_below(bvh, node) {
                 answers[face as usize] = true;
             }
@@ -119,8 +122,9 @@ impl OppositeFaces<'_> {
         answers
     }
 
-    /// Whether the volume that faces sweep on their way against their normals meets the box of a leaf with an opposite face.
-    fn meets_swept(&self, bvh: &Bvh2, faces: &Below, reach: f32) -> bool {
+    /// Whether the volume that the cluster's faces sweep against their normals meets the box of a leaf with an opposite
+    /// face.
+    fn meets_swept(&self, bvh: &Bvh2, faces: &Subtree, reach: f32) -> bool {
         let normals = faces.normals;
         if normals.is_empty() {
             return false;
@@ -129,47 +133,48 @@ impl OppositeFaces<'_> {
             min: faces.bounds.min - normals.max.max(Vec3A::ZERO) * reach,
             max: faces.bounds.max - normals.min.min(Vec3A::ZERO) * reach,
         };
-        let wanted = |at: u32| self.may_be_opposite(at, &normals) && self.below[at as usize].bounds.meets(&swept);
+        let may_hit = |at: u32| self.may_be_opposite(at, &normals) && self.below[at as usize].bounds.meets(&swept);
         let (mut stack, mut steps) = (vec![0u32], 0);
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             steps += 1;
-            if node.is_leaf() || steps > STEPS {
+            if node.is_leaf() || steps > MAX_STEPS {
                 return true;
             }
-            stack.extend([node.first_index + 1, node.first_index].into_iter().filter(|&child| wanted(child)));
+            stack.extend([node.first_index + 1, node.first_index].into_iter().filter(|&child| may_hit(child)));
         }
         false
     }
 
-    /// Whether `is_met` says yes to a face that is opposite to one with the unit normal `normal` and whose box the segment from `from`
-    /// to `to` meets. It is asked about others too. `steps` as in [`Tree::nearest`]; where it reaches 0 the answer is yes.
+    /// Whether `is_hit` accepts a face that is opposite to the unit normal `normal` and whose box meets the segment
+    /// from `from` to `to`. `is_hit` may also be called for other faces. `steps` as in [`Tree::nearest`]; when it
+    /// reaches 0 the result is true.
     pub fn any_along(
         &self,
         [from, to]: [DVec3; 2],
         normal: DVec3,
         steps: &mut u64,
-        is_met: impl Fn(u32) -> bool,
+        is_hit: impl Fn(u32) -> bool,
     ) -> bool {
         let Some(bvh) = &self.tree.bvh else { return false };
         let (segment, normals) = (self.tree.segment(from, to), Range::of(vec3a(normal)));
-        let wanted =
+        let may_hit =
             |at: u32| self.may_be_opposite(at, &normals) && segment.enters(bvh.nodes[at as usize].aabb()).is_some();
         let mut stack: SmallVec<[u32; DEPTH]> = SmallVec::new();
-        stack.extend(wanted(0).then_some(0));
+        stack.extend(may_hit(0).then_some(0));
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             if !spend(steps, node) {
                 return true;
             }
             if node.is_leaf() {
-                if triangles_of(bvh, node).iter().any(|&face| is_met(face)) {
+                if triangles_of(bvh, node).iter().any(|&face| is_hit(face)) {
                     return true;
                 }
                 continue;
             }
             for child in [node.first_index + 1, node.first_index] {
-                if wanted(child) {
+                if may_hit(child) {
                     stack.push(child);
                 }
             }
@@ -177,7 +182,7 @@ impl OppositeFaces<'_> {
         false
     }
 
-    /// Whether a face below a node may be opposite to one whose normal is in a box.
+    /// Whether a face below a node may be opposite to one of the normals in a range.
     fn may_be_opposite(&self, node: u32, normals: &Range) -> bool {
         let below = &self.below[node as usize].normals;
         let dot = below.least_dot(normals);
@@ -185,12 +190,12 @@ impl OppositeFaces<'_> {
     }
 }
 
-/// The nodes nearest to the root that have few faces. Together they have all faces.
-fn neighbourhoods(bvh: &Bvh2, below: &[Below]) -> Vec<u32> {
+/// The nodes nearest to the root with at most [`CLUSTER_FACES`] faces. Together they contain all faces.
+fn clusters(bvh: &Bvh2, below: &[Subtree]) -> Vec<u32> {
     let (mut found, mut stack) = (Vec::new(), vec![0u32]);
     while let Some(at) = stack.pop() {
         let node = &bvh.nodes[at as usize];
-        if node.is_leaf() || below[at as usize].faces <= NEIGHBOURS {
+        if node.is_leaf() || below[at as usize].faces <= CLUSTER_FACES {
             found.push(at);
         } else {
             stack.extend([node.first_index + 1, node.first_index]);
@@ -199,6 +204,7 @@ fn neighbourhoods(bvh: &Bvh2, below: &[Below]) -> Vec<u32> {
     found
 }
 
+/// The faces of a node's subtree.
 fn faces_below(bvh: &Bvh2, root: u32) -> Vec<u32> {
     let (mut found, mut stack) = (Vec::new(), vec![root]);
     while let Some(at) = stack.pop() {
@@ -229,8 +235,8 @@ mod tests {
     }
 
     #[test]
-    fn a_face_with_an_opposite_one_within_reach_is_never_ruled_out() {
-        // Groups of 40 faces that are turned alike, near each other: a neighbourhood is within one or two of them.
+    fn a_face_with_an_opposite_face_within_reach_is_never_ruled_out() {
+        // Groups of 40 nearby faces with similar orientation: each cluster lies within one or two groups.
         let corner = |i: u32| {
             let (group, k) = (i / 120, i % 3);
             let centre = DVec3::from(r3(f64::from(group))) + DVec3::from(r3(f64::from(i / 3 + 500))) * 0.1;
@@ -241,29 +247,32 @@ mod tests {
         let corners = |face: usize| faces[face].map(|v| positions[v as usize]);
         let tree = Tree::new(&positions, &faces);
         let opposite = tree.opposite_faces(COSINE, |face| unit_normal(corners(face as usize)));
-        let (mut with, mut ruled_out) = (0, 0);
+        let (mut opposite_count, mut ruled_out_count) = (0, 0);
         for reach in [0.01, 0.1, 0.4] {
             let answers = may_have_opposite(&positions, &faces, reach);
             for (face, &answer) in answers.iter().enumerate() {
                 let [a, b, c] = corners(face);
                 let normal = unit_normal([a, b, c]);
                 let (from, step) = ((a + b + c) / 3.0, -normal * reach);
-                let is_met = |other: u32| {
+                let is_hit = |other: u32| {
                     let other = corners(other as usize);
                     unit_normal(other).dot(normal) <= -COSINE && hit(from, step, other).is_some()
                 };
-                let meets = (0u32..).take(faces.len()).any(is_met);
+                let meets = (0u32..).take(faces.len()).any(is_hit);
                 assert!(answer || !meets, "face {face} within {reach}");
-                assert_eq!(opposite.any_along([from, from + step], normal, &mut u64::MAX.clone(), is_met), meets);
-                with += u32::from(meets);
-                ruled_out += u32::from(!answer);
+                assert_eq!(opposite.any_along([from, from + step], normal, &mut u64::MAX.clone(), is_hit), meets);
+                opposite_count += u32::from(meets);
+                ruled_out_count += u32::from(!answer);
             }
         }
-        assert!(with > 100 && ruled_out > 100, "{with} with an opposite face, {ruled_out} ruled out");
+        assert!(
+            opposite_count > 100 && ruled_out_count > 100,
+            "{opposite_count} with an opposite face, {ruled_out_count} ruled out"
+        );
     }
 
     #[test]
-    fn two_plates_rule_each_other_out_beyond_their_distance_only() {
+    fn two_plates_are_opposite_exactly_within_their_distance() {
         let row = |z: f64| (0..64).map(move |i| DVec3::new(f64::from(i / 2), f64::from(i % 2), z));
         let positions: Vec<DVec3> = row(0.0).chain(row(1.0)).collect();
         let strip = |from: u32, up: bool| {
@@ -272,12 +281,12 @@ mod tests {
                 if up == (i % 2 == 1) { [a, b, c] } else { [a, c, b] }
             })
         };
-        // The lower plate faces down and the upper one up: material is between them.
+        // The lower plate faces down and the upper one up, so the material lies between them.
         let outward: Vec<[u32; 3]> = strip(0, false).chain(strip(64, true)).collect();
         assert!(outward[62..].iter().all(|face| unit_normal(face.map(|v| positions[v as usize])) == DVec3::Z));
         assert!(may_have_opposite(&positions, &outward, 1.01).iter().all(|&may| may));
         assert!(may_have_opposite(&positions, &outward, 0.99).iter().all(|&may| !may));
-        // Turned the other way, air is between them, and behind each plate is nothing.
+        // Flipped, the plates have air between them, and nothing behind them.
         let inward: Vec<[u32; 3]> = outward.iter().map(|&[a, b, c]| [a, c, b]).collect();
         assert!(may_have_opposite(&positions, &inward, 1.01).iter().all(|&may| !may));
     }

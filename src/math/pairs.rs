@@ -1,3 +1,6 @@
+//! Searches for pairs of triangles whose boxes meet, in one tree or between two. The search runs in parallel rounds
+//! with the same result for any number of threads, and stops at a budget.
+
 use glam::Vec3A;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
@@ -5,49 +8,49 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::tree::{Tree, triangles_of};
 
-/// Pairs of nodes that a round starts from, and steps that each of them may take before the round ends. A round of
-/// 2^18 steps takes some tens of milliseconds, after which the caller may stop the search.
-const STARTS: usize = 128;
-const STEPS: u64 = 2048;
+/// Node pairs that a round starts from, and the steps of each before the round ends. A round of 2^18 steps takes some
+/// tens of milliseconds; after each round the caller may stop the search.
+const MAX_STARTS: usize = 128;
+const STEPS_PER_START: u64 = 2048;
 
-/// A pair of triangles for which `look` had an answer: two numbers, and what was found.
+/// A pair of triangles, and the value that `look` returned for the pair.
 pub type Hit<T> = ([u32; 2], T);
 
-/// What a search looks for, and how much work it may be.
+/// A search for pairs of triangles: the test of each pair, and the limit of work.
 pub struct PairSearch<L> {
-    /// Asked for every pair of triangles whose boxes meet: an answer makes the pair a hit. It adds to its third
-    /// argument what the answer costs beyond a step.
+    /// Called for every pair of triangles whose boxes meet; `Some` makes the pair a hit. Adds the cost of the test
+    /// beyond one step to its third argument.
     pub look: L,
-    /// Steps after which the search ends: pairs of boxes compared, and what `look` adds.
+    /// Steps after which the search ends: pairs of boxes compared, plus the cost that `look` adds.
     pub budget: u64,
 }
 
 impl<L> PairSearch<L> {
-    /// Looks at all pairs of different triangles in `tree` whose boxes meet, the smaller number first. See
+    /// Calls `look` for all pairs of different triangles in `tree` whose boxes meet, the smaller index first. See
     /// [`PairSearch::between`].
     ///
     /// # Errors
-    /// That of `take`.
+    /// Returns the error of `take`.
     pub fn within<T: Send, E>(&self, tree: &Tree, take: impl FnMut(Vec<Hit<T>>) -> Result<(), E>) -> Result<bool, E>
     where
         L: Fn(u32, u32, &mut u64) -> Option<T> + Sync,
     {
         let Some(bvh) = &tree.bvh else { return Ok(true) };
-        self.run(bvh, bvh, true, take)
+        self.search(bvh, bvh, true, take)
     }
 
-    /// Looks at all pairs of a triangle in `a` and one in `b` whose boxes meet. The trees must have been built in one
-    /// frame. Answers whether the budget was enough.
+    /// Calls `look` for all pairs of a triangle in `a` and one in `b` whose boxes meet. Both trees must have been built
+    /// in the same frame. Returns whether the budget was enough.
     ///
-    /// The search runs in rounds on the current pool of threads. `take` is given the hits of each round and may end
-    /// the search by an error. Rounds, and the hits in them, are the same for any number of threads.
+    /// The search runs in rounds on the current thread pool. After each round, `take` receives the round's hits and may
+    /// end the search with an error. Rounds and their hits are the same for any number of threads.
     ///
-    /// No pair that meets is lost: a box of the tree is the triangle's box, moved, scaled and rounded one coordinate at a
-    /// time, then widened. Each of these steps keeps the order of numbers, rounding to the nearest too, so that what
-    /// was at least as large before is so afterwards, and boxes that met meet.
+    /// No meeting pair is missed: a box in the tree is the triangle's box, translated, scaled and rounded per
+    /// coordinate, then widened. Each step is monotonic, including rounding to nearest, so boxes that met before the
+    /// steps still meet after them.
     ///
     /// # Errors
-    /// That of `take`.
+    /// Returns the error of `take`.
     pub fn between<T: Send, E>(
         &self,
         a: &Tree,
@@ -57,12 +60,12 @@ impl<L> PairSearch<L> {
     where
         L: Fn(u32, u32, &mut u64) -> Option<T> + Sync,
     {
-        debug_assert!(a.frame == b.frame, "trees of one frame");
+        debug_assert!(a.frame == b.frame, "the trees must have the same frame");
         let (Some(a), Some(b)) = (&a.bvh, &b.bvh) else { return Ok(true) };
-        self.run(a, b, false, take)
+        self.search(a, b, false, take)
     }
 
-    fn run<T: Send, E>(
+    fn search<T: Send, E>(
         &self,
         a: &Bvh2,
         b: &Bvh2,
@@ -79,10 +82,10 @@ impl<L> PairSearch<L> {
             if spent >= self.budget {
                 return Ok(false);
             }
-            let starts = open.split_off(open.len().saturating_sub(STARTS));
-            let ends: Vec<End<T>> = starts.par_iter().map(|&start| walk.from(start)).collect();
-            let mut hits = Vec::with_capacity(ends.iter().map(|e| e.hits.len()).sum());
-            for end in ends {
+            let starts = open.split_off(open.len().saturating_sub(MAX_STARTS));
+            let results: Vec<StartResult<T>> = starts.par_iter().map(|&start| walk.from(start)).collect();
+            let mut hits = Vec::with_capacity(results.iter().map(|e| e.hits.len()).sum());
+            for end in results {
                 spent += end.steps;
                 open.extend(end.left);
                 hits.extend(end.hits);
@@ -93,36 +96,36 @@ impl<L> PairSearch<L> {
     }
 }
 
-/// What came of one start of a round.
-struct End<T> {
+/// Result of one start of a round.
+struct StartResult<T> {
     hits: Vec<Hit<T>>,
-    /// Pairs of nodes that were not looked at for want of steps.
+    /// Node pairs that were not visited because the steps ran out.
     left: Vec<(u32, u32)>,
     steps: u64,
 }
 
-/// A walk down two trees at once.
+/// A simultaneous traversal of two trees.
 struct Walk<'a, L> {
     a: &'a Bvh2,
     b: &'a Bvh2,
-    /// Whether both are one tree, of which each pair is wanted once.
+    /// Whether both trees are the same tree, in which each pair is visited once.
     same: bool,
     look: &'a L,
 }
 
 impl<L> Walk<'_, L> {
-    fn from<T>(&self, start: (u32, u32)) -> End<T>
+    fn from<T>(&self, start: (u32, u32)) -> StartResult<T>
     where
         L: Fn(u32, u32, &mut u64) -> Option<T>,
     {
-        let mut end = End { hits: Vec::new(), left: vec![start], steps: 0 };
-        while end.steps < STEPS {
+        let mut end = StartResult { hits: Vec::new(), left: vec![start], steps: 0 };
+        while end.steps < STEPS_PER_START {
             let Some((i, j)) = end.left.pop() else { break };
             end.steps += 1;
             let (x, y) = (&self.a.nodes[i as usize], &self.b.nodes[j as usize]);
             if self.same && i == j {
                 if x.is_leaf() {
-                    self.leaves(x, y, true, &mut end);
+                    self.test_leaves(x, y, true, &mut end);
                 } else {
                     let (l, r) = (x.first_index, x.first_index + 1);
                     end.left.extend([(l, l), (r, r)].into_iter().filter(|&(k, _)| self.has_pairs(k)));
@@ -131,7 +134,7 @@ impl<L> Walk<'_, L> {
                 continue;
             }
             match (x.is_leaf(), y.is_leaf()) {
-                (true, true) => self.leaves(x, y, false, &mut end),
+                (true, true) => self.test_leaves(x, y, false, &mut end),
                 (true, false) => {
                     self.push(i, y.first_index, &mut end);
                     self.push(i, y.first_index + 1, &mut end);
@@ -151,29 +154,29 @@ impl<L> Walk<'_, L> {
         end
     }
 
-    /// Whether there is more than one triangle under a node.
+    /// Whether a node's subtree has more than one triangle.
     #[inline]
     fn has_pairs(&self, k: u32) -> bool {
         self.a.nodes[k as usize].prim_count != 1
     }
 
-    /// Goes on with a pair of nodes if their boxes meet: at once with leaves, which most pairs are.
+    /// Continues with a pair of nodes if their boxes meet. Pairs of leaves, the most frequent case, are tested at once.
     #[inline]
-    fn push<T>(&self, i: u32, j: u32, end: &mut End<T>)
+    fn push<T>(&self, i: u32, j: u32, end: &mut StartResult<T>)
     where
         L: Fn(u32, u32, &mut u64) -> Option<T>,
     {
         let (x, y) = (&self.a.nodes[i as usize], &self.b.nodes[j as usize]);
         if meet(x, y) {
             if x.is_leaf() && y.is_leaf() {
-                self.leaves(x, y, false, end);
+                self.test_leaves(x, y, false, end);
             } else {
                 end.left.push((i, j));
             }
         }
     }
 
-    fn leaves<T>(&self, x: &Bvh2Node, y: &Bvh2Node, one: bool, end: &mut End<T>)
+    fn test_leaves<T>(&self, x: &Bvh2Node, y: &Bvh2Node, one: bool, end: &mut StartResult<T>)
     where
         L: Fn(u32, u32, &mut u64) -> Option<T>,
     {
@@ -209,13 +212,13 @@ mod tests {
 
     const NO_LIMIT: u64 = u64::MAX;
 
-    fn everything(_: u32, _: u32, _: &mut u64) -> Option<()> {
+    fn accept_all(_: u32, _: u32, _: &mut u64) -> Option<()> {
         Some(())
     }
 
     fn pairs_within(tree: &Tree) -> Vec<[u32; 2]> {
         let mut found = Vec::new();
-        let search = PairSearch { look: everything, budget: NO_LIMIT };
+        let search = PairSearch { look: accept_all, budget: NO_LIMIT };
         let Ok(complete) = search.within::<_, Infallible>(tree, |hits| {
             found.extend(hits.into_iter().map(|(pair, ())| pair));
             Ok(())
@@ -225,7 +228,7 @@ mod tests {
         found
     }
 
-    /// Triangles of all sizes, some along the axes, some that only touch, far from the origin or not.
+    /// Triangles of all sizes, some axis-aligned, some only touching, near the origin or far from it.
     fn triangles(seed: &[(u32, u32, u32, u8)], offset: DVec3) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let mut positions = Vec::new();
         for &(x, y, z, size) in seed {
@@ -249,7 +252,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(200))]
 
         #[test]
-        fn every_pair_whose_boxes_meet_is_looked_at_once(
+        fn every_pair_whose_boxes_meet_is_visited_once(
             seed in proptest::collection::vec((0u32..20, 0u32..20, 0u32..20, 0u8..9), 0..120),
             offset in proptest::sample::select(vec![0.0, 1e3, -1e9, 1e15]),
         ) {
@@ -267,7 +270,7 @@ mod tests {
         }
 
         #[test]
-        fn every_pair_between_two_trees_whose_boxes_meet_is_looked_at_once(
+        fn every_pair_between_two_trees_whose_boxes_meet_is_visited_once(
             seed in proptest::collection::vec((0u32..20, 0u32..20, 0u32..20, 0u8..9), 2..120),
             share in 0usize..120,
         ) {
@@ -276,7 +279,7 @@ mod tests {
             let frame = Frame::around(&positions, &faces);
             let (left, right) = (Tree::in_frame(frame, &positions, a), Tree::in_frame(frame, &positions, b));
             let mut found = Vec::new();
-            let search = PairSearch { look: everything, budget: NO_LIMIT };
+            let search = PairSearch { look: accept_all, budget: NO_LIMIT };
             let Ok(complete) = search.between::<_, Infallible>(&left, &right, |hits| {
                 found.extend(hits.into_iter().map(|(pair, ())| pair));
                 Ok(())
@@ -304,7 +307,7 @@ mod tests {
         let rounds = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             let mut rounds = Vec::new();
-            let search = PairSearch { look: everything, budget: NO_LIMIT };
+            let search = PairSearch { look: accept_all, budget: NO_LIMIT };
             let Ok(_) = pool.install(|| {
                 search.within::<_, Infallible>(&tree, |hits| {
                     rounds.push(hits);
@@ -319,12 +322,12 @@ mod tests {
     }
 
     #[test]
-    fn a_crowd_of_overlapping_triangles_ends_by_the_budget() {
+    fn the_budget_ends_a_search_among_many_overlapping_triangles() {
         let (positions, _) = triangles(&[(0, 0, 0, 5)], DVec3::ZERO);
         let faces = vec![[0, 1, 2]; 20_000];
         let tree = Tree::new(&positions, &faces);
         let mut hits = 0;
-        let search = PairSearch { look: everything, budget: 1_000_000 };
+        let search = PairSearch { look: accept_all, budget: 1_000_000 };
         let complete = search.within::<_, Infallible>(&tree, |round| {
             hits += round.len();
             Ok(())
@@ -334,11 +337,11 @@ mod tests {
     }
 
     #[test]
-    fn the_caller_ends_the_search_between_two_rounds() {
+    fn the_caller_can_end_the_search_between_two_rounds() {
         let (positions, _) = triangles(&[(0, 0, 0, 5)], DVec3::ZERO);
         let tree = Tree::new(&positions, &vec![[0, 1, 2]; 20_000]);
         let mut rounds = 0;
-        let search = PairSearch { look: everything, budget: NO_LIMIT };
+        let search = PairSearch { look: accept_all, budget: NO_LIMIT };
         let ended = search.within(&tree, |_| {
             rounds += 1;
             if rounds == 3 { Err("enough") } else { Ok(()) }

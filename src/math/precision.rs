@@ -1,3 +1,5 @@
+//! Floating-point precision of files, and scaling of coordinates into the range where the exact predicates hold.
+
 use glam::DVec3;
 
 /// The floating-point format in which a file holds coordinates.
@@ -11,11 +13,12 @@ pub enum Precision {
 }
 
 impl Precision {
-    /// The position that a file of this precision holds. Coordinates too large for f32 stay as they are, since infinity is no place.
+    /// The position as a file of this precision stores it. Coordinates too large for f32 stay unchanged, because
+    /// infinity is no valid position.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
     pub fn round(self, p: DVec3) -> DVec3 {
-        let nearest = |x: f64| Some(f64::from(x as f32)).filter(|it| it.is_finite()).unwrap_or(x);
+        let nearest = |x: f64| Some(f64::from(x as f32)).filter(|rounded| rounded.is_finite()).unwrap_or(x);
         match self {
             Self::F32 => DVec3::new(nearest(p.x), nearest(p.y), nearest(p.z)),
             Self::F64 => p,
@@ -23,17 +26,18 @@ impl Precision {
     }
 }
 
-/// How scaled positions are rounded, as for exact predicates: to what the result's file will hold, scaled again.
+/// Rounds positions that were scaled for the exact predicates: to the values that the output file can store, in the
+/// scaled unit.
 #[derive(Debug, Clone, Copy)]
 pub struct Rounding {
-    /// What positions in the model's unit were multiplied by: a power of two.
+    /// Factor by which positions in the model's unit were multiplied: a power of two.
     pub scale: f64,
-    /// The precision of the file.
+    /// Precision of the output file.
     pub precision: Precision,
 }
 
 impl Rounding {
-    /// The position that will be read again.
+    /// The position that a reader of the file gets, in the scaled unit.
     #[must_use]
     pub fn of(self, p: DVec3) -> DVec3 {
         match self.precision {
@@ -43,16 +47,16 @@ impl Rounding {
     }
 }
 
-/// The smallest magnitude that a coordinate keeps in [`to_unit_range`]. Three factors of it, each with 53 bits below,
-/// are still above the smallest subnormal number, so that the predicates' expansions do not underflow.
+/// The smallest magnitude that [`to_unit_range`] keeps. A product of three such factors, with 53 bits below it, exceeds
+/// the smallest subnormal number, so the predicates' expansions do not underflow.
 const FLUSH: f64 = 4.909_093_465_297_727e-91; // 2^-300
 
 /// Scales coordinates by one power of two so that the largest magnitude is in `[1, 2)`.
 ///
-/// Shewchuk's predicates are exact only while nothing underflows or overflows. A power of two changes no mantissa, so
-/// signs on the scaled points are the signs on the given ones. Points are not moved to the origin: a subtraction
-/// rounds, and a rounded input gets an exact answer to the wrong question. What is smaller than 2^-300 of the
-/// largest coordinate becomes 0; a file of f32 numbers holds nothing so small.
+/// Shewchuk's predicates are exact only without underflow and overflow. A power of two changes no mantissa, so the
+/// signs for the scaled points are the signs for the original ones. Points are not moved to the origin: the subtraction
+/// would round, and an exact predicate of rounded input answers the wrong question. Values below 2^-300 of the largest
+/// coordinate become 0; no f32 file holds such values.
 ///
 /// All coordinates must be finite.
 #[must_use]
@@ -68,7 +72,7 @@ pub fn to_unit_range(positions: &[DVec3]) -> Vec<DVec3> {
         .collect()
 }
 
-/// The power of two by which [`to_unit_range`] scales.
+/// The power of two by which [`to_unit_range`] scales; 1 if all coordinates are 0 or one is not finite.
 #[must_use]
 pub fn unit_scale(positions: &[DVec3]) -> f64 {
     let largest = positions.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
@@ -77,9 +81,9 @@ pub fn unit_scale(positions: &[DVec3]) -> f64 {
     }
     #[expect(clippy::cast_possible_wrap, reason = "11 bits")]
     let exponent = ((largest.to_bits() >> 52) & 0x7ff) as i64 - 1023;
-    let wanted = (-exponent).clamp(-1022, 1023);
+    let shift = (-exponent).clamp(-1022, 1023);
     #[expect(clippy::cast_sign_loss, reason = "at least 1 by the clamp")]
-    f64::from_bits(((wanted + 1023) as u64) << 52)
+    f64::from_bits(((shift + 1023) as u64) << 52)
 }
 
 #[cfg(test)]
@@ -87,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn coordinates_are_rounded_one_by_one_and_none_becomes_infinite() {
+    fn each_coordinate_is_rounded_and_none_becomes_infinite() {
         let rounded = Precision::F32.round(DVec3::new(0.1, -1e39, f64::from(f32::MAX) * 1.000_000_001));
         assert_eq!(rounded, DVec3::new(f64::from(0.1f32), -1e39, f64::from(f32::MAX)));
     }
@@ -102,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn scaling_stands_the_largest_and_the_smallest_numbers() {
+    fn scaling_keeps_the_largest_and_smallest_numbers_finite() {
         for x in [f64::MAX, f64::MIN_POSITIVE, 5e-324, 0.0] {
             assert!(to_unit_range(&[DVec3::splat(x)])[0].is_finite());
         }

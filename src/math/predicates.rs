@@ -1,3 +1,5 @@
+//! Exact geometric predicates on points, and orders that depend only on their signs.
+
 use std::cmp::Ordering;
 use std::ops::Neg;
 
@@ -16,7 +18,7 @@ pub enum Sign {
 }
 
 impl Sign {
-    /// The sign of a number; zero for one that is not a number.
+    /// The sign of a number; zero for NaN.
     #[must_use]
     pub fn of(value: f64) -> Self {
         if value > 0.0 {
@@ -48,7 +50,7 @@ impl Neg for Sign {
 }
 
 impl From<Ordering> for Sign {
-    /// The sign of a number from how it compares to zero.
+    /// The sign of a number, from its comparison with zero.
     fn from(order: Ordering) -> Self {
         match order {
             Ordering::Less => Self::Negative,
@@ -58,8 +60,8 @@ impl From<Ordering> for Sign {
     }
 }
 
-/// Which side of the plane `a`, `b`, `c` the point `d` is on: positive where `a`, `b`, `c` appear clockwise seen
-/// from `d`, that is, on the inner side of a face that is counter-clockwise seen from outside.
+/// The side of the plane `a`, `b`, `c` on which the point `d` lies. Positive if `a`, `b`, `c` appear clockwise seen
+/// from `d`: on the inner side of a face that is counter-clockwise seen from outside.
 ///
 /// Shewchuk 1997, "Adaptive Precision Floating-Point Arithmetic and Fast Robust Geometric Predicates".
 /// Exact for points in the range of [`super::to_unit_range`].
@@ -69,15 +71,15 @@ pub fn orient3d(a: DVec3, b: DVec3, c: DVec3, d: DVec3) -> Sign {
     Sign::of(robust::orient3d(p(a), p(b), p(c), p(d)))
 }
 
-/// Whether three points of a plane turn counter-clockwise (positive), clockwise (negative) or not at all.
-/// Exact for points in the range of [`super::to_unit_range`].
+/// The turn of three points in a plane: positive for counter-clockwise, negative for clockwise, zero for collinear
+/// points. Exact for points in the range of [`super::to_unit_range`].
 #[must_use]
 pub fn orient2d(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> Sign {
     let p = |v: [f64; 2]| Coord { x: v[0], y: v[1] };
     Sign::of(robust::orient2d(p(a), p(b), p(c)))
 }
 
-/// Whether three points lie on a line, exactly: their projections on the three coordinate planes all do.
+/// Whether three points are collinear, exactly: their projections on the three coordinate planes must all be collinear.
 #[must_use]
 pub fn collinear(a: DVec3, b: DVec3, c: DVec3) -> bool {
     orient2d([a.x, a.y], [b.x, b.y], [c.x, c.y]) == Sign::Zero
@@ -85,17 +87,17 @@ pub fn collinear(a: DVec3, b: DVec3, c: DVec3) -> bool {
         && orient2d([a.z, a.x], [b.z, b.x], [c.z, c.x]) == Sign::Zero
 }
 
-/// Whether nobody who computes in f64 finds the area of a face: the cross product of two sides comes out as zero at one of its
-/// corners, though they need not lie on a line exactly. Programs drop such a face, or give it a normal of zeros.
+/// Whether the face's area is zero in f64: at one of its corners, the cross product of two sides evaluates to zero. The
+/// corners need not be exactly collinear. Programs drop such a face or give it a zero normal.
 #[must_use]
 pub fn area_vanishes(a: DVec3, b: DVec3, c: DVec3) -> bool {
     [[a, b, c], [b, c, a], [c, a, b]].into_iter().any(|[p, q, r]| (q - p).cross(r - p) == DVec3::ZERO)
 }
 
-/// Of three different points on a line, the index of the one between the others.
+/// The index of the middle one of three different, collinear points.
 #[must_use]
-pub fn midmost(points: [DVec3; 3]) -> usize {
-    // On a line the lexicographic order is the order along the line, and needs no arithmetic.
+pub fn index_of_middle(points: [DVec3; 3]) -> usize {
+    // Along a line the lexicographic order is the geometric order, and comparing needs no arithmetic.
     let key = |i: usize| points[i].to_array();
     let mut order = [0, 1, 2];
     order.sort_by(|&i, &j| {
@@ -105,11 +107,10 @@ pub fn midmost(points: [DVec3; 3]) -> usize {
     order[1]
 }
 
-/// Points sorted by their angle around the axis from `a` to `b`, counter-clockwise seen from `b`, beginning with the
+/// The order of points by angle around the axis from `a` to `b`, counter-clockwise seen from `b`, starting at the
 /// direction of the first point. `before` orders points at the same angle.
 ///
-/// Decided by exact signs for points in the range of [`super::to_unit_range`]. None where a point lies on the axis,
-/// since it has no angle.
+/// Exact for points in the range of [`super::to_unit_range`]. None if a point lies on the axis, where it has no angle.
 #[must_use]
 pub fn order_around(
     a: DVec3,
@@ -125,9 +126,9 @@ pub fn order_around(
     Some(sort_by_angle(&quarters, ahead, before))
 }
 
-/// Directions around an axis sorted by angle. `quarters` tells for each where it is as seen from the first: 0 at its angle, 1 less
-/// than half a turn on, 2 opposite, 3 beyond. `ahead(i, j)` is positive where `j` is less than half a turn on from `i`, and zero
-/// where both are on one line. `before` orders directions at the same angle.
+/// The order of directions around an axis by angle. `quarters` gives the position of each relative to the first: 0 at
+/// the same angle, 1 less than half a turn ahead, 2 opposite, 3 beyond. `ahead(i, j)` is positive if `j` is less than
+/// half a turn ahead of `i`, and zero if both are collinear. `before` orders directions at the same angle.
 #[must_use]
 pub fn sort_by_angle(
     quarters: &[u8],
@@ -150,7 +151,8 @@ pub fn sort_by_angle(
     order
 }
 
-/// Where `p` is as seen from the half-plane of `first`: 0 in it, 1 less than half a turn on, 2 opposite, 3 beyond.
+/// The position of `p` relative to the half-plane of `first`: 0 in it, 1 less than half a turn ahead, 2 opposite, 3
+/// beyond.
 fn quarter(a: DVec3, b: DVec3, first: DVec3, p: DVec3) -> u8 {
     match orient3d(a, b, first, p) {
         Sign::Negative => 1,
@@ -160,7 +162,7 @@ fn quarter(a: DVec3, b: DVec3, first: DVec3, p: DVec3) -> u8 {
     }
 }
 
-/// Whether two points in a plane with the line `a`, `b` lie on the same side of it.
+/// Whether two points in a plane that contains the line `a`, `b` lie on the same side of the line.
 fn same_side(a: DVec3, b: DVec3, p: DVec3, q: DVec3) -> bool {
     for k in 0..3 {
         let flat = |v: DVec3| [v[(k + 1) % 3], v[(k + 2) % 3]];
@@ -178,7 +180,7 @@ mod tests {
     use crate::math::precision::to_unit_range;
 
     #[test]
-    fn tiny_triangles_have_a_side_after_scaling() {
+    fn tiny_tetrahedra_have_an_orientation_after_scaling() {
         let p = to_unit_range(&[DVec3::ZERO, DVec3::X * 1e-110, DVec3::Y * 1e-110, DVec3::Z * 1e-110]);
         assert_ne!(orient3d(p[0], p[1], p[2], p[3]), Sign::Zero);
     }
@@ -194,26 +196,26 @@ mod tests {
     #[test]
     fn the_middle_of_a_line_is_found_in_any_order() {
         let [a, b, c] = [DVec3::ZERO, DVec3::new(0.0, -1.0, 1.0), DVec3::new(0.0, -2.0, 2.0)];
-        assert_eq!(midmost([a, b, c]), 1);
-        assert_eq!(midmost([b, c, a]), 0);
-        assert_eq!(midmost([c, a, b]), 2);
+        assert_eq!(index_of_middle([a, b, c]), 1);
+        assert_eq!(index_of_middle([b, c, a]), 0);
+        assert_eq!(index_of_middle([c, a, b]), 2);
     }
 
     #[test]
-    fn points_around_an_axis_stand_in_counter_clockwise_order() {
+    fn points_around_an_axis_are_in_counter_clockwise_order() {
         let at = |degrees: f64| DVec3::new(degrees.to_radians().cos(), degrees.to_radians().sin(), degrees / 100.0);
         let angles = [10.0, 350.0, 100.0, 189.0, 11.0, 280.0];
         let points: Vec<DVec3> = angles.iter().map(|&d| at(d)).collect();
         let order = order_around(DVec3::ZERO, DVec3::Z, &points, |_, _| Ordering::Equal).unwrap();
         let sorted: Vec<f64> = order.iter().map(|&i| angles[i]).collect();
         assert_eq!(sorted, [10.0, 11.0, 100.0, 189.0, 280.0, 350.0]);
-        // Seen from the other end it is the other way round.
+        // Seen from the other end the order is reversed.
         let order = order_around(DVec3::Z, DVec3::ZERO, &points, |_, _| Ordering::Equal).unwrap();
         assert_eq!(order.iter().map(|&i| angles[i]).collect::<Vec<_>>(), [10.0, 350.0, 280.0, 189.0, 100.0, 11.0]);
     }
 
     #[test]
-    fn points_at_the_same_angle_stand_as_asked() {
+    fn points_at_the_same_angle_follow_the_given_order() {
         let points = [DVec3::X, DVec3::new(3.0, 0.0, 2.0), -DVec3::X, DVec3::Y, DVec3::new(-0.1, 0.0, 9.0)];
         let order = order_around(DVec3::ZERO, DVec3::Z, &points, |i, j| j.cmp(&i)).unwrap();
         assert_eq!(order, [1, 0, 3, 4, 2]);

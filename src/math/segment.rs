@@ -1,24 +1,27 @@
+//! Segment queries on a [`Tree`]: candidates along a segment, and the first hit.
+
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use smallvec::SmallVec;
 
 use super::tree::{DEPTH, FAR, Tree, spend, triangles_of, vec3a};
 
-/// More than the slab test in f32 rounds, as a share: a subtraction, a reciprocal and a product, each by half of 2^-23.
+/// Relative bound of the slab test's f32 rounding: a subtraction, a reciprocal and a product, each with half of 2^-23.
 const ROUNDING: f32 = 1.0 / (1 << 20) as f32;
 
 impl Tree {
-    /// Calls `visit` with every triangle whose box the segment from `from` to `to` meets, until it answers `false`.
+    /// Calls `visit` with every triangle whose box meets the segment from `from` to `to`, until `visit` returns
+    /// `false`.
     pub fn along(&self, from: DVec3, to: DVec3, visit: impl FnMut(u32) -> bool) {
         let segment = self.segment(from, to);
         self.walk(|aabb| segment.enters(aabb).is_some(), visit);
     }
 
-    /// The first triangle that the segment from `from` to `to` meets, and how far along it is; of several at one place the one of
-    /// the smallest number. With `after`, the first behind that one in this order.
+    /// The first triangle that the segment meets, with its parameter along the segment. Ties go to the smallest index.
+    /// With `after`, the first triangle behind that pair in this order.
     ///
-    /// `hit` tells how far along the segment a triangle is, as a share of it, where the two meet. `steps` as in [`Tree::nearest`];
-    /// where it reaches 0 another may be nearer.
+    /// `hit` returns the parameter, from 0 to 1, at which the segment meets a triangle. `steps` as in
+    /// [`Tree::nearest`]; when it reaches 0, a nearer triangle may have been missed.
     pub fn first_along(
         &self,
         [from, to]: [DVec3; 2],
@@ -28,18 +31,18 @@ impl Tree {
     ) -> Option<(f64, u32)> {
         let bvh = self.bvh.as_ref()?;
         let segment = self.segment(from, to);
-        // How far along the segment a node's box is; nothing is farther than where it misses the box.
+        // The parameter at which the segment enters a node's box; infinity for a box it misses.
         let entry = |node: u32| segment.enters(bvh.nodes[node as usize].aabb()).unwrap_or(f32::INFINITY);
         let mut first: Option<(f64, u32)> = None;
-        // What is farther along than this is not looked at.
+        // Boxes that start beyond this parameter are skipped.
         let mut limit = f64::MAX;
         let mut stack: SmallVec<[(f32, u32); DEPTH]> = SmallVec::new();
         stack.push((entry(0), 0));
-        while let Some((share, mut at)) = stack.pop() {
-            if f64::from(share) > limit {
+        while let Some((parameter, mut at)) = stack.pop() {
+            if f64::from(parameter) > limit {
                 continue;
             }
-            // Down to a leaf, always into the nearer child; the other one is kept for later.
+            // Descends to a leaf, always into the nearer child, and keeps the other child for later.
             loop {
                 let node = &bvh.nodes[at as usize];
                 if !spend(steps, node) {
@@ -47,7 +50,7 @@ impl Tree {
                 }
                 if node.is_leaf() {
                     for &face in triangles_of(bvh, node) {
-                        let Some(found) = hit(face).map(|share| (share, face)) else { continue };
+                        let Some(found) = hit(face).map(|parameter| (parameter, face)) else { continue };
                         if after.is_none_or(|after| after < found) && first.is_none_or(|first| found < first) {
                             first = Some(found);
                             limit = found.0;
@@ -56,14 +59,14 @@ impl Tree {
                     break;
                 }
                 let (mut near, mut far) = (node.first_index, node.first_index + 1);
-                let (mut near_share, mut far_share) = (entry(near), entry(far));
-                if far_share < near_share {
-                    (near, far, near_share, far_share) = (far, near, far_share, near_share);
+                let (mut near_parameter, mut far_parameter) = (entry(near), entry(far));
+                if far_parameter < near_parameter {
+                    (near, far, near_parameter, far_parameter) = (far, near, far_parameter, near_parameter);
                 }
-                if f64::from(far_share) <= limit {
-                    stack.push((far_share, far));
+                if f64::from(far_parameter) <= limit {
+                    stack.push((far_parameter, far));
                 }
-                if f64::from(near_share) > limit {
+                if f64::from(near_parameter) > limit {
                     break;
                 }
                 at = near;
@@ -72,36 +75,39 @@ impl Tree {
         first
     }
 
+    /// The segment in the tree's frame, prepared for slab tests.
     pub(super) fn segment(&self, from: DVec3, to: DVec3) -> Segment {
         let origin = self.frame.to_tree(from);
         let step = self.frame.to_tree(to) - origin;
         if !origin.abs().max(step.abs()).cmplt(DVec3::splat(FAR)).all() {
-            // Too far or too long for f32: it is taken to meet every box.
-            return Segment { low: Vec3A::ZERO, high: Vec3A::ZERO, share: Vec3A::ZERO };
+            // The segment is too far away or too long for f32, so it is treated as meeting every box.
+            return Segment { low: Vec3A::ZERO, high: Vec3A::ZERO, reciprocal: Vec3A::ZERO };
         }
-        // Finite, so that a product with zero is zero; any other with it is outside of the segment.
-        let share = vec3a(step.recip()).clamp(Vec3A::splat(f32::MIN), Vec3A::splat(f32::MAX));
+        // Clamped to finite values, so that a product with zero is zero; any other product lies outside the segment.
+        let reciprocal = vec3a(step.recip()).clamp(Vec3A::splat(f32::MIN), Vec3A::splat(f32::MAX));
         let origin = vec3a(origin);
         let rounding = origin.abs() * f32::EPSILON;
-        Segment { low: origin + rounding, high: origin - rounding, share }
+        Segment { low: origin + rounding, high: origin - rounding, reciprocal }
     }
 }
 
-/// A segment in the frame of a tree.
+/// A segment in the tree's frame, prepared for slab tests.
 pub(super) struct Segment {
-    /// Its start, rounded up for the low sides of boxes and down for the high ones: boxes get larger by what f32 rounds of it.
+    /// The start, rounded up for the low sides of boxes and down for the high sides: this enlarges boxes by the f32
+    /// rounding of the start.
     low: Vec3A,
     high: Vec3A,
-    /// One over what it goes along each axis.
-    share: Vec3A,
+    /// The reciprocal of the step along each axis.
+    reciprocal: Vec3A,
 }
 
 impl Segment {
-    /// How far along it enters a box, as a share of it, where it meets the box: the slab test (Kay and Kajiya 1986), never too
-    /// late and never missed by rounding (Ize 2013, "Robust BVH Ray Traversal").
+    /// The parameter at which the segment enters a box, if it meets the box: the slab test (Kay and Kajiya 1986). The
+    /// tolerance makes the entry never too late and misses no box through rounding (Ize 2013, "Robust BVH Ray
+    /// Traversal").
     #[inline]
     pub(super) fn enters(&self, aabb: &Aabb) -> Option<f32> {
-        let (a, b) = ((aabb.min - self.low) * self.share, (aabb.max - self.high) * self.share);
+        let (a, b) = ((aabb.min - self.low) * self.reciprocal, (aabb.max - self.high) * self.reciprocal);
         let (enter, leave) = (a.min(b).max_element().max(0.0), a.max(b).min_element().min(1.0));
         let enter = enter * (1.0 - ROUNDING);
         (enter <= leave * (1.0 + ROUNDING)).then_some(enter)
@@ -120,7 +126,7 @@ mod tests {
 
     fn segments() -> impl Iterator<Item = [DVec3; 2]> {
         let end = |i: u32| DVec3::from(r3(f64::from(i))) * 2.0 - 0.5;
-        // Some along an axis, where two of three shares are of nothing.
+        // Every third segment is parallel to an axis, so two of its reciprocals are infinite.
         (0..300).map(move |i| {
             let (from, to) = (end(i), end(i + 900));
             [from, if i % 3 == 0 { DVec3::new(to.x, from.y, from.z) } else { to }]
@@ -128,16 +134,16 @@ mod tests {
     }
 
     #[test]
-    fn every_triangle_that_a_segment_meets_comes_in_order_and_no_other() {
+    fn exactly_the_triangles_that_a_segment_meets_come_in_order() {
         let (positions, mut faces) = triangles(300);
-        // Twice each, so that two are always at one place.
+        // Every triangle twice, so that two are always hit at the same parameter.
         faces.extend_from_within(..);
         let tree = Tree::new(&positions, &faces);
         let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
         let mut met = 0;
         for [from, to] in segments() {
             let mut expected: Vec<(f64, u32)> =
-                (0..600).filter_map(|f| hit(from, to - from, corners(f)).map(|share| (share, f))).collect();
+                (0..600).filter_map(|f| hit(from, to - from, corners(f)).map(|parameter| (parameter, f))).collect();
             expected.sort_by(|a, b| a.partial_cmp(b).unwrap());
             let (mut found, mut steps) = (Vec::new(), u64::MAX);
             let mut next =
@@ -158,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_segment_meets_the_boxes_that_it_crosses_and_few_others() {
+    fn a_segment_visits_the_boxes_it_crosses_and_few_others() {
         let positions: Vec<DVec3> =
             (0..3000).map(|i| DVec3::new(f64::from(i / 3) + f64::from(i % 3 % 2), f64::from(i % 3 / 2), 0.0)).collect();
         let faces: Vec<[u32; 3]> = (0..1000).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
@@ -172,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_segment_that_starts_far_away_meets_what_it_meets() {
+    fn a_segment_that_starts_far_away_misses_no_triangle() {
         let (positions, faces) = triangles(300);
         let tree = Tree::new(&positions, &faces);
         for (f, far) in (0..300).zip([1e3, 1e5, 1e7].into_iter().cycle()) {
@@ -189,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_segment_meets_a_triangle_that_is_too_small_for_f32_to_tell_from_afar() {
+    fn a_segment_meets_a_triangle_too_small_for_f32_seen_from_afar() {
         for exponent in 10..300 {
             let size = 10f64.powi(-exponent);
             let tree = Tree::new(&[DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p * size), &[[0, 1, 2]]);
@@ -208,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn the_steps_are_an_end_to_the_search() {
+    fn the_search_ends_when_the_steps_run_out() {
         let positions = [DVec3::ZERO, DVec3::X, DVec3::Y];
         let tree = Tree::new(&positions, &vec![[0, 1, 2]; 5000]);
         let mut steps = 3000;

@@ -1,3 +1,5 @@
+//! A bounding volume hierarchy over triangles: construction, box queries, and refitting for triangles that move.
+
 use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -6,35 +8,37 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use super::boxes::Box3;
 
-/// How far a box in the tree reaches beyond its triangle, as a share of half of the model's longest side: more than
-/// the rounding of the tree's own frame, and a spread that keeps equal boxes from being equal (see [`Tree::new`]).
+/// How far a box in the tree extends beyond its triangle, in units of half the model's longest side. It covers the
+/// rounding of the tree's frame, plus a spread that makes equal boxes differ (see [`Tree::new`]).
 const PAD: f64 = 1e-6;
 
-/// Capacity of the stack of a walk, as deep as trees usually are: questions are many and short.
+/// Initial capacity of a traversal's stack, the usual depth of a tree. Queries are many and short.
 pub(super) const DEPTH: usize = 64;
 
-/// Half-sides of the model from which on all its points are equally far, but for rounding.
+/// Distance, in half-sides of the model, beyond which the whole model is at one distance up to rounding.
 pub(super) const FAR: f64 = 1.152_921_504_606_847e18; // 2^60
 
-/// A tree of boxes over triangles, to find the few that a segment may meet or that are near a point.
+/// A bounding volume hierarchy over triangles, which finds the few that a segment may meet or that lie near a point.
 ///
-/// It answers candidates, never hits: boxes are f32 and rounded outward, and the exact predicates decide.
+/// Queries return candidates, not hits: boxes are in f32 and rounded outward, and the exact predicates decide.
 pub struct Tree {
+    /// The hierarchy; none without triangles.
     pub(super) bvh: Option<Bvh2>,
+    /// The coordinate frame of the boxes.
     pub(super) frame: Frame,
 }
 
 impl Tree {
-    /// Builds the tree. The same triangles give the same tree. All positions that are used must be finite.
+    /// Builds the tree. The same triangles give the same tree. All positions that faces use must be finite.
     ///
-    /// The builder is quadratic where many boxes are equal, so each box is widened by an amount that is hashed from
-    /// its index.
+    /// The builder takes quadratic time for many equal boxes. To avoid this, each box is widened by an amount hashed
+    /// from its index.
     #[must_use]
     pub fn new(positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
         Self::in_frame(Frame::around(positions, faces), positions, faces)
     }
 
-    /// Builds the tree in a frame that may hold more than these triangles, such as those of another tree.
+    /// Builds the tree in a frame that may cover more than these triangles, such as those of another tree.
     #[must_use]
     pub fn in_frame(frame: Frame, positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
         if faces.is_empty() {
@@ -45,7 +49,7 @@ impl Tree {
             .enumerate()
             .map(|(index, face)| {
                 let b = Box3::of(face.map(|v| frame.to_tree(positions[v as usize])));
-                // Wider than f32's rounding in [-1, 1].
+                // The pad exceeds the f32 rounding in [-1, 1].
                 let pad = DVec3::splat(PAD * (1.0 + jitter(index)));
                 Aabb::new(vec3a(b.min - pad), vec3a(b.max + pad))
             })
@@ -56,7 +60,7 @@ impl Tree {
         Self { bvh: Some(bvh), frame }
     }
 
-    /// All nodes, each after its children. They need not stand in any such order in the array.
+    /// All nodes, each after its children. The node array itself need not have this order.
     pub(super) fn children_first(&self) -> impl Iterator<Item = u32> {
         let nodes = self.bvh.as_ref().map_or(&[][..], |bvh| &bvh.nodes);
         let (mut order, mut stack) = (Vec::with_capacity(nodes.len()), Vec::new());
@@ -71,32 +75,32 @@ impl Tree {
         order.into_iter().rev()
     }
 
-    /// Calls `visit` with every triangle whose box comes within `reach` of a point along each axis, until it answers
-    /// `false`.
+    /// Calls `visit` with every triangle whose box comes within `reach` of a point along each axis, until `visit`
+    /// returns `false`.
     pub fn around(&self, point: DVec3, reach: f64, visit: impl FnMut(u32) -> bool) {
         let centre = self.frame.to_tree(point);
         let reach = DVec3::splat(reach * self.frame.scale());
         self.between(centre - reach, centre + reach, visit);
     }
 
-    /// Calls `visit` with every triangle whose box meets `bounds`, until it answers `false`.
+    /// Calls `visit` with every triangle whose box meets `bounds`, until `visit` returns `false`.
     pub fn overlapping(&self, bounds: &Box3, visit: impl FnMut(u32) -> bool) {
         self.between(self.frame.to_tree(bounds.min), self.frame.to_tree(bounds.max), visit);
     }
 
-    /// Visits the triangles whose boxes meet a box in the tree's frame. Rounded to f32, in which the tree's boxes are, its sides
-    /// stay on the same side of theirs.
+    /// Visits the triangles whose boxes meet a box in the tree's frame. Rounding the query to f32 is monotonic, so no
+    /// meeting box of the tree, which is in f32 as well, is missed.
     fn between(&self, low: DVec3, high: DVec3, visit: impl FnMut(u32) -> bool) {
         let (low, high) = (vec3a(low), vec3a(high));
         self.walk(|aabb| aabb.min.cmple(high).all() && aabb.max.cmpge(low).all(), visit);
     }
 
-    /// Visits the triangles of all boxes that `wanted` says yes to, and whose parents it says yes to.
-    pub(super) fn walk(&self, wanted: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(u32) -> bool) {
+    /// Visits the triangles of all leaves for which `accepts` holds for the boxes of the leaf and of all its ancestors.
+    pub(super) fn walk(&self, accepts: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(u32) -> bool) {
         let Some(bvh) = &self.bvh else { return };
-        let wanted = |node: &u32| wanted(bvh.nodes[*node as usize].aabb());
+        let accepts = |node: &u32| accepts(bvh.nodes[*node as usize].aabb());
         let mut stack = Vec::with_capacity(DEPTH);
-        stack.extend(Some(0u32).filter(wanted));
+        stack.extend(Some(0u32).filter(accepts));
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             if node.is_leaf() {
@@ -107,7 +111,7 @@ impl Tree {
                 }
             } else {
                 for child in [node.first_index + 1, node.first_index] {
-                    if wanted(&child) {
+                    if accepts(&child) {
                         stack.push(child);
                     }
                 }
@@ -116,8 +120,8 @@ impl Tree {
     }
 }
 
-/// Where a tree's boxes are: the model's middle is the origin, and half of its longest side is 1, so that f32 holds
-/// as much as it can. Trees that are searched together have one frame.
+/// The coordinate frame of a tree's boxes: the origin is the centre of the model, and half of the model's longest side
+/// is 1, which uses the precision of f32 best. Trees that are searched together share a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
     centre: DVec3,
@@ -125,10 +129,10 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame of triangles, given by numbers in `positions`. All positions that are used must be finite.
+    /// The frame of triangles given as indices into `positions`. All positions that faces use must be finite.
     ///
     /// # Panics
-    /// When a number is not one of `positions`.
+    /// If a face has an index that is out of range.
     #[must_use]
     pub fn around(positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
         let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
@@ -137,30 +141,30 @@ impl Frame {
         Self { centre: bounds.centre(), scale }
     }
 
-    /// A point in the frame. Along each axis the order of numbers is kept.
+    /// Transforms a point into the frame. The order of coordinates along each axis is preserved.
     #[inline]
     #[must_use]
     pub fn to_tree(&self, p: DVec3) -> DVec3 {
         (p - self.centre) * self.scale
     }
 
-    /// The length in the frame of a length of 1.
+    /// The length in the frame of a length of 1 in the model.
     #[must_use]
     pub fn scale(&self) -> f64 {
         self.scale
     }
 }
 
-/// A tree whose triangles may change their corners: their boxes grow, and never shrink.
+/// A tree whose triangles may change their corners: boxes grow and never shrink.
 ///
-/// What a triangle has left stays in its boxes, so that a search may answer more candidates than it must, but none too few.
-/// After many changes a new tree is worth its price.
+/// Boxes still cover the previous corners of a triangle, so a search may return too many candidates but never misses
+/// one. After many changes it pays to build a new tree.
 pub struct GrowingTree {
     tree: Tree,
 }
 
 impl GrowingTree {
-    /// The tree with what it takes to find the boxes of a triangle.
+    /// Prepares a tree so that [`GrowingTree::grow`] finds the boxes of a triangle.
     #[must_use]
     pub fn new(mut tree: Tree) -> Self {
         if let Some(bvh) = &mut tree.bvh {
@@ -170,10 +174,10 @@ impl GrowingTree {
         Self { tree }
     }
 
-    /// Makes room for new corners of a triangle.
+    /// Grows the boxes of a triangle to cover its new corners.
     ///
     /// # Panics
-    /// When the tree was built without this triangle.
+    /// If the tree was built without this triangle.
     pub fn grow(&mut self, triangle: u32, corners: [DVec3; 3]) {
         let Some(bvh) = &mut self.tree.bvh else { return };
         let bounds = Box3::of(corners.map(|p| self.tree.frame.to_tree(p)));
@@ -194,10 +198,10 @@ impl GrowingTree {
         }
     }
 
-    /// Calls `visit` with every triangle whose boxes meet `bounds`. `stack` is room for the walk.
+    /// Calls `visit` with every triangle whose boxes meet `bounds`. `stack` is a reusable buffer for the traversal.
     pub fn overlapping(&self, bounds: &Box3, stack: &mut Vec<u32>, mut visit: impl FnMut(u32)) {
         let Some(bvh) = &self.tree.bvh else { return };
-        // Rounding is far less than what the boxes are padded by.
+        // The padding of the boxes is far larger than the rounding here.
         let (low, high) = (vec3a(self.tree.frame.to_tree(bounds.min)), vec3a(self.tree.frame.to_tree(bounds.max)));
         let meets = |aabb: &Aabb| -> bool {
             let (min, max): (Vec3A, Vec3A) = (aabb.min, aabb.max);
@@ -227,7 +231,8 @@ pub(super) fn triangles_of<'a>(bvh: &'a Bvh2, leaf: &Bvh2Node) -> &'a [u32] {
     &bvh.primitive_indices[first..first + leaf.prim_count as usize]
 }
 
-/// Counts the look at a node and its triangles. Answers whether there were steps enough; otherwise none are left.
+/// Deducts the visit of a node and its triangles from `steps`. Returns whether enough steps were left; otherwise
+/// `steps` becomes 0.
 #[inline]
 pub(super) fn spend(steps: &mut u64, node: &Bvh2Node) -> bool {
     let left = steps.checked_sub(1 + u64::from(node.prim_count));
@@ -235,19 +240,20 @@ pub(super) fn spend(steps: &mut u64, node: &Bvh2Node) -> bool {
     left.is_some()
 }
 
-/// How far a point is from a box, squared; 0 in it.
+/// The squared distance of a point from a box; 0 inside.
 #[inline]
 pub(super) fn box_distance_squared(aabb: &Aabb, point: DVec3) -> f64 {
     let outside = (aabb.min.as_dvec3() - point).max(point - aabb.max.as_dvec3());
     outside.max(DVec3::ZERO).length_squared()
 }
 
+/// Rounds a vector to f32, to nearest, which preserves the order of coordinates.
 #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest, which keeps the order of numbers")]
 pub(super) fn vec3a(v: DVec3) -> Vec3A {
     Vec3A::new(v.x as f32, v.y as f32, v.z as f32)
 }
 
-/// A number in `[0, 1)` from an index (the finaliser of SplitMix64, Steele et al. 2014).
+/// A number in `[0, 1)` hashed from an index (the finaliser of SplitMix64, Steele, Lea and Flood 2014).
 #[expect(clippy::cast_precision_loss, reason = "53 bits are kept")]
 fn jitter(index: usize) -> f64 {
     let mut z = (index as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -272,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn one_triangle_and_no_triangle_make_trees_too() {
+    fn trees_of_no_and_one_triangle_answer_queries() {
         for n in [0, 1, 2] {
             let (positions, faces) = grid(n);
             let mut hits = 0;
@@ -285,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn many_equal_triangles_do_not_make_the_build_quadratic() {
+    fn a_tree_of_many_equal_triangles_builds_quickly() {
         let (positions, _) = grid(1);
         let faces = vec![[0, 1, 2]; 50_000];
         let tree = Tree::new(&positions, &faces);
@@ -298,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_are_found_where_they_went_and_by_chance_where_they_were() {
+    fn moved_triangles_are_found_at_their_new_position() {
         let corner = |i: u32| DVec3::from(r3(f64::from(i / 3))) + DVec3::from(r3(f64::from(i + 7000))) * 0.05;
         let mut positions: Vec<DVec3> = (0..900).map(corner).collect();
         let faces: Vec<[u32; 3]> = (0..300).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();

@@ -1,22 +1,25 @@
+//! Distances to, and intersections with, a single triangle. Only [`crossing`] is exact; the other functions measure in
+//! f64.
+
 use glam::DVec3;
 
 use super::predicates::{Sign, orient3d};
 
-/// Squared sine of the angle at the first corner below which weights within a triangle are rounded too much to be
-/// trusted alone: with it, they err by less than 1e-12 of the distance to that corner.
-const SLENDER: f64 = 1e-8;
+/// Squared sine of the angle at the first corner below which barycentric weights are too inaccurate to be used alone.
+/// At this angle they err by less than 1e-12 of the distance to that corner.
+const NEEDLE_SINE_SQUARED: f64 = 1e-8;
 
-/// How far beside a triangle, as a share of it, a segment may pass and still meet it: more than weights are rounded.
-const EDGE: f64 = 1e-12;
+/// Tolerance of [`hit`] beside a triangle, in barycentric weight: larger than their rounding error.
+const WEIGHT_TOLERANCE: f64 = 1e-12;
 
-/// Whether a point lies within `reach` of a triangle. In f64: a measure, not a decision of topology.
+/// Whether a point lies within `reach` of a triangle. Computed in f64: a measurement, not a topological predicate.
 #[must_use]
 pub fn within(p: DVec3, triangle: [DVec3; 3], reach: f64) -> bool {
     p.distance_squared(nearest_on_triangle(p, triangle)) <= reach * reach
 }
 
-/// The point of a triangle that is nearest to `p`, where it is nearer than `reach`. The same as [`nearest_on_triangle`], but
-/// a triangle whose plane is farther away costs little.
+/// The point of a triangle nearest to `p`, if it is nearer than `reach`. Same result as [`nearest_on_triangle`], but
+/// fast for a triangle whose plane is farther away.
 #[must_use]
 pub fn nearest_within(p: DVec3, triangle: [DVec3; 3], reach: f64) -> Option<DVec3> {
     let [a, b, c] = triangle;
@@ -24,19 +27,21 @@ pub fn nearest_within(p: DVec3, triangle: [DVec3; 3], reach: f64) -> Option<DVec
     let normal = ab.cross(ac);
     let square = normal.length_squared();
     let above = normal.dot(p - a);
-    // A needle's normal is noise.
-    if above * above >= reach * reach * square && square > SLENDER * ab.length_squared() * ac.length_squared() {
+    // The normal of a needle is dominated by rounding.
+    if above * above >= reach * reach * square
+        && square > NEEDLE_SINE_SQUARED * ab.length_squared() * ac.length_squared()
+    {
         return None;
     }
     let found = nearest_on_triangle(p, triangle);
     (p.distance_squared(found) < reach * reach).then_some(found)
 }
 
-/// The point of a triangle that is nearest to `p`: the foot of the perpendicular where that is in the triangle, otherwise
-/// the nearest point of its edges. A triangle without area is its edges.
+/// The point of a triangle nearest to `p`: the foot of the perpendicular if it lies in the triangle, otherwise the
+/// nearest point of the edges. A triangle without area consists of its edges.
 ///
-/// Exact but for rounding, also for needles: there the foot's weights are noise, so the edges are asked too. Squares of
-/// the coordinates must not overflow.
+/// Exact up to rounding, also for needles: their barycentric weights are unreliable, so the edges are tested as well.
+/// Squares of the coordinates must not overflow.
 #[must_use]
 pub fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     let (ab, ac, ap) = (b - a, c - a, p - a);
@@ -47,7 +52,7 @@ pub fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     let foot =
         (square > 0.0 && v >= 0.0 && w >= 0.0 && v + w <= square).then(|| a + ab * (v / square) + ac * (w / square));
     if let Some(foot) = foot
-        && square > SLENDER * ab.length_squared() * ac.length_squared()
+        && square > NEEDLE_SINE_SQUARED * ab.length_squared() * ac.length_squared()
     {
         return foot;
     }
@@ -57,7 +62,7 @@ pub fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
         .fold(first, |best, q| if p.distance_squared(q) < p.distance_squared(best) { q } else { best })
 }
 
-/// The point of a segment that is nearest to `p`.
+/// The point of a segment nearest to `p`.
 #[must_use]
 pub fn nearest_on_segment(p: DVec3, [a, b]: [DVec3; 2]) -> DVec3 {
     let ab = b - a;
@@ -74,17 +79,17 @@ pub fn nearest_on_segment(p: DVec3, [a, b]: [DVec3; 2]) -> DVec3 {
 /// How a segment meets a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Crossing {
-    /// Not at all.
+    /// No common point.
     Miss,
-    /// Through the inside, entering the solid: against the triangle's normal.
+    /// The segment passes through the interior against the triangle's normal, into the solid.
     Enters,
-    /// Through the inside, leaving the solid: along the triangle's normal.
+    /// The segment passes through the interior along the triangle's normal, out of the solid.
     Leaves,
-    /// It touches the border, an end lies in the plane, or the triangle has no area: ask with another segment.
+    /// The segment touches the border, one end lies in the plane, or the triangle has no area. Try another segment.
     Touches,
 }
 
-/// How the segment from `p` to `q` meets the triangle, by the signs of five tetrahedra, exactly.
+/// How the segment from `p` to `q` meets the triangle, from the exact signs of five tetrahedra.
 ///
 /// The points must be in the range of [`super::to_unit_range`].
 #[must_use]
@@ -104,9 +109,9 @@ pub fn crossing(p: DVec3, q: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
     if sp == Sign::Negative { Crossing::Enters } else { Crossing::Leaves }
 }
 
-/// How far along a segment from `origin` by `step` a triangle is, as a share of `step`, where it meets it (Moeller and
-/// Trumbore 1997). A segment through an edge that two triangles share meets at least one of them. In f64: a measure, not a
-/// decision of topology.
+/// The parameter, from 0 to 1, at which the segment from `origin` to `origin + step` meets a triangle (Moeller and
+/// Trumbore 1997). A segment through a shared edge of two triangles meets at least one of them. Computed in f64: a
+/// measurement, not a topological predicate.
 #[must_use]
 pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     let (e, f) = (b - a, c - a);
@@ -117,13 +122,13 @@ pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     }
     let s = origin - a;
     let u = s.dot(p) / determinant;
-    if !(-EDGE..=1.0 + 3.0 * EDGE).contains(&u) {
+    if !(-WEIGHT_TOLERANCE..=1.0 + 3.0 * WEIGHT_TOLERANCE).contains(&u) {
         return None;
     }
     let q = s.cross(e);
     let v = step.dot(q) / determinant;
     let t = f.dot(q) / determinant;
-    (v >= -EDGE && u + v <= 1.0 + EDGE && (0.0..=1.0).contains(&t)).then_some(t)
+    (v >= -WEIGHT_TOLERANCE && u + v <= 1.0 + WEIGHT_TOLERANCE && (0.0..=1.0).contains(&t)).then_some(t)
 }
 
 #[cfg(test)]
@@ -132,7 +137,7 @@ mod tests {
     use crate::math::r3;
 
     #[test]
-    fn the_distance_is_to_the_inside_an_edge_or_a_corner_whichever_is_nearest() {
+    fn the_distance_is_to_the_nearest_of_interior_edges_and_corners() {
         let triangle = [DVec3::ZERO, DVec3::X, DVec3::Y];
         for (p, distance) in [
             (DVec3::new(0.25, 0.25, 0.5), 0.5),
@@ -153,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_nearer_than_the_reach_is_found_and_nothing_else() {
+    fn the_nearest_point_is_returned_exactly_within_the_reach() {
         let corner = |i: u32| DVec3::from(r3(f64::from(i)));
         let (mut near, mut far) = (0, 0);
         for i in 0..2000 {
@@ -171,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn needles_and_triangles_without_area_have_a_nearest_point_too() {
+    fn needles_and_triangles_without_area_have_a_nearest_point() {
         for height in [0.0, 1e-17, 1e-12, 1e-7] {
             let (a, b, c) = (DVec3::ZERO, DVec3::new(0.7, 0.1, 0.3), DVec3::new(1.4, 0.2 + height, 0.6));
             for (at, t) in [(a, 0.0), (b, 0.5), (c, 1.0), (c * 0.3, 0.3), (c * 0.9, 0.9)] {
@@ -201,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_segment_that_passes_by_or_ends_before_misses() {
+    fn a_segment_that_passes_beside_or_ends_before_the_face_misses() {
         assert_eq!(crossing(DVec3::new(2.0, 2.0, 1.0), DVec3::new(2.0, 2.0, -1.0), FACE), Crossing::Miss);
         assert_eq!(crossing(DVec3::new(0.25, 0.25, 2.0), DVec3::new(0.25, 0.25, 1.0), FACE), Crossing::Miss);
     }
@@ -212,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hit_tells_how_far_along_it_is() {
+    fn a_hit_returns_the_parameter_along_the_segment() {
         let above = DVec3::new(0.25, 0.25, 1.0);
         assert_eq!(hit(above, DVec3::NEG_Z * 4.0, FACE), Some(0.25));
         for miss in [DVec3::NEG_Z * 0.5, DVec3::Z, DVec3::X, DVec3::new(1.0, 1.0, -1.0)] {

@@ -1,53 +1,54 @@
-//! What two triangles have in common, by the signs of determinants alone.
+//! Exact intersection of two triangles, decided by the signs of determinants alone.
 //!
-//! The line in which two planes meet is cut by each triangle in an interval, and two more signs tell whether the
-//! intervals overlap: Guigue and Devillers 2003, "Fast and Robust Triangle-Triangle Overlap Test Using Orientation
-//! Predicates". Vertices that both have are known by their numbers, so their signs are known to be zero.
+//! Each triangle cuts the common line of the two planes in an interval, and two more signs decide whether the intervals
+//! overlap: Guigue and Devillers 2003, "Fast and Robust Triangle-Triangle Overlap Test Using Orientation Predicates".
+//! Shared vertices are identified by index, so their signs are known to be zero.
 
 use glam::DVec3;
 
 use super::predicates::{Sign, orient2d, orient3d};
 
-/// Bound of the rounding error of a 3 by 3 determinant of differences, for each unit of its permanent: `O3DERRBOUND_A`
-/// of Shewchuk 1997, which holds for an expansion along any row or column.
-const ERROR: f64 = 7.771_561_172_376_103e-16;
+/// Bound of the rounding error of a 3 by 3 determinant of differences, relative to its permanent: `O3DERRBOUND_A` of
+/// Shewchuk 1997. It holds for an expansion along any row or column.
+const RELATIVE_ERROR: f64 = 7.771_561_172_376_103e-16;
 
-/// Heights below this are those of points that lie in a plane, rounded. It moves a place, and decides nothing else.
-const ROUNDED: f64 = 1e-13;
+/// Heights below this are rounded heights of points in the plane. The threshold affects only the position of a common
+/// point.
+const HEIGHT_TOLERANCE: f64 = 1e-13;
 
-/// What two triangles have in common. Of two closed triangles exactly one of these holds.
+/// The intersection of two closed triangles. Exactly one variant applies to each pair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contact {
-    /// Nothing.
+    /// No common point.
     Disjoint,
-    /// The vertex or the edge that they share by its numbers, and no other point.
+    /// Only the vertex or the edge that they share by index.
     Neighbours,
-    /// All three vertices by their numbers.
+    /// All three vertices are the same by index.
     Same,
-    /// Points beside those that they share, but the inside of neither meets the inside of the other.
+    /// Points besides the shared ones, but their interiors do not meet.
     Touching,
-    /// They lie in two planes, and the inside of one passes through the inside of the other.
+    /// They lie in two planes, and the interior of one passes through the interior of the other.
     Crossing,
-    /// They lie in one plane, and their insides overlap.
+    /// They lie in one plane, and their interiors overlap.
     Coplanar,
 }
 
 impl Contact {
-    /// Whether they have nothing in common but the vertex or the edge that they share by its numbers.
+    /// Whether the triangles have nothing in common except the vertex or edge that they share by index.
     #[must_use]
     pub fn is_apart(self) -> bool {
         matches!(self, Self::Disjoint | Self::Neighbours)
     }
 }
 
-/// What the triangles `a` and `b`, given by numbers in `positions`, have in common, exactly.
+/// The intersection of the triangles `a` and `b`, given as indices into `positions`, exactly.
 ///
-/// Positions must be pairwise different and in the range of [`super::to_unit_range`], and the corners of neither
-/// triangle on a line. `slow` grows by the determinants that floating point could not decide, which take a hundred
-/// times as long as others.
+/// Positions must be pairwise different and in the range of [`super::to_unit_range`], and the corners of each triangle
+/// must not be collinear. `slow` grows by the number of determinants that floating point could not decide; each takes
+/// about a hundred times as long as the others.
 ///
 /// # Panics
-/// When a number is not one of `positions`.
+/// If an index is out of range.
 #[must_use]
 pub fn contact(positions: &[DVec3], a: [u32; 3], b: [u32; 3], slow: &mut u64) -> Contact {
     let mut shared = [(0, 0); 3];
@@ -63,29 +64,34 @@ pub fn contact(positions: &[DVec3], a: [u32; 3], b: [u32; 3], slow: &mut u64) ->
     let corners = |[a, b, c]: [u32; 3]| [positions[a as usize], positions[b as usize], positions[c as usize]];
     let (p, q) = (corners(a), corners(b));
     match count {
-        0 => meet(&p, &q, None, slow),
-        1 => meet(&p, &q, Some(shared[0]), slow),
+        0 => with_at_most_one_common_vertex(&p, &q, None, slow),
+        1 => with_at_most_one_common_vertex(&p, &q, Some(shared[0]), slow),
         2 => {
             let (i, j) = (3 - shared[0].0 - shared[1].0, 3 - shared[0].1 - shared[1].1);
-            along_an_edge(&p, i, q[j], slow)
+            with_common_edge(&p, i, q[j], slow)
         }
         _ => Contact::Same,
     }
 }
 
-/// Two triangles with an edge in common: `p` without its corner `i`, and the same edge with `apex`.
-fn along_an_edge(p: &[DVec3; 3], i: usize, apex: DVec3, slow: &mut u64) -> Contact {
+/// Two triangles with a common edge: `p` without its corner `i`, and the same edge with `apex`.
+fn with_common_edge(p: &[DVec3; 3], i: usize, apex: DVec3, slow: &mut u64) -> Contact {
     let plane = Plane::through(p);
     if plane.side(apex, slow) != Sign::Zero {
         return Contact::Neighbours;
     }
-    let flat = Flat::of(&plane);
+    let projection = Projection::of(&plane);
     let [u, v] = [p[(i + 1) % 3], p[(i + 2) % 3]];
-    if flat.turn(u, v, p[i]) == flat.turn(u, v, apex) { Contact::Coplanar } else { Contact::Neighbours }
+    if projection.turn(u, v, p[i]) == projection.turn(u, v, apex) { Contact::Coplanar } else { Contact::Neighbours }
 }
 
 /// Two triangles with at most one vertex in common: corner `i` of `p` is corner `j` of `q`.
-fn meet(p: &[DVec3; 3], q: &[DVec3; 3], shared: Option<(usize, usize)>, slow: &mut u64) -> Contact {
+fn with_at_most_one_common_vertex(
+    p: &[DVec3; 3],
+    q: &[DVec3; 3],
+    shared: Option<(usize, usize)>,
+    slow: &mut u64,
+) -> Contact {
     let apart = if shared.is_some() { Contact::Neighbours } else { Contact::Disjoint };
     let plane_p = Plane::through(p);
     let sides_q = plane_p.sides(q, shared.map(|s| s.1), slow);
@@ -93,14 +99,15 @@ fn meet(p: &[DVec3; 3], q: &[DVec3; 3], shared: Option<(usize, usize)>, slow: &m
         return apart;
     }
     if sides_q == [Sign::Zero; 3] {
-        return Flat::of(&plane_p).overlap(p, q, shared);
+        return Projection::of(&plane_p).overlap(p, q, shared);
     }
     let plane_q = Plane::through(q);
     let sides_p = plane_q.sides(p, shared.map(|s| s.0), slow);
     if on_one_side(sides_p, shared.is_some()) {
         return apart;
     }
-    // Each triangle with the corner that is alone on its side first, turned so that the other's is above it.
+    // Rotates each triangle so that the corner alone on its side comes first, and flips it so that the other's lone
+    // corner is above it.
     let ((i, i_above), (j, j_above)) = (lone(sides_p), lone(sides_q));
     let mut order_p = [i, (i + 1) % 3, (i + 2) % 3];
     let mut order_q = [j, (j + 1) % 3, (j + 2) % 3];
@@ -110,8 +117,8 @@ fn meet(p: &[DVec3; 3], q: &[DVec3; 3], shared: Option<(usize, usize)>, slow: &m
     if !j_above {
         order_p.swap(1, 2);
     }
-    // The intervals end where the edges from those corners go through the other's plane. Of two edges that have a
-    // vertex in common these are the same point.
+    // The intervals end where the edges from the lone corners pass through the other plane. For two edges with a common
+    // vertex, both ends are the same point.
     let mut strictly = true;
     for k in [1, 2] {
         let side = match shared {
@@ -139,15 +146,15 @@ fn meet(p: &[DVec3; 3], q: &[DVec3; 3], shared: Option<(usize, usize)>, slow: &m
     }
 }
 
-/// Whether a plane has nothing in common with a triangle but a vertex that is known to be in it.
+/// Whether a plane meets a triangle at most in a vertex that is known to lie in the plane.
 fn on_one_side(sides: [Sign; 3], vertex_in_plane: bool) -> bool {
     let count = |sign| sides.map(|side| u8::from(side == sign)).into_iter().sum::<u8>();
     let all = if vertex_in_plane { 2 } else { 3 };
     count(Sign::Positive) == all || count(Sign::Negative) == all
 }
 
-/// The corner that a plane parts from the two others, or that alone lies in it, and whether it is above the others.
-/// Not all of `sides` are strictly the same.
+/// The corner that a plane separates from the two others, or that alone lies in it, and whether it is above the others.
+/// `sides` must not be the same nonzero sign three times.
 fn lone(sides: [Sign; 3]) -> (usize, bool) {
     for i in 0..3 {
         let others = [sides[(i + 1) % 3], sides[(i + 2) % 3]];
@@ -163,12 +170,12 @@ fn lone(sides: [Sign; 3]) -> (usize, bool) {
     (0, true)
 }
 
-/// The plane of a triangle, ready to tell sides of many points.
+/// The plane of a triangle, prepared to classify many points.
 struct Plane {
     corners: [DVec3; 3],
-    /// The normal, rounded.
+    /// The normal, rounded to f64.
     normal: DVec3,
-    /// For each component of the normal the sum of the magnitudes that it is a difference of.
+    /// For each component of the normal, the sum of the magnitudes of the two terms of the difference.
     magnitude: DVec3,
 }
 
@@ -181,16 +188,16 @@ impl Plane {
         Self { corners: [a, b, c], normal: left - right, magnitude: left.abs() + right.abs() }
     }
 
-    /// Positive where the normal points, exactly.
+    /// The side of a point, exactly: positive in the direction of the normal.
     #[inline]
     fn side(&self, p: DVec3, slow: &mut u64) -> Sign {
         let d = p - self.corners[0];
         let determinant = self.normal.x * d.x + self.normal.y * d.y + self.normal.z * d.z;
         let permanent = self.magnitude.x * d.x.abs() + self.magnitude.y * d.y.abs() + self.magnitude.z * d.z.abs();
-        if determinant.abs() > ERROR * permanent {
+        if determinant.abs() > RELATIVE_ERROR * permanent {
             return Sign::of(determinant);
         }
-        // A sum of zeros is no rounded number; so it is with points of one plane along the axes.
+        // A sum of zeros is exact. This is the case for points in an axis-aligned plane.
         if permanent == 0.0 {
             return Sign::Zero;
         }
@@ -200,31 +207,31 @@ impl Plane {
         orient3d(a, c, b, p)
     }
 
-    /// The sides of three points, of which the one numbered `inside` is known to be in the plane.
+    /// The sides of three points, of which the one with index `clipped` is known to lie in the plane.
     #[inline]
-    fn sides(&self, points: &[DVec3; 3], inside: Option<usize>, slow: &mut u64) -> [Sign; 3] {
+    fn sides(&self, points: &[DVec3; 3], in_plane: Option<usize>, slow: &mut u64) -> [Sign; 3] {
         let mut sides = [Sign::Zero; 3];
         for k in 0..3 {
-            if inside != Some(k) {
+            if in_plane != Some(k) {
                 sides[k] = self.side(points[k], slow);
             }
         }
         sides
     }
 
-    /// The corners that the plane goes through.
+    /// The corners that define the plane.
     fn corners(&self) -> [DVec3; 3] {
         self.corners
     }
 }
 
-/// A coordinate plane on which a plane is projected without losing a dimension.
-struct Flat {
+/// A projection of a plane onto a coordinate plane in which it keeps its area.
+struct Projection {
     axes: [usize; 2],
 }
 
-impl Flat {
-    /// For the plane of a triangle whose corners are not on a line: exact, as its corners are not on a line in the
+impl Projection {
+    /// The projection for the plane of a triangle that is not collinear. Exact: the corners are not collinear in the
     /// projection either.
     fn of(plane: &Plane) -> Self {
         let normal = plane.normal.abs();
@@ -236,16 +243,16 @@ impl Flat {
         Self { axes }
     }
 
-    /// How three points turn in the projection.
+    /// The orientation of three points in the projection.
     fn turn(&self, a: DVec3, b: DVec3, c: DVec3) -> Sign {
         let [i, j] = self.axes;
         orient2d([a[i], a[j]], [b[i], b[j]], [c[i], c[j]])
     }
 
-    /// Two triangles of the plane with at most one vertex in common.
+    /// Two triangles in the plane with at most one common vertex.
     ///
-    /// Convex polygons have no inside in common where the line of an edge of one of them parts them, and no point
-    /// where it does so strictly.
+    /// The interiors of two convex polygons are disjoint if the line of an edge of one separates them. The polygons are
+    /// disjoint if it separates them strictly.
     fn overlap(&self, p: &[DVec3; 3], q: &[DVec3; 3], shared: Option<(usize, usize)>) -> Contact {
         match shared {
             Some((i, j)) => self.overlap_at_a_vertex(p, i, q, j),
@@ -254,7 +261,7 @@ impl Flat {
     }
 
     fn overlap_without_a_vertex(&self, p: &[DVec3; 3], q: &[DVec3; 3]) -> Contact {
-        let mut parted = false;
+        let mut separated = false;
         for (t, other) in [(p, q), (q, p)] {
             let inner = self.turn(t[0], t[1], t[2]);
             for k in 0..3 {
@@ -262,18 +269,19 @@ impl Flat {
                 if sides.iter().all(|side| side.opposes(inner)) {
                     return Contact::Disjoint;
                 }
-                parted |= !sides.contains(&inner);
+                separated |= !sides.contains(&inner);
             }
         }
-        if parted { Contact::Touching } else { Contact::Coplanar }
+        if separated { Contact::Touching } else { Contact::Coplanar }
     }
 
-    /// Corner `i` of `p` is corner `j` of `q`. A line that parts them goes through it, so it is that of an edge there. In a fan
-    /// of needles every two have such a corner, so this is kept short.
+    /// Corner `i` of `p` is corner `j` of `q`. A line that separates the triangles passes through that corner, so only
+    /// the edges there are tested. In a fan of needles every two triangles share such a corner, so this case is kept
+    /// fast.
     fn overlap_at_a_vertex(&self, p: &[DVec3; 3], i: usize, q: &[DVec3; 3], j: usize) -> Contact {
         let at = p[i];
         let ends = [[p[(i + 1) % 3], p[(i + 2) % 3]], [q[(j + 1) % 3], q[(j + 2) % 3]]];
-        let mut parted = false;
+        let mut separated = false;
         for (own, other) in [(ends[0], ends[1]), (ends[1], ends[0])] {
             for (end, third) in [(own[0], own[1]), (own[1], own[0])] {
                 let inner = self.turn(at, end, third);
@@ -281,19 +289,20 @@ impl Flat {
                 if sides.iter().all(|side| side.opposes(inner)) {
                     return Contact::Neighbours;
                 }
-                parted |= !sides.contains(&inner);
+                separated |= !sides.contains(&inner);
             }
         }
-        // Parted by a line through the vertex, they have more in common where edges run along it together.
-        match parted {
+        // Triangles separated by a line through the vertex have more in common if two of their edges overlap along that
+        // line.
+        match separated {
             false => Contact::Coplanar,
-            true if self.edges_run_together(p, i, q, j) => Contact::Touching,
+            true if self.edges_overlap(p, i, q, j) => Contact::Touching,
             true => Contact::Neighbours,
         }
     }
 
-    /// Whether of the edges at corner `i` of `p` and those at the same point of `q` two have the same direction.
-    fn edges_run_together(&self, p: &[DVec3; 3], i: usize, q: &[DVec3; 3], j: usize) -> bool {
+    /// Whether an edge at corner `i` of `p` and an edge at the same point of `q` have the same direction.
+    fn edges_overlap(&self, p: &[DVec3; 3], i: usize, q: &[DVec3; 3], j: usize) -> bool {
         let at = p[i];
         let after = |x: DVec3| self.axes.map(|k| x[k].partial_cmp(&at[k]));
         [1, 2].into_iter().any(|k| {
@@ -305,7 +314,7 @@ impl Flat {
     }
 }
 
-/// A point that two triangles have in common, rounded: the middle of what they have in common. They should meet.
+/// A rounded common point of two triangles that should meet: the middle of their intersection.
 ///
 /// Positions should be in the range of [`crate::math::to_unit_range`].
 #[must_use]
@@ -314,8 +323,8 @@ pub fn common_point(p: &[DVec3; 3], q: &[DVec3; 3], coplanar: bool) -> DVec3 {
     let mut common = if coplanar { p.to_vec() } else { section(p, |x| normal.dot(x - q[0])) };
     for k in 0..3 {
         let inward = normal.cross(q[(k + 1) % 3] - q[k]).normalize_or_zero();
-        let part = inside(&common, |x| inward.dot(x - q[k]));
-        // What rounding leaves of a single point may lie outside; the point itself is near enough.
+        let part = clipped(&common, |x| inward.dot(x - q[k]));
+        // Rounding may move an intersection of one point outside; the point itself is then accurate enough.
         if !part.is_empty() {
             common = part;
         }
@@ -323,14 +332,15 @@ pub fn common_point(p: &[DVec3; 3], q: &[DVec3; 3], coplanar: bool) -> DVec3 {
     common.iter().sum::<DVec3>() / common.len() as f64
 }
 
-fn clean(height: f64) -> f64 {
-    if height.abs() < ROUNDED { 0.0 } else { height }
+/// Treats heights within rounding of the plane as 0.
+fn flush_height(height: f64) -> f64 {
+    if height.abs() < HEIGHT_TOLERANCE { 0.0 } else { height }
 }
 
-/// The ends of what a triangle has in a plane that `height` is measured from; its corner nearest to it where it has
-/// nothing.
+/// The ends of the segment in which a triangle meets the plane from which `height` is measured. If there is none, the
+/// nearest corner.
 fn section(p: &[DVec3; 3], height: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
-    let heights = p.map(|x| clean(height(x)));
+    let heights = p.map(|x| flush_height(height(x)));
     let mut ends: Vec<DVec3> = Vec::with_capacity(3);
     for k in 0..3 {
         let (a, b) = (k, (k + 1) % 3);
@@ -347,12 +357,12 @@ fn section(p: &[DVec3; 3], height: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
     ends
 }
 
-/// The part of a convex polygon, or of a segment, where `height` is not negative (Sutherland and Hodgman 1974).
-fn inside(polygon: &[DVec3], height: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
+/// The part of a convex polygon or segment with `height` at least 0 (Sutherland and Hodgman 1974).
+fn clipped(polygon: &[DVec3], height: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
     let mut part = Vec::with_capacity(polygon.len() + 1);
     for (k, &a) in polygon.iter().enumerate() {
         let b = polygon[(k + 1) % polygon.len()];
-        let (at_a, at_b) = (clean(height(a)), clean(height(b)));
+        let (at_a, at_b) = (flush_height(height(a)), flush_height(height(b)));
         if at_a >= 0.0 {
             part.push(a);
         }

@@ -1,39 +1,42 @@
+//! Generalized winding numbers of triangles around points: exact sums, and fast sums over a [`Tree`] of dipoles.
+
 use std::f64::consts::PI;
 
 use glam::DVec3;
 
 use super::tree::{DEPTH, Tree, box_distance_squared, spend, triangles_of};
 
-/// How many radii of a cluster a point must be away for the cluster to count as one dipole. At 2 the sum over a closed
-/// surface errs by about 0.02, far from the 0.5 that tells inside from outside, for half the time that 3 takes.
-const BETA: f64 = 2.0;
-/// Half-sides of the model from which on it winds around nothing.
+/// Distance of a point from a cluster, in radii of the cluster, beyond which the cluster counts as one dipole. At 2 the
+/// sum over a closed surface errs by about 0.02, far from the 0.5 that separates inside from outside. A value of 3
+/// takes twice the time.
+const DIPOLE_DISTANCE: f64 = 2.0;
+/// Distance from the model, in half-sides of the model, beyond which its winding number is 0.
 const FAR: f64 = 1e18;
 
-/// How many times farther than two points are from the one between them a triangle must be to be seen from that one for both:
-/// its angle errs by about a thousandth.
-const SAME: f64 = 1e3;
+/// Ratio of a triangle's distance to the offset of two query points beyond which the triangle is evaluated once for
+/// both, at their midpoint. Its solid angle then errs by about a thousandth.
+const SHARED_DISTANCE: f64 = 1e3;
 
-/// The area of the triangles under each node of a [`Tree`], as one dipole each, in the tree's own frame.
+/// A dipole for the triangles under each node of a [`Tree`], in the tree's frame.
 pub struct Dipoles {
     nodes: Vec<Dipole>,
 }
 
-/// Triangles seen from afar.
+/// A cluster of triangles, approximated by a dipole.
 #[derive(Clone, Copy, Default)]
 struct Dipole {
-    /// Their centroid, by area.
+    /// Area-weighted centroid.
     centre: DVec3,
-    /// The sum of their normals, each as long as its area.
+    /// Sum of the area vectors: normals with the length of the area.
     area: DVec3,
-    /// The sum of their areas.
+    /// Sum of the areas.
     weight: f64,
-    /// Distance from the centre within which they all are.
+    /// Radius of a sphere around the centre that contains all triangles.
     radius: f64,
 }
 
 impl Tree {
-    /// Sums the triangles for [`Tree::winding`]. `triangle` gives the corners that the tree was built with.
+    /// Computes the dipoles for [`Tree::winding`]. `triangle` returns the corners that the tree was built with.
     pub fn dipoles(&self, triangle: impl Fn(u32) -> [DVec3; 3]) -> Dipoles {
         let Some(bvh) = &self.bvh else { return Dipoles { nodes: Vec::new() } };
         let mut nodes = vec![Dipole::default(); bvh.nodes.len()];
@@ -47,7 +50,7 @@ impl Tree {
             };
             let aabb = node.aabb();
             let (min, max) = (aabb.min.as_dvec3(), aabb.max.as_dvec3());
-            let within_box = |centre: DVec3| (centre - min).max(max - centre).length();
+            let radius_in_box = |centre: DVec3| (centre - min).max(max - centre).length();
             if node.is_leaf() {
                 for &face in triangles_of(bvh, node) {
                     let [a, b, c] = self.framed(triangle(face));
@@ -61,9 +64,10 @@ impl Tree {
                 }
             }
             sum.centre = if sum.weight > 0.0 { moment / sum.weight } else { (min + max) * 0.5 };
-            sum.radius = within_box(sum.centre);
+            sum.radius = radius_in_box(sum.centre);
             if !node.is_leaf() {
-                // Where the triangles fill the box badly, the spheres of the children reach less far than its corners.
+                // If the triangles fill the box badly, the children's spheres give a smaller radius than the box's
+                // corners.
                 let reach = [node.first_index, node.first_index + 1].map(|child| {
                     let child = &nodes[child as usize];
                     child.radius + child.centre.distance(sum.centre)
@@ -75,12 +79,13 @@ impl Tree {
         Dipoles { nodes }
     }
 
-    /// The generalized winding number of the triangles around a point: 1 inside a closed outward surface, 0 outside, and
-    /// in between near a hole (Jacobson et al. 2013). Near triangles count exactly, far ones as dipoles (Barill et al.
-    /// 2018, order 1), so it errs by about 0.02.
+    /// The generalized winding number of the triangles around a point: 1 inside a closed, outward-oriented surface, 0
+    /// outside, and between them near a hole (Jacobson, Kavan and Sorkine-Hornung 2013). Near triangles count exactly,
+    /// far clusters as dipoles (Barill et al. 2018, order 1). The error is about 0.02.
     ///
-    /// `dipoles` and `triangle` are of the triangles that the tree was built with. `steps` is how many nodes and triangles
-    /// may be looked at and is counted down; where it reaches 0 the rest is left out.
+    /// `dipoles` and `triangle` belong to the triangles that the tree was built with. `steps` is the number of nodes
+    /// and triangles that may still be visited, and counts down. When it reaches 0, the remaining triangles are
+    /// omitted.
     pub fn winding(
         &self,
         dipoles: &Dipoles,
@@ -92,8 +97,8 @@ impl Tree {
         number
     }
 
-    /// The same on both sides of a point, `aside` from it and against `aside`, in one walk. What is far from a point, seen by
-    /// how far aside the two are, looks the same from both.
+    /// The winding numbers at `point + aside` and `point - aside`, in one traversal. Triangles that are far away
+    /// relative to the offset are evaluated once for both.
     pub fn windings(
         &self,
         dipoles: &Dipoles,
@@ -102,14 +107,14 @@ impl Tree {
         triangle: impl Fn(u32) -> [DVec3; 3],
     ) -> [f64; 2] {
         let Some(bvh) = &self.bvh else { return [0.0; 2] };
-        let place = self.frame.to_tree(point);
-        if !place.abs().cmplt(DVec3::splat(FAR)).all() {
+        let query = self.frame.to_tree(point);
+        if !query.abs().cmplt(DVec3::splat(FAR)).all() {
             return [0.0; 2];
         }
         let aside = aside * self.frame.scale();
-        let apart = (aside.length() * SAME).powi(2);
+        let shared_from = (aside.length() * SHARED_DISTANCE).powi(2);
         let mut sides = [HalfAngles::NONE; 2];
-        let (mut angle, mut both) = (0.0, HalfAngles::NONE);
+        let (mut angle, mut shared) = (0.0, HalfAngles::NONE);
         let mut stack = Vec::with_capacity(DEPTH);
         stack.push(0u32);
         while let Some(at) = stack.pop() {
@@ -117,19 +122,19 @@ impl Tree {
             if !spend(steps, node) {
                 break;
             }
-            let towards = dipole.centre - place;
+            let towards = dipole.centre - query;
             let square = towards.length_squared();
-            if square > (BETA * dipole.radius).powi(2) {
+            if square > (DIPOLE_DISTANCE * dipole.radius).powi(2) {
                 angle += dipole.area.dot(towards) / (square * square.sqrt());
             } else if node.is_leaf() {
-                let near = apart > 0.0 && box_distance_squared(node.aabb(), place) < apart;
+                let is_near = shared_from > 0.0 && box_distance_squared(node.aabb(), query) < shared_from;
                 for &face in triangles_of(bvh, node) {
-                    let corners = self.framed(triangle(face)).map(|p| p - place);
-                    if near {
+                    let corners = self.framed(triangle(face)).map(|p| p - query);
+                    if is_near {
                         sides[0].add(corners.map(|p| p - aside));
                         sides[1].add(corners.map(|p| p + aside));
                     } else {
-                        both.add(corners);
+                        shared.add(corners);
                     }
                 }
             } else {
@@ -137,28 +142,29 @@ impl Tree {
                 stack.push(node.first_index);
             }
         }
-        let both = angle + both.sum();
-        sides.map(|side| (both + side.sum()) / (4.0 * PI))
+        let shared = angle + shared.sum();
+        sides.map(|side| (shared + side.sum()) / (4.0 * PI))
     }
 
+    /// Transforms a triangle into the tree's frame.
     fn framed(&self, triangle: [DVec3; 3]) -> [DVec3; 3] {
         triangle.map(|p| self.frame.to_tree(p))
     }
 }
 
-/// The generalized winding number of triangles around a point, summed one by one.
+/// The generalized winding number of triangles around a point, summed exactly over all triangles.
 pub fn winding_exact(point: DVec3, triangles: impl IntoIterator<Item = [DVec3; 3]>) -> f64 {
     let mut angles = HalfAngles::NONE;
     triangles.into_iter().for_each(|t| angles.add(t.map(|p| p - point)));
     angles.sum() / (4.0 * PI)
 }
 
-/// A sum of angles under which triangles are seen from the origin. Half of each is the argument of a complex number (van
-/// Oosterom and Strackee 1983), so their sum is that of the product, and whole turns are counted beside it: one arc tangent
-/// for all of them.
+/// A sum of solid angles of triangles seen from the origin. Half of each angle is the argument of a complex number (van
+/// Oosterom and Strackee 1983). The sum is the argument of the product, with whole turns counted separately: one arc
+/// tangent suffices for all triangles.
 #[derive(Clone, Copy)]
 struct HalfAngles {
-    /// The product's real and imaginary part, of about length 1.
+    /// Real and imaginary part of the product, of length about 1.
     product: [f64; 2],
     turns: i64,
 }
@@ -166,7 +172,7 @@ struct HalfAngles {
 impl HalfAngles {
     const NONE: Self = Self { product: [1.0, 0.0], turns: 0 };
 
-    /// Adds a triangle's angle, positive from behind.
+    /// Adds a triangle's solid angle, positive seen from behind.
     fn add(&mut self, [a, b, c]: [DVec3; 3]) {
         let (la, lb, lc) = (a.length(), b.length(), c.length());
         let above = a.dot(b.cross(c));
@@ -176,9 +182,9 @@ impl HalfAngles {
         let below = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
         let size = below.abs().max(above.abs());
         let ([x, y], below, above) = (self.product, below / size, above / size);
-        // The last sum makes -0 a 0, which is on the upper side of the axis.
+        // Adding 0 turns -0 into 0, which lies on the upper side of the axis.
         let next = [x * below - y * above, x * above + y * below + 0.0];
-        // Both in the upper half, or both in the lower: only their sum may pass the negative axis.
+        // If both factors lie in the upper half-plane, or both in the lower, only their sum can pass the negative axis.
         if (y >= 0.0) == (above > 0.0) && (next[1] >= 0.0) != (y >= 0.0) {
             self.turns += if above > 0.0 { 1 } else { -1 };
         }
@@ -197,7 +203,7 @@ mod tests {
     use super::*;
     use crate::math::r3;
 
-    /// A ball of `n` by `n` quads, open at the poles by one ring where asked for.
+    /// A sphere of `n` by `n` quads; `open` omits one ring at a pole.
     fn ball(n: u32, open: bool, size: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let at = |i: u32, j: u32| {
             let (u, v) = (f64::from(i) / f64::from(n) * 2.0 * PI, f64::from(j) / f64::from(n) * PI);
@@ -215,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fast_sum_is_the_exact_sum_but_for_a_few_hundredths() {
+    fn the_fast_sum_errs_by_at_most_a_few_hundredths() {
         for (open, size) in [(false, 1.0), (true, 1.0), (false, 1e300), (true, 1e-300)] {
             let (positions, faces) = ball(24, open, size);
             let tree = Tree::new(&positions, &faces);
@@ -235,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_far_away_takes_few_steps_and_nothing_winds_around_it() {
+    fn a_point_far_away_takes_few_steps_and_has_winding_number_zero() {
         let (positions, faces) = ball(64, false, 1.0);
         let tree = Tree::new(&positions, &faces);
         let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);

@@ -1,24 +1,26 @@
-/// Half-edges of a vertex that are sorted by inserting one after the other.
-const FEW: usize = 16;
+//! Edges, half-edges and vertex stars of a list of faces, in compact arrays.
 
-/// The edges of a list of faces, in order of their vertices.
+/// Half-edges of a vertex up to which insertion sort is used.
+const INSERTION_SORT_LIMIT: usize = 16;
+
+/// The edges of a list of faces, sorted by their vertices.
 ///
-/// A half-edge is named by its corner `3 * face + i` and runs from corner `i` of the face to corner `i + 1`. Faces
-/// with a repeated vertex have no half-edges here.
+/// A half-edge has the index of its corner, `3 * face + i`. It runs from corner `i` of the face to corner `i + 1`.
+/// Faces with a repeated vertex have no half-edges here.
 #[derive(Debug, Clone, Default)]
 pub struct Edges {
-    /// The vertices of each edge, the smaller first.
+    /// The two vertices of each edge, the smaller first.
     ends: Vec<[u32; 2]>,
-    /// For each vertex the first edge of which it is the smaller one, and the end.
+    /// For each vertex, the first edge of which it is the smaller vertex, followed by the number of edges.
     from: Vec<u32>,
-    /// For each edge the first of its half-edges in `half_edges`, and the end.
+    /// For each edge, the index of its first half-edge in `half_edges`, followed by their number.
     start: Vec<u32>,
     half_edges: Vec<u32>,
 }
 
 impl Edges {
-    /// Finds the edges of `faces`, of which there must be fewer than 2^32 / 3: distributes the half-edges over their
-    /// smaller vertices by counting, and sorts the few of each vertex.
+    /// Builds the edges of `faces`, of which there must be fewer than 2^32 / 3. A counting sort groups the half-edges
+    /// by their smaller vertex; then each group is sorted.
     #[must_use]
     pub fn new(faces: &[[u32; 3]]) -> Self {
         let vertices = faces.iter().flatten().max().map_or(0, |&v| v as usize + 1);
@@ -28,14 +30,15 @@ impl Edges {
         for count in &mut from {
             total += std::mem::replace(count, total);
         }
-        // The larger vertex above the half-edge, so that sorting groups edges and orders their half-edges by face.
+        // Packs the larger vertex above the half-edge, so that sorting groups edges and orders their half-edges by
+        // face.
         let mut sorted = vec![0u64; total as usize];
         for_each_half_edge(faces, |half_edge, a, b| {
             let next = &mut from[a.min(b) as usize];
             sorted[*next as usize] = u64::from(a.max(b)) << 32 | u64::from(half_edge);
             *next += 1;
         });
-        // `from` now holds where each vertex ends, which is where the following one begins.
+        // `from` now holds the end of each vertex's range, which is the start of the next.
         let mut edges = Self { half_edges: Vec::with_capacity(sorted.len()), ..Self::default() };
         edges.ends.reserve(sorted.len() / 2);
         edges.start.reserve(sorted.len() / 2 + 1);
@@ -61,13 +64,13 @@ impl Edges {
         edges
     }
 
-    /// How many different edges there are.
+    /// Number of edges.
     #[must_use]
     pub fn len(&self) -> usize {
         self.ends.len()
     }
 
-    /// Whether there is no edge.
+    /// Whether there are no edges.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.ends.is_empty()
@@ -76,27 +79,27 @@ impl Edges {
     /// The two vertices of an edge, the smaller first.
     ///
     /// # Panics
-    /// When there is no such edge.
+    /// If there is no such edge.
     #[must_use]
     pub fn vertices(&self, edge: usize) -> [u32; 2] {
         self.ends[edge]
     }
 
-    /// The half-edges along an edge, in order of their faces.
+    /// The half-edges of an edge, in the order of their faces.
     ///
     /// # Panics
-    /// When there is no such edge.
+    /// If there is no such edge.
     #[must_use]
     pub fn half_edges(&self, edge: usize) -> &[u32] {
         &self.half_edges[self.start[edge] as usize..self.start[edge + 1] as usize]
     }
 
-    /// The half-edges of every edge, in order of the edges.
+    /// The half-edges of every edge, in the order of the edges.
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
         self.start.windows(2).map(|w| &self.half_edges[w[0] as usize..w[1] as usize])
     }
 
-    /// The edge between two vertices, in either direction.
+    /// The edge between two vertices, in either direction, if there is one.
     #[must_use]
     pub fn find(&self, a: u32, b: u32) -> Option<usize> {
         let (low, high) = (a.min(b) as usize, a.max(b));
@@ -105,31 +108,31 @@ impl Edges {
         among.binary_search_by_key(&high, |ends| ends[1]).ok().map(|at| begin + at)
     }
 
-    /// The corner after this one around its face, which is where the half-edge ends.
+    /// The next half-edge around the face, which starts where this one ends.
     #[must_use]
     pub fn next(half_edge: u32) -> u32 {
         if half_edge % 3 == 2 { half_edge - 2 } else { half_edge + 1 }
     }
 
-    /// The corner before this one around its face, whose half-edge ends where this one starts.
+    /// The previous half-edge around the face, which ends where this one starts.
     #[must_use]
     pub fn previous(half_edge: u32) -> u32 {
         if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
     }
 
-    /// The corner of its face that a half-edge does not touch.
+    /// The vertex of the half-edge's face that the half-edge does not touch.
     ///
     /// # Panics
-    /// When `half_edge` is not one of these faces.
+    /// If `half_edge` does not belong to these faces.
     #[must_use]
     pub fn opposite(faces: &[[u32; 3]], half_edge: u32) -> u32 {
         origin(faces, Self::previous(half_edge))
     }
 
-    /// Where a half-edge starts and ends.
+    /// The vertices at which a half-edge starts and ends.
     ///
     /// # Panics
-    /// When `half_edge` is not one of these faces.
+    /// If `half_edge` does not belong to these faces.
     #[must_use]
     pub fn ends(faces: &[[u32; 3]], half_edge: u32) -> [u32; 2] {
         [origin(faces, half_edge), origin(faces, Self::next(half_edge))]
@@ -138,7 +141,7 @@ impl Edges {
     /// Whether a half-edge runs from the smaller vertex to the larger.
     ///
     /// # Panics
-    /// When `half_edge` is not one of these faces.
+    /// If `half_edge` does not belong to these faces.
     #[must_use]
     pub fn is_forward(faces: &[[u32; 3]], half_edge: u32) -> bool {
         let [a, b] = Self::ends(faces, half_edge);
@@ -146,9 +149,9 @@ impl Edges {
     }
 }
 
-/// Sorts what is mostly no more than a handful.
+/// Sorts a list that usually has only a few entries.
 fn sort_few(entries: &mut [u64]) {
-    if entries.len() > FEW {
+    if entries.len() > INSERTION_SORT_LIMIT {
         entries.sort_unstable();
         return;
     }
@@ -162,13 +165,13 @@ fn sort_few(entries: &mut [u64]) {
     }
 }
 
-/// Calls `each` with every half-edge, where it starts and where it ends.
-fn for_each_half_edge(faces: &[[u32; 3]], mut each: impl FnMut(u32, u32, u32)) {
+/// Calls `visit` with every half-edge, its start vertex and its end vertex.
+fn for_each_half_edge(faces: &[[u32; 3]], mut visit: impl FnMut(u32, u32, u32)) {
     for (&[a, b, c], corner) in faces.iter().zip((0u32..).step_by(3)) {
         if a != b && b != c && c != a {
-            each(corner, a, b);
-            each(corner + 1, b, c);
-            each(corner + 2, c, a);
+            visit(corner, a, b);
+            visit(corner + 1, b, c);
+            visit(corner + 2, c, a);
         }
     }
 }
@@ -183,22 +186,22 @@ fn index(count: usize) -> u32 {
     count as u32
 }
 
-/// Where a half-edge starts.
+/// The start vertex of a half-edge.
 #[must_use]
 pub(super) fn origin(faces: &[[u32; 3]], half_edge: u32) -> u32 {
     faces[half_edge as usize / 3][half_edge as usize % 3]
 }
 
-/// The faces at each vertex, in their order.
+/// The faces at each vertex (its star), in ascending order.
 #[derive(Debug, Clone)]
 pub struct Stars {
-    /// For each vertex its first entry in `faces`, and the end.
+    /// For each vertex, the index of its first entry in `faces`, followed by the number of entries.
     start: Vec<u32>,
     faces: Vec<u32>,
 }
 
 impl Stars {
-    /// Distributes `faces`, of which there must be fewer than 2^32 / 3, over `vertices` vertices by counting.
+    /// Builds the stars of `vertices` vertices with a counting sort. There must be fewer than 2^32 / 3 faces.
     #[must_use]
     pub fn new(vertices: usize, faces: &[[u32; 3]]) -> Self {
         let mut start = vec![0u32; vertices + 1];
@@ -219,10 +222,10 @@ impl Stars {
         Self { start, faces: of_vertex }
     }
 
-    /// The faces at a vertex; a face with a repeated vertex is there as often.
+    /// The faces at a vertex; a face with a repeated vertex occurs once for each repetition.
     ///
     /// # Panics
-    /// When there is no such vertex.
+    /// If there is no such vertex.
     #[must_use]
     pub fn of(&self, vertex: u32) -> &[u32] {
         &self.faces[self.start[vertex as usize] as usize..self.start[vertex as usize + 1] as usize]
@@ -251,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn edges_and_their_half_edges_stand_in_the_order_of_a_sorted_list() {
+    fn edges_and_half_edges_are_in_sorted_order() {
         let mut state = 1u32;
         let mut random = |below: u32| {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

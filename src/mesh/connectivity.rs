@@ -1,15 +1,17 @@
+//! Connectivity of a surface: disjoint sets, edge-connected parts, and fans of corners around vertices.
+
 use super::adjacency::{Edges, origin};
 use super::surface::Surface;
 
-/// Disjoint sets over `0..n` (Tarjan 1975), the smallest member being each set's root, so that the answer does not
-/// depend on the order of unions.
+/// Disjoint sets over `0..n` (Tarjan 1975). The root of a set is its smallest member, so results do not depend on the
+/// order of unions.
 #[derive(Debug, Clone)]
 pub struct UnionFind {
     parent: Vec<u32>,
 }
 
 impl UnionFind {
-    /// `n` sets of one member each.
+    /// Creates `n` sets of one member each.
     #[must_use]
     pub fn new(n: usize) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "meshes are counted in u32")]
@@ -26,7 +28,7 @@ impl UnionFind {
         x
     }
 
-    /// Makes one set of the sets of `a` and `b`.
+    /// Merges the sets of `a` and `b`.
     pub fn unite(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         if a != b {
@@ -37,7 +39,7 @@ impl UnionFind {
     /// For each member the smallest member of its set.
     #[must_use]
     pub fn into_roots(mut self) -> Vec<u32> {
-        // A parent is never larger than its child, so that it has its root already.
+        // A parent is never larger than its child, so its root is already known.
         for x in 0..self.parent.len() {
             self.parent[x] = self.parent[self.parent[x] as usize];
         }
@@ -45,28 +47,28 @@ impl UnionFind {
     }
 }
 
-/// The edge-connected parts of a surface: faces belong together where a chain of shared edges joins them.
+/// The edge-connected parts of a surface: faces joined by a chain of shared edges are in one part.
 ///
 /// Parts are numbered in the order of their first face. Faces with a repeated vertex belong to no part.
 #[derive(Debug, Clone)]
 pub struct Parts {
     /// The part of each face, or [`Parts::NONE`].
     pub of_face: Vec<u32>,
-    /// How many parts there are.
+    /// Number of parts.
     pub count: usize,
 }
 
 impl Parts {
-    /// The part of a face that belongs to none.
+    /// The value for a face that belongs to no part.
     pub const NONE: u32 = u32::MAX;
 
-    /// Parts joined across every shared edge, however many faces it has.
+    /// Parts joined across every shared edge, whatever its number of faces.
     #[must_use]
     pub fn new(surface: &Surface, edges: &Edges) -> Self {
         Self::joined_where(surface, edges, |_| true)
     }
 
-    /// Patches: parts joined across edges of exactly two faces only.
+    /// Patches: parts joined only across edges with exactly two faces.
     #[must_use]
     pub fn patches(surface: &Surface, edges: &Edges) -> Self {
         Self::joined_where(surface, edges, |half_edges| half_edges.len() == 2)
@@ -85,25 +87,26 @@ impl Parts {
         })
     }
 
-    /// Numbers sets of faces in the order of their first face; where `counts` says no, a face is in no part.
-    fn numbered(sets: UnionFind, counts: impl Fn(usize) -> bool) -> Self {
+    /// Numbers sets of faces in the order of their first face. A face for which `is_included` returns false is in no
+    /// part.
+    fn numbered(sets: UnionFind, is_included: impl Fn(usize) -> bool) -> Self {
         let mut of_face = sets.into_roots();
         let mut count = 0u32;
         for f in 0..of_face.len() {
-            of_face[f] = if !counts(f) {
+            of_face[f] = if !is_included(f) {
                 Self::NONE
             } else if of_face[f] as usize == f {
                 count += 1;
                 count - 1
             } else {
-                // The root is smaller, so that it holds its number already.
+                // The root is smaller, so its entry already holds the part's number.
                 of_face[of_face[f] as usize]
             };
         }
         Self { of_face, count: count as usize }
     }
 
-    /// For each part whether it has a boundary: an edge of one face.
+    /// For each part, whether it has a boundary: an edge with one face.
     #[must_use]
     pub fn open(&self, edges: &Edges) -> Vec<bool> {
         let mut open = vec![false; self.count];
@@ -113,15 +116,16 @@ impl Parts {
         open
     }
 
-    /// Removes the faces of the parts that `goes` marks, and the vertices that none uses then. Answers how many faces went.
-    pub fn remove(&self, goes: &[bool], surface: &mut Surface) -> u64 {
-        let keep: Vec<bool> = self.of_face.iter().map(|&p| p == Self::NONE || !goes[p as usize]).collect();
+    /// Removes the faces of the parts that `is_removed` marks, and the vertices that are unused then. Returns the
+    /// number of removed faces.
+    pub fn remove(&self, is_removed: &[bool], surface: &mut Surface) -> u64 {
+        let keep: Vec<bool> = self.of_face.iter().map(|&p| p == Self::NONE || !is_removed[p as usize]).collect();
         let gone = surface.retain_faces(&keep);
         surface.drop_unreferenced();
         gone
     }
 
-    /// The faces of each part, in order.
+    /// The faces of each part, in ascending order.
     #[must_use]
     pub fn faces(&self) -> Vec<Vec<u32>> {
         let mut lists = vec![Vec::new(); self.count];
@@ -134,19 +138,19 @@ impl Parts {
     }
 }
 
-/// The fans of a surface: at each vertex, the corners of faces that follow one another across shared edges.
+/// The fans (umbrellas) of a surface: at each vertex, the sets of face corners connected across shared edges.
 ///
-/// A vertex is manifold where its corners form one fan.
+/// A vertex is manifold if its corners form one fan.
 #[derive(Debug, Clone)]
 pub struct Fans {
-    /// For each corner `3 * face + i` the smallest corner of its fan.
+    /// For each corner `3 * face + i`, the smallest corner of its fan; `u32::MAX` for a face with a repeated vertex.
     pub of_corner: Vec<u32>,
     /// Vertices with more than one fan.
-    pub nonmanifold_vertices: u64,
+    pub non_manifold_vertices: u64,
 }
 
 impl Fans {
-    /// Joins corners across every edge, however many faces it has.
+    /// Joins corners across every edge, whatever its number of faces.
     #[must_use]
     pub fn new(surface: &Surface, edges: &Edges) -> Self {
         let faces = &surface.faces;
@@ -173,7 +177,7 @@ impl Fans {
                 *count = count.saturating_add(1);
             }
         }
-        Self { of_corner, nonmanifold_vertices: fans_at.iter().filter(|&&n| n > 1).count() as u64 }
+        Self { of_corner, non_manifold_vertices: fans_at.iter().filter(|&&n| n > 1).count() as u64 }
     }
 }
 
@@ -183,7 +187,7 @@ mod tests {
     use glam::DVec3;
 
     #[test]
-    fn every_member_of_a_set_has_its_smallest_as_root() {
+    fn the_root_of_every_member_is_the_smallest_of_its_set() {
         let mut sets = UnionFind::new(7);
         for (a, b) in [(6, 5), (5, 2), (4, 3), (3, 1), (6, 4)] {
             sets.unite(a, b);
@@ -206,15 +210,15 @@ mod tests {
 
     #[test]
     fn two_faces_that_touch_in_a_vertex_are_two_fans() {
-        let it = fans(vec![[0, 1, 2], [0, 3, 4]]);
-        assert_eq!(it.nonmanifold_vertices, 1);
-        assert_ne!(it.of_corner[0], it.of_corner[3]);
+        let found = fans(vec![[0, 1, 2], [0, 3, 4]]);
+        assert_eq!(found.non_manifold_vertices, 1);
+        assert_ne!(found.of_corner[0], found.of_corner[3]);
     }
 
     #[test]
     fn faces_around_a_vertex_are_one_fan() {
-        let it = fans(vec![[0, 1, 2], [0, 2, 3], [0, 3, 1]]);
-        assert_eq!(it.nonmanifold_vertices, 0);
-        assert_eq!(it.of_corner[3], it.of_corner[6]);
+        let found = fans(vec![[0, 1, 2], [0, 2, 3], [0, 3, 1]]);
+        assert_eq!(found.non_manifold_vertices, 0);
+        assert_eq!(found.of_corner[3], found.of_corner[6]);
     }
 }

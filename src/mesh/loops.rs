@@ -1,34 +1,38 @@
+//! Boundary loops and chains of an open surface.
+
 use super::adjacency::Edges;
 use super::connectivity::{Fans, UnionFind};
 use super::surface::Surface;
 
-/// The holes of a surface as closed walks along its boundary.
+/// The holes of a surface, as closed walks along its boundary.
 ///
 /// ```text
-///      face            a loop runs against the half-edges of the faces,
+///      face            a loop runs against the faces' half-edges,
 ///   u -----> v         so that a patch whose edges run along the loop
 ///   u <----- v         fits the faces around it
 ///      loop
 /// ```
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct BoundaryLoops {
-    /// Simple loops (no vertex twice) of at least three vertices, in the order of their smallest half-edge.
+    /// Simple loops (no vertex occurs twice) of at least three vertices, in the order of their smallest half-edge.
     pub simple: Vec<Vec<u32>>,
-    /// For each simple loop, a face on its border.
+    /// For each simple loop, a face at its border.
     pub face: Vec<u32>,
-    /// Boundary edges in no simple loop: walks that end, which needs inconsistent winding or non-manifold edges, and
-    /// two-edge loops.
+    /// Number of boundary edges in no simple loop: edges of open walks, which need inconsistent winding or non-manifold
+    /// edges, and of two-edge loops.
     pub left: u64,
 }
 
-/// Walks along the boundary, at each vertex from fan to fan, and cuts each walk where it meets itself.
+/// Finds the boundary loops: walks along the boundary from fan to fan, and splits each walk where it visits a vertex
+/// again.
 ///
-/// The surface should be consistently wound; where it is not, walks end and are left.
+/// The surface should be consistently wound; otherwise walks may not close, and their edges count in
+/// [`BoundaryLoops::left`].
 #[must_use]
 pub fn boundary_loops(surface: &Surface, edges: &Edges, fans: &Fans) -> BoundaryLoops {
     let faces = &surface.faces;
-    // A face's half-edge u -> v on the boundary is walked as v -> u; the walk goes on in u's fan with the half-edge
-    // that ends in u, found by the fan of the corner where it ends.
+    // A boundary half-edge u -> v of a face is walked as v -> u. The walk continues in u's fan with the half-edge that
+    // ends in u, found by the fan of the corner at its end.
     let mut boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
     boundary.sort_unstable();
     let mut by_end: Vec<(u32, u32)> = boundary.iter().map(|&h| (fans.of_corner[Edges::next(h) as usize], h)).collect();
@@ -62,7 +66,7 @@ pub fn boundary_loops(surface: &Surface, edges: &Edges, fans: &Fans) -> Boundary
             walk.push(h);
         };
         if closed {
-            cut_into_simple_loops(faces, &walk, &mut loops);
+            split_into_simple_loops(faces, &walk, &mut loops);
         } else {
             loops.left += walk.len() as u64;
         }
@@ -70,23 +74,23 @@ pub fn boundary_loops(surface: &Surface, edges: &Edges, fans: &Fans) -> Boundary
     loops
 }
 
-/// Cuts a closed walk at each vertex that it passes more than once.
-fn cut_into_simple_loops(faces: &[[u32; 3]], walk: &[u32], loops: &mut BoundaryLoops) {
-    // The vertices on the stack, with the half-edge that was walked to reach each.
+/// Splits a closed walk at each vertex that it visits more than once.
+fn split_into_simple_loops(faces: &[[u32; 3]], walk: &[u32], loops: &mut BoundaryLoops) {
+    // Maps each vertex on the stack to its index there.
     let mut at: std::collections::HashMap<u32, usize> = std::collections::HashMap::with_capacity(walk.len());
     let mut stack: Vec<(u32, u32)> = Vec::with_capacity(walk.len());
     for &h in walk {
         let [_, v] = Edges::ends(faces, h);
         if let Some(&from) = at.get(&v) {
-            take_loop(&mut stack, from, &mut at, loops);
+            pop_loop(&mut stack, from, &mut at, loops);
         }
         at.insert(v, stack.len());
         stack.push((v, h / 3));
     }
-    take_loop(&mut stack, 0, &mut at, loops);
+    pop_loop(&mut stack, 0, &mut at, loops);
 }
 
-fn take_loop(
+fn pop_loop(
     stack: &mut Vec<(u32, u32)>,
     from: usize,
     at: &mut std::collections::HashMap<u32, usize>,
@@ -104,8 +108,8 @@ fn take_loop(
     }
 }
 
-/// One half-edge of each chain that the boundary edges form, whatever the winding: boundary edges belong together where
-/// they bound the same fan.
+/// One half-edge of each chain of boundary edges, whatever the winding. Boundary edges that bound the same fan are in
+/// one chain.
 #[must_use]
 pub fn boundary_chains(edges: &Edges, fans: &Fans) -> Vec<u32> {
     let boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
@@ -122,7 +126,7 @@ pub fn boundary_chains(edges: &Edges, fans: &Fans) -> Vec<u32> {
     (0u32..).zip(&boundary).filter(|&(i, _)| sets.root(i) == i).map(|(_, &h)| h).collect()
 }
 
-/// How many chains the boundary edges form.
+/// The number of chains of boundary edges.
 #[must_use]
 pub fn count_boundary_chains(edges: &Edges, fans: &Fans) -> u64 {
     boundary_chains(edges, fans).len() as u64
@@ -148,26 +152,26 @@ mod tests {
 
     #[test]
     fn a_loop_runs_against_the_half_edges_of_the_faces() {
-        let (it, chains) = loops(vec![[0, 1, 2], [0, 2, 3]]);
-        assert_eq!(it.simple, [[1, 0, 3, 2]]);
-        assert_eq!((it.left, chains), (0, 1));
+        let (found, chains) = loops(vec![[0, 1, 2], [0, 2, 3]]);
+        assert_eq!(found.simple, [[1, 0, 3, 2]]);
+        assert_eq!((found.left, chains), (0, 1));
     }
 
     #[test]
-    fn two_holes_that_touch_in_a_vertex_are_two_simple_loops() {
-        // Two triangles joined in vertex 0 by nothing but the vertex.
-        let (it, _) = loops(vec![[0, 1, 2], [0, 3, 4]]);
-        assert_eq!(it.simple.len(), 2);
-        assert!(it.simple.iter().all(|l| l.len() == 3));
+    fn two_loops_that_touch_in_a_vertex_are_two_simple_loops() {
+        // The two triangles share only vertex 0.
+        let (found, _) = loops(vec![[0, 1, 2], [0, 3, 4]]);
+        assert_eq!(found.simple.len(), 2);
+        assert!(found.simple.iter().all(|l| l.len() == 3));
     }
 
     #[test]
-    fn a_walk_that_cannot_go_on_is_left() {
-        // The second face is turned the wrong way.
-        let (it, chains) = loops(vec![[0, 1, 2], [0, 3, 2]].into_iter().map(|f: [u32; 3]| f).collect());
+    fn the_edges_of_a_walk_that_does_not_close_are_left() {
+        // The second face is flipped.
+        let (found, chains) = loops(vec![[0, 1, 2], [0, 3, 2]].into_iter().map(|f: [u32; 3]| f).collect());
         let (turned, _) = loops(vec![[0, 1, 2], [2, 3, 0]]);
         assert_eq!(turned.left, 0);
-        assert_eq!(it.simple.len() as u64 + it.left.min(1), 1);
+        assert_eq!(found.simple.len() as u64 + found.left.min(1), 1);
         assert_eq!(chains, 1);
     }
 }

@@ -1,9 +1,9 @@
-//! Meshes, as types with growing guarantees.
+//! Triangle meshes, as types with growing guarantees.
 //!
-//! [`Soup`] is what a file says and promises nothing. [`Surface`] is finite, indexed and welded at equal positions,
-//! and remembers which input face each face comes from; it may still be non-manifold, open or wrongly turned. What
-//! holds beyond that is asked of its [`Edges`], [`Parts`] and [`Fans`]. [`ClosedSurface`] encloses something; it is checked once,
-//! where it is made.
+//! [`Soup`] holds the triangles of a file and guarantees little. [`Surface`] is finite, indexed and welded at equal
+//! positions, and records the input face of each face. It may still be non-manifold, open or inconsistently wound.
+//! [`Edges`], [`Parts`] and [`Fans`] answer further questions about its connectivity. [`ClosedSurface`] is checked
+//! once, on construction.
 
 mod adjacency;
 mod connectivity;
@@ -15,9 +15,9 @@ mod weld;
 pub use adjacency::{Edges, Stars};
 pub use connectivity::{Fans, Parts, UnionFind};
 pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};
-pub use soup::{CornerNormals, LeftOutFace, Numbering, Soup};
+pub use soup::{CornerNormals, Numbering, OmittedFace, Soup};
 pub use surface::{
-    BASE_SOURCE, ClosedSurface, Ingest, NO_SOURCE, NotClosed, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, is_made,
+    BASE_SOURCE, ClosedSurface, Ingest, NO_SOURCE, NotClosed, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, is_generated,
     position_key,
 };
 pub use weld::weld_exactly;

@@ -1,14 +1,16 @@
+//! Triangles, normals and numbering as a file gives them, before any cleanup.
+
 use glam::DVec3;
 
-/// Triangles as a file gives them. They promise only that face indices are in range.
+/// Triangles as a file gives them. The only guarantee is that face indices are in range.
 ///
-/// Positions may be non-finite or repeated, faces may be degenerate, duplicated, flipped or intersecting.
-/// Readers make a soup and writers take it; operators work on types with stronger guarantees.
+/// Positions may be non-finite or repeated; faces may be degenerate, duplicated, flipped or intersecting. Readers
+/// produce a soup and writers consume one; operators work on types with stronger guarantees.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Soup {
     /// Vertex positions, in the file's own unit.
     pub positions: Vec<DVec3>,
-    /// Triangles as indices into `positions`, counter-clockwise seen from outside where the file is well oriented.
+    /// Triangles as indices into `positions`, counter-clockwise seen from outside if the file is well oriented.
     pub faces: Vec<[u32; 3]>,
 }
 
@@ -16,38 +18,38 @@ impl Soup {
     /// The corner positions of face `face`.
     ///
     /// # Panics
-    /// When `face` is not an index of `faces`.
+    /// If `face` is not an index of `faces`.
     #[must_use]
     pub fn corners(&self, face: usize) -> [DVec3; 3] {
         self.faces[face].map(|v| self.positions[v as usize])
     }
 }
 
-/// Normals that a file gives, as it gives them. They need not have unit length; one that is zero or not finite is none.
+/// Normals as a file gives them. They need not have unit length; a normal that is zero or not finite counts as absent.
 #[derive(Debug, Clone, PartialEq)]
 pub enum CornerNormals {
-    /// One for each vertex of the soup.
+    /// One normal for each vertex of the soup.
     OfVertices(Vec<[f32; 3]>),
-    /// A list, and for each face of the soup the places in it of its corners' normals.
+    /// A list of normals, and for each face of the soup the indices of its corners' normals.
     OfCorners {
         /// The normals.
         normals: Vec<[f32; 3]>,
-        /// Places in `normals`; one that is out of range is none.
+        /// Indices into `normals`; an index out of range means no normal.
         faces: Vec<[u32; 3]>,
     },
-    /// One for each face. Only those are kept that are opposed to their face as its corners turn: there are hardly ever
-    /// any, and the others say nothing that the corners don't.
+    /// One normal for each face. Only normals opposed to the orientation of their face's corners are stored: they are
+    /// rare, and all others carry no further information.
     OfFaces {
-        /// Faces of the soup with their normals, ascending.
+        /// Faces of the soup with their opposed normals, in ascending order.
         opposed: Vec<(u32, [f32; 3])>,
     },
 }
 
 impl CornerNormals {
-    /// The normal at corner `k` (0 to 2) of a face of the soup with these vertices.
+    /// The normal at corner `k` (0 to 2) of a face of the soup with these vertices, if the file gives a usable one.
     ///
     /// # Panics
-    /// When `k` is more than 2.
+    /// If `k` is more than 2.
     #[must_use]
     pub fn at(&self, face: usize, vertices: [u32; 3], k: usize) -> Option<[f32; 3]> {
         let found = match self {
@@ -62,44 +64,44 @@ impl CornerNormals {
     }
 }
 
-/// What a file with explicit numbers says of its vertices and faces.
+/// The explicit vertex and face numbers of a file, and the faults in them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Numbering {
-    /// Whether vertices are numbered 1, 2, 3 and so on, in the order of the file.
+    /// Whether vertices are numbered 1, 2, 3, ... in the order of the file.
     pub vertices_contiguous: bool,
-    /// Whether faces are numbered 1, 2, 3 and so on, in the order of the file.
+    /// Whether faces are numbered 1, 2, 3, ... in the order of the file.
     pub faces_contiguous: bool,
-    /// Vertex numbers that a face names and that do not exist, each counted once.
+    /// Vertex numbers that faces reference but the file does not define, each counted once.
     pub missing_vertices: u64,
-    /// Faces that name such a vertex; they are not in the soup.
+    /// Faces that reference an undefined vertex; the soup does not contain them.
     pub faces_without_vertex: u64,
     /// The first of those faces, in the order of the file.
-    pub left_out: Vec<LeftOutFace>,
-    /// The first of the missing vertex numbers, ascending.
+    pub omitted: Vec<OmittedFace>,
+    /// The first of the undefined vertex numbers, in ascending order.
     pub missing: Vec<u32>,
-    /// The number of each vertex of the soup; empty where they are 1, 2, 3 and so on.
+    /// The number of each vertex of the soup; empty if the numbers are 1, 2, 3, ...
     pub vertex_numbers: Vec<u32>,
-    /// The number of each face of the soup; empty where they are 1, 2, 3 and so on.
+    /// The number of each face of the soup; empty if the numbers are 1, 2, 3, ...
     pub face_numbers: Vec<u32>,
 }
 
-/// A face that names a vertex which the file does not give.
+/// A face that references a vertex which the file does not define.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LeftOutFace {
-    /// Its number in the file.
+pub struct OmittedFace {
+    /// The face's number in the file.
     pub number: u32,
-    /// The middle of its corners that are given; of a face without any, that of the face before it.
+    /// The centre of the face's defined corners; for a face without any, the location of the previous such face.
     pub at: [f64; 3],
 }
 
 impl Numbering {
-    /// The file's number of a face of the soup.
+    /// The number in the file of a face of the soup.
     #[must_use]
     pub fn face(&self, index: u32) -> u32 {
         self.face_numbers.get(index as usize).copied().unwrap_or(index.saturating_add(1))
     }
 
-    /// The file's number of a vertex of the soup.
+    /// The number in the file of a vertex of the soup.
     #[must_use]
     pub fn vertex(&self, index: u32) -> u32 {
         self.vertex_numbers.get(index as usize).copied().unwrap_or(index.saturating_add(1))

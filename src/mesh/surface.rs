@@ -1,3 +1,5 @@
+//! The indexed surface that every operator works on, and the checked closed surface.
+
 use std::ops::Deref;
 
 use glam::DVec3;
@@ -6,57 +8,59 @@ use super::adjacency::Edges;
 use super::soup::Soup;
 use crate::math::Box3;
 
-/// The source of a face that no input face gave, such as one of a patch.
+/// The source of a face without an input face, such as a face of a patch.
 pub const NO_SOURCE: u32 = u32::MAX;
 
-/// The source of the second skin and the rim of a sheet that was given a thickness.
+/// The source of faces that give thickness to an open sheet: the second skin and the rim.
 pub const SKIN_SOURCE: u32 = u32::MAX - 1;
 
-/// The same around a region that was left open, since one can look into it through a hole.
+/// Like [`SKIN_SOURCE`], around a region that was left open because its inside is visible through a hole.
 pub const OPENED_SKIN_SOURCE: u32 = u32::MAX - 2;
 
-/// The source of the skirt and the bottom of a base.
+/// The source of the skirt and the bottom of an added base.
 pub const BASE_SOURCE: u32 = u32::MAX - 3;
 
-/// Whether a source says that no input face gave the face.
+/// Whether a source marks a face without an input face.
 #[must_use]
-pub const fn is_made(source: u32) -> bool {
+pub const fn is_generated(source: u32) -> bool {
     source >= BASE_SOURCE
 }
 
-/// An indexed triangle surface: positions are finite and pairwise different when it is made, every index is in range.
+/// An indexed triangle surface. On construction positions are finite and pairwise different, and every index is in
+/// range.
 ///
-/// Vertices stand in the order of their first use by a face, faces in the order of the input. Faces may be degenerate
-/// (even with a repeated vertex), duplicated, intersecting or turned any way; edges may have any number of faces.
+/// Vertices are in the order of their first use by a face, faces in the order of the input. Faces may be degenerate
+/// (even with a repeated vertex), duplicated, intersecting or flipped; edges may have any number of faces.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {
     /// Vertex positions.
     pub positions: Vec<DVec3>,
     /// Faces as indices into `positions`.
     pub faces: Vec<[u32; 3]>,
-    /// For each face the index of the input face that it is or was cut from, or what it was made for ([`is_made`]).
+    /// For each face, the index of the input face that it comes from, or a constant for its purpose if it has none
+    /// ([`is_generated`]).
     pub source: Vec<u32>,
 }
 
-/// What was left out or merged when a [`Surface`] was made of a [`Soup`].
+/// Counts of what was omitted or merged when a [`Surface`] was built from a [`Soup`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Ingest {
-    /// Faces with a corner that is not finite or whose index has no vertex.
-    pub nonfinite_faces: u64,
-    /// Vertices that no face uses, the non-finite faces counting as faces.
+    /// Omitted faces: a corner is not finite, or its index has no vertex.
+    pub non_finite_faces: u64,
+    /// Vertices that no face references, omitted faces included.
     pub unreferenced_vertices: u64,
-    /// Used vertices that stand at the position of another one.
+    /// Used vertices that were merged into another one at the same position.
     pub merged_vertices: u64,
 }
 
 impl Surface {
-    /// The triangles alone.
+    /// The positions and triangles alone, without sources.
     #[must_use]
     pub fn to_soup(&self) -> Soup {
         Soup { positions: self.positions.clone(), faces: self.faces.clone() }
     }
 
-    /// The box around all positions.
+    /// The bounding box of all positions.
     #[must_use]
     pub fn bounds(&self) -> Box3 {
         Box3::of(self.positions.iter().copied())
@@ -65,7 +69,7 @@ impl Surface {
     /// The corner positions of face `face`.
     ///
     /// # Panics
-    /// When `face` is not an index of `faces`.
+    /// If `face` is not an index of `faces`.
     #[must_use]
     pub fn corners(&self, face: usize) -> [DVec3; 3] {
         let [a, b, c] = self.faces[face];
@@ -75,25 +79,25 @@ impl Surface {
     /// Twice the area of a face times its unit normal.
     ///
     /// # Panics
-    /// When `face` is not an index of `faces`.
+    /// If `face` is not an index of `faces`.
     #[must_use]
     pub fn area_vector(&self, face: usize) -> DVec3 {
         let [a, b, c] = self.corners(face);
         (b - a).cross(c - a)
     }
 
-    /// Adds a face that no input face gave.
+    /// Adds a face with [`NO_SOURCE`].
     pub fn push_patch(&mut self, face: [u32; 3]) {
-        self.push_made(face, NO_SOURCE);
+        self.push_generated(face, NO_SOURCE);
     }
 
-    /// Adds a face that no input face gave, with what it was made for.
-    pub fn push_made(&mut self, face: [u32; 3], source: u32) {
+    /// Adds a face without an input face, with the source constant of its purpose.
+    pub fn push_generated(&mut self, face: [u32; 3], source: u32) {
         self.faces.push(face);
         self.source.push(source);
     }
 
-    /// Keeps the faces for which `keep` (one for each face) is true. Answers how many went.
+    /// Keeps the faces for which `keep` (one entry for each face) is true. Returns the number of removed faces.
     pub fn retain_faces(&mut self, keep: &[bool]) -> u64 {
         let before = self.faces.len();
         let mut flags = keep.iter();
@@ -103,7 +107,8 @@ impl Surface {
         (before - self.faces.len()) as u64
     }
 
-    /// Drops vertices that no face uses and numbers the others by first use. Answers how many went.
+    /// Removes vertices that no face uses and renumbers the others by first use. Returns the number of removed
+    /// vertices.
     pub fn drop_unreferenced(&mut self) -> u64 {
         let before = self.positions.len();
         let mut new_index = vec![u32::MAX; before];
@@ -123,10 +128,10 @@ impl Surface {
         (before - self.positions.len()) as u64
     }
 
-    /// Whether the type's promises hold; for tests.
+    /// Checks the type's invariants; for tests.
     ///
     /// # Errors
-    /// The first promise that is broken, in words.
+    /// A description of the first broken invariant.
     pub fn check(&self) -> Result<(), String> {
         if self.source.len() != self.faces.len() {
             return Err(format!("{} sources for {} faces", self.source.len(), self.faces.len()));
@@ -135,41 +140,41 @@ impl Surface {
             return Err(format!("position {p} is not finite"));
         }
         if let Some(f) = self.faces.iter().find(|f| f.iter().any(|&v| v as usize >= self.positions.len())) {
-            return Err(format!("face {f:?} names a vertex that is not there"));
+            return Err(format!("face {f:?} references a missing vertex"));
         }
         let mut keys: Vec<_> = self.positions.iter().map(|&p| position_key(p)).collect();
         keys.sort_unstable();
         if keys.windows(2).any(|w| w[0] == w[1]) {
-            return Err("two vertices stand at the same position".to_owned());
+            return Err("two vertices have the same position".to_owned());
         }
         Ok(())
     }
 }
 
-/// Equal for equal positions; adding 0.0 turns -0.0 into 0.0.
+/// A key that is equal exactly for equal positions. Adding 0.0 turns -0.0 into 0.0.
 #[must_use]
 pub fn position_key(p: DVec3) -> [u64; 3] {
     p.to_array().map(|x| (x + 0.0).to_bits())
 }
 
-/// A surface of which every edge is used as often in one direction as in the other, so that it winds a whole number of times around
-/// every point. Its faces may intersect and overlap, and more than two may meet in an edge.
+/// A surface in which every edge is used equally often in both directions, so its winding number around every point is
+/// an integer. Faces may intersect and overlap, and more than two may share an edge.
 ///
-/// The winding number is what an arrangement labels cells by (Jacobson, Kavan and Sorkine-Hornung 2013, "Robust Inside-Outside
-/// Segmentation using Generalized Winding Numbers").
+/// An arrangement labels its cells by this winding number (Jacobson, Kavan and Sorkine-Hornung 2013, "Robust
+/// Inside-Outside Segmentation using Generalized Winding Numbers").
 #[derive(Debug, Clone, Copy)]
 pub struct ClosedSurface<'a>(&'a Surface);
 
-/// An edge is not used as often in one direction as in the other.
+/// The surface is not closed: some edge is not used equally often in both directions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the surface is not closed and consistently wound, so what it encloses is not defined")]
+#[error("the surface is not closed and consistently wound, so its interior is undefined")]
 pub struct NotClosed;
 
 impl<'a> ClosedSurface<'a> {
-    /// Checks every edge of the surface, whose `edges` they are. Linear.
+    /// Checks every edge of the surface; `edges` must be the edges of its faces. Linear time.
     ///
     /// # Errors
-    /// [`NotClosed`].
+    /// [`NotClosed`] if some edge is not used equally often in both directions.
     pub fn new(surface: &'a Surface, edges: &Edges) -> Result<Self, NotClosed> {
         let is_forward = |&&half_edge: &&u32| Edges::is_forward(&surface.faces, half_edge);
         let is_closed = edges.iter().all(|of_edge| 2 * of_edge.iter().filter(is_forward).count() == of_edge.len());
@@ -180,7 +185,7 @@ impl<'a> ClosedSurface<'a> {
 impl<'a> TryFrom<&'a Surface> for ClosedSurface<'a> {
     type Error = NotClosed;
 
-    /// Finds the edges and checks them. O(n log n) in the faces.
+    /// Builds the edges and checks them, in O(n log n) for n faces.
     fn try_from(surface: &'a Surface) -> Result<Self, NotClosed> {
         Self::new(surface, &Edges::new(&surface.faces))
     }
@@ -216,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_is_closed_where_every_edge_is_used_as_often_in_either_direction() {
+    fn a_surface_is_closed_if_each_edge_is_used_equally_often_both_ways() {
         let tetrahedron = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]];
         assert_eq!(ClosedSurface::try_from(&surface(&tetrahedron)).unwrap().faces.len(), 4);
         let twice = [tetrahedron, tetrahedron].concat();

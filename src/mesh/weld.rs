@@ -1,3 +1,6 @@
+//! Merges vertices at exactly equal positions: when a surface is built from a file's triangles, and on later demand.
+//! Welding takes linear time for ordinary meshes, and O(n log n) for positions crafted to collide in the hash table.
+
 use std::collections::BTreeMap;
 
 use glam::DVec3;
@@ -5,44 +8,44 @@ use glam::DVec3;
 use super::soup::Soup;
 use super::surface::{Ingest, Surface, position_key};
 
-/// Not used by any face yet.
+/// A vertex that no face has used yet.
 const UNUSED: u32 = u32::MAX;
-/// Used, but only by faces that were left out.
-const LEFT_OUT: u32 = u32::MAX - 1;
-/// An empty place of the hash table.
+/// A vertex used only by omitted faces.
+const OMITTED: u32 = u32::MAX - 1;
+/// An empty slot of the hash table.
 const EMPTY: u32 = u32::MAX;
-/// Places of the hash table that one look-up may pass on average. Linear probing at a load of 3/4 passes 7.5 for a
-/// position that is not there (Knuth, The Art of Computer Programming 3, 6.4) and far fewer for one that is.
-const PROBES: u64 = 24;
-/// Probes that are granted beyond that, so that a few clusters in a small mesh do not matter.
-const PROBES_AT_LEAST: u64 = 1 << 16;
+/// Average number of slots that one lookup may probe. At a load of 3/4, linear probing visits 7.5 slots for an absent
+/// position and far fewer for a present one (Knuth, The Art of Computer Programming 3, 6.4).
+const PROBES_PER_LOOKUP: u64 = 24;
+/// Additional probes, so that a few clusters in a small mesh do not matter.
+const BASE_PROBES: u64 = 1 << 16;
 
-/// Faces whose vertices are looked up at a time. Their look-ups begin together, so that they wait for memory together.
-const TOGETHER: usize = 64;
+/// Faces whose vertices are looked up as a batch. Starting the lookups together overlaps their memory latency.
+const BATCH: usize = 64;
 
-/// Numbers vertices by first use, equal positions alike.
+/// Numbers vertices by first use; vertices at equal positions get the same number.
 struct Welder<'a> {
     given: &'a [DVec3],
-    /// For each given vertex its new number, [`UNUSED`] or [`LEFT_OUT`].
+    /// For each given vertex its new number, [`UNUSED`] or [`OMITTED`].
     number: Vec<u32>,
     index: Index,
     /// The positions of the new vertices.
     positions: Vec<DVec3>,
-    /// Used vertices that stand at the position of another.
+    /// Used vertices at the position of another vertex.
     merged: u64,
 }
 
 impl<'a> Welder<'a> {
     fn new(given: &'a [DVec3]) -> Self {
-        let index = Index::Hash(Table::with_room_for(given.len() / 4));
+        let index = Index::Hash(Table::with_capacity_for(given.len() / 4));
         Self { given, number: vec![UNUSED; given.len()], index, positions: Vec::new(), merged: 0 }
     }
 
-    /// Gives the vertices of faces, which must be there and finite, their new numbers.
+    /// Replaces the vertices of faces by their new numbers. The vertices must exist and be finite.
     fn number(&mut self, faces: &mut [[u32; 3]]) {
-        let mut guesses = [EMPTY; 3 * TOGETHER];
-        for some in faces.chunks_mut(TOGETHER) {
-            let vertices = some.as_flattened_mut();
+        let mut guesses = [EMPTY; 3 * BATCH];
+        for batch in faces.chunks_mut(BATCH) {
+            let vertices = batch.as_flattened_mut();
             self.guess(vertices, &mut guesses);
             for (v, &guess) in vertices.iter_mut().zip(&guesses) {
                 *v = self.number_of(*v, guess);
@@ -50,11 +53,11 @@ impl<'a> Welder<'a> {
         }
     }
 
-    /// Looks where the hash table would look first for each vertex; a guess that is not [`EMPTY`] is right.
+    /// Reads the first hash table slot of each vertex. A guess other than [`EMPTY`] is correct.
     fn guess(&self, vertices: &[u32], guesses: &mut [u32]) {
         let Index::Hash(table) = &self.index else { return guesses.fill(EMPTY) };
         for (&v, guess) in vertices.iter().zip(&mut *guesses) {
-            *guess = table.places[table.first_place(self.given[v as usize])];
+            *guess = table.slots[table.first_slot(self.given[v as usize])];
         }
         for (&v, guess) in vertices.iter().zip(guesses) {
             if self.positions.get(*guess as usize) != Some(&self.given[v as usize]) {
@@ -65,7 +68,7 @@ impl<'a> Welder<'a> {
 
     fn number_of(&mut self, v: u32, guess: u32) -> u32 {
         let known = self.number[v as usize];
-        if known < LEFT_OUT {
+        if known < OMITTED {
             return known;
         }
         let position = self.given[v as usize];
@@ -80,30 +83,31 @@ impl<'a> Welder<'a> {
         number
     }
 
-    /// Notes that a face that is left out uses a vertex, if there is such a vertex.
-    fn leave_out(&mut self, v: u32) {
+    /// Records that an omitted face uses a vertex, if the vertex exists.
+    fn omit(&mut self, v: u32) {
         if let Some(number) = self.number.get_mut(v as usize)
             && *number == UNUSED
         {
-            *number = LEFT_OUT;
+            *number = OMITTED;
         }
     }
 
-    /// How many given vertices no face has used.
+    /// The number of given vertices that no face uses.
     fn unused(&self) -> u64 {
         self.number.iter().filter(|&&n| n == UNUSED).count() as u64
     }
 }
 
-/// The numbers of known positions. Hashing has a fixed function, so that a file can be made to hit one place again and
-/// again: what costs more probes than chance explains is looked up in a tree from then on, O(log n) whatever comes.
+/// Maps known positions to numbers. The hash function is fixed, so a crafted file can make all positions collide. If
+/// lookups take more probes than chance explains, a tree replaces the table: O(log n) in every case.
 enum Index {
     Hash(Table),
     Tree(BTreeMap<[u64; 3], u32>),
 }
 
 impl Index {
-    /// The number of a position and whether it is new; new ones are numbered on. `known` has the position of each number.
+    /// The number of a position, and whether it is new; new positions get the next number. `known` has the position of
+    /// each number.
     fn find_or_add(&mut self, position: DVec3, known: &[DVec3]) -> (u32, bool) {
         #[expect(clippy::cast_possible_truncation, reason = "no more than there were indices")]
         let next = known.len() as u32;
@@ -119,74 +123,74 @@ impl Index {
     }
 }
 
-/// Open addressing with linear probing over the numbers of positions; the positions themselves are the keys.
+/// A hash table of position numbers with open addressing and linear probing; the positions themselves are the keys.
 struct Table {
-    places: Vec<u32>,
-    /// How far a hash is shifted so that its highest bits name a place.
+    slots: Vec<u32>,
+    /// Right shift of a hash that leaves as many high bits as a slot index has.
     shift: u32,
     used: usize,
-    /// Probes that are left, see [`PROBES`].
+    /// Remaining probes, see [`PROBES_PER_LOOKUP`].
     probes_left: u64,
 }
 
 impl Table {
-    fn with_room_for(positions: usize) -> Self {
+    fn with_capacity_for(positions: usize) -> Self {
         let bits = positions.next_power_of_two().trailing_zeros().max(4);
-        Self { places: vec![EMPTY; 1 << bits], shift: 64 - bits, used: 0, probes_left: PROBES_AT_LEAST }
+        Self { slots: vec![EMPTY; 1 << bits], shift: 64 - bits, used: 0, probes_left: BASE_PROBES }
     }
 
-    /// None when the probes are spent; nothing was added then.
+    /// None if the probes run out; the table is then unchanged.
     fn find_or_add(&mut self, position: DVec3, known: &[DVec3], next: u32) -> Option<u32> {
-        if self.used * 4 >= self.places.len() * 3 {
+        if self.used * 4 >= self.slots.len() * 3 {
             self.grow(known)?;
         }
-        self.probes_left += PROBES;
-        let mut at = self.first_place(position);
+        self.probes_left += PROBES_PER_LOOKUP;
+        let mut at = self.first_slot(position);
         loop {
-            let found = self.places[at];
+            let found = self.slots[at];
             if found == EMPTY {
-                self.places[at] = next;
+                self.slots[at] = next;
                 self.used += 1;
                 return Some(next);
             }
             if known[found as usize] == position {
                 return Some(found);
             }
-            at = self.after(at)?;
+            at = self.next_slot(at)?;
         }
     }
 
     fn grow(&mut self, known: &[DVec3]) -> Option<()> {
         self.shift -= 1;
-        let places = self.places.len() * 2;
-        // The old table goes before the new one comes, so that both are never in memory.
-        self.places = Vec::new();
-        self.places = vec![EMPTY; places];
-        self.probes_left += PROBES * known.len() as u64;
+        let slots = self.slots.len() * 2;
+        // Frees the old table before allocating the new one, so that they are never in memory together.
+        self.slots = Vec::new();
+        self.slots = vec![EMPTY; slots];
+        self.probes_left += PROBES_PER_LOOKUP * known.len() as u64;
         for (&position, number) in known.iter().zip(0u32..) {
-            let mut at = self.first_place(position);
-            while self.places[at] != EMPTY {
-                at = self.after(at)?;
+            let mut at = self.first_slot(position);
+            while self.slots[at] != EMPTY {
+                at = self.next_slot(at)?;
             }
-            self.places[at] = number;
+            self.slots[at] = number;
         }
         Some(())
     }
 
-    fn first_place(&self, position: DVec3) -> usize {
+    fn first_slot(&self, position: DVec3) -> usize {
         #[expect(clippy::cast_possible_truncation, reason = "as many bits as the table has")]
         {
             (hash(position) >> self.shift) as usize
         }
     }
 
-    fn after(&mut self, at: usize) -> Option<usize> {
+    fn next_slot(&mut self, at: usize) -> Option<usize> {
         self.probes_left = self.probes_left.checked_sub(1)?;
-        Some((at + 1) & (self.places.len() - 1))
+        Some((at + 1) & (self.slots.len() - 1))
     }
 }
 
-/// Folded multiplication, once for each coordinate (as in wyhash, Wang Yi 2019); the constants are digits of pi.
+/// Folded multiplication of each coordinate (as in wyhash, Wang Yi 2019); the constants are digits of pi.
 fn hash(position: DVec3) -> u64 {
     let [x, y, z] = position_key(position);
     let fold = |a: u64, b: u64| {
@@ -209,15 +213,15 @@ impl Surface {
         let mut welder = Welder::new(&soup.positions);
         let mut faces = Vec::with_capacity(soup.faces.len());
         let mut source = Vec::with_capacity(soup.faces.len());
-        for (some, first) in soup.faces.chunks(TOGETHER).zip((0u32..).step_by(TOGETHER)) {
+        for (batch, first) in soup.faces.chunks(BATCH).zip((0u32..).step_by(BATCH)) {
             let begin = faces.len();
-            for (&face, index) in some.iter().zip(first..) {
+            for (&face, index) in batch.iter().zip(first..) {
                 if face.iter().all(|&v| soup.positions.get(v as usize).is_some_and(|p| p.is_finite())) {
                     faces.push(face);
                     source.push(index);
                 } else {
-                    face.iter().for_each(|&v| welder.leave_out(v));
-                    ingest.nonfinite_faces += 1;
+                    face.iter().for_each(|&v| welder.omit(v));
+                    ingest.non_finite_faces += 1;
                 }
             }
             welder.number(&mut faces[begin..]);
@@ -229,22 +233,22 @@ impl Surface {
         (Self { positions, faces, source }, ingest)
     }
 
-    /// The same for an assembly: only vertices of faces of the same material are merged. `materials` gives each face of the soup its
-    /// material.
+    /// Like [`Surface::from_soup`] for an assembly: merges only vertices of faces with the same material. `materials`
+    /// gives the material of each face of the soup.
     #[must_use]
     pub fn from_assembly(soup: &Soup, materials: &[u32]) -> (Self, Ingest) {
-        let of = |face: &u32| materials.get(*face as usize).copied().unwrap_or(0);
+        let material_of = |face: &u32| materials.get(*face as usize).copied().unwrap_or(0);
         let mut order: Vec<u32> = (0u32..).take(soup.faces.len()).collect();
-        order.sort_by_key(of);
+        order.sort_by_key(material_of);
         let (mut whole, mut ingest) = (Self::default(), Ingest::default());
-        // The number of a vertex among those of its material.
+        // The index of each vertex among those of its material.
         let mut slots = vec![u32::MAX; soup.positions.len()];
         let mut used = vec![false; soup.positions.len()];
         let mut faces: Vec<(u32, [u32; 3])> = Vec::with_capacity(soup.faces.len());
-        for own in order.chunk_by(|a, b| of(a) == of(b)) {
+        for group in order.chunk_by(|a, b| material_of(a) == material_of(b)) {
             let mut part = Soup::default();
             let mut vertices = Vec::new();
-            for &face in own {
+            for &face in group {
                 part.faces.push(soup.faces[face as usize].map(|v| {
                     let Some(slot) = slots.get_mut(v as usize) else { return u32::MAX };
                     if *slot == u32::MAX {
@@ -258,12 +262,12 @@ impl Surface {
             }
             vertices.into_iter().for_each(|v| slots[v as usize] = u32::MAX);
             let (part, found) = Self::from_soup(&part);
-            ingest.nonfinite_faces += found.nonfinite_faces;
+            ingest.non_finite_faces += found.non_finite_faces;
             ingest.merged_vertices += found.merged_vertices;
             #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
             let first = whole.positions.len() as u32;
             whole.positions.extend(part.positions);
-            let sources = part.source.iter().map(|&source| own[source as usize]);
+            let sources = part.source.iter().map(|&source| group[source as usize]);
             faces.extend(sources.zip(part.faces).map(|(source, face)| (source, face.map(|v| v + first))));
         }
         ingest.unreferenced_vertices = used.iter().filter(|used| !**used).count() as u64;
@@ -273,8 +277,8 @@ impl Surface {
     }
 }
 
-/// Merges vertices at exactly equal positions (the first used one stays) and drops those that no face uses.
-/// Answers how many used vertices were merged into another.
+/// Merges vertices at exactly equal positions, keeping the one used first, and removes vertices that no face uses.
+/// Returns the number of used vertices that were merged into another.
 pub fn weld_exactly(surface: &mut Surface) -> u64 {
     let mut welder = Welder::new(&surface.positions);
     welder.number(&mut surface.faces);
@@ -312,10 +316,10 @@ mod tests {
     }
 
     #[test]
-    fn faces_that_are_not_finite_are_dropped_and_counted() {
+    fn non_finite_faces_are_dropped_and_counted() {
         let (surface, ingest) = Surface::from_soup(&soup());
         assert_eq!(surface.source, [0, 1]);
-        assert_eq!(ingest.nonfinite_faces, 1);
+        assert_eq!(ingest.non_finite_faces, 1);
         assert_eq!(ingest.unreferenced_vertices, 1);
     }
 
@@ -323,7 +327,7 @@ mod tests {
     fn an_index_out_of_range_does_not_panic() {
         let soup = Soup { positions: vec![DVec3::ZERO], faces: vec![[0, 7, 0]] };
         let (_, ingest) = Surface::from_soup(&soup);
-        assert_eq!((ingest.nonfinite_faces, ingest.unreferenced_vertices), (1, 0));
+        assert_eq!((ingest.non_finite_faces, ingest.unreferenced_vertices), (1, 0));
     }
 
     #[test]
@@ -342,7 +346,7 @@ mod tests {
         (0..count).map(|i| DVec3::new(number(i) % 9.0, number(i + 7) % 9.0, number(i + 13) % 9.0)).collect()
     }
 
-    /// The numbers of positions, one use of each after another, and whether the tree had to help.
+    /// The numbers of positions used one after another, and whether the tree replaced the table.
     fn numbers(given: &[DVec3], table: Option<Table>) -> (Vec<u32>, bool) {
         let mut welder = Welder::new(given);
         if let Some(table) = table {
@@ -355,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_those_that_comparing_with_all_before_gives() {
+    fn numbers_agree_with_comparing_each_position_with_all_before() {
         let given = crowded(2001);
         let mut known: Vec<DVec3> = Vec::new();
         let slow: Vec<u32> = given
@@ -369,12 +373,12 @@ mod tests {
             })
             .collect();
         assert_eq!(numbers(&given, None), (slow.clone(), false));
-        assert_eq!(numbers(&given, Some(Table::with_room_for(1))), (slow, false), "grown from the least table");
+        assert_eq!(numbers(&given, Some(Table::with_capacity_for(1))), (slow, false), "grown from the least table");
     }
 
     #[test]
-    fn positions_made_to_collide_are_welded_by_the_tree_with_the_same_numbers() {
-        // Of any table's places their hashes name only the first thousandth.
+    fn positions_crafted_to_collide_are_welded_by_the_tree_correctly() {
+        // The hashes of these positions share their ten highest bits, which select the slot.
         let hostile = (0u32..).map(|i| DVec3::new(f64::from(i), 0.5, 0.25)).filter(|&p| hash(p) >> 54 == 0);
         let mut given: Vec<DVec3> = hostile.take(3000).collect();
         given.extend_from_within(..);

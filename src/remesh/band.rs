@@ -1,87 +1,90 @@
-//! The narrow band of cells along the surface, in which samples are taken.
+//! The narrow band of cells along the surface, and the samples taken in it.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::field::{Field, Stop, ask};
-use super::grid::{Grid, Place, SIDE, Samples, along, around_edge, by_block, corner};
+use super::field::{Field, Stop, evaluate};
+use super::grid::{Grid, GridIndex, SIDE, Samples, along, around_edge, by_block, corner};
 use crate::context::Context;
 use crate::math::{Box3, winding_exact};
 
-/// Triangles between two looks at the clock.
-const TOGETHER: usize = 1 << 14;
+/// Triangles between two checks for cancellation.
+const CHECK_INTERVAL: usize = 1 << 14;
 
-/// How far around a block, in cells, triangles count as near.
-const NEAR: f64 = 4.0;
-/// Places along each axis of a block at which far triangles are asked for.
+/// Distance around a block, in cells, within which triangles count as near.
+const NEAR_CELLS: f64 = 4.0;
+/// Number of nodes along each axis of a block at which far triangles are evaluated.
 const NODES: usize = 3;
-/// What an exact triangle costs against a box that is looked at.
-const EXACT: u64 = 2;
+/// Cost of an exact triangle relative to a visited box.
+const EXACT_COST: u64 = 2;
 
-/// What a remesh may take.
+/// The remaining budget of an attempt.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Limits {
-    /// Boxes and triangles that may still be looked at.
+pub(super) struct SamplingLimits {
+    /// Boxes and triangles that may still be visited.
     pub steps: u64,
-    /// Blocks of samples that may be kept.
+    /// Maximum number of sample blocks.
     pub blocks: usize,
 }
 
-impl Limits {
+impl SamplingLimits {
     fn check(&self, samples: &Samples) -> Result<(), Stop> {
         if samples.blocks() > self.blocks { Err(Stop::Budget) } else { Ok(()) }
     }
 }
 
-/// The samples of a grid around the inside, and what they are taken from.
+/// The samples of a grid around the inside, with the field, limits and context to take more.
 pub(super) struct Sampling<'a> {
+    /// The winding number field of the input.
     pub field: &'a Field<'a>,
+    /// The grid of the samples.
     pub grid: Grid,
+    /// The samples taken so far.
     pub samples: Samples,
-    pub limits: Limits,
+    /// The remaining budget.
+    pub limits: SamplingLimits,
+    /// Cancellation and deadline.
     pub context: &'a Context<'a>,
 }
 
 impl Sampling<'_> {
-    /// Makes cells known: asks for their corners, and goes on to the cells around every edge at which the inside ends, until
-    /// no such edge leaves what is known. So the surface between is closed, also where the input has a hole.
+    /// Samples the corners of cells. Continues with the cells around every edge at which the inside ends, until no such
+    /// edge leaves the sampled region. The surface in between is therefore closed, even where the input has a hole.
     ///
     /// # Errors
-    /// [`Stop`] where a limit is met.
-    pub fn reach(&mut self, mut cells: Vec<Place>) -> Result<(), Stop> {
+    /// [`Stop`] if a limit is exceeded or the work is cancelled.
+    pub fn sample_around(&mut self, mut cells: Vec<GridIndex>) -> Result<(), Stop> {
         while !cells.is_empty() {
-            cells.retain(|&cell| self.samples.reach(cell));
-            let (mut wanted, mut outermost) = (Vec::new(), Vec::new());
+            cells.retain(|&cell| self.samples.mark_seen(cell));
+            let (mut missing, mut border) = (Vec::new(), Vec::new());
             for &cell in &cells {
                 for c in 0..8 {
-                    let place = corner(cell, c);
-                    if self.samples.value(place).is_none() {
-                        // Known from here on, so that it is asked for once; the limit's samples stay so.
-                        self.samples.set(place, 0.0);
-                        if self.grid.is_limit(place) { &mut outermost } else { &mut wanted }.push(place);
+                    let index = corner(cell, c);
+                    if self.samples.value(index).is_none() {
+                        // Marks the sample, so that it is taken only once. Samples of the outermost layer keep this
+                        // value.
+                        self.samples.set(index, 0.0);
+                        if self.grid.is_limit(index) { &mut border } else { &mut missing }.push(index);
                     }
                 }
             }
             self.limits.check(&self.samples)?;
-            let blocks = by_block(wanted);
-            let depths = ask(&blocks, &mut self.limits.steps, self.context, |places, steps| {
-                depths(self.field, &self.grid, places, steps)
+            let blocks = by_block(missing);
+            let depths = evaluate(&blocks, &mut self.limits.steps, self.context, |indices, steps| {
+                depths(self.field, &self.grid, indices, steps)
             })?;
-            for (&place, &depth) in blocks.iter().flatten().zip(depths.iter().flatten()) {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    reason = "a winding number is asked for being above a half"
-                )]
-                self.samples.set(place, depth.clamp(-1e6, 1e6) as f32);
+            for (&index, &depth) in blocks.iter().flatten().zip(depths.iter().flatten()) {
+                #[expect(clippy::cast_possible_truncation, reason = "only compared with the level")]
+                self.samples.set(index, depth.clamp(-1e6, 1e6) as f32);
             }
             cells.clear();
-            for &place in blocks.iter().flatten().chain(&outermost) {
-                let inside = self.samples.inside(place);
+            for &index in blocks.iter().flatten().chain(&border) {
+                let inside = self.samples.inside(index);
                 for axis in 0..3 {
-                    let mut below = place;
+                    let mut below = index;
                     below[axis] = below[axis].saturating_sub(1);
-                    for (low, other) in [(place, along(place, axis)), (below, below)] {
-                        if other != place && self.samples.inside(other).is_some_and(|it| Some(it) != inside) {
+                    for (low, other) in [(index, along(index, axis)), (below, below)] {
+                        if other != index && self.samples.inside(other).is_some_and(|other| Some(other) != inside) {
                             cells.extend(around_edge(low, axis).into_iter().flatten());
                         }
                     }
@@ -92,32 +95,32 @@ impl Sampling<'_> {
     }
 }
 
-/// The cells that triangles meet and some beside them, each once, in a fixed order. `most` is how many cells all triangles
-/// together may meet.
+/// The cells that triangles meet, each once, in a fixed order. `most` limits the estimated number of cells met by all
+/// triangles together.
 ///
 /// # Errors
-/// [`Stop::Budget`] where they meet more.
+/// [`Stop::Budget`] if the triangles meet more cells, [`Stop::Cancelled`] if the work is cancelled.
 pub(super) fn cells_met(
     field: &Field<'_>,
     grid: &Grid,
     most: usize,
     context: &Context<'_>,
-) -> Result<Vec<Place>, Stop> {
+) -> Result<Vec<GridIndex>, Stop> {
     let mut keys: Vec<u64> = Vec::new();
     let (mut met, mut next) = (0usize, 1 << 23);
-    for (some, first) in field.faces().chunks(TOGETHER).zip((0u32..).step_by(TOGETHER)) {
+    for (batch, first) in field.faces().chunks(CHECK_INTERVAL).zip((0u32..).step_by(CHECK_INTERVAL)) {
         context.check()?;
         let triangle = |i: usize| {
             #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
             let [a, b, c] = field.corners(first + i as u32);
             [a, b, c].map(|p| DVec3::new(grid.in_cells(0, p.x), grid.in_cells(1, p.y), grid.in_cells(2, p.z)))
         };
-        // Estimated first, so that a few triangles across everything take no memory.
-        met += (0..some.len()).map(|i| estimate(triangle(i))).fold(0usize, usize::saturating_add);
+        // Estimates first, so that a few triangles across the whole grid take no memory.
+        met += (0..batch.len()).map(|i| estimate(triangle(i))).fold(0usize, usize::saturating_add);
         if met > most {
             return Err(Stop::Budget);
         }
-        let found: Vec<Vec<u64>> = (0..some.len())
+        let found: Vec<Vec<u64>> = (0..batch.len())
             .into_par_iter()
             .fold(Vec::new, |mut cells, i| {
                 triangle_cells(triangle(i), |cell| cells.push(key(cell)));
@@ -138,31 +141,31 @@ pub(super) fn cells_met(
     Ok(keys.into_iter().map(cell_of).collect())
 }
 
-/// Blocks of eight cells first, so that neighbours in the order are neighbours in the tree.
-fn key(cell: Place) -> u64 {
+/// A sort key that groups cells in blocks of 8 by 8 by 8, so that neighbours in the order are neighbours in the tree.
+fn key(cell: GridIndex) -> u64 {
     let [x, y, z] = cell.map(u64::from);
     let high = (z >> 3) << 36 | (y >> 3) << 18 | x >> 3;
     high << 9 | (z & 7) << 6 | (y & 7) << 3 | x & 7
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "fields of 18 bits")]
-fn cell_of(key: u64) -> Place {
+fn cell_of(key: u64) -> GridIndex {
     let (high, low) = (key >> 9, key & 511);
     let part = |shift: u32, within: u32| ((high >> shift & 0x3_ffff) << 3 | low >> within & 7) as u32;
     [part(0, 0), part(18, 3), part(36, 6)]
 }
 
-/// About how many cells a triangle meets, in coordinates of cells.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an estimate, and it saturates")]
+/// Estimates how many cells a triangle meets. Coordinates are in cells.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a saturating estimate")]
 fn estimate([a, b, c]: [DVec3; 3]) -> usize {
     let area = (b - a).cross(c - a).length() / 2.0;
     let around = a.distance(b) + b.distance(c) + c.distance(a);
     (2.0 * area + 2.0 * around + 1.0) as usize
 }
 
-/// Calls `visit` with the cells that a triangle meets, in coordinates of cells: rows along two axes first, then the depth of
-/// its plane along the third, in which its normal is longest.
-fn triangle_cells([a, b, c]: [DVec3; 3], mut visit: impl FnMut(Place)) {
+/// Calls `visit` with the cells that a triangle meets; coordinates are in cells. Scans rows along two axes, and
+/// computes the depth of the plane along the third axis, in which the normal is longest.
+fn triangle_cells([a, b, c]: [DVec3; 3], mut visit: impl FnMut(GridIndex)) {
     let normal = (b - a).cross(c - a);
     let size = normal.abs();
     let depth = if size.x >= size.y && size.x >= size.z {
@@ -184,7 +187,7 @@ fn triangle_cells([a, b, c]: [DVec3; 3], mut visit: impl FnMut(Place)) {
     let (slope_u, slope_v) = (slope(u), slope(v));
     for row in floor(row_low)..=floor(row_high) {
         let (below, above) = (f64::from(row).max(row_low), f64::from(row + 1).min(row_high));
-        // Where the triangle's border passes the row.
+        // The extent of the triangle within the row.
         let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
         for i in 0..3 {
             let (p, q) = (corners[i], corners[(i + 1) % 3]);
@@ -218,70 +221,77 @@ fn triangle_cells([a, b, c]: [DVec3; 3], mut visit: impl FnMut(Place)) {
     }
 }
 
-/// The cell that a coordinate is in. The grid reaches beyond the model, so none is below zero.
+/// The cell that contains a coordinate. The grid extends beyond the model, so no index is negative.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
 fn floor(x: f64) -> u32 {
     x.floor() as u32
 }
 
-/// How much each of some samples of one block is inside.
+/// The depth inside of each of some samples of one block.
 ///
-/// All triangles but those near the block wind around its places as a harmonic function does that is smooth there, so they are
-/// asked for at 27 places of it and interpolated by polynomials of degree 2 along each axis: off by a few hundredths at
-/// most, as the sum itself is. Near triangles are summed exactly. Where that would cost more, each sample is asked alone.
-fn depths(field: &Field<'_>, grid: &Grid, places: &[Place], steps: &mut u64) -> Vec<f64> {
-    let Some(&first) = places.first() else { return Vec::new() };
+/// The winding number of all triangles except those near the block is a harmonic function that is smooth in the block.
+/// It is evaluated at 27 nodes and interpolated quadratically along each axis. Like the fast sum, the interpolation
+/// errs by at most a few hundredths. Near triangles are summed exactly. If this would cost more, each sample is
+/// evaluated separately.
+fn depths(field: &Field<'_>, grid: &Grid, indices: &[GridIndex], steps: &mut u64) -> Vec<f64> {
+    let Some(&first) = indices.first() else { return Vec::new() };
     let start = *steps;
-    let alone = |place: &Place, steps: &mut u64| field.winding(grid.point(*place), steps);
-    let mut found = vec![alone(&first, steps)];
+    let separately = |index: &GridIndex, steps: &mut u64| field.winding(grid.point(*index), steps);
+    let mut found = vec![separately(&first, steps)];
     let each = start - *steps;
     let block = first.map(|c| c / SIDE * SIDE);
     let bounds = Box3 { min: grid.point(block), max: grid.point(block.map(|c| c + SIDE - 1)) };
-    let count = places.len() as u64;
+    let count = indices.len() as u64;
     let nodes = (NODES * NODES * NODES) as u64;
-    // The most near triangles with which it is worth it.
-    let most = (count * each).saturating_sub(nodes * each) / (EXACT * (count + nodes));
-    let near = (most > 0).then(|| near(field, grid, &bounds, most, steps)).flatten();
-    let Some(near) = near else {
-        found.extend(places[1..].iter().map(|place| alone(place, steps)));
-        return found.into_iter().map(|w| field.read(w)).collect();
+    // The number of near triangles up to which the interpolation pays off.
+    let most = (count * each).saturating_sub(nodes * each) / (EXACT_COST * (count + nodes));
+    let near_triangles = (most > 0).then(|| near_triangles(field, grid, &bounds, most, steps)).flatten();
+    let Some(near_triangles) = near_triangles else {
+        found.extend(indices[1..].iter().map(|index| separately(index, steps)));
+        return found.into_iter().map(|w| field.depth_of_winding(w)).collect();
     };
-    let exactly = |p: DVec3, steps: &mut u64| {
-        *steps = steps.saturating_sub(EXACT * near.len() as u64);
-        winding_exact(p, near.iter().copied())
+    let exact_sum = |p: DVec3, steps: &mut u64| {
+        *steps = steps.saturating_sub(EXACT_COST * near_triangles.len() as u64);
+        winding_exact(p, near_triangles.iter().copied())
     };
     let mut far = [0.0; NODES * NODES * NODES];
     for (i, value) in far.iter_mut().enumerate() {
         let share = DVec3::new((i % NODES) as f64, (i / NODES % NODES) as f64, (i / (NODES * NODES)) as f64)
             / (NODES - 1) as f64;
         let p = bounds.min + (bounds.max - bounds.min) * share;
-        *value = field.winding(p, steps) - exactly(p, steps);
+        *value = field.winding(p, steps) - exact_sum(p, steps);
     }
-    let all = places.iter().map(|&place| {
-        let p = grid.point(place);
+    let all = indices.iter().map(|&index| {
+        let p = grid.point(index);
         let share = (p - bounds.min) / (bounds.max - bounds.min);
-        field.read(interpolated(&far, share) + exactly(p, steps))
+        field.depth_of_winding(interpolated(&far, share) + exact_sum(p, steps))
     });
     all.collect()
 }
 
-/// The triangles near a block, unless they are more than `most`.
-fn near(field: &Field<'_>, grid: &Grid, bounds: &Box3, most: u64, steps: &mut u64) -> Option<Vec<[DVec3; 3]>> {
-    let around = Box3 { min: bounds.min - NEAR * grid.cell, max: bounds.max + NEAR * grid.cell };
+/// The triangles near a block; none if there are more than `most`.
+fn near_triangles(
+    field: &Field<'_>,
+    grid: &Grid,
+    bounds: &Box3,
+    most: u64,
+    steps: &mut u64,
+) -> Option<Vec<[DVec3; 3]>> {
+    let around = Box3 { min: bounds.min - NEAR_CELLS * grid.cell, max: bounds.max + NEAR_CELLS * grid.cell };
     let mut faces = Vec::new();
     field.tree().overlapping(&around, |face| {
         *steps = steps.saturating_sub(1);
         faces.push(face);
         faces.len() as u64 <= most
     });
-    // In an order that is not the tree's, though that is fixed as well.
+    // Sorted, so that the order does not depend on the tree.
     faces.sort_unstable();
     (faces.len() as u64 <= most).then(|| faces.into_iter().map(|face| field.corners(face)).collect())
 }
 
-/// The polynomial of degree 2 along each axis through values at three places along each.
+/// Interpolates quadratically along each axis between values at three nodes along each.
 fn interpolated(values: &[f64; NODES * NODES * NODES], share: DVec3) -> f64 {
-    // Lagrange's polynomials for 0, 1/2 and 1.
+    // Lagrange's polynomials for the nodes 0, 1/2 and 1.
     let weights = |t: f64| [(2.0 * t - 1.0) * (t - 1.0), 4.0 * t * (1.0 - t), t * (2.0 * t - 1.0)];
     let [x, y, z] = share.to_array().map(weights);
     (0..values.len()).map(|i| values[i] * x[i % NODES] * y[i / NODES % NODES] * z[i / (NODES * NODES)]).sum()

@@ -1,4 +1,4 @@
-//! The surface as a contour of the samples, and its vertices moved to where they are best.
+//! Builds the surface as a contour of the samples, and moves its vertices to their optimal positions.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -10,42 +10,45 @@ use super::vertices::{BEYOND, Crossing, Vertex};
 use crate::math::{Box3, Crossing as Meeting, Rounding, collinear, contact, crossing, nearest_on_triangle};
 use crate::mesh::Stars;
 
-/// How far from the surface, in cells, two triangles may pass the edge that they stand for, before a vertex is put there.
-const NEAR: f64 = 0.05;
-/// Distances from it that differ by less, in cells, are the same.
-const SAME: f64 = 1e-3;
-/// The least height of a triangle, in cells, that is not taken for a part of a line.
-const FLAT: f64 = 1.0 / 256.0;
+/// Maximum distance, in cells, between two triangles and the surface point of their grid edge. Beyond it a vertex is
+/// added on the edge.
+const MAX_EDGE_DISTANCE: f64 = 0.05;
+/// Distances that differ by less than this, in cells, count as equal.
+const TIE_DISTANCE: f64 = 1e-3;
+/// Minimum height of a triangle, in cells; flatter triangles count as degenerate.
+const MIN_HEIGHT: f64 = 1.0 / 256.0;
 
-/// Vertices that are wanted nearer to where they are than this share of a cell stay.
-const LEAST: f64 = 1e-3;
-/// Shares of the way that are tried.
-const SHARES: [f64; 3] = [1.0, 0.5, 0.25];
-/// Times that every vertex is tried; a neighbour's move may make way for it.
+/// A vertex stays if its optimal position is nearer than this share of a cell.
+const MIN_MOVE: f64 = 1e-3;
+/// Fractions of a move that are tried.
+const MOVE_FRACTIONS: [f64; 3] = [1.0, 0.5, 0.25];
+/// Number of attempts per vertex; a neighbour's move may make one possible.
 const ROUNDS: usize = 2;
-/// Triangles that one try may look at.
-const MOST: usize = 4096;
-/// Vertices between two looks at the clock.
-const TOGETHER: usize = 1024;
-/// Cosine of the angle by which a face may turn in a move.
-const TURN: f64 = -0.25;
+/// Maximum triangles tested per attempted move.
+const MAX_TRIANGLES: usize = 4096;
+/// Vertices between two checks for cancellation.
+const CHECK_INTERVAL: usize = 1024;
+/// Cosine of the largest angle by which a move may turn a face.
+const MIN_TURN_COSINE: f64 = -0.25;
 
-/// The surface as vertices and faces. The first vertices are those of the cells, in their order.
+/// The surface as vertices and faces. The first vertices are those of the cells, in the order of the cells.
 pub(super) struct Contour {
+    /// Vertex positions.
     pub points: Vec<DVec3>,
+    /// Faces as indices into `points`.
     pub faces: Vec<[u32; 3]>,
 }
 
-/// How the four vertices around an edge are joined.
-enum Joined {
-    /// By the diagonal from vertex 0 to 2, or that from 1 to 3.
-    Across(usize),
-    /// To a vertex on the edge.
+/// How the four vertices around a grid edge are connected.
+enum Connection {
+    /// Two triangles with the diagonal from vertex 0 to 2, or from 1 to 3.
+    Diagonal(usize),
+    /// A fan around an additional vertex on the edge.
     Fan,
 }
 
-/// Joins the vertices of the cells around every edge that the surface passes, by two triangles or by a fan around a vertex on
-/// the edge.
+/// Connects the vertices of the cells around every edge that the surface crosses: by two triangles, or by a fan around
+/// a vertex on the edge.
 ///
 /// ```text
 ///     1 ------ 0       1 ------ 0       e, seen along it, is the edge of the grid;
@@ -54,32 +57,33 @@ enum Joined {
 ///     2 ------ 3       2 -.--.- 3
 /// ```
 ///
-/// The four tetrahedra between the edge and each two neighbouring vertices, its envelope, lie in its four cells, since each
-/// vertex lies within its own, and the envelopes of different edges have no inside in common (Ju and Udeshi 2006). A fan
-/// around a point of the edge lies in the envelope; whether two triangles do is asked exactly. So no two triangles
-/// intersect, whatever the vertices are. That the surface is manifold follows from the samples, which are well-composed.
+/// The envelope of an edge consists of the four tetrahedra between the edge and each two neighbouring vertices. Each
+/// vertex lies in its own cell, so the envelope lies in the four cells. The envelopes of different edges have disjoint
+/// interiors (Ju and Udeshi 2006). A fan around a point of the edge lies in the envelope; for two triangles this is
+/// tested exactly. Therefore no two triangles intersect, wherever the vertices lie. The surface is manifold because the
+/// samples are well-composed.
 pub(super) fn contour(grid: &Grid, samples: &Samples, vertices: &[Vertex], crossings: &[Crossing]) -> Contour {
-    let joined: Vec<Option<([u32; 4], Joined)>> = crossings
+    let connected: Vec<Option<([u32; 4], Connection)>> = crossings
         .par_iter()
         .map(|crossing| {
-            let cells = around_edge(crossing.place, crossing.axis)?;
+            let cells = around_edge(crossing.index, crossing.axis)?;
             let [a, b, c, d] = cells.map(|cell| samples.vertex(cell));
             let mut around = [a?, b?, c?, d?];
             if !crossing.inside_below {
                 around.swap(1, 3);
             }
-            let ends = [crossing.place, along(crossing.place, crossing.axis)].map(|place| grid.point(place));
+            let ends = [crossing.index, along(crossing.index, crossing.axis)].map(|index| grid.point(index));
             let of = around.map(|v| vertices[v as usize]);
-            Some((around, join(ends, crossing, of.map(|v| v.point), of.map(|v| v.wanted))))
+            Some((around, choose_connection(ends, crossing, of.map(|v| v.point), of.map(|v| v.optimal))))
         })
         .collect();
     let mut contour = Contour { points: vertices.iter().map(|v| v.point).collect(), faces: Vec::new() };
-    for (crossing, joined) in crossings.iter().zip(joined) {
-        let Some(([a, b, c, d], joined)) = joined else { continue };
-        match joined {
-            Joined::Across(0) => contour.faces.extend([[a, b, c], [a, c, d]]),
-            Joined::Across(_) => contour.faces.extend([[b, c, d], [b, d, a]]),
-            Joined::Fan => {
+    for (crossing, connected) in crossings.iter().zip(connected) {
+        let Some(([a, b, c, d], connected)) = connected else { continue };
+        match connected {
+            Connection::Diagonal(0) => contour.faces.extend([[a, b, c], [a, c, d]]),
+            Connection::Diagonal(_) => contour.faces.extend([[b, c, d], [b, d, a]]),
+            Connection::Fan => {
                 #[expect(clippy::cast_possible_truncation, reason = "a grid's edges are far fewer than 2^32")]
                 let e = contour.points.len() as u32;
                 contour.points.push(crossing.point);
@@ -90,54 +94,59 @@ pub(super) fn contour(grid: &Grid, samples: &Samples, vertices: &[Vertex], cross
     contour
 }
 
-/// How to join the vertices around an edge. `corners` are where they are, and `wanted` where they may be moved to.
-fn join(ends: [DVec3; 2], crossing: &Crossing, corners: [DVec3; 4], wanted: [DVec3; 4]) -> Joined {
+/// Chooses how to connect the vertices around an edge. `corners` are their current positions, `optimal` the positions
+/// they may move to.
+fn choose_connection(ends: [DVec3; 2], crossing: &Crossing, corners: [DVec3; 4], optimal: [DVec3; 4]) -> Connection {
     let cell = ends[0].distance(ends[1]);
     let mut best: Option<(f64, f64, usize)> = None;
     for first in [0, 1] {
-        let turned = |of: [DVec3; 4]| [0, 1, 2, 3].map(|i| of[(first + i) % 4]);
-        let [a, b, c, d] = turned(wanted);
+        let rotated = |of: [DVec3; 4]| [0, 1, 2, 3].map(|i| of[(first + i) % 4]);
+        let [a, b, c, d] = rotated(optimal);
         let triangles = [[a, b, c], [a, c, d]];
-        if !within_envelope(ends, turned(corners)) || triangles.iter().any(|&t| height(t) < FLAT * cell) {
+        if !within_envelope(ends, rotated(corners)) || triangles.iter().any(|&t| height(t) < MIN_HEIGHT * cell) {
             continue;
         }
-        let off = triangles.map(|t| nearest_on_triangle(crossing.point, t).distance(crossing.point) / cell);
-        let (off, length) = (off[0].min(off[1]), a.distance(c));
-        // Where both are as near, the shorter.
-        let better = best.is_none_or(
-            |(best_off, best_length, _)| {
-                if (off - best_off).abs() > SAME { off < best_off } else { length < best_length }
-            },
-        );
+        let distance = triangles.map(|t| nearest_on_triangle(crossing.point, t).distance(crossing.point) / cell);
+        let (distance, length) = (distance[0].min(distance[1]), a.distance(c));
+        // On ties the shorter diagonal wins.
+        let better = best.is_none_or(|(best_distance, best_length, _)| {
+            if (distance - best_distance).abs() > TIE_DISTANCE {
+                distance < best_distance
+            } else {
+                length < best_length
+            }
+        });
         if better {
-            best = Some((off, length, first));
+            best = Some((distance, length, first));
         }
     }
     match best {
-        Some((off, _, first)) if off <= NEAR || crossing.normal.is_none() => Joined::Across(first),
-        _ => Joined::Fan,
+        Some((distance, _, first)) if distance <= MAX_EDGE_DISTANCE || crossing.normal.is_none() => {
+            Connection::Diagonal(first)
+        }
+        _ => Connection::Fan,
     }
 }
 
-/// Whether the triangles on either side of the diagonal from `a` to `c` lie in the envelope of the edge: where the diagonal
-/// passes between an end of the edge and the vertex on one side, and the edge through the triangle on the other.
+/// Whether both triangles of the diagonal from `a` to `c` lie in the envelope of the edge. The diagonal must pass
+/// between an end of the edge and the vertex on one side. The edge must pass through the triangle on the other side.
 fn within_envelope([p, q]: [DVec3; 2], [a, b, c, d]: [DVec3; 4]) -> bool {
     let through = |from, to, triangle| matches!(crossing(from, to, triangle), Meeting::Enters | Meeting::Leaves);
     [(b, d), (d, b)].into_iter().any(|(near, far)| through(a, c, [p, q, near]) && through(p, q, [a, c, far]))
 }
 
-/// The least height of a triangle. In f64: a measure.
+/// The smallest height of a triangle. Computed in f64: a measurement, not a topological predicate.
 fn height([a, b, c]: [DVec3; 3]) -> f64 {
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
     if longest > 0.0 { (b - a).cross(c - a).length() / longest } else { 0.0 }
 }
 
-/// Moves vertices that are wanted outside of their cells, such as those on sharp edges, where no triangle then meets another
-/// beside their common vertices and edges, exactly. So a surface without intersections stays one. Answers how many it
-/// moved.
+/// Moves vertices whose optimal position is outside of their cell, such as those on sharp edges. Before each move,
+/// exact tests confirm that no triangle then meets another except in shared vertices and edges. The surface thus stays
+/// free of intersections. Returns the number of moved vertices.
 ///
 /// # Errors
-/// [`Stop::Cancelled`] when the context says stop.
+/// [`Stop::Cancelled`] if the work is cancelled.
 pub(super) fn move_out(
     sampling: &Sampling<'_>,
     vertices: &[Vertex],
@@ -145,10 +154,10 @@ pub(super) fn move_out(
     rounding: Rounding,
 ) -> Result<u64, Stop> {
     let Sampling { grid, samples, context, .. } = sampling;
-    let least = LEAST * grid.cell;
-    let mut waiting: Vec<u32> = (0u32..)
+    let least = MIN_MOVE * grid.cell;
+    let mut pending: Vec<u32> = (0u32..)
         .zip(vertices)
-        .filter(|(_, vertex)| vertex.point.distance(vertex.wanted) > least)
+        .filter(|(_, vertex)| vertex.point.distance(vertex.optimal) > least)
         .map(|(v, _)| v)
         .collect();
     let around = Stars::new(contour.points.len(), &contour.faces);
@@ -156,13 +165,13 @@ pub(super) fn move_out(
     let mut moved = 0;
     for _ in 0..ROUNDS {
         let mut left = Vec::new();
-        for (number, &v) in waiting.iter().enumerate() {
-            if number % TOGETHER == 0 {
+        for (number, &v) in pending.iter().enumerate() {
+            if number % CHECK_INTERVAL == 0 {
                 context.check()?;
             }
-            let (old, wanted) = (mover.contour.points[v as usize], vertices[v as usize].wanted);
-            let done = SHARES.iter().position(|&share| {
-                let to = rounding.of(old.lerp(wanted, share));
+            let (old, optimal) = (mover.contour.points[v as usize], vertices[v as usize].optimal);
+            let done = MOVE_FRACTIONS.iter().position(|&share| {
+                let to = rounding.of(old.lerp(optimal, share));
                 let valid = to != old && mover.is_valid(v, to);
                 if valid {
                     mover.contour.points[v as usize] = to;
@@ -174,12 +183,12 @@ pub(super) fn move_out(
                 left.push(v);
             }
         }
-        waiting = left;
+        pending = left;
     }
     Ok(moved)
 }
 
-/// Tries moves of vertices.
+/// Tests and applies moves of vertices.
 struct Mover<'a> {
     grid: &'a Grid,
     samples: &'a Samples,
@@ -188,7 +197,7 @@ struct Mover<'a> {
 }
 
 impl Mover<'_> {
-    /// Whether the surface has no intersection with vertex `v` at `to`, where it had none before.
+    /// Whether moving vertex `v` to `to` creates no intersection, in a surface that had none.
     fn is_valid(&mut self, v: u32, to: DVec3) -> bool {
         let star = self.around.of(v);
         let old = self.contour.points[v as usize];
@@ -196,19 +205,21 @@ impl Mover<'_> {
             let [a, b, c] = contour.faces[face as usize].map(|v| contour.points[v as usize]);
             (b - a).cross(c - a).normalize_or_zero()
         };
-        let flat = |contour: &Contour| {
+        let least_height = |contour: &Contour| {
             let of = |&face: &u32| height(contour.faces[face as usize].map(|v| contour.points[v as usize]));
             star.iter().map(of).fold(f64::INFINITY, f64::min)
         };
         let before: Vec<DVec3> = star.iter().map(|&face| normal(self.contour, face)).collect();
-        let least = flat(self.contour).min(FLAT * self.grid.cell);
+        let least = least_height(self.contour).min(MIN_HEIGHT * self.grid.cell);
         self.contour.points[v as usize] = to;
-        let turned = star.iter().zip(before).any(|(&face, before)| normal(self.contour, face).dot(before) < TURN);
-        let valid = !turned && flat(self.contour) >= least && self.star_is_clear(star);
+        let turns_over =
+            star.iter().zip(before).any(|(&face, before)| normal(self.contour, face).dot(before) < MIN_TURN_COSINE);
+        let valid = !turns_over && least_height(self.contour) >= least && self.star_is_clear(star);
         self.contour.points[v as usize] = old;
         valid
     }
 
+    /// Whether the faces around a vertex intersect neither each other nor other faces.
     fn star_is_clear(&self, star: &[u32]) -> bool {
         let contour = &*self.contour;
         let points = &contour.points;
@@ -239,11 +250,12 @@ impl Mover<'_> {
         })
     }
 
-    /// The faces that may meet a box: all whose cells, and what is within reach of them, come near it. None where they are very
+    /// The faces that may meet a box: faces of all vertices whose cells are within reach of it. None if there are too
     /// many.
     fn faces_near(&self, bounds: &Box3) -> Option<Vec<u32>> {
         let Self { grid, samples, contour, around } = self;
-        // A face stays within BEYOND of the two by two cells around an edge, two of which are those of its vertices.
+        // A face extends at most BEYOND past the two by two cells around an edge, and two of those cells belong to its
+        // vertices.
         let reach = 1.0 + BEYOND;
         let range = |axis: usize| {
             let low = (grid.in_cells(axis, bounds.min[axis]) - reach).floor().max(0.0);
@@ -260,7 +272,7 @@ impl Mover<'_> {
                         let corners = contour.faces[face as usize].map(|v| contour.points[v as usize]);
                         Box3::of(corners).meets(bounds)
                     }));
-                    if faces.len() > MOST {
+                    if faces.len() > MAX_TRIANGLES {
                         return None;
                     }
                 }

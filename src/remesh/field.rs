@@ -1,41 +1,44 @@
+//! The winding number field of the input, and the distances between the input and the result.
+
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Dipoles, Tree, hit, nearest_on_triangle, r2};
 
-/// Questions asked between two looks at the clock.
-const TOGETHER: usize = 1 << 12;
+/// Evaluations between two checks for cancellation.
+const BATCH: usize = 1 << 12;
 
-/// How much a point must be inside to count so. Next to a flat open sheet, which has no inside, it is a half.
+/// Depth above which a point is inside. Beside a flat open sheet, which has no inside, the depth is one half.
 pub(super) const LEVEL: f64 = 0.505;
 
-/// Points that are measured on either surface.
-const POINTS: u32 = 10_000;
-/// How far on each side of the input it is asked what is there, in cells.
-const ASIDE: f64 = 1.0 / 256.0;
-/// Boxes and triangles that may be looked at.
+/// Number of sample points on each surface.
+const SAMPLE_POINTS: u32 = 10_000;
+/// Offset from the input, in cells, at which both sides are sampled.
+const SIDE_OFFSET: f64 = 1.0 / 256.0;
+/// Maximum boxes and triangles visited to measure the deviation.
 const STEPS: u64 = 2_000_000_000;
 
-/// What of the space is inside, by its winding number `w`.
+/// The rule that decides by its winding number `w` whether a point is inside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Inside {
-    /// `w > 1/2`: what the surface winds around outward.
+pub enum WindingRule {
+    /// `w > 1/2`: space that the surface winds around outward.
     #[default]
-    Outward,
-    /// `|w| > 1/2`: parts that are inside out are solid as well.
-    EitherWay,
-    /// `|w|` nearer to an odd number than to an even one: what is wound around twice is outside again.
+    Positive,
+    /// `|w| > 1/2`: inverted parts are solid as well.
+    Nonzero,
+    /// `|w|` nearer to an odd number than to an even one: space that is enclosed twice is outside.
     Odd,
 }
 
-/// Why one try ended.
+/// Why an attempt ended without a result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Stop {
-    /// Too much work or memory.
+    /// The attempt exceeded its work or memory.
     Budget,
-    /// Too many faces: so many.
+    /// The attempt would give too many faces: this many, at least.
     Faces(u64),
+    /// The work was cancelled.
     Cancelled(Cancelled),
 }
 
@@ -45,74 +48,79 @@ impl From<Cancelled> for Stop {
     }
 }
 
-/// What is inside of triangles, and where they are.
+/// The winding number field of triangles, with a tree to locate them.
 pub(super) struct Field<'a> {
     points: &'a [DVec3],
     faces: &'a [[u32; 3]],
     tree: Tree,
     dipoles: Dipoles,
-    inside: Inside,
+    winding_rule: WindingRule,
 }
 
-/// A triangle on a segment.
+/// An intersection of a triangle with a segment.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hit {
-    /// How far along, from 0 to 1.
+    /// Parameter along the segment, from 0 to 1.
     pub at: f64,
+    /// The triangle.
     pub face: u32,
 }
 
 impl<'a> Field<'a> {
-    /// Builds the tree over triangles in unit coordinates.
-    pub fn new(points: &'a [DVec3], faces: &'a [[u32; 3]], inside: Inside) -> Self {
+    /// Builds the field of triangles in scaled coordinates.
+    pub fn new(points: &'a [DVec3], faces: &'a [[u32; 3]], winding_rule: WindingRule) -> Self {
         let tree = Tree::new(points, faces);
         let dipoles = tree.dipoles(|f| faces[f as usize].map(|v| points[v as usize]));
-        Self { points, faces, tree, dipoles, inside }
+        Self { points, faces, tree, dipoles, winding_rule }
     }
 
+    /// The corners of a triangle.
     pub fn corners(&self, face: u32) -> [DVec3; 3] {
         self.faces[face as usize].map(|v| self.points[v as usize])
     }
 
+    /// The unit normal of a triangle; zero if it has no area.
     pub fn normal(&self, face: u32) -> DVec3 {
         let [a, b, c] = self.corners(face);
         (b - a).cross(c - a).normalize_or_zero()
     }
 
+    /// The tree over the triangles.
     pub fn tree(&self) -> &Tree {
         &self.tree
     }
 
+    /// All triangles, as indices of points.
     pub fn faces(&self) -> &[[u32; 3]] {
         self.faces
     }
 
-    /// How much a point is inside: more than [`LEVEL`] where it is.
+    /// The depth of a point: above [`LEVEL`] if it is inside.
     pub fn depth(&self, point: DVec3, steps: &mut u64) -> f64 {
-        self.read(self.winding(point, steps))
+        self.depth_of_winding(self.winding(point, steps))
     }
 
-    /// How often the triangles wind around a point.
+    /// The winding number of a point.
     pub fn winding(&self, point: DVec3, steps: &mut u64) -> f64 {
         self.tree.winding(&self.dipoles, point, steps, |f| self.corners(f))
     }
 
-    /// The same on both sides of a point.
-    pub fn depths(&self, point: DVec3, aside: DVec3, steps: &mut u64) -> [f64; 2] {
-        self.tree.windings(&self.dipoles, [point, aside], steps, |f| self.corners(f)).map(|w| self.read(w))
+    /// The depths at `point + offset` and `point - offset`.
+    pub fn depths(&self, point: DVec3, offset: DVec3, steps: &mut u64) -> [f64; 2] {
+        self.tree.windings(&self.dipoles, [point, offset], steps, |f| self.corners(f)).map(|w| self.depth_of_winding(w))
     }
 
-    /// How much a point is inside that the triangles wind around so often.
-    pub fn read(&self, winding: f64) -> f64 {
-        match self.inside {
-            Inside::Outward => winding,
-            Inside::EitherWay => winding.abs(),
-            // 0 at even numbers and 1 at odd ones.
-            Inside::Odd => 1.0 - (winding.abs().rem_euclid(2.0) - 1.0).abs(),
+    /// The depth that belongs to a winding number.
+    pub fn depth_of_winding(&self, winding: f64) -> f64 {
+        match self.winding_rule {
+            WindingRule::Positive => winding,
+            WindingRule::Nonzero => winding.abs(),
+            // 0 at even numbers, 1 at odd ones.
+            WindingRule::Odd => 1.0 - (winding.abs().rem_euclid(2.0) - 1.0).abs(),
         }
     }
 
-    /// The triangles on the segment from `from` to `to`, in order.
+    /// The triangles that the segment from `from` to `to` meets, in order.
     pub fn hits(&self, from: DVec3, to: DVec3, steps: &mut u64) -> Vec<Hit> {
         let mut hits = Vec::new();
         self.tree.along(from, to, |face| {
@@ -124,38 +132,38 @@ impl<'a> Field<'a> {
         hits
     }
 
-    /// The triangle nearest to a point.
+    /// The distance from a point to the nearest triangle.
     pub fn distance(&self, point: DVec3, steps: &mut u64) -> Option<f64> {
         self.tree.nearest(point, f64::INFINITY, steps, |f| self.corners(f)).map(|nearest| nearest.distance)
     }
 
-    /// The nearest point of one triangle.
+    /// The point of one triangle nearest to `point`.
     pub fn nearest_on(&self, face: u32, point: DVec3) -> DVec3 {
         nearest_on_triangle(point, self.corners(face))
     }
 }
 
-/// Asks a question about each of `items` in parallel. `budget` is what all of them together may cost in steps, and is
-/// counted down after each round of fixed size, so that the answers do not depend on threads.
+/// Evaluates a function for each of `items` in parallel. `budget` is the total number of steps for all of them. It is
+/// reduced after each batch of fixed size, so that results do not depend on the number of threads.
 ///
 /// # Errors
-/// [`Stop::Budget`] where that is spent, [`Stop::Cancelled`] when the context says stop.
-pub(super) fn ask<I: Sync, T: Send>(
+/// [`Stop::Budget`] if the budget is spent, [`Stop::Cancelled`] if the work is cancelled.
+pub(super) fn evaluate<I: Sync, T: Send>(
     items: &[I],
     budget: &mut u64,
     context: &Context<'_>,
-    question: impl Fn(&I, &mut u64) -> T + Sync,
+    function: impl Fn(&I, &mut u64) -> T + Sync,
 ) -> Result<Vec<T>, Stop> {
     let mut answers = Vec::with_capacity(items.len());
-    for some in items.chunks(TOGETHER) {
+    for batch in items.chunks(BATCH) {
         context.check()?;
         let most = *budget;
-        let found: Vec<(T, u64)> = some
+        let found: Vec<(T, u64)> = batch
             .par_iter()
             .with_min_len(8)
             .map(|item| {
                 let mut left = most;
-                let answer = question(item, &mut left);
+                let answer = function(item, &mut left);
                 (answer, most - left)
             })
             .collect();
@@ -170,28 +178,28 @@ pub(super) fn ask<I: Sync, T: Send>(
     Ok(answers)
 }
 
-/// How far the result is from the input, at points spread evenly by area, in the model's unit.
+/// Distances between the result and the input, at points spread evenly by area, in the model's unit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Deviation {
-    /// From the input's surface, where that is a border of the inside, to the result: what was lost.
+    /// From the input's surface, where it borders the inside, to the result: what was lost.
     pub lost: Distances,
-    /// From the result to the input's surface: what was made, such as patches over holes.
-    pub made: Distances,
+    /// From the result to the input's surface: what was added, such as patches over holes.
+    pub added: Distances,
 }
 
-/// Distances in figures.
+/// Statistics of distances.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Distances {
-    /// The largest.
+    /// Largest distance.
     pub max: f64,
-    /// Not exceeded by 99 % of the area.
+    /// 99th percentile: 99 % of the area is not farther away.
     pub p99: f64,
 }
 
-/// Measures both ways, in the coordinates that both are given in.
+/// Measures the deviation in both directions, in the coordinates of the input and the result.
 ///
 /// # Errors
-/// [`Stop`] where a limit is met.
+/// [`Stop`] if the budget is spent or the work is cancelled.
 pub(super) fn deviation(
     field: &Field<'_>,
     cell: f64,
@@ -204,16 +212,16 @@ pub(super) fn deviation(
     context.check()?;
     let corners = |face: u32| faces[face as usize].map(|v| points[v as usize]);
     let count = |faces: &[[u32; 3]]| u32::try_from(faces.len()).unwrap_or(u32::MAX);
-    let wanted = spread(count(field.faces()), |face| field.corners(face));
-    let lost = ask(&wanted, &mut steps, context, |&(face, point), steps| {
-        let depths = field.depths(point, field.normal(face) * (ASIDE * cell), steps);
+    let samples = area_samples(count(field.faces()), |face| field.corners(face));
+    let lost = evaluate(&samples, &mut steps, context, |&(face, point), steps| {
+        let depths = field.depths(point, field.normal(face) * (SIDE_OFFSET * cell), steps);
         let is_border = (depths[0] > LEVEL) != (depths[1] > LEVEL);
         is_border.then(|| tree.nearest(point, f64::INFINITY, steps, corners).map(|nearest| nearest.distance))
     })?;
-    let made = ask(&spread(count(faces), corners), &mut steps, context, |&(_, point), steps| {
+    let added = evaluate(&area_samples(count(faces), corners), &mut steps, context, |&(_, point), steps| {
         Some(field.distance(point, steps))
     })?;
-    Ok(Deviation { lost: Distances::of(lost), made: Distances::of(made) })
+    Ok(Deviation { lost: Distances::of(lost), added: Distances::of(added) })
 }
 
 impl Distances {
@@ -224,14 +232,14 @@ impl Distances {
         Self { max: sorted.last().copied().unwrap_or(0.0), p99 }
     }
 
-    /// The same in another unit.
+    /// The distances multiplied by `scale`.
     pub(super) fn scaled(self, scale: f64) -> Self {
         Self { max: self.max * scale, p99: self.p99 * scale }
     }
 }
 
-/// Points spread by area, one in each of equal shares of it, each with its face.
-fn spread(count: u32, corners: impl Fn(u32) -> [DVec3; 3]) -> Vec<(u32, DVec3)> {
+/// Points spread by area, one in each of equal shares of the area, each with its face.
+fn area_samples(count: u32, corners: impl Fn(u32) -> [DVec3; 3]) -> Vec<(u32, DVec3)> {
     let area = |face: u32| {
         let [a, b, c] = corners(face);
         (b - a).cross(c - a).length()
@@ -240,7 +248,7 @@ fn spread(count: u32, corners: impl Fn(u32) -> [DVec3; 3]) -> Vec<(u32, DVec3)> 
     let (mut points, mut passed, mut number) = (Vec::new(), 0.0, 0);
     for face in 0..count {
         passed += area(face);
-        while number < POINTS && (f64::from(number) + 0.5) / f64::from(POINTS) * total < passed {
+        while number < SAMPLE_POINTS && (f64::from(number) + 0.5) / f64::from(SAMPLE_POINTS) * total < passed {
             let [u, v] = r2(f64::from(number));
             let u = u.sqrt();
             let [a, b, c] = corners(face);

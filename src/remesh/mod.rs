@@ -1,13 +1,16 @@
-//! A closed, manifold surface without intersections around whatever is inside of the input: the fallback that always ends.
+//! Remeshing: builds a closed, manifold surface without self-intersections around the inside of any input. This is the
+//! fallback that always terminates.
 //!
-//! What is inside is told by generalized winding numbers (Jacobson et al. 2013; summed fast as by Barill et al. 2018), so the
-//! input may have holes, overlaps and inner walls. They are asked for on a sparse grid along the surface, and the surface
-//! is made by dual contouring (Ju et al. 2002) in a form that keeps three promises by construction:
+//! Generalized winding numbers decide what is inside (Jacobson, Kavan and Sorkine-Hornung 2013), summed fast as by
+//! Barill et al. (2018). The input may therefore have holes, overlaps and internal faces. The winding numbers are
+//! sampled on a sparse grid along the surface. Dual contouring (Ju, Losasso, Schaefer and Warren 2002) builds the
+//! result in a variant with three guarantees by construction:
 //!
-//! - It is **closed**, since it parts the samples inside from those outside.
-//! - It is **manifold**, since the samples inside are made well-composed first (`corrections`): every cell has one disc of it.
-//! - It does **not intersect** itself, since every piece stays in the envelope of its own edge of the grid (`contour`). Later
-//!   moves are made only where exact tests say that this stays so.
+//! - The result is **closed**, because it separates the inside samples from the outside samples.
+//! - The result is **manifold**, because the inside samples are first made well-composed (`corrections`): the surface
+//!   passes through each cell in one disc.
+//! - The result has **no self-intersections**, because each piece stays in the envelope of its own grid edge
+//!   (`contour`). A later move of a vertex is made only if exact tests confirm that no intersection arises.
 
 mod band;
 mod contour;
@@ -19,25 +22,25 @@ mod vertices;
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Precision, Rounding, to_unit_range, unit_scale};
 use crate::mesh::{NO_SOURCE, Surface};
-use band::{Limits, Sampling, cells_met};
+use band::{Sampling, SamplingLimits, cells_met};
 use field::{Field, Stop, deviation};
-use grid::{Grid, Place, Samples};
+use grid::{Grid, GridIndex, Samples};
 
-pub use field::{Deviation, Distances, Inside};
+pub use field::{Deviation, Distances, WindingRule};
 
-/// Makes a surface anew, from what is inside of it.
+/// Options of a remesh.
 #[derive(Debug, Clone, Copy)]
 pub struct Remesh {
-    /// The edge of a cell in the model's unit, made larger where a limit asks for it. Without it the diagonal of the box
-    /// over 512.
+    /// Edge length of a grid cell in the model's unit; increased if a limit requires it. The default is the diagonal of
+    /// the bounding box divided by 512.
     pub cell: Option<f64>,
-    /// Most faces of the result.
+    /// Maximum number of faces of the result.
     pub max_faces: u64,
-    /// Most bytes that the samples may take.
+    /// Maximum memory of the samples, in bytes.
     pub max_memory: u64,
-    /// What is inside.
-    pub inside: Inside,
-    /// Whether positions are to be those that an STL file can hold.
+    /// The rule that decides what is inside.
+    pub winding_rule: WindingRule,
+    /// The precision to which positions are rounded, such as f32 for STL.
     pub precision: Precision,
 }
 
@@ -47,57 +50,57 @@ impl Default for Remesh {
             cell: None,
             max_faces: 1_000_000,
             max_memory: 1 << 30,
-            inside: Inside::Outward,
+            winding_rule: WindingRule::Positive,
             precision: Precision::F32,
         }
     }
 }
 
-/// A surface made anew.
+/// The result of a remesh.
 #[derive(Debug, Clone)]
 pub struct Remeshed {
-    /// Closed, manifold, oriented outward, and free of intersections. No face has a source.
+    /// The new surface: closed, manifold, oriented outward and free of self-intersections. Its faces have no source.
     pub surface: Surface,
-    /// The edge of the cells that it was made with, in the model's unit.
+    /// Edge length of the grid cells used, in the model's unit.
     pub cell: f64,
-    /// How far it is from the input.
+    /// Distance between the result and the input.
     pub deviation: Deviation,
-    /// Samples that were put inside so that thin parts stay and the surface is manifold.
-    pub made_inside: u64,
+    /// Number of samples forced inside, to preserve thin parts and to keep the surface manifold.
+    pub forced_inside: u64,
 }
 
-/// Why there is no new surface.
+/// Why no new surface could be built.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum RemeshError {
     /// Nothing is inside.
-    #[error("nothing is inside of the surface, at any size of cell that was tried")]
+    #[error("the surface has no inside at any cell size tried")]
     Empty,
-    /// The limits allow no cells that are small enough to tell anything.
-    #[error("the limits of faces, memory and work allow no remesh")]
+    /// The limits allow only cells that are too large to resolve the model.
+    #[error("the limits on faces, memory and work are too low for a remesh")]
     Limits,
-    /// The work was stopped.
+    /// The work was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
 }
 
-/// Cells along the diagonal where nothing else is asked for, ...
-const RESOLUTION: f64 = 512.0;
-/// ... at most, ...
+/// Cells along the diagonal by default.
+const DEFAULT_RESOLUTION: f64 = 512.0;
+/// Maximum number of cells along the diagonal.
 pub(crate) const FINEST: f64 = 2048.0;
-/// ... and at least.
-const COARSEST: f64 = 8.0;
-/// Cells along the diagonal in the try that tells what others cost.
-const SCOUT: f64 = 48.0;
-/// Boxes and triangles that may be looked at in one try.
+/// Minimum number of cells along the diagonal.
+const MIN_RESOLUTION: f64 = 8.0;
+/// Cells along the diagonal in the coarse trial that estimates the cost of finer ones.
+const TRIAL: f64 = 48.0;
+/// Maximum boxes and triangles visited in one attempt.
 const STEPS: u64 = 6_000_000_000;
-/// How much larger cells become where they were too many.
-const LARGER: f64 = 1.5;
+/// Factor by which cells grow after an attempt exceeded its budget.
+const CELL_GROWTH: f64 = 1.5;
 
 impl Remesh {
-    /// Makes the surface anew.
+    /// Remeshes a surface.
     ///
     /// # Errors
-    /// [`RemeshError`]; an input of any kind that has an inside gives a result unless the work is stopped.
+    /// [`RemeshError`]. Any input with an inside gives a result unless the work is cancelled or the limits are too low.
     pub fn apply(&self, surface: &Surface, context: &Context<'_>) -> Result<Remeshed, RemeshError> {
         let points = to_unit_range(&surface.positions);
         let scale = unit_scale(&surface.positions);
@@ -112,26 +115,26 @@ impl Remesh {
             return Err(RemeshError::Empty);
         }
         context.check()?;
-        let field = Field::new(&points, &faces, self.inside);
+        let field = Field::new(&points, &faces, self.winding_rule);
         let input = Input { field, bounds, rounding: Rounding { scale, precision: self.precision } };
-        let wanted = self.cell.map_or(diagonal / RESOLUTION, |cell| cell * scale);
-        let wanted = wanted.clamp(diagonal / FINEST, diagonal / COARSEST);
-        let mut cell = self.affordable(&input, wanted, context)?;
+        let requested = self.cell.map_or(diagonal / DEFAULT_RESOLUTION, |cell| cell * scale);
+        let requested = requested.clamp(diagonal / FINEST, diagonal / MIN_RESOLUTION);
+        let mut cell = self.affordable(&input, requested, context)?;
         loop {
             match self.attempt(&input, cell, context) {
-                Ok(Some(mut made)) => {
-                    for p in &mut made.surface.positions {
+                Ok(Some(mut result)) => {
+                    for p in &mut result.surface.positions {
                         *p /= scale;
                     }
-                    made.cell /= scale;
-                    let Deviation { lost, made: added } = &mut made.deviation;
+                    result.cell /= scale;
+                    let Deviation { lost, added } = &mut result.deviation;
                     (*lost, *added) = (lost.scaled(1.0 / scale), added.scaled(1.0 / scale));
-                    return Ok(made);
+                    return Ok(result);
                 }
                 Ok(None) => return Err(RemeshError::Empty),
                 Err(Stop::Cancelled(canceled)) => return Err(canceled.into()),
-                Err(_) if cell * COARSEST > diagonal => return Err(RemeshError::Limits),
-                Err(Stop::Budget) => cell *= LARGER,
+                Err(_) if cell * MIN_RESOLUTION > diagonal => return Err(RemeshError::Limits),
+                Err(Stop::Budget) => cell *= CELL_GROWTH,
                 Err(Stop::Faces(faces)) => {
                     cell *= (faces as f64 / self.max_faces as f64).sqrt().max(1.0) * 1.02;
                 }
@@ -139,20 +142,20 @@ impl Remesh {
         }
     }
 
-    /// One try with cells of one size; none where nothing is inside.
+    /// One attempt with a given cell size; none if nothing is inside.
     fn attempt(&self, input: &Input<'_>, cell: f64, context: &Context<'_>) -> Result<Option<Remeshed>, Stop> {
-        let Sampled { mut sampling, cells, made } = self.sampled(input, cell, context)?;
+        let Sampled { mut sampling, cells, forced } = self.sampled(input, cell, context)?;
         if cells.is_empty() {
             return Ok(None);
         }
-        // A surface of V vertices with four edges each has 2 V triangles.
+        // A surface with V vertices of four edges each has 2 V triangles.
         let least = 2 * cells.len() as u64;
         if least > self.max_faces {
             return Err(Stop::Faces(least));
         }
         let rounding = input.rounding;
         let crossings = sampling.crossings()?;
-        let vertices = vertices::place(&sampling.grid, &mut sampling.samples, &cells, &crossings, rounding);
+        let vertices = vertices::place_vertices(&sampling.grid, &mut sampling.samples, &cells, &crossings, rounding);
         let crossings: Vec<_> = crossings
             .into_iter()
             .map(|crossing| vertices::Crossing { point: rounding.of(crossing.point), ..crossing })
@@ -168,34 +171,34 @@ impl Remesh {
         let source = vec![NO_SOURCE; contour.faces.len()];
         let mut surface = Surface { positions: contour.points, faces: contour.faces, source };
         surface.drop_unreferenced();
-        Ok(Some(Remeshed { surface, cell, deviation, made_inside: made }))
+        Ok(Some(Remeshed { surface, cell, deviation, forced_inside: forced }))
     }
 
-    /// Samples what is inside.
+    /// Samples the inside on a grid and corrects the samples.
     fn sampled<'a>(&self, input: &'a Input<'a>, cell: f64, context: &'a Context<'a>) -> Result<Sampled<'a>, Stop> {
         let grid = Grid::around(&input.bounds, cell);
         let blocks = self.max_memory / Samples::BLOCK_BYTES;
         let [most, blocks] = [blocks * Samples::BLOCK_CELLS, blocks].map(|n| usize::try_from(n).unwrap_or(usize::MAX));
         let samples = Samples::new(&grid);
         let met = cells_met(&input.field, &grid, most, context)?;
-        let limits = Limits { steps: STEPS, blocks };
+        let limits = SamplingLimits { steps: STEPS, blocks };
         let mut sampling = Sampling { field: &input.field, grid, samples, limits, context };
-        sampling.reach(met.clone())?;
-        let mut made = sampling.keep_thin_parts(&met)?;
-        made += sampling.compose()?;
+        sampling.sample_around(met.clone())?;
+        let mut forced = sampling.keep_thin_parts(&met)?;
+        forced += sampling.compose()?;
         let cells = sampling.samples.mixed_cells();
-        Ok(Sampled { sampling, cells, made })
+        Ok(Sampled { sampling, cells, forced })
     }
 
-    /// The size of cells for which a coarse try says that the limits of faces and work are kept.
+    /// The cell size that keeps the limits on faces and work, estimated from a coarse trial.
     fn affordable(&self, input: &Input<'_>, cell: f64, context: &Context<'_>) -> Result<f64, Cancelled> {
-        let coarse = input.bounds.diagonal() / SCOUT;
+        let coarse = input.bounds.diagonal() / TRIAL;
         if cell * 2.0 > coarse {
             return Ok(cell);
         }
         match self.sampled(input, coarse, context) {
             Ok(sampled) => {
-                // Both grow by the square of how much finer cells are.
+                // Both grow with the square of the resolution.
                 let faces = 2.0 * sampled.cells.len() as f64 / self.max_faces as f64;
                 let steps = (STEPS - sampled.sampling.limits.steps) as f64 / STEPS as f64;
                 Ok(cell.max(coarse * faces.max(steps).sqrt()))
@@ -206,17 +209,17 @@ impl Remesh {
     }
 }
 
-/// The input in the range of exact predicates.
+/// The input, scaled into the range of the exact predicates.
 struct Input<'a> {
     field: Field<'a>,
     bounds: Box3,
     rounding: Rounding,
 }
 
-/// Samples whose inside is well-composed, and the cells that the surface passes.
+/// Samples with a well-composed inside, and the cells that the surface passes through.
 struct Sampled<'a> {
     sampling: Sampling<'a>,
-    cells: Vec<Place>,
-    /// Samples that were put inside.
-    made: u64,
+    cells: Vec<GridIndex>,
+    /// Number of samples forced inside.
+    forced: u64,
 }

@@ -1,127 +1,132 @@
-//! Where the surface passes the edges of the grid, and the vertex of each cell that it passes.
+//! Finds where the surface crosses the edges of the grid, and places a vertex in each cell that it passes through.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::band::Sampling;
-use super::field::{Field, Hit, LEVEL, Stop, ask};
-use super::grid::{Grid, Place, Samples, along, around_edge};
+use super::field::{Field, Hit, LEVEL, Stop, evaluate};
+use super::grid::{Grid, GridIndex, Samples, along, around_edge};
 use crate::math::{Box3, Rounding};
 
-/// Triangles closer together than this share of an edge are one.
-const SAME: f64 = 1e-9;
+/// Triangles closer together than this share of an edge count as one.
+const MIN_SEPARATION: f64 = 1e-9;
 
-/// Share of the largest eigenvalue below which a quadric says nothing along a direction. At an edge of angle `a` between
-/// normals the second is `tan(a / 2)^2` of the first where both sides count alike: 0.01 is 11 degrees.
-const LEAST: f64 = 0.01;
-/// How far beyond its cell a vertex may be wanted, in cells.
+/// Share of the largest eigenvalue below which a quadric does not constrain a direction. At an edge with angle `a`
+/// between its normals, the second eigenvalue is `tan(a / 2)^2` of the first if both sides count equally: 0.01 is 11
+/// degrees.
+const MIN_EIGENVALUE: f64 = 0.01;
+/// How far a vertex's optimal position may lie beyond its cell, in cells.
 pub(super) const BEYOND: f64 = 0.5;
 
-/// Where the surface passes an edge of the grid.
+/// A crossing of the surface with an edge of the grid.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Crossing {
     /// The lower end of the edge.
-    pub place: Place,
+    pub index: GridIndex,
+    /// The axis of the edge.
     pub axis: usize,
     /// Whether the lower end is inside.
     pub inside_below: bool,
-    /// Where it passes.
+    /// The crossing point.
     pub point: DVec3,
-    /// The normal of the triangle that is there, turned any way; none where the input is open.
+    /// The normal of the triangle at the crossing, with arbitrary orientation; none if the input is open there.
     pub normal: Option<DVec3>,
 }
 
-/// An edge from a sample outside to one inside.
+/// An edge from an outside sample to an inside sample.
 struct MixedEdge {
     from: DVec3,
     to: DVec3,
-    /// How much each end is inside.
+    /// The depth of each end.
     depths: [f64; 2],
-    /// Whether the end inside was put there.
-    made: bool,
+    /// Whether the inside end was forced inside.
+    is_forced: bool,
 }
 
 impl Sampling<'_> {
-    /// Finds where the surface passes the edges that have one end inside: at a triangle, or where the inside ends without one.
+    /// Finds where the surface crosses the edges with one end inside: at a triangle, or where the inside ends without
+    /// one.
     ///
     /// # Errors
-    /// [`Stop`] where a limit is met.
+    /// [`Stop`] if a limit is exceeded or the work is cancelled.
     pub fn crossings(&mut self) -> Result<Vec<Crossing>, Stop> {
         let (grid, samples) = (&self.grid, &self.samples);
         let edges = samples.mixed_edges();
-        ask(&edges, &mut self.limits.steps, self.context, |&(place, axis), steps| {
-            let inside_below = samples.inside(place) == Some(true);
-            let ends = [place, along(place, axis)];
+        evaluate(&edges, &mut self.limits.steps, self.context, |&(index, axis), steps| {
+            let inside_below = samples.inside(index) == Some(true);
+            let ends = [index, along(index, axis)];
             let [outer, inner] = if inside_below { [ends[1], ends[0]] } else { ends };
-            let [from, to] = [outer, inner].map(|place| grid.point(place));
-            let depths = [outer, inner].map(|place| samples.value(place).map_or(0.0, f64::from));
-            let edge = MixedEdge { from, to, depths, made: samples.is_made(inner) };
+            let [from, to] = [outer, inner].map(|index| grid.point(index));
+            let depths = [outer, inner].map(|index| samples.value(index).map_or(0.0, f64::from));
+            let edge = MixedEdge { from, to, depths, is_forced: samples.is_forced(inner) };
             let (at, normal) = crossing(self.field, &edge, steps);
             let least = grid.clearance() / grid.cell;
-            Crossing { place, axis, inside_below, point: from.lerp(to, at.clamp(least, 1.0 - least)), normal }
+            Crossing { index, axis, inside_below, point: from.lerp(to, at.clamp(least, 1.0 - least)), normal }
         })
     }
 }
 
-/// Where the way from outside to inside first passes into it, as a share of it, and the normal of the triangle there.
+/// The parameter at which the edge, from outside to inside, first enters the inside, and the normal of the triangle
+/// there.
 fn crossing(field: &Field<'_>, edge: &MixedEdge, steps: &mut u64) -> (f64, Option<DVec3>) {
-    let &MixedEdge { from, to, depths, made } = edge;
+    let &MixedEdge { from, to, depths, is_forced } = edge;
     let hits = field.hits(from, to, steps);
     let inside = |at: f64, steps: &mut u64| field.depth(from.lerp(to, at), steps) > LEVEL;
-    let found = |hit: &Hit| (hit.at, Some(field.normal(hit.face)));
+    let hit_at = |hit: &Hit| (hit.at, Some(field.normal(hit.face)));
     match hits.as_slice() {
         [] => {}
-        // One sheet, perhaps of several faces on one another or where faces meet.
-        [first, .., last] if last.at - first.at > SAME => {
+        // One sheet: possibly several coincident faces, or a place where faces meet.
+        [first, .., last] if last.at - first.at > MIN_SEPARATION => {
             for pair in hits.windows(2) {
-                if pair[1].at - pair[0].at > SAME && inside(0.5 * (pair[0].at + pair[1].at), steps) {
-                    return found(&pair[0]);
+                if pair[1].at - pair[0].at > MIN_SEPARATION && inside(0.5 * (pair[0].at + pair[1].at), steps) {
+                    return hit_at(&pair[0]);
                 }
             }
-            // Its own end is the first place inside, unless that was put there.
-            return if made { found(first) } else { found(last) };
+            // Only the inner end is inside, unless it was forced.
+            return if is_forced { hit_at(first) } else { hit_at(last) };
         }
-        [first, ..] => return found(first),
+        [first, ..] => return hit_at(first),
     }
-    // It changes evenly where no triangle is; what was put inside is as little as possible.
-    (if made { 1.0 } else { ((LEVEL - depths[0]) / (depths[1] - depths[0])).clamp(0.0, 1.0) }, None)
+    // Without a triangle the depth is interpolated linearly; a forced sample adds as little inside as possible.
+    (if is_forced { 1.0 } else { ((LEVEL - depths[0]) / (depths[1] - depths[0])).clamp(0.0, 1.0) }, None)
 }
 
 /// The vertex of a cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Vertex {
-    /// Where it is: within its cell.
+    /// Position, within the cell.
     pub point: DVec3,
-    /// Where it would be best: within [`BEYOND`] of its cell.
-    pub wanted: DVec3,
+    /// Optimal position, within [`BEYOND`] of the cell.
+    pub optimal: DVec3,
 }
 
-/// The sum of squared distances to planes (Garland and Heckbert 1997), and the mean of the points that gave them.
+/// The sum of squared distances to planes (Garland and Heckbert 1997), and the mean of the points on them.
 #[derive(Debug, Clone, Copy, Default)]
 struct Quadric {
-    /// The upper half of the matrix: xx, xy, xz, yy, yz, zz.
+    /// The upper triangle of the matrix: xx, xy, xz, yy, yz, zz.
     matrix: [f64; 6],
     right: DVec3,
     sum: DVec3,
     count: u32,
 }
 
-/// Numbers the cells that the surface passes, and places a vertex in each: where the planes of the triangles on its edges
-/// meet (Ju et al. 2002), so that it stands on an edge or a corner of the input where there is one.
-pub(super) fn place(
+/// Numbers the cells that the surface passes through, and places a vertex in each. The vertex lies at the intersection
+/// of the planes of the triangles on the cell's edges (Ju et al. 2002). It therefore lies on an edge or corner of the
+/// input if there is one.
+pub(super) fn place_vertices(
     grid: &Grid,
     samples: &mut Samples,
-    cells: &[Place],
+    cells: &[GridIndex],
     crossings: &[Crossing],
     rounding: Rounding,
 ) -> Vec<Vertex> {
     for (&cell, number) in cells.iter().zip(0u32..) {
         samples.number(cell, number);
     }
-    let middle = |cell: Place| grid.bounds(cell).centre();
+    let middle = |cell: GridIndex| grid.bounds(cell).centre();
     let mut quadrics = vec![Quadric::default(); cells.len()];
     for crossing in crossings {
-        for cell in around_edge(crossing.place, crossing.axis).into_iter().flatten() {
+        for cell in around_edge(crossing.index, crossing.axis).into_iter().flatten() {
             if let Some(number) = samples.vertex(cell) {
                 quadrics[number as usize].add(crossing.point - middle(cell), crossing.normal);
             }
@@ -138,10 +143,10 @@ pub(super) fn place(
                 max: bounds.max + BEYOND * grid.cell - clearance,
             };
             let centre = middle(cell);
-            let wanted = quadric.best(|p| reach.holds(p + centre));
-            let wanted = rounding.of((wanted + centre).clamp(reach.min, reach.max));
-            let point = rounding.of(wanted.clamp(bounds.min + clearance, bounds.max - clearance));
-            Vertex { point, wanted }
+            let optimal = quadric.best(|p| reach.holds(p + centre));
+            let optimal = rounding.of((optimal + centre).clamp(reach.min, reach.max));
+            let point = rounding.of(optimal.clamp(bounds.min + clearance, bounds.max - clearance));
+            Vertex { point, optimal }
         })
         .collect()
 }
@@ -159,8 +164,9 @@ impl Quadric {
         }
     }
 
-    /// The point nearest to the mean that is on as many of the planes as say something, while it `suits`.
-    fn best(&self, suits: impl Fn(DVec3) -> bool) -> DVec3 {
+    /// The point nearest to the mean that lies on as many of the constraining planes as possible and satisfies
+    /// `is_allowed`.
+    fn best(&self, is_allowed: impl Fn(DVec3) -> bool) -> DVec3 {
         let mean = self.sum / f64::from(self.count.max(1));
         let [xx, xy, xz, yy, yz, zz] = self.matrix;
         let matrix = DMat3::from_cols(DVec3::new(xx, xy, xz), DVec3::new(xy, yy, yz), DVec3::new(xz, yz, zz));
@@ -172,11 +178,11 @@ impl Quadric {
         let mut best = mean;
         let mut steps = DVec3::ZERO;
         for (value, vector) in values.into_iter().zip(vectors) {
-            if value < LEAST * values[0] {
+            if value < MIN_EIGENVALUE * values[0] {
                 break;
             }
             steps += vector * (vector.dot(rest) / value);
-            if suits(mean + steps) {
+            if is_allowed(mean + steps) {
                 best = mean + steps;
             }
         }
@@ -184,7 +190,7 @@ impl Quadric {
     }
 }
 
-/// Eigenvalues, the largest first, and eigenvectors of a symmetric matrix, by Jacobi's rotations.
+/// Eigenvalues in descending order, and eigenvectors, of a symmetric matrix, by Jacobi rotations.
 fn eigen(matrix: DMat3) -> ([f64; 3], [DVec3; 3]) {
     let (mut a, mut vectors) = (matrix.to_cols_array_2d(), [DVec3::X, DVec3::Y, DVec3::Z]);
     for _ in 0..12 {
@@ -226,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn the_best_point_of_three_planes_is_their_corner_and_of_two_is_on_their_edge() {
+    fn the_best_point_lies_on_the_corner_of_three_planes_and_edge_of_two() {
         let mut quadric = Quadric::default();
         quadric.add(DVec3::new(0.3, 0.5, 0.2), Some(DVec3::X));
         quadric.add(DVec3::new(0.1, 0.1, 0.4), Some(DVec3::Y));

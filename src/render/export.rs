@@ -1,4 +1,4 @@
-//! A scene as a coloured mesh: glTF and PLY.
+//! Export of a scene as a coloured mesh, in glTF binary and PLY.
 
 use std::fmt::Write as _;
 
@@ -9,12 +9,12 @@ use super::palette::{Colour, Paint, SOUND, colour};
 use super::scene::{Compactor, RenderError, Scene, Shows};
 use crate::context::Context;
 
-/// How many times larger than the model its coordinates may be before it is written about its own middle.
+/// Ratio of largest coordinate to half extent above which positions are written relative to the model's centre.
 const FAR: f64 = 8.0;
-/// Sizes outside this range do not fit f32 well, and are scaled.
+/// Range of coordinates that f32 represents well. Models outside are scaled.
 const SIZES: std::ops::Range<f64> = 1e-25..1e25;
 
-/// Values of glTF's enumerations (glTF 2.0, 3.6 and 5).
+/// Constants of glTF (glTF 2.0 specification, sections 3.6 and 5).
 const UNSIGNED_INT: u32 = 5125;
 const FLOAT: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
@@ -23,20 +23,20 @@ const POINTS: u32 = 0;
 const LINES: u32 = 1;
 const TRIANGLES: u32 = 4;
 
-/// Radius of the tube around a line, and of a dot, as a share of the model's half extent.
+/// Radius of the tube around a line, and of a dot, as a fraction of the model's half extent.
 const TUBE: f64 = 0.005;
 const DOT: f64 = 0.012;
 
-/// Writes the mesh as glTF 2.0 binary: a node `sound` and one node for each kind of defect that can be shown, named by
-/// the kind, with its own material; lines are `LINES`, dots are `POINTS`. Of a change it has one node for each fate. The
-/// legend is in the scene's `extras`.
+/// Writes a scene as glTF 2.0 binary. The file has a node `sound` and one node per visible defect kind, named after
+/// the kind, with its own material. Lines have mode `LINES` and dots `POINTS`. A drawing of changes has one node per
+/// provenance. The scene's `extras` hold the legend.
 ///
-/// The root node turns z up into y up, and moves the model to its place where its coordinates are large for its
-/// size, so that f32 keeps its detail. Numbers are in the model's own unit; where they do not fit f32 they are
-/// multiplied by `extras.scale`.
+/// The root node rotates z up to y up. If coordinates are large relative to the model's size, the root node also
+/// translates the model, so that f32 keeps its detail. Numbers are in the model's unit; if they do not fit f32, they
+/// are multiplied by `extras.scale`.
 ///
 /// # Errors
-/// [`RenderError::Cancelled`] when the work should stop, [`RenderError::TooLarge`] beyond the format's 4 GiB.
+/// [`RenderError::Cancelled`] on cancellation, [`RenderError::TooLarge`] beyond the format's 4 GiB.
 pub fn write_glb(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
     let mut file = GlbFile::new(scene);
     for (paint, faces) in groups_with_lines(scene) {
@@ -46,7 +46,7 @@ pub fn write_glb(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, Render
     file.finish(scene)
 }
 
-/// The groups of faces, and empty ones for the kinds that have only lines or dots.
+/// Groups of faces by paint, including empty groups for kinds with only lines or dots.
 fn groups_with_lines(scene: &Scene) -> Vec<(Paint, Vec<u32>)> {
     let mut groups = scene.groups();
     let kinds = scene.segments.iter().map(|s| s.kind).chain(scene.dots.iter().map(|d| d.kind));
@@ -70,9 +70,9 @@ struct GlbFile {
     materials: Vec<Value>,
     meshes: Vec<Value>,
     nodes: Vec<Value>,
-    /// What coordinates are multiplied by, and what is then subtracted.
+    /// Factor applied to coordinates, and the centre subtracted afterwards.
     scale: f64,
-    middle: DVec3,
+    centre: DVec3,
 }
 
 impl GlbFile {
@@ -80,10 +80,10 @@ impl GlbFile {
         let frame = &scene.frame;
         let largest = frame.bounds.min.abs().max(frame.bounds.max.abs()).max_element();
         let fits = scene.surface.positions.is_empty() || largest == 0.0 || SIZES.contains(&largest);
-        let far = (frame.centre.abs() / frame.half).max_element() > FAR;
+        let is_far = (frame.centre.abs() / frame.half).max_element() > FAR;
         let scale = if fits { 1.0 } else { frame.scale };
-        // Rounded to f32, as programs read a translation.
-        let middle = if far { (frame.centre / frame.scale * scale).as_vec3().as_dvec3() } else { DVec3::ZERO };
+        // Rounded to f32, as programs store a translation.
+        let centre = if is_far { (frame.centre / frame.scale * scale).as_vec3().as_dvec3() } else { DVec3::ZERO };
         Self {
             compactor: Compactor::new(scene.surface.positions.len()),
             bytes: Vec::new(),
@@ -93,11 +93,11 @@ impl GlbFile {
             meshes: Vec::new(),
             nodes: Vec::new(),
             scale,
-            middle,
+            centre,
         }
     }
 
-    /// One node with its triangles, lines and dots.
+    /// Writes one node with its triangles, lines and dots.
     fn node(&mut self, scene: &Scene, paint: Paint, faces: &[u32]) -> Result<(), RenderError> {
         let name = paint.id();
         let mut primitives = Vec::new();
@@ -126,7 +126,7 @@ impl GlbFile {
         }
         self.nodes.push(json!({ "name": name, "mesh": self.meshes.len() }));
         self.meshes.push(json!({ "name": name, "primitives": primitives }));
-        // Beyond 4 GiB the file can't be said; better told before memory is full.
+        // The format cannot represent more than 4 GiB; checked here before memory runs out.
         u32::try_from(self.bytes.len()).map_err(|_| RenderError::TooLarge).map(drop)
     }
 
@@ -148,7 +148,7 @@ impl GlbFile {
         let start = self.bytes.len();
         let (mut count, mut min, mut max) = (0usize, [f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for point in points {
-            let point = (point * self.scale - self.middle).to_array().map(|x| x as f32);
+            let point = (point * self.scale - self.centre).to_array().map(|x| x as f32);
             for k in 0..3 {
                 min[k] = min[k].min(point[k]);
                 max[k] = max[k].max(point[k]);
@@ -188,9 +188,9 @@ impl GlbFile {
         if !self.nodes.is_empty() {
             root["children"] = (1..=self.nodes.len()).collect();
         }
-        if self.middle != DVec3::ZERO {
-            // The translation comes after the rotation, so that it is in axes with y up.
-            root["translation"] = json!([self.middle.x, self.middle.z, -self.middle.y]);
+        if self.centre != DVec3::ZERO {
+            // The translation applies after the rotation, so it is in axes with y up.
+            root["translation"] = json!([self.centre.x, self.centre.z, -self.centre.y]);
         }
         self.nodes.insert(0, root);
         let name = match scene.shows {
@@ -221,14 +221,14 @@ impl GlbFile {
 }
 
 fn primitive(mode: u32, position: usize, indices: Option<usize>, material: usize) -> Value {
-    let mut it = json!({ "mode": mode, "attributes": { "POSITION": position }, "material": material });
+    let mut primitive = json!({ "mode": mode, "attributes": { "POSITION": position }, "material": material });
     if let Some(indices) = indices {
-        it["indices"] = indices.into();
+        primitive["indices"] = indices.into();
     }
-    it
+    primitive
 }
 
-/// The header and the two chunks, each a multiple of four bytes long (glTF 2.0, 4).
+/// Joins header and chunks, each a multiple of four bytes long (glTF 2.0 specification, section 4).
 fn assemble(text: &[u8], bytes: &[u8]) -> Result<Vec<u8>, RenderError> {
     let binary = if bytes.is_empty() { 0 } else { 8 + bytes.len() };
     let length = 12 + 8 + text.len() + binary;
@@ -247,17 +247,17 @@ fn assemble(text: &[u8], bytes: &[u8]) -> Result<Vec<u8>, RenderError> {
     Ok(file)
 }
 
-/// Writes the mesh as binary little-endian PLY with a colour at each vertex, which MeshLab, Blender, Open3D and trimesh
-/// all show; those that know face colours only from vertices see each face in one colour, since faces of different
-/// colours share no vertex.
+/// Writes a scene as binary little-endian PLY with vertex colours, which MeshLab, Blender, Open3D and trimesh all
+/// display. Faces of different colours share no vertices, so that programs without face colours show each face in one
+/// colour.
 ///
-/// Lines and dots are small tubes and octahedra after the mesh's own faces, because few programs draw PLY's edges. The
-/// face property `defect` is 0 for sound surface, otherwise 1 and the kind's number; 255 marks tubes and octahedra. Of a
-/// change it is `fate`: 0 kept, 1 moved, 2 added, 3 removed.
-/// The legend is in the comments. Positions are `float` where that loses nothing, else `double`.
+/// Lines and dots become small tubes and octahedra after the mesh's own faces, since few programs draw PLY edges. The
+/// face property `defect` is 0 for sound surface and 1 plus the kind's number otherwise; 255 marks tubes and
+/// octahedra. A drawing of changes has the face property `provenance` instead: 0 kept, 1 moved, 2 added, 3 removed.
+/// Comments hold the legend. Positions are `float` if that is exact, otherwise `double`.
 ///
 /// # Errors
-/// [`RenderError::Cancelled`] when the work should stop, [`RenderError::TooLarge`] beyond 2^32 vertices.
+/// [`RenderError::Cancelled`] on cancellation, [`RenderError::TooLarge`] beyond 2^32 vertices.
 pub fn write_ply(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
     let mut body = PlyBody { wide: !scene.surface.positions.iter().all(|&p| fits_f32(p)), ..PlyBody::default() };
     let mut compactor = Compactor::new(scene.surface.positions.len());
@@ -288,7 +288,7 @@ fn ply_header(scene: &Scene, body: &PlyBody, own: u64) -> String {
     let mut text = format!("ply\nformat binary_little_endian 1.0\ncomment {}\n", crate::ENGINE);
     let property = match scene.shows {
         Shows::Defects => "defect",
-        Shows::Change => "fate",
+        Shows::Change => "provenance",
     };
     if scene.shows == Shows::Defects {
         let _ = writeln!(text, "comment legend sound {SOUND}");
@@ -297,7 +297,7 @@ fn ply_header(scene: &Scene, body: &PlyBody, own: u64) -> String {
         let _ = writeln!(text, "comment legend {} {} {} {}", entry.kind.id(), entry.colour, entry.count, entry.name);
     }
     if scene.shows == Shows::Defects {
-        let _ = writeln!(text, "comment faces from {own} on mark lines and points and are no part of the mesh");
+        let _ = writeln!(text, "comment faces from {own} on are markers of lines and points, not part of the mesh");
     }
     let _ = write!(
         text,
@@ -351,7 +351,7 @@ impl PlyBody {
         Ok(())
     }
 
-    /// A tube of three sides, open at its ends.
+    /// Adds a triangular tube with open ends.
     fn tube(&mut self, scene: &Scene, ends: [DVec3; 2], colour: Colour) -> Result<(), RenderError> {
         let [a, b] = ends.map(|p| scene.frame.to_cube(p));
         let along = b - a;

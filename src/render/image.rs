@@ -1,4 +1,4 @@
-//! Images: how a view is fitted to one, and its pixels.
+//! Image primitives of the renderer: views, cameras, and an RGB canvas with text.
 
 use glam::{DVec3, Vec3};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
@@ -7,22 +7,22 @@ use super::palette::Colour;
 use super::scene::{Frame, RenderError};
 use crate::mesh::Surface;
 
-/// The font's raster: Noto Sans Mono, 16 pixels high.
+/// Font raster: Noto Sans Mono, 16 pixels high.
 const HEIGHT: RasterHeight = RasterHeight::Size16;
 const WEIGHT: FontWeight = FontWeight::Regular;
 
-/// A fixed direction to look from, with z up; views are parallel projections.
+/// A fixed viewing direction with an up direction; views are parallel projections.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// What it is called in the picture.
+    /// Caption of the view in the picture.
     pub name: &'static str,
-    /// From the model to the eye.
+    /// Direction from the model to the eye.
     pub towards_eye: DVec3,
-    /// What is up in the picture, not along `towards_eye`.
+    /// Up direction in the picture; not parallel to `towards_eye`.
     pub up: DVec3,
 }
 
-/// The views of a picture: the first is the large one. The first two together see all six sides.
+/// Views of a picture, the large one first. The first two together show all six sides.
 pub const VIEWS: [View; 4] = [
     View { name: "from front, right, above", towards_eye: DVec3::new(0.7, -1.0, 0.65), up: DVec3::Z },
     View { name: "from back, left, below", towards_eye: DVec3::new(-0.7, 1.0, -0.65), up: DVec3::Z },
@@ -30,36 +30,36 @@ pub const VIEWS: [View; 4] = [
     View { name: "from above", towards_eye: DVec3::Z, up: DVec3::Y },
 ];
 
-/// Samples along a pixel's side.
+/// Number of samples along a pixel's side.
 pub const SAMPLES: usize = 2;
-/// Fixed-point steps in a sample's side: edges are then decided exactly, and neighbours leave no gap between them.
+/// Fixed-point steps per sample. Integer coordinates make edge tests exact, so that neighbouring faces leave no gaps.
 pub const STEPS: i32 = 256;
 
-/// A view fitted to an image: brings points of the scene's cube to samples of the image.
+/// A view fitted to an image. Projects points of the scene's cube to samples of the image.
 #[derive(Debug, Clone)]
 pub struct Camera {
     axes: [Vec3; 3],
-    /// Samples for one unit of the cube.
+    /// Samples per unit of the cube.
     pub scale: f32,
     shift: [f32; 2],
     /// Width and height in samples.
     pub size: [usize; 2],
 }
 
-/// A point in an image: `x` to the right and `y` down in [`STEPS`] of a sample, `z` towards the eye in samples.
+/// A projected point: `x` to the right and `y` down in [`STEPS`] of a sample, `z` towards the eye in samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Projected {
-    /// To the right.
+    /// Coordinate to the right, in fixed-point steps.
     pub x: i32,
-    /// Down.
+    /// Coordinate downward, in fixed-point steps.
     pub y: i32,
-    /// Towards the eye.
+    /// Coordinate towards the eye, in samples.
     pub z: f32,
 }
 
 impl Camera {
-    /// Fits a view of a surface, whose points in the cube are `points`, to an image of `size` pixels with a margin of
-    /// `margin` pixels on each side.
+    /// Fits a view of a surface to an image of `size` pixels, with a margin of `margin` pixels on each side. `points`
+    /// are the surface's vertices in the cube.
     #[must_use]
     pub fn new(view: &View, surface: &Surface, points: &[Vec3], size: [usize; 2], margin: usize) -> Self {
         let eye = view.towards_eye.normalize();
@@ -77,8 +77,8 @@ impl Camera {
             (low, high) = ([-1.0; 2], [1.0; 2]);
         }
         #[expect(clippy::cast_precision_loss, reason = "an image's size")]
-        let room: [f32; 2] = size.map(|s| s.saturating_sub(2 * margin).max(1) as f32 * SAMPLES as f32);
-        let fit = |k: usize| room[k] / (high[k] - low[k]).max(1e-6);
+        let available: [f32; 2] = size.map(|s| s.saturating_sub(2 * margin).max(1) as f32 * SAMPLES as f32);
+        let fit = |k: usize| available[k] / (high[k] - low[k]).max(1e-6);
         let scale = fit(0).min(fit(1));
         #[expect(clippy::cast_precision_loss, reason = "an image's size")]
         let middle = size.map(|s| (s * SAMPLES) as f32 / 2.0);
@@ -86,7 +86,7 @@ impl Camera {
         Self { axes, scale, shift, size: size.map(|s| s * SAMPLES) }
     }
 
-    /// Where a point of the cube is in the image.
+    /// Projects a point of the cube into the image.
     #[must_use]
     #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "an image's size")]
     pub fn project(&self, p: Vec3) -> Projected {
@@ -99,20 +99,20 @@ impl Camera {
         }
     }
 
-    /// A direction of the model as right, up and towards the eye.
+    /// Rotates a direction of the model into right, up and towards-eye components.
     #[must_use]
-    pub fn turn(&self, direction: Vec3) -> Vec3 {
+    pub fn rotate(&self, direction: Vec3) -> Vec3 {
         Vec3::from_array(self.axes.map(|axis| axis.dot(direction)))
     }
 
-    /// Pixels for one of the model's unit.
+    /// Pixels per model unit.
     #[must_use]
-    pub fn pixels_a_unit(&self, frame: &Frame) -> f64 {
+    pub fn pixels_per_unit(&self, frame: &Frame) -> f64 {
         f64::from(self.scale) / SAMPLES as f64 * (frame.scale / frame.half)
     }
 }
 
-/// An image in RGB.
+/// An RGB image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Canvas {
     /// Width and height in pixels.
@@ -121,35 +121,35 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// An image of one colour.
+    /// Creates an image filled with one colour.
     #[must_use]
     pub fn new(size: [usize; 2], colour: Colour) -> Self {
         Self { size, pixels: vec![colour.0; size[0] * size[1]] }
     }
 
-    /// The colour of a pixel.
+    /// Colour of a pixel.
     #[must_use]
     #[cfg(test)]
     pub fn get(&self, x: usize, y: usize) -> Colour {
         Colour(self.pixels[y * self.size[0] + x])
     }
 
-    /// Puts a pixel, where it is in the image.
+    /// Sets a pixel; ignores coordinates outside the image.
     pub fn put(&mut self, x: usize, y: usize, colour: Colour) {
         if x < self.size[0] && y < self.size[1] {
             self.pixels[y * self.size[0] + x] = colour.0;
         }
     }
 
-    /// The pixels of a row.
+    /// Pixels of a row.
     ///
     /// # Panics
-    /// When there is no such row.
+    /// If the row does not exist.
     pub fn row(&mut self, y: usize) -> &mut [[u8; 3]] {
         &mut self.pixels[y * self.size[0]..(y + 1) * self.size[0]]
     }
 
-    /// Fills a rectangle.
+    /// Fills a rectangle, clipped to the image.
     pub fn fill(&mut self, [x, y]: [usize; 2], [width, height]: [usize; 2], colour: Colour) {
         let (left, right) = (x.min(self.size[0]), (x + width).min(self.size[0]));
         for row in y..(y + height).min(self.size[1]) {
@@ -157,7 +157,7 @@ impl Canvas {
         }
     }
 
-    /// Copies an image to a place.
+    /// Copies another image to a position, clipped to this image.
     pub fn paste(&mut self, other: &Self, [x, y]: [usize; 2]) {
         let left = x.min(self.size[0]);
         let width = other.size[0].min(self.size[0] - left);
@@ -166,7 +166,7 @@ impl Canvas {
         }
     }
 
-    /// Writes a line of text with its upper left corner at a place; letters that the font lacks become `?`.
+    /// Writes a line of text with its upper left corner at a position. Characters missing from the font become `?`.
     pub fn text(&mut self, [x, y]: [usize; 2], text: &str, colour: Colour) {
         for (i, letter) in text.chars().enumerate() {
             let Some(raster) = get_raster(letter, WEIGHT, HEIGHT).or_else(|| get_raster('?', WEIGHT, HEIGHT)) else {
@@ -184,10 +184,10 @@ impl Canvas {
         }
     }
 
-    /// The image as PNG; the same bytes for the same pixels.
+    /// Encodes the image as PNG. Equal pixels give equal bytes.
     ///
     /// # Errors
-    /// Those of the encoder.
+    /// [`RenderError::Png`] from the encoder, or [`RenderError::TooLarge`].
     pub fn png(&self) -> Result<Vec<u8>, RenderError> {
         let mut file = Vec::new();
         let side = |k: usize| u32::try_from(self.size[k]).map_err(|_| RenderError::TooLarge);
@@ -202,7 +202,7 @@ impl Canvas {
     }
 }
 
-/// The width of a text of `letters` letters, in pixels.
+/// Width of a text in pixels, given its number of characters.
 #[must_use]
 pub fn text_width(letters: usize) -> usize {
     letters * get_raster_width(WEIGHT, HEIGHT)

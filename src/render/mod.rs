@@ -1,7 +1,8 @@
-//! Pictures and coloured meshes of what was found on a mesh, and of what became of it.
+//! Pictures and coloured meshes of a mesh's defects, and of the changes by a repair.
 //!
-//! [`Scene`] lays a mesh and its findings out once; [`write_picture`], [`write_glb`] and [`write_ply`] draw it, and
-//! [`draw_repaired`] and [`draw_inspected`] make the files that go beside a result. The colours are in [`palette`].
+//! [`Scene`] lays out a mesh and its findings once; [`write_picture`], [`write_glb`] and [`write_ply`] draw the
+//! scene. [`draw_repaired`], [`draw_inspected`] and [`draw_change`] make the files that accompany a result.
+//! [`palette`] has the colours.
 
 mod export;
 mod image;
@@ -17,43 +18,44 @@ pub use picture::write_picture;
 pub use scene::{Dot, Frame, RenderError, Scene, Segment, Shows};
 
 use crate::context::Context;
-use crate::inspect::{Fates, Findings};
+use crate::inspect::{Findings, SurfaceProvenance};
 use crate::mesh::Soup;
 
-/// A mesh of more faces gets a coarse preview too, of at most so many.
+/// A mesh with more faces than `LARGE` also gets a coarse preview of at most `PREVIEW` faces.
 const LARGE: u64 = 400_000;
 const PREVIEW: usize = 150_000;
-/// The drawing of what is wrong with a result.
+/// Name of the drawing of a result's remaining defects.
 pub const REMAINING: &str = "remaining.glb";
 
-/// A mesh and what was found on it.
+/// A mesh with its findings.
 #[derive(Debug, Clone, Copy)]
 pub struct Marked<'a> {
-    /// The mesh, as its file has it.
+    /// The mesh, with the faces of its file.
     pub soup: &'a Soup,
-    /// What was found, with a mark for each of its faces.
+    /// Findings, with a mark for each face of the mesh.
     pub findings: &'a Findings,
 }
 
-/// A file that shows what was found.
+/// A rendered file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drawing {
-    /// Its name.
+    /// Name of the file.
     pub name: &'static str,
-    /// Its bytes.
+    /// Contents of the file.
     pub bytes: Vec<u8>,
 }
 
-/// The drawings of an inspection: `defects.png`, `defects.glb` and `defects.ply`, and of a large mesh `defects-preview.glb`.
+/// Draws an inspected mesh: `defects.png`, `defects.glb` and `defects.ply`, and `defects-preview.glb` for a large
+/// mesh.
 ///
 /// # Errors
 /// The first [`RenderError`].
 pub fn draw_inspected(marked: Marked<'_>, context: &Context<'_>) -> Result<Vec<Drawing>, RenderError> {
-    draw_input(marked, "defects.png", "found", context)
+    draw_input(marked, "defects.png", "inspected", context)
 }
 
-/// The drawings of a repair: `before.png`, `defects.glb` and `defects.ply` of the input, and `after.png` of the result,
-/// where there is one; of a large input `defects-preview.glb`.
+/// Draws a repair: `before.png`, `defects.glb` and `defects.ply` of the input, `defects-preview.glb` of a large
+/// input, and `after.png` of the result, if any.
 ///
 /// # Errors
 /// The first [`RenderError`].
@@ -70,7 +72,7 @@ pub fn draw_repaired(
     Ok(drawings)
 }
 
-/// The drawing of what is wrong with a result that is not printable: `remaining.glb`.
+/// Draws the remaining defects of a result that is not printable: `remaining.glb`.
 ///
 /// # Errors
 /// [`RenderError`].
@@ -79,13 +81,17 @@ pub fn draw_remaining(after: Marked<'_>, context: &Context<'_>) -> Result<Drawin
     Ok(Drawing { name: REMAINING, bytes: write_glb(&scene, context)? })
 }
 
-/// The drawings of what became of a mesh: `change.png`, `change.glb` and `change.ply`, and of a large one `change-preview.glb`. `after`
-/// is the result as its file has it.
+/// Draws the changes by a repair: `change.png`, `change.glb` and `change.ply`, and `change-preview.glb` for a large
+/// mesh. `after` is the result, with the faces of its file.
 ///
 /// # Errors
 /// The first [`RenderError`].
-pub fn draw_change(after: &Soup, fates: &Fates, context: &Context<'_>) -> Result<Vec<Drawing>, RenderError> {
-    let scene = Scene::of_change(after, fates, context)?;
+pub fn draw_change(
+    after: &Soup,
+    provenance: &SurfaceProvenance,
+    context: &Context<'_>,
+) -> Result<Vec<Drawing>, RenderError> {
+    let scene = Scene::of_change(after, provenance, context)?;
     let mut drawings = vec![
         Drawing { name: "change.png", bytes: write_picture(&scene, "change", context)? },
         Drawing { name: "change.glb", bytes: write_glb(&scene, context)? },
@@ -115,23 +121,24 @@ fn draw_input(
     Ok(drawings)
 }
 
-/// A coarse mesh of a scene that is large.
+/// Writes a coarse version of a scene.
 fn preview(name: &'static str, scene: &Scene, context: &Context<'_>) -> Result<Drawing, RenderError> {
     Ok(Drawing { name, bytes: write_glb(&scene.coarse(PREVIEW, context)?, context)? })
 }
 
-/// Whether a mesh of so many faces gets a preview.
+/// Whether a mesh with this number of faces gets a preview.
 fn is_large(faces: u64) -> bool {
     faces > LARGE
 }
 
-/// The names of the drawings of an inspection of a mesh of so many faces.
+/// Names of the drawings of an inspected mesh with this number of faces.
 #[must_use]
 pub fn names_of_inspection(faces: u64) -> Vec<&'static str> {
     names_of_input("defects.png", faces)
 }
 
-/// The names of the drawings of a repair and of what became of the mesh, by the faces of the input and of the result, where there is one.
+/// Names of the drawings of a repair and its changes, given the number of faces of the input and of the result, if
+/// any.
 #[must_use]
 pub fn names_of_repair(before: u64, after: Option<u64>) -> Vec<&'static str> {
     let mut names = names_of_input("before.png", before);

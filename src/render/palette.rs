@@ -1,12 +1,12 @@
-//! What each kind of defect looks like and is called, and which of several is shown.
+//! Colours, names and severity order of defect kinds, and the legends of drawings.
 
 use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use crate::inspect::{DefectKind, Fate, Findings, SurfaceShares};
+use crate::inspect::{DefectKind, Findings, Provenance, SurfaceShares};
 
-/// A colour in sRGB.
+/// An sRGB colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Colour(pub [u8; 3]);
 
@@ -16,7 +16,7 @@ impl Colour {
         Self([r, g, b])
     }
 
-    /// This colour with the share `other` (0 to 1) of another one.
+    /// Mixes this colour with a share (0 to 1) of another.
     #[must_use]
     pub fn mixed(self, other: Self, share: f32) -> Self {
         Self(std::array::from_fn(|i| {
@@ -25,13 +25,13 @@ impl Colour {
         }))
     }
 
-    /// This colour with its light multiplied.
+    /// Multiplies the colour by a light intensity.
     #[must_use]
     pub fn lit(self, by: f32) -> Self {
         Self(self.0.map(|c| to_byte(f32::from(c) * by)))
     }
 
-    /// The three channels in linear light, 0 to 1, as glTF wants them.
+    /// The channels in linear light, from 0 to 1, as glTF requires.
     #[must_use]
     pub fn linear(self) -> [f64; 3] {
         self.0.map(|c| {
@@ -59,28 +59,28 @@ impl Serialize for Colour {
     }
 }
 
-/// Surface with nothing wrong.
+/// Colour of surface without defects.
 pub const SOUND: Colour = Colour::hex(0xC4_C4_C4);
-/// The inner side of sound surface: where it is seen, there is a hole, or a face is turned.
+/// Colour of the inner side of surface without defects. Its visibility indicates a hole or a flipped face.
 pub const INSIDE: Colour = Colour::hex(0x65_31_3F);
 
-/// How a kind of defect is shown.
+/// How a defect kind is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// Its faces are coloured, and a small one gets a dot.
+    /// Colours its faces, and adds a dot to a small one.
     Faces,
-    /// Whole parts are coloured.
+    /// Colours whole parts.
     Parts,
-    /// Its line is drawn, and the faces beside it are tinted.
+    /// Draws its line, and tints the adjacent faces.
     Line,
-    /// A dot is drawn, and the faces around it are tinted.
+    /// Draws a dot, and tints the adjacent faces.
     Point,
 }
 
-/// The kinds, gravest first: of several that a face has part in, it is shown in the first.
+/// Defect kinds in order of severity. A face with several kinds is drawn as the first one.
 ///
-/// Crossings and bad edges come before what a clean-up mends, kinds that colour faces before those that only tint the
-/// neighbours of a line or a point, and what concerns whole parts comes last, since it would hide all the others.
+/// Intersections and bad edges precede kinds that a clean-up repairs. Kinds that colour faces precede kinds that only
+/// tint the faces near a line or point. Kinds of whole parts come last, since they would hide all others.
 pub const BY_GRAVITY: [DefectKind; DefectKind::ALL.len()] = [
     DefectKind::Corrupt,
     DefectKind::SelfIntersection,
@@ -104,25 +104,25 @@ pub const BY_GRAVITY: [DefectKind; DefectKind::ALL.len()] = [
     DefectKind::Disjoint,
 ];
 
-/// How one kind looks and what it is called.
+/// Colour, drawing style and names of a defect kind.
 #[derive(Debug, Clone, Copy)]
-struct Look {
+struct Style {
     colour: Colour,
     shape: Shape,
     one: &'static str,
     many: &'static str,
 }
 
-/// One hue a family: yellows and orange where the surface is open, red where it crosses, purples where it is not
-/// manifold, blues where it is turned, greens where a face is too much, greys where a part is only remarked on. The
-/// anchors are of Okabe and Ito's palette; the others were moved until every two differ by at least 17 in CIE L\*a\*b\*, for
-/// normal sight and for deuteranopia and protanopia (the greys by 12). A test holds them to it.
-const fn look(kind: DefectKind) -> Look {
+/// One hue per family: yellow and orange for open surface, red for intersections, purple for non-manifold elements,
+/// blue for wrong orientation, green for superfluous faces, grey for remarks on parts. The base colours are from
+/// Okabe and Ito's palette. The others were adjusted until any two differ by at least 17 in CIE L\*a\*b\* (the greys
+/// by 12), for normal vision, deuteranopia and protanopia. A test checks these distances.
+const fn style(kind: DefectKind) -> Style {
     use DefectKind as K;
     use Shape::{Faces, Line, Parts, Point};
     let (rgb, shape, one, many) = match kind {
         K::Disjoint => (0xA9_B8_CC, Parts, "separate part", "separate parts"),
-        K::Foldover => (0xFA_9F_5A, Faces, "face folded over", "faces folded over"),
+        K::Foldover => (0xFA_9F_5A, Faces, "foldover", "foldovers"),
         K::FlatFace => (0x96_FA_C3, Faces, "flat face", "flat faces"),
         K::DegenerateFace => (0x00_9E_73, Faces, "degenerate face", "degenerate faces"),
         K::Slit => (0xFA_FA_2E, Line, "slit", "slits"),
@@ -138,55 +138,55 @@ const fn look(kind: DefectKind) -> Look {
         K::InvertedPart => (0x4B_5F_D6, Parts, "part inside out", "parts inside out"),
         K::DuplicateFace => (0x10_75_14, Faces, "duplicate face", "duplicate faces"),
         K::OppositeFace => (0xC3_F7_5E, Faces, "opposite face", "opposite faces"),
-        K::Sheet => (0xA2_7A_A9, Faces, "sheet of no thickness", "sheets of no thickness"),
-        K::InnerShell => (0xC2_C2_8B, Parts, "shell inside another", "shells inside another"),
+        K::Sheet => (0xA2_7A_A9, Faces, "zero-thickness sheet", "zero-thickness sheets"),
+        K::InnerShell => (0xC2_C2_8B, Parts, "nested shell", "nested shells"),
         K::TinyPart => (0x53_70_72, Parts, "tiny part", "tiny parts"),
     };
-    Look { colour: Colour::hex(rgb), shape, one, many }
+    Style { colour: Colour::hex(rgb), shape, one, many }
 }
 
-/// The colour of a kind.
+/// Colour of a defect kind.
 #[must_use]
 pub fn colour(kind: DefectKind) -> Colour {
-    look(kind).colour
+    style(kind).colour
 }
 
-/// How a kind is shown.
+/// Drawing style of a defect kind.
 #[must_use]
 pub fn shape(kind: DefectKind) -> Shape {
-    look(kind).shape
+    style(kind).shape
 }
 
-/// What a kind is called when there are `count` of it.
+/// Display name of a defect kind, singular or plural for `count`.
 #[must_use]
 pub fn in_words(kind: DefectKind, count: u64) -> &'static str {
-    if count == 1 { look(kind).one } else { look(kind).many }
+    if count == 1 { style(kind).one } else { style(kind).many }
 }
 
-/// The name of a kind as in reports, such as `non_manifold_edge`.
+/// Name of a defect kind in reports, such as `non_manifold_edge`.
 #[must_use]
 pub fn id(kind: DefectKind) -> String {
     serde_json::to_value(kind).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// The colour of surface by what became of it: four of the colours of defects, so that the same test holds them apart.
+/// Colour of surface by provenance: four of the defect colours, so that the same test keeps them distinguishable.
 #[must_use]
-pub fn fate_colour(fate: Fate) -> Colour {
-    match fate {
-        Fate::Kept => SOUND,
-        Fate::Moved => colour(DefectKind::Hole),
-        Fate::Added => colour(DefectKind::MisorientedEdge),
-        Fate::Removed => colour(DefectKind::SelfIntersection),
+pub fn provenance_colour(provenance: Provenance) -> Colour {
+    match provenance {
+        Provenance::Kept => SOUND,
+        Provenance::Moved => colour(DefectKind::Hole),
+        Provenance::Added => colour(DefectKind::MisorientedEdge),
+        Provenance::Removed => colour(DefectKind::SelfIntersection),
     }
 }
 
-/// The name of a fate as in reports, such as `kept`.
+/// Name of a provenance in reports, such as `kept`.
 #[must_use]
-pub fn fate_id(fate: Fate) -> String {
-    serde_json::to_value(fate).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
+pub fn provenance_id(provenance: Provenance) -> String {
+    serde_json::to_value(provenance).ok().and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// The colour of a face: of its kind, or a tint of it where the kind is a line or a point.
+/// Colour of a face with this defect kind: the kind's colour, or a tint for kinds drawn as a line or point.
 #[must_use]
 pub fn face_colour(kind: DefectKind) -> Colour {
     match shape(kind) {
@@ -195,7 +195,7 @@ pub fn face_colour(kind: DefectKind) -> Colour {
     }
 }
 
-/// The gravest kind of a face's marks.
+/// The most severe kind among a face's marks.
 #[must_use]
 pub fn gravest(marks: u32) -> Option<DefectKind> {
     if marks == 0 {
@@ -204,51 +204,52 @@ pub fn gravest(marks: u32) -> Option<DefectKind> {
     BY_GRAVITY.into_iter().find(|kind| marks & kind.bit() != 0)
 }
 
-/// What a face is shown as.
+/// How a face is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Paint {
-    /// Surface with nothing wrong.
+    /// Surface without defects.
     Sound,
-    /// Part of a defect.
+    /// Surface with a defect.
     Defect(DefectKind),
-    /// Surface of a comparison, by what happened to it.
-    Fate(Fate),
+    /// Surface in a drawing of changes, by provenance.
+    Provenance(Provenance),
 }
 
 impl Paint {
-    /// Its colour.
+    /// Colour of the face.
     #[must_use]
     pub fn colour(self) -> Colour {
         match self {
             Self::Sound => SOUND,
             Self::Defect(kind) => face_colour(kind),
-            Self::Fate(fate) => fate_colour(fate),
+            Self::Provenance(provenance) => provenance_colour(provenance),
         }
     }
 
-    /// Its name in files and reports.
+    /// Name in files and reports.
     #[must_use]
     pub fn id(self) -> String {
         match self {
             Self::Sound => "sound".to_owned(),
             Self::Defect(kind) => id(kind),
-            Self::Fate(fate) => fate_id(fate),
+            Self::Provenance(provenance) => provenance_id(provenance),
         }
     }
 
-    /// Whether it marks unchanged or sound surface, which is most of it; a sample of such faces is enough.
+    /// Whether this is sound or kept surface, the majority, of which drawings may show only a sample.
     #[must_use]
     pub fn is_plain(self) -> bool {
-        matches!(self, Self::Sound | Self::Fate(Fate::Kept))
+        matches!(self, Self::Sound | Self::Provenance(Provenance::Kept))
     }
 
-    /// Its number in files: 0 for sound surface and from 1 for the kinds of defect; in a comparison, from 0 for each [`Fate`].
+    /// Number in files: 0 for sound surface and 1 plus the kind's number for a defect; in a drawing of changes, the
+    /// number of the [`Provenance`].
     #[must_use]
     pub fn number(self) -> u8 {
         match self {
             Self::Sound => 0,
             Self::Defect(kind) => 1 + kind as u8,
-            Self::Fate(fate) => fate as u8,
+            Self::Provenance(provenance) => provenance as u8,
         }
     }
 }
@@ -259,27 +260,27 @@ impl Serialize for Paint {
     }
 }
 
-/// One line of a legend.
+/// An entry of a legend.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LegendEntry {
-    /// Which kind, or which fate, by its name in reports.
+    /// The defect kind or provenance, by its name in reports.
     pub kind: Paint,
-    /// Its name in words.
+    /// Display name.
     pub name: &'static str,
-    /// Its colour, as `#RRGGBB` in JSON.
+    /// Colour, as `#RRGGBB` in JSON.
     pub colour: Colour,
-    /// How many of it there are.
+    /// Number of defects of this kind, or of faces with this provenance.
     pub count: u64,
-    /// The area of so much surface, in the square of the model's unit; none for defects.
+    /// Area with this provenance, in square model units; absent for defects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub area: Option<f64>,
 }
 
-/// The kinds that were found, gravest first.
+/// Legend of the defect kinds found, most severe first.
 #[must_use]
 pub fn legend(findings: &Findings) -> Vec<LegendEntry> {
-    let found = BY_GRAVITY.into_iter().filter(|&kind| findings.count(kind) > 0);
-    found
+    let kinds = BY_GRAVITY.into_iter().filter(|&kind| findings.count(kind) > 0);
+    kinds
         .map(|kind| {
             let count = findings.count(kind);
             LegendEntry {
@@ -293,38 +294,38 @@ pub fn legend(findings: &Findings) -> Vec<LegendEntry> {
         .collect()
 }
 
-/// All four fates, also those of no surface, so that the colours can be read.
+/// Legend of all four provenances, including those without surface.
 #[must_use]
 pub fn legend_of_change(shares: &SurfaceShares) -> Vec<LegendEntry> {
-    let entry = |fate| {
-        let (share, name) = match fate {
-            Fate::Kept => (shares.kept, "faces kept"),
-            Fate::Moved => (shares.moved, "faces moved"),
-            Fate::Added => (shares.added, "faces added"),
-            Fate::Removed => (shares.removed, "faces removed, in part or whole"),
+    let entry = |provenance| {
+        let (share, name) = match provenance {
+            Provenance::Kept => (shares.kept, "faces kept"),
+            Provenance::Moved => (shares.moved, "faces moved"),
+            Provenance::Added => (shares.added, "faces added"),
+            Provenance::Removed => (shares.removed, "faces removed, wholly or partly"),
         };
         LegendEntry {
-            kind: Paint::Fate(fate),
+            kind: Paint::Provenance(provenance),
             name,
-            colour: fate_colour(fate),
+            colour: provenance_colour(provenance),
             count: share.faces,
             area: Some(share.area),
         }
     };
-    Fate::ALL.map(entry).to_vec()
+    Provenance::ALL.map(entry).to_vec()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Machado, Oliveira and Fernandes 2009, severity 1: what is left of linear light.
+    /// Remaining linear light for protanopia and deuteranopia at severity 1 (Machado, Oliveira and Fernandes 2009).
     const SIGHTS: [[[f64; 3]; 3]; 3] = [
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
         [[0.367_322, 0.860_646, -0.227_968], [0.280_085, 0.672_501, 0.047_413], [-0.011_820, 0.042_940, 0.968_881]],
         [[0.152_286, 1.052_583, -0.204_868], [0.114_503, 0.786_281, 0.099_216], [-0.003_882, -0.048_116, 1.051_998]],
     ];
-    /// sRGB to XYZ, each row divided by the white point (D65).
+    /// Matrix from linear sRGB to XYZ, each row divided by the white point D65.
     const XYZ: [[f64; 3]; 3] =
         [[0.433_91, 0.376_23, 0.189_86], [0.212_67, 0.715_15, 0.072_18], [0.017_76, 0.109_47, 0.872_77]];
 
@@ -339,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn every_two_colours_differ_for_normal_sight_and_for_the_colour_blind() {
+    fn any_two_colours_differ_with_and_without_colour_blindness() {
         let grey = [SOUND, colour(DefectKind::Disjoint)];
         let mut all: Vec<Colour> = DefectKind::ALL.into_iter().map(colour).collect();
         all.extend([SOUND, INSIDE]);
@@ -355,14 +356,14 @@ mod tests {
     }
 
     #[test]
-    fn the_order_of_gravity_has_every_kind_once() {
+    fn the_severity_order_has_every_kind_once() {
         let mut kinds = BY_GRAVITY.to_vec();
         kinds.sort_unstable();
         assert_eq!(kinds, DefectKind::ALL);
     }
 
     #[test]
-    fn a_face_of_several_kinds_is_shown_in_the_gravest() {
+    fn a_face_with_several_kinds_is_drawn_as_the_most_severe() {
         let marks = DefectKind::Disjoint.bit() | DefectKind::Hole.bit() | DefectKind::SelfIntersection.bit();
         assert_eq!(gravest(marks), Some(DefectKind::SelfIntersection));
         assert_eq!(gravest(DefectKind::Disjoint.bit()), Some(DefectKind::Disjoint));
@@ -370,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn the_legend_names_what_was_found_with_its_count() {
+    fn the_legend_lists_the_found_kinds_with_their_counts() {
         let mut findings = Findings::new(4, 4);
         let defect = |face| crate::inspect::Defect {
             at: [0.0; 3],

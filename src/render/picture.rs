@@ -1,59 +1,61 @@
+//! Pictures as PNG: four views of a scene with header, legend and scale bars.
+
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::image::{Camera, Canvas, SAMPLES, VIEWS, View, text_width};
 use super::overlay::Overlay;
 use super::palette::{Colour, INSIDE, Paint};
-use super::raster::{Faces, Raster, Seen};
+use super::raster::{Faces, Fragment, Raster};
 use super::scene::{RenderError, Scene, Shows};
 use crate::context::Context;
-use crate::inspect::Fate;
+use crate::inspect::Provenance;
 
-/// Width and height of a picture in pixels.
+/// Width and height of a picture, in pixels.
 const SIZE: [usize; 2] = [960, 720];
-/// Share of the width that the large view has, in percent.
+/// Width of the large view, in percent of the picture.
 const LARGE_PCT: usize = 66;
-/// Heights of the line above the views and of a line of the legend.
+/// Heights of the header and of a legend line, in pixels.
 const HEADER: usize = 30;
 const LINE: usize = 20;
-/// Width of a column of the legend.
+/// Width of a legend column, in pixels.
 const COLUMN: usize = 320;
-/// Space between views, and around the mesh in its view.
+/// Space between views, and margin around the mesh in a view, in pixels.
 const GAP: usize = 4;
 const MARGIN: usize = 22;
-/// Samples of one view from which on the inner side is worth a word.
-const WORTH_A_WORD: usize = 40;
+/// Number of samples of one view from which the legend mentions the inner side.
+const MIN_INSIDE_SAMPLES: usize = 40;
 
 const PAPER: Colour = Colour([0xFF; 3]);
 const PANEL: Colour = Colour([0xF1, 0xF3, 0xF6]);
 const INK: Colour = Colour([0x1E, 0x24, 0x2C]);
 const FAINT: Colour = Colour([0x6B, 0x75, 0x82]);
 
-/// Draws a mesh from four fixed sides with its defects in colour, a legend with counts, a scale and the size of its
-/// box, as PNG. `title` stands above.
+/// Draws a scene as PNG: four fixed views with defects in colour, a legend with counts, a scale bar, and the size of
+/// the bounding box. `title` starts the header.
 ///
 /// # Errors
-/// [`RenderError::Cancelled`] when the work should stop, [`RenderError::Png`] from the encoder.
+/// [`RenderError::Cancelled`] on cancellation, [`RenderError::Png`] from the encoder.
 pub fn write_picture(scene: &Scene, title: &str, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
     context.check()?;
     let points: Vec<Vec3> = scene.surface.positions.iter().map(|&p| scene.frame.to_cube(p).as_vec3()).collect();
-    let key_lines = (scene.legend.len() + 1).div_ceil(SIZE[0] / COLUMN);
-    let footer = key_lines * LINE + 8;
-    let places = layout([SIZE[0], SIZE[1] - HEADER - footer]);
-    // Each view is drawn by itself, so that the picture is the same for any number of threads.
-    let drawn: Vec<Drawn> =
-        VIEWS.par_iter().zip(&places).map(|(view, &[_, size])| draw_view(scene, &points, view, size)).collect();
+    let legend_lines = (scene.legend.len() + 1).div_ceil(SIZE[0] / COLUMN);
+    let footer = legend_lines * LINE + 8;
+    let rectangles = layout([SIZE[0], SIZE[1] - HEADER - footer]);
+    // Each view is drawn by one thread, so that the picture does not depend on the number of threads.
+    let drawn: Vec<RenderedView> =
+        VIEWS.par_iter().zip(&rectangles).map(|(view, &[_, size])| draw_view(scene, &points, view, size)).collect();
     context.check()?;
     let mut canvas = Canvas::new(SIZE, PAPER);
-    for (it, [[x, y], _]) in drawn.iter().zip(places) {
-        canvas.paste(&it.canvas, [x, y + HEADER]);
+    for (view, [[x, y], _]) in drawn.iter().zip(rectangles) {
+        canvas.paste(&view.canvas, [x, y + HEADER]);
     }
-    header(&mut canvas, scene, title, drawn.iter().map(|it| it.every).max().unwrap_or(1));
-    key(&mut canvas, scene, drawn.iter().any(|it| it.inside), SIZE[1] - footer + 4);
+    draw_header(&mut canvas, scene, title, drawn.iter().map(|view| view.every).max().unwrap_or(1));
+    draw_legend(&mut canvas, scene, drawn.iter().any(|view| view.inside), SIZE[1] - footer + 4);
     canvas.png()
 }
 
-/// Where the views are: the large one at the left, the others below one another at the right.
+/// Positions and sizes of the views: the large one on the left, the others stacked on the right.
 fn layout([width, height]: [usize; 2]) -> [[[usize; 2]; 2]; 4] {
     let large = width * LARGE_PCT / 100;
     let small = (height - 2 * GAP) / 3;
@@ -61,36 +63,36 @@ fn layout([width, height]: [usize; 2]) -> [[[usize; 2]; 2]; 4] {
     [[[0, 0], [large, 3 * small + 2 * GAP]], at(0), at(1), at(2)]
 }
 
-/// One view.
-struct Drawn {
+/// One rendered view.
+struct RenderedView {
     canvas: Canvas,
     inside: bool,
     every: usize,
 }
 
-fn draw_view(scene: &Scene, points: &[Vec3], view: &View, size: [usize; 2]) -> Drawn {
+fn draw_view(scene: &Scene, points: &[Vec3], view: &View, size: [usize; 2]) -> RenderedView {
     let camera = Camera::new(view, &scene.surface, points, size, MARGIN);
     let (faces, mut overlay) = (Faces::new(scene, points, &camera), Overlay::new(scene, &camera));
     let (mut canvas, mut inside) = (Canvas::new(size, PANEL), 0);
     faces.draw(PANEL, |raster| {
         overlay.draw(raster);
-        resolve(raster, &mut canvas);
+        average_samples(raster, &mut canvas);
         inside += raster.inside();
     });
     canvas.text([8, 4], view.name, FAINT);
     if !scene.surface.faces.is_empty() {
-        scale_bar(&mut canvas, camera.pixels_a_unit(&scene.frame));
+        scale_bar(&mut canvas, camera.pixels_per_unit(&scene.frame));
     }
-    Drawn { canvas, inside: inside >= WORTH_A_WORD, every: faces.every }
+    RenderedView { canvas, inside: inside >= MIN_INSIDE_SAMPLES, every: faces.every }
 }
 
-/// Takes the mean of each pixel's samples.
-fn resolve(raster: &Raster, canvas: &mut Canvas) {
-    for (y, rows) in (raster.rows.start / SAMPLES..).zip(raster.seen.chunks_exact(SAMPLES * raster.width)) {
+/// Averages each pixel's samples.
+fn average_samples(raster: &Raster, canvas: &mut Canvas) {
+    for (y, rows) in (raster.rows.start / SAMPLES..).zip(raster.fragments.chunks_exact(SAMPLES * raster.width)) {
         let (upper, lower) = rows.split_at(raster.width);
         let samples = upper.as_chunks::<SAMPLES>().0.iter().zip(lower.as_chunks::<SAMPLES>().0);
         for (pixel, (&[a, b], &[c, d])) in canvas.row(y).iter_mut().zip(samples) {
-            let colour = if a == b && a == c && a == d { a.colour() } else { mean([a, b, c, d].map(Seen::colour)) };
+            let colour = if a == b && a == c && a == d { a.colour() } else { mean([a, b, c, d].map(Fragment::colour)) };
             *pixel = colour.0;
         }
     }
@@ -101,18 +103,18 @@ fn mean(four: [Colour; 4]) -> Colour {
     Colour([0, 1, 2].map(|k| ((four.iter().map(|colour| u16::from(colour.0[k])).sum::<u16>() + 2) / 4) as u8))
 }
 
-/// A bar of a round length, at most a quarter of the view, with the length beside it.
-fn scale_bar(canvas: &mut Canvas, pixels_a_unit: f64) {
+/// Draws a scale bar with a round length, at most a quarter of the view's width, and the length next to it.
+fn scale_bar(canvas: &mut Canvas, pixels_per_unit: f64) {
     #[expect(clippy::cast_precision_loss, reason = "an image's size")]
-    let room = canvas.size[0] as f64 / 4.0;
-    let longest = room / pixels_a_unit;
+    let available = canvas.size[0] as f64 / 4.0;
+    let longest = available / pixels_per_unit;
     if !longest.is_finite() || longest <= 0.0 {
         return;
     }
     let decade = 10f64.powf(longest.log10().floor());
     let length = [5.0, 2.0, 1.0].into_iter().map(|d| d * decade).find(|&l| l <= longest).unwrap_or(decade);
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "no more than a quarter of the view")]
-    let pixels = (length * pixels_a_unit).round() as usize;
+    let pixels = (length * pixels_per_unit).round() as usize;
     let y = canvas.size[1] - 12;
     canvas.fill([10, y], [pixels, 2], INK);
     canvas.fill([10, y - 3], [2, 8], INK);
@@ -120,23 +122,26 @@ fn scale_bar(canvas: &mut Canvas, pixels_a_unit: f64) {
     canvas.text([16 + pixels, y - 8], &number(length), INK);
 }
 
-fn header(canvas: &mut Canvas, scene: &Scene, title: &str, every: usize) {
+fn draw_header(canvas: &mut Canvas, scene: &Scene, title: &str, every: usize) {
     let faces = scene.surface.faces.len();
-    let found = match scene.shows {
+    let suffix = match scene.shows {
         Shows::Defects => {
-            let found: u64 = scene.legend.iter().map(|entry| entry.count).sum();
-            format!(", {found} finding{}", plural(found))
+            let count: u64 = scene.legend.iter().map(|entry| entry.count).sum();
+            format!(", {count} finding{}", plural(count))
         }
-        // The faces drawn are those of the result and what was removed.
+        // The drawn faces are those of the result and the removed ones.
         Shows::Change
-            if scene.legend.iter().any(|entry| entry.kind == Paint::Fate(Fate::Removed) && entry.count > 0) =>
+            if scene
+                .legend
+                .iter()
+                .any(|entry| entry.kind == Paint::Provenance(Provenance::Removed) && entry.count > 0) =>
         {
-            ", removed ones among them".to_owned()
+            ", including removed faces".to_owned()
         }
         Shows::Change => String::new(),
     };
-    let part = if every > 1 { format!(" (one of {every} drawn)") } else { String::new() };
-    let text = format!("{title}: {faces} face{}{part}{found}", plural(faces as u64));
+    let part = if every > 1 { format!(" (1 in {every} drawn)") } else { String::new() };
+    let text = format!("{title}: {faces} face{}{part}{suffix}", plural(faces as u64));
     canvas.text([8, 7], &text, INK);
     if faces > 0 {
         let [x, y, z] = scene.frame.sides().to_array().map(number);
@@ -150,16 +155,16 @@ fn plural(count: u64) -> &'static str {
     if count == 1 { "" } else { "s" }
 }
 
-/// The legend, column by column, and what else must be known to read the picture.
-fn key(canvas: &mut Canvas, scene: &Scene, inside: bool, top: usize) {
+/// Draws the legend column by column, with further hints for reading the picture.
+fn draw_legend(canvas: &mut Canvas, scene: &Scene, inside: bool, top: usize) {
     let mut lines: Vec<(Option<Colour>, String)> =
         scene.legend.iter().map(|e| (Some(e.colour), format!("{} {}", e.count, e.name))).collect();
     if scene.surface.faces.is_empty() {
-        lines.push((None, "there is no face to draw".to_owned()));
+        lines.push((None, "no faces to draw".to_owned()));
     } else if inside {
         lines.push((Some(INSIDE), "inner side of the surface".to_owned()));
     } else if lines.is_empty() {
-        lines.push((None, "nothing was found".to_owned()));
+        lines.push((None, "no defects found".to_owned()));
     }
     let columns = SIZE[0] / COLUMN;
     let rows = lines.len().div_ceil(columns);
@@ -173,7 +178,7 @@ fn key(canvas: &mut Canvas, scene: &Scene, inside: bool, top: usize) {
     }
 }
 
-/// A length in at most five digits.
+/// Formats a length with few digits: at most five, or in scientific notation.
 fn number(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -204,7 +209,7 @@ mod tests {
     const ABOVE: usize = 3;
     const BELOW: usize = 1;
 
-    /// A cube of side 2 around the origin, its top in the last two faces.
+    /// A cube of side 2 around the origin; its last two faces are the top.
     fn cube() -> Soup {
         let positions = (0..8).map(|i| DVec3::new(side(i & 1), side(i >> 1 & 1), side(i >> 2))).collect();
         let quads = [[0, 2, 3, 1], [0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6], [4, 5, 7, 6]];
@@ -224,14 +229,14 @@ mod tests {
         run(&Context::new(&NoProgress, &cancel, &clock, Duration::MAX))
     }
 
-    fn seen(soup: &Soup, findings: &Findings, view: usize) -> Drawn {
+    fn render_view(soup: &Soup, findings: &Findings, view: usize) -> RenderedView {
         let scene = with_context(|context| Scene::new(soup, findings, context)).unwrap();
         let points: Vec<Vec3> = scene.surface.positions.iter().map(|&p| scene.frame.to_cube(p).as_vec3()).collect();
         draw_view(&scene, &points, &VIEWS[view], [100, 80])
     }
 
-    /// The pixels above the line with the scale that `is` takes.
-    fn count(drawn: &Drawn, is: impl Fn([u8; 3]) -> bool) -> usize {
+    /// Number of pixels that satisfy `is`, excluding the caption and the scale bar.
+    fn count(drawn: &RenderedView, is: impl Fn([u8; 3]) -> bool) -> usize {
         let [width, height] = drawn.canvas.size;
         (24..height - 20)
             .flat_map(|y| (0..width).map(move |x| (x, y)))
@@ -252,49 +257,49 @@ mod tests {
     }
 
     #[test]
-    fn a_marked_face_has_its_kind_s_colour_where_it_is_seen_and_nowhere_from_behind() {
+    fn a_marked_face_shows_its_colour_from_the_front_only() {
         let mut findings = Findings::new(12, 10);
         findings.push(DefectKind::SelfIntersection, defect(&[10, 11], &[]));
-        let above = seen(&cube(), &findings, ABOVE);
+        let above = render_view(&cube(), &findings, ABOVE);
         assert!(count(&above, red) > 900, "{} pixels of the top", count(&above, red));
         assert_eq!(count(&above, sound), 0);
         for view in [BELOW, FRONT] {
-            assert_eq!(count(&seen(&cube(), &findings, view), red), 0);
+            assert_eq!(count(&render_view(&cube(), &findings, view), red), 0);
         }
-        assert_eq!(count(&seen(&cube(), &Findings::new(12, 10), ABOVE), red), 0);
-        assert!(count(&seen(&cube(), &Findings::new(12, 10), ABOVE), sound) > 900);
+        assert_eq!(count(&render_view(&cube(), &Findings::new(12, 10), ABOVE), red), 0);
+        assert!(count(&render_view(&cube(), &Findings::new(12, 10), ABOVE), sound) > 900);
     }
 
     #[test]
-    fn a_line_is_drawn_on_the_surface_and_hidden_behind_it() {
+    fn a_line_is_visible_on_the_surface_and_hidden_behind_it() {
         let mut findings = Findings::new(12, 10);
         findings.push(DefectKind::MisorientedEdge, defect(&[], &[[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0]]));
         findings.push(DefectKind::MisorientedEdge, defect(&[], &[[-0.5, 0.0, -1.0], [0.5, 0.0, -1.0]]));
-        assert!(count(&seen(&cube(), &findings, FRONT), blue) > 10);
+        assert!(count(&render_view(&cube(), &findings, FRONT), blue) > 10);
         let mut hidden = Findings::new(12, 10);
         hidden.push(DefectKind::MisorientedEdge, defect(&[], &[[-0.5, 0.0, -1.0], [0.5, 0.0, -1.0]]));
-        assert_eq!(count(&seen(&cube(), &hidden, ABOVE), blue), 0);
-        assert!(count(&seen(&cube(), &hidden, BELOW), blue) > 10);
+        assert_eq!(count(&render_view(&cube(), &hidden, ABOVE), blue), 0);
+        assert!(count(&render_view(&cube(), &hidden, BELOW), blue) > 10);
     }
 
     #[test]
-    fn the_inner_side_is_seen_through_a_hole_and_not_on_a_closed_cube() {
+    fn the_inner_side_is_visible_only_through_a_hole() {
         let open = Soup { faces: cube().faces[..10].to_vec(), ..cube() };
-        assert!(seen(&open, &Findings::new(10, 1), ABOVE).inside);
+        assert!(render_view(&open, &Findings::new(10, 1), ABOVE).inside);
         for view in 0..VIEWS.len() {
-            assert!(!seen(&cube(), &Findings::new(12, 1), view).inside);
+            assert!(!render_view(&cube(), &Findings::new(12, 1), view).inside);
         }
     }
 
     #[test]
-    fn of_faces_at_one_place_the_gravest_is_seen_whatever_their_order() {
+    fn the_most_severe_of_coincident_faces_is_visible() {
         for marked in [0, 1] {
             let mut soup = cube();
             soup.faces = vec![soup.faces[10], soup.faces[10]];
             let mut findings = Findings::new(2, 10);
             findings.push(DefectKind::SelfIntersection, defect(&[marked], &[]));
             findings.push(DefectKind::Disjoint, defect(&[1 - marked], &[]));
-            assert!(count(&seen(&soup, &findings, ABOVE), red) > 400);
+            assert!(count(&render_view(&soup, &findings, ABOVE), red) > 400);
         }
     }
 
@@ -306,12 +311,12 @@ mod tests {
         soup.faces.push([n, n + 1, n + 2]);
         let mut findings = Findings::new(13, 10);
         findings.push(DefectKind::SelfIntersection, Defect { at: [0.0, 0.0, 1.0], ..defect(&[12], &[]) });
-        assert!(count(&seen(&soup, &findings, ABOVE), red) > 10);
-        assert_eq!(count(&seen(&soup, &findings, BELOW), red), 0);
+        assert!(count(&render_view(&soup, &findings, ABOVE), red) > 10);
+        assert_eq!(count(&render_view(&soup, &findings, BELOW), red), 0);
     }
 
     #[test]
-    fn no_pixel_of_a_dense_surface_is_left_out() {
+    fn a_dense_surface_leaves_no_pixel_bare() {
         let n = 200u32;
         let mut soup = Soup::default();
         for i in 0..=n {
@@ -331,21 +336,21 @@ mod tests {
                 soup.faces.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
             }
         }
-        let drawn = seen(&soup, &Findings::new(soup.faces.len(), 1), ABOVE);
+        let drawn = render_view(&soup, &Findings::new(soup.faces.len(), 1), ABOVE);
         let [width, height] = drawn.canvas.size;
         let bare = (26..height - 26).flat_map(|y| (width / 2 - 14..width / 2 + 14).map(move |x| (x, y)));
         assert_eq!(bare.filter(|&(x, y)| drawn.canvas.get(x, y).0[0] > 205).count(), 0);
     }
 
     #[test]
-    fn sheets_without_end_are_drawn_in_part_and_their_defects_in_full() {
+    fn excessive_overdraw_samples_sound_faces_but_draws_all_defects() {
         let mut soup = cube();
         let top = soup.faces[10];
         soup.faces = vec![top; 200_000];
         let mut findings = Findings::new(soup.faces.len(), 10);
         findings.push(DefectKind::SelfIntersection, defect(&[123_457], &[]));
-        let drawn = seen(&soup, &findings, ABOVE);
-        assert!(drawn.every > 1, "all are drawn");
+        let drawn = render_view(&soup, &findings, ABOVE);
+        assert!(drawn.every > 1, "no face is skipped");
         assert!(count(&drawn, red) > 400);
     }
 

@@ -1,3 +1,5 @@
+//! Software rasteriser for the faces of one view. Fixed-point coordinates make pictures identical on all machines.
+
 use std::ops::Range;
 
 use glam::{Vec3, Vec4};
@@ -7,58 +9,58 @@ use super::palette::{BY_GRAVITY, Colour, INSIDE, Paint};
 use super::scene::Scene;
 use crate::inspect::DefectKind;
 
-/// Samples that the faces of one view may cover together. A mesh that covers more, which no real one does, is drawn
-/// from every nth of its sound faces.
-const MOST_COVERED: f64 = 6e7;
-/// Where the light stands: right, up, towards the eye.
+/// Maximum number of samples that the faces of one view may cover in total. A view that covers more, which only
+/// adversarial meshes do, draws only every nth sound face.
+const MAX_COVERED: f64 = 6e7;
+/// Direction to the light: right, up, towards the eye.
 const LIGHT: Vec3 = Vec3::new(-0.32, 0.50, 0.80);
-/// Light on a face that is turned away from the light; it grows smoothly to 1, so that faces in the shadow differ too.
+/// Intensity on a face turned away from the light. Intensity rises smoothly to 1, so that shaded faces differ too.
 const SHADOW: f32 = 0.44;
-/// How far in front of its neighbours a face with a defect is taken to be, in samples for each step of gravity, so that
-/// of faces at the same place the gravest is seen; and how far behind an inner side is.
+/// Depth offset of a face per severity step, in samples, so that the most severe of coincident faces is visible; and
+/// the offset by which inner sides recede.
 const LIFT: f32 = 0.05;
 const DROP: f32 = 0.03;
-/// Width of the line along a face's edges in samples, and how dark it is where faces are large.
+/// Width of the line along a face's edges in samples, and its darkness on large faces.
 const WIRE: f32 = 1.0;
 const WIRE_DARK: f32 = 0.22;
 
-/// Rows of samples that are drawn together: few enough to stay in the processor's cache, whatever the size of the picture.
+/// Number of sample rows drawn together: few enough to fit in the processor's cache, whatever the picture's size.
 const STRIP: usize = 32 * SAMPLES;
 
-/// A strip of the samples of one view: what is nearest, and its colour.
+/// A strip of one view's samples, with depth and colour of the nearest surface.
 #[derive(Debug, Clone)]
 pub struct Raster {
-    /// Samples in a row.
+    /// Number of samples per row.
     pub width: usize,
-    /// The view's rows of samples that are in it.
+    /// Rows of the view in this strip.
     pub rows: Range<usize>,
-    /// Depth of the nearest surface, larger towards the eye; minus infinity where there is none.
+    /// Depth of the nearest surface, increasing towards the eye; minus infinity for background.
     pub depth: Vec<f32>,
-    /// What is seen of it.
-    pub seen: Vec<Seen>,
+    /// Visible fragment at each sample.
+    pub fragments: Vec<Fragment>,
 }
 
-/// The faces of one view, ready to be drawn strip by strip.
+/// The faces of one view, sorted by strip.
 pub struct Faces<'a> {
     scene: &'a Scene,
     points: &'a [Vec3],
     camera: &'a Camera,
     placed: Vec<Projected>,
-    /// Those of each strip begin here in `order`, and end where those of the next begin.
+    /// Start of each strip's faces in `order`; the end is the start of the next strip.
     begin: Vec<usize>,
     order: Vec<u32>,
     lifts: [f32; DefectKind::ALL.len()],
-    /// Only every nth of the sound faces is drawn.
+    /// Interval of drawn sound faces: every nth is drawn.
     pub every: usize,
 }
 
-/// What is seen at a sample: a colour, and whether it is the inner side of a sound face. One number, so that many are chosen
-/// from at once.
+/// Visible fragment at a sample: a colour, and whether it is the inner side of a sound face. Packed in one number,
+/// for selection with SIMD.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Seen(u32);
+pub struct Fragment(u32);
 
-impl Seen {
-    /// A colour, and whether it is that of an inner side.
+impl Fragment {
+    /// Packs a colour and whether it belongs to an inner side.
     #[must_use]
     pub fn new(Colour([r, g, b]): Colour, inside: bool) -> Self {
         Self(u32::from_be_bytes([u8::from(inside), r, g, b]))
@@ -71,23 +73,23 @@ impl Seen {
         Colour([r, g, b])
     }
 
-    /// 1 where it is the inner side of a sound face, 0 elsewhere.
+    /// 1 for the inner side of a sound face, otherwise 0.
     fn inside(self) -> u32 {
         self.0 >> 24
     }
 
-    /// The bits of four, to be chosen from at once; none are those of no number.
+    /// Bits of four fragments for SIMD selection. No bit pattern is a NaN.
     fn bits(four: [Self; 4]) -> Vec4 {
-        Vec4::from_array(four.map(|it| f32::from_bits(it.0)))
+        Vec4::from_array(four.map(|fragment| f32::from_bits(fragment.0)))
     }
 
     fn of_bits(bits: Vec4) -> [Self; 4] {
-        bits.to_array().map(|it| Self(it.to_bits()))
+        bits.to_array().map(|bits| Self(bits.to_bits()))
     }
 }
 
 impl<'a> Faces<'a> {
-    /// Places the faces of a scene. `points` are its vertices in the cube.
+    /// Projects and sorts the faces of a scene. `points` are the scene's vertices in the cube.
     #[must_use]
     pub fn new(scene: &'a Scene, points: &'a [Vec3], camera: &'a Camera) -> Self {
         let every = every(scene, points, camera);
@@ -96,7 +98,7 @@ impl<'a> Faces<'a> {
             (0u32..)
                 .zip(&scene.paint)
                 .filter(|&(f, paint)| !paint.is_plain() || (f as usize).is_multiple_of(every))
-                .map(|it| it.0)
+                .map(|(f, _)| f)
         };
         let count = camera.size[1].div_ceil(STRIP);
         let strips = |f: u32| {
@@ -120,10 +122,10 @@ impl<'a> Faces<'a> {
         Self { scene, points, camera, placed, begin, order, lifts: lifts(), every }
     }
 
-    /// Draws each strip of the view before a background, from above, and lets `done` have it.
+    /// Draws the view strip by strip from the top over a background, and passes each strip to `done`.
     pub fn draw(&self, background: Colour, mut done: impl FnMut(&mut Raster)) {
         let [width, height] = self.camera.size;
-        let mut raster = Raster { width, rows: 0..0, depth: Vec::new(), seen: Vec::new() };
+        let mut raster = Raster { width, rows: 0..0, depth: Vec::new(), fragments: Vec::new() };
         for (top, faces) in (0..height).step_by(STRIP).zip(self.begin.windows(2)) {
             raster.clear(top..(top + STRIP).min(height), background);
             for &f in &self.order[faces[0]..faces[1]] {
@@ -136,7 +138,7 @@ impl<'a> Faces<'a> {
     fn face(&self, f: usize, raster: &mut Raster) {
         let (vertices, paint) = (self.scene.surface.faces[f], self.scene.paint[f]);
         let [a, b, c] = vertices.map(|v| self.points[v as usize]);
-        let normal = self.camera.turn((b - a).cross(c - a)).normalize_or_zero();
+        let normal = self.camera.rotate((b - a).cross(c - a)).normalize_or_zero();
         if normal.z == 0.0 {
             return;
         }
@@ -151,36 +153,36 @@ impl<'a> Faces<'a> {
         let lift = match paint {
             Paint::Sound => 0.0,
             Paint::Defect(kind) => self.lifts[kind as usize],
-            Paint::Fate(fate) => f32::from(fate as u8) * LIFT,
+            Paint::Provenance(provenance) => f32::from(provenance as u8) * LIFT,
         };
         let lift = if outer { lift } else { lift - DROP };
         let placed = vertices.map(|v| {
-            let it = self.placed[v as usize];
-            Projected { z: it.z + lift, ..it }
+            let p = self.placed[v as usize];
+            Projected { z: p.z + lift, ..p }
         });
         raster.triangle(placed, colour, !outer && paint == Paint::Sound);
     }
 }
 
 impl Raster {
-    /// Begins some rows of a view anew.
+    /// Resets the strip to other rows of the view.
     fn clear(&mut self, rows: Range<usize>, background: Colour) {
         let samples = rows.len() * self.width;
         self.rows = rows;
         self.depth.clear();
         self.depth.resize(samples, f32::NEG_INFINITY);
-        self.seen.clear();
-        self.seen.resize(samples, Seen::new(background, false));
+        self.fragments.clear();
+        self.fragments.resize(samples, Fragment::new(background, false));
     }
 
-    /// How many samples show the inner side of a sound face.
+    /// Number of samples that show the inner side of a sound face.
     #[must_use]
     pub fn inside(&self) -> usize {
-        // Below 2^32, as the samples of a strip are.
-        self.seen.iter().map(|seen| seen.inside()).sum::<u32>() as usize
+        // A strip has fewer than 2^32 samples.
+        self.fragments.iter().map(|fragment| fragment.inside()).sum::<u32>() as usize
     }
 
-    /// Fills a triangle, its borders included, and darkens it along its edges.
+    /// Fills a triangle including its border, and darkens the samples along its edges.
     fn triangle(&mut self, corners: [Projected; 3], colour: Colour, inside: bool) {
         let [a, mut b, mut c] = corners;
         let mut doubled = cross(a, b, c);
@@ -196,7 +198,7 @@ impl Raster {
         let edges = [Edge::new(b, c), Edge::new(c, a), Edge::new(a, b)];
         let plane = Plane::new(corners, edges, doubled, [columns[0], rows[0]]);
         let wire = Wire::new(&edges, doubled);
-        let (plain, dark) = (Seen::new(colour, inside), Seen::new(colour.lit(1.0 - wire.dark), inside));
+        let (plain, dark) = (Fragment::new(colour, inside), Fragment::new(colour.lit(1.0 - wire.dark), inside));
         #[expect(clippy::cast_possible_wrap, reason = "an image's size")]
         let [top, end] = [self.rows.start as i64, self.rows.end as i64];
         for row in rows[0].max(top)..=rows[1].min(end - 1) {
@@ -209,32 +211,32 @@ impl Raster {
         }
     }
 
-    /// Fills the columns of a row from one to another where the plane is the nearest so far.
+    /// Fills a range of columns of a row where the plane is nearer than the current depth.
     #[expect(clippy::cast_sign_loss, reason = "clamped to the image")]
-    fn fill(&mut self, row: i64, [first, last]: [i64; 2], plane: &Plane, colour: Seen) {
+    fn fill(&mut self, row: i64, [first, last]: [i64; 2], plane: &Plane, colour: Fragment) {
         if first > last {
             return;
         }
         let begin = (row as usize - self.rows.start) * self.width;
         let samples = begin + first as usize..begin + last as usize + 1;
         let (depth, last_depth) = self.depth[samples.clone()].as_chunks_mut::<4>();
-        let (seen, last_seen) = self.seen[samples].as_chunks_mut::<4>();
-        // Four at a time, without a branch.
-        let (mut depths, colours) = (plane.along(first, row), Seen::bits([colour; 4]));
-        for ((depth, seen), z) in depth.iter_mut().zip(seen).zip(&mut depths) {
+        let (fragments, last_fragments) = self.fragments[samples].as_chunks_mut::<4>();
+        // Four samples at a time, without branches.
+        let (mut depths, colours) = (plane.along(first, row), Fragment::bits([colour; 4]));
+        for ((depth, fragment), z) in depth.iter_mut().zip(fragments).zip(&mut depths) {
             let before = Vec4::from_array(*depth);
             *depth = z.max(before).to_array();
-            *seen = Seen::of_bits(Vec4::select(z.cmpgt(before), colours, Seen::bits(*seen)));
+            *fragment = Fragment::of_bits(Vec4::select(z.cmpgt(before), colours, Fragment::bits(*fragment)));
         }
-        let rest = depths.next().map_or([f32::NEG_INFINITY; 4], |it| it.to_array());
-        for ((depth, seen), z) in last_depth.iter_mut().zip(last_seen).zip(rest) {
+        let rest = depths.next().map_or([f32::NEG_INFINITY; 4], |z| z.to_array());
+        for ((depth, fragment), z) in last_depth.iter_mut().zip(last_fragments).zip(rest) {
             if z > *depth {
-                (*depth, *seen) = (z, colour);
+                (*depth, *fragment) = (z, colour);
             }
         }
     }
 
-    /// The columns and rows of samples whose middles a triangle's box holds, those above and below this strip too.
+    /// Columns and rows of samples whose centres are in a triangle's bounding box, including rows outside this strip.
     fn covered(&self, corners: [Projected; 3]) -> Option<[[i64; 2]; 2]> {
         let range = |of: fn(&Projected) -> i32, end: usize| {
             let (low, high) = corners.iter().fold((i32::MAX, i32::MIN), |(l, h), p| (l.min(of(p)), h.max(of(p))));
@@ -248,7 +250,7 @@ impl Raster {
     }
 }
 
-/// For each kind, how far its faces are lifted.
+/// Depth offset of each kind's faces.
 fn lifts() -> [f32; DefectKind::ALL.len()] {
     let mut lifts = [0.0; DefectKind::ALL.len()];
     let mut lift = 0.0;
@@ -259,7 +261,7 @@ fn lifts() -> [f32; DefectKind::ALL.len()] {
     lifts
 }
 
-/// From how many sound faces one is drawn, so that all together cover no more than [`MOST_COVERED`].
+/// Interval of drawn sound faces that keeps the total coverage within [`MAX_COVERED`].
 fn every(scene: &Scene, points: &[Vec3], camera: &Camera) -> usize {
     let doubled: f64 = scene
         .surface
@@ -267,7 +269,7 @@ fn every(scene: &Scene, points: &[Vec3], camera: &Camera) -> usize {
         .iter()
         .map(|face| {
             let [a, b, c] = face.map(|v| points[v as usize]);
-            f64::from(camera.turn((b - a).cross(c - a)).z.abs())
+            f64::from(camera.rotate((b - a).cross(c - a)).z.abs())
         })
         .sum();
     let covered = doubled / 2.0 * f64::from(camera.scale).powi(2);
@@ -277,17 +279,17 @@ fn every(scene: &Scene, points: &[Vec3], camera: &Camera) -> usize {
         reason = "above 0, and no more than there are faces"
     )]
     {
-        (covered / MOST_COVERED).ceil().max(1.0) as usize
+        (covered / MAX_COVERED).ceil().max(1.0) as usize
     }
 }
 
-/// Twice the signed area, positive where the three turn clockwise on the screen.
+/// Twice the signed area; positive if the corners are clockwise on the screen.
 fn cross(a: Projected, b: Projected, c: Projected) -> i64 {
     let d = |p: i32, q: i32| i64::from(p) - i64::from(q);
     d(b.x, a.x) * d(c.y, a.y) - d(b.y, a.y) * d(c.x, a.x)
 }
 
-/// The function of one edge, which is not negative on the triangle's side: its value, and its change a sample.
+/// Edge function of a triangle, non-negative on the inner side, with its increments per sample.
 #[derive(Debug, Clone, Copy)]
 struct Edge {
     from: [i64; 2],
@@ -301,21 +303,21 @@ impl Edge {
         Self { from: [i64::from(from.x), i64::from(from.y)], right: -d(to.y, from.y), down: d(to.x, from.x) }
     }
 
-    /// The value at the middle of a sample.
+    /// Value at the centre of a sample.
     fn at(&self, column: i64, row: i64) -> i64 {
         let steps = i64::from(STEPS);
         let [x, y] = [column * steps + steps / 2 - self.from[0], row * steps + steps / 2 - self.from[1]];
         (self.right * x + self.down * y) / steps
     }
 
-    /// Length in steps.
+    /// Length in fixed-point steps.
     #[expect(clippy::cast_precision_loss, reason = "for a width only")]
     fn length(&self) -> f32 {
         (self.right as f32).hypot(self.down as f32) / STEPS as f32
     }
 }
 
-/// The columns of one row where no edge is negative.
+/// Columns of one row where no edge function is negative.
 fn span(edges: &[Edge; 3], begin: [i64; 3], columns: [i64; 2]) -> Option<[i64; 2]> {
     let (mut first, mut last) = (0, columns[1] - columns[0]);
     for (edge, begin) in edges.iter().zip(begin) {
@@ -331,14 +333,14 @@ fn span(edges: &[Edge; 3], begin: [i64; 3], columns: [i64; 2]) -> Option<[i64; 2
     (first <= last).then_some([columns[0] + first, columns[0] + last])
 }
 
-/// The whole part of a quotient of numbers from 0 on. Exact: in an image edges' values are below 2^40 and their changes below 2^27,
-/// so that no quotient is nearer to the next whole number than f64 tells. A processor divides these several times faster.
+/// Integer quotient of non-negative numbers by f64 division, which is several times faster. Exact: edge values are
+/// below 2^40 and increments below 2^27, so that rounding never reaches the next integer.
 #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "below 2^40")]
 fn quotient(of: i64, by: i64) -> i64 {
     (of as f64 / by as f64) as i64
 }
 
-/// Depth over a triangle, kept within that of its corners, which a sliver's slope would leave.
+/// Depth over a triangle, clamped to the depths of its corners because a sliver's slope can exceed them.
 struct Plane {
     origin: [i64; 2],
     base: f32,
@@ -363,7 +365,7 @@ impl Plane {
         }
     }
 
-    /// The depths of a row's samples from a column on, four at a time.
+    /// Depths of a row's samples from a column on, four at a time.
     #[expect(clippy::cast_precision_loss, reason = "a place in an image")]
     fn along(&self, column: i64, row: i64) -> impl Iterator<Item = Vec4> {
         let (right, down) = ((column - self.origin[0]) as f32, (row - self.origin[1]) as f32);
@@ -378,7 +380,7 @@ impl Plane {
     }
 }
 
-/// Where a triangle is darkened along its edges: the larger it is on the screen, the more.
+/// Darkening along a triangle's edges, stronger for triangles that are larger on the screen.
 struct Wire {
     near: [i64; 3],
     dark: f32,
@@ -389,14 +391,14 @@ impl Wire {
     fn new(edges: &[Edge; 3], doubled: i64) -> Self {
         let lengths = edges.map(|edge| edge.length());
         let longest = lengths[0].max(lengths[1]).max(lengths[2]);
-        // The least height, in samples.
+        // The smallest altitude, in samples.
         let height = doubled as f32 / longest.max(1.0) / STEPS as f32;
         let share = ((height - 6.0) / 24.0).clamp(0.0, 1.0);
         let near = lengths.map(|length| if share > 0.0 { (length * WIRE * STEPS as f32 / 2.0) as i64 } else { 0 });
         Self { near, dark: WIRE_DARK * share }
     }
 
-    /// The columns of one row that are not darkened.
+    /// Columns of one row that are not darkened.
     fn within(&self, edges: &[Edge; 3], begin: [i64; 3], columns: [i64; 2]) -> Option<[i64; 2]> {
         span(edges, [0, 1, 2].map(|e| begin[e] - self.near[e]), columns)
     }
@@ -407,11 +409,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_quotient_has_the_whole_part_that_whole_numbers_give() {
+    fn the_f64_quotient_equals_the_integer_quotient() {
         for by in [1, 3, 255, 256, 83_000_001, (1 << 27) - 1] {
             for times in [0, 1, 2, 1267, (1 << 40) / by - 1] {
-                for beside in [-1, 0, 1, by / 2] {
-                    let of = (by * times + beside).max(0);
+                for offset in [-1, 0, 1, by / 2] {
+                    let of = (by * times + offset).max(0);
                     assert_eq!(quotient(of, by), of / by, "{of} / {by}");
                 }
             }

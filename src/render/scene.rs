@@ -1,3 +1,5 @@
+//! Layout of a mesh and its findings for drawing: paint of faces, line segments, dots, and coordinate mapping.
+
 use std::collections::hash_map::Entry;
 
 use glam::DVec3;
@@ -5,92 +7,93 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::palette::{BY_GRAVITY, LegendEntry, Paint, Shape, gravest, legend, legend_of_change, shape};
 use crate::context::Context;
-use crate::inspect::{Defect, DefectKind, Fate, Fates, Findings};
+use crate::inspect::{Defect, DefectKind, Findings, Provenance, SurfaceProvenance};
 use crate::math::{Box3, to_unit_range};
 use crate::mesh::{NO_SOURCE, Soup, Surface};
 
-/// Most segments of lines, and most dots, that are shown, however many places were kept.
-const MOST_SEGMENTS: usize = 300_000;
-const MOST_DOTS: usize = 100_000;
-/// Cells along the model's longest side that are tried first, and by what they are made fewer until the scene is small enough.
+/// Maximum number of line segments, and of dots, that a scene shows.
+const MAX_SEGMENTS: usize = 300_000;
+const MAX_DOTS: usize = 100_000;
+/// Number of grid cells along the model's longest side for a coarse scene, and the factor that reduces it until the
+/// scene is small enough.
 const CELLS: f64 = 640.0;
-const FEWER: f64 = 0.75;
-/// Most pieces of lines and most dots that a coarse scene keeps: the gravest, which come first.
+const CELL_REDUCTION: f64 = 0.75;
+/// Maximum number of line segments and dots of a coarse scene. The most severe kinds come first.
 const COARSE_SEGMENTS: usize = 20_000;
 const COARSE_DOTS: usize = 5_000;
 
 /// Why a picture or a coloured mesh could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
-    /// The work was asked to stop, or its time ran out.
+    /// Rendering was cancelled or exceeded its time limit.
     #[error(transparent)]
     Cancelled(#[from] crate::context::Cancelled),
-    /// The mesh has more in it than the format can say.
-    #[error("the mesh is too large for the format")]
+    /// The mesh exceeds the limits of the format.
+    #[error("the mesh is too large for the drawing's format")]
     TooLarge,
-    /// The PNG could not be made.
-    #[error("the picture could not be encoded: {0}")]
+    /// The PNG encoder failed.
+    #[error("encoding the picture failed: {0}")]
     Png(#[from] png::EncodingError),
 }
 
-/// A mesh with its defects, laid out to be drawn: each face with its colour, each line and dot with its kind.
+/// A mesh laid out for drawing: each face with its paint, each line and dot with its defect kind.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// The finite faces, welded at equal positions.
+    /// Faces with finite corners, with vertices merged at equal positions.
     pub surface: Surface,
-    /// For each face of `surface` what it is shown as.
+    /// Paint of each face of `surface`.
     pub paint: Vec<Paint>,
-    /// Pieces of lines, gravest kind first.
+    /// Line segments, most severe kind first.
     pub segments: Vec<Segment>,
-    /// Dots, gravest kind first.
+    /// Dots, most severe kind first.
     pub dots: Vec<Dot>,
-    /// Where the mesh lies.
+    /// Position and size of the mesh.
     pub frame: Frame,
-    /// What was found.
+    /// Legend of the drawing.
     pub legend: Vec<LegendEntry>,
-    /// What it is about.
+    /// Subject of the drawing.
     pub shows: Shows,
 }
 
-/// What a scene is about.
+/// Subject of a drawing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shows {
-    /// What is wrong with a mesh.
+    /// Defects of a mesh.
     Defects,
-    /// What became of one mesh in another.
+    /// Changes from one mesh to another.
     Change,
 }
 
-/// One straight piece of a defect's line, in the model's unit.
+/// One straight segment of a defect's line, in the model's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
-    /// The kind of the defect.
+    /// Defect kind.
     pub kind: DefectKind,
-    /// Its two ends, which differ.
+    /// The two distinct end points.
     pub ends: [DVec3; 2],
 }
 
-/// The place of a defect that is a point, or of faces that may be too small to be seen.
+/// Marker for a defect at a point, or on faces that may be too small to see.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dot {
-    /// The kind of the defect.
+    /// Defect kind.
     pub kind: DefectKind,
-    /// Where, in the model's unit.
+    /// Position, in the model's unit.
     pub at: DVec3,
-    /// The largest extent of its faces as a share of the model's half extent; 0 for a point.
+    /// Largest extent of the defect's faces, as a fraction of the model's half extent; 0 for a point.
     pub extent: f64,
 }
 
-/// Where a mesh lies, and how to bring it into the cube from -1 to 1 whatever its size.
+/// Bounding box of a mesh, and the mapping to the cube from -1 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// The box, in the model's unit.
+    /// Bounding box, in the model's unit.
     pub bounds: Box3,
-    /// A power of two that brings coordinates to where sums and squares neither overflow nor vanish.
+    /// A power of two that scales coordinates so that sums and squares neither overflow nor underflow.
     pub scale: f64,
-    /// The middle of the box, scaled.
+    /// Centre of the scaled box.
     pub centre: DVec3,
-    /// Half of the box's longest side, scaled; above 0.
+    /// Half of the scaled box's longest side; above 0.
     pub half: f64,
 }
 
@@ -106,19 +109,19 @@ impl Frame {
         Self { bounds, scale, centre: (min + max) * 0.5, half: if half > 0.0 { half } else { 1.0 } }
     }
 
-    /// A point of the model in the cube from -1 to 1.
+    /// Maps a point from the model's unit to the cube.
     #[must_use]
     pub fn to_cube(&self, p: DVec3) -> DVec3 {
         (p * self.scale - self.centre) / self.half
     }
 
-    /// Back from the cube to the model's unit.
+    /// Maps a point from the cube to the model's unit.
     #[must_use]
     pub fn from_cube(&self, p: DVec3) -> DVec3 {
         (p * self.half + self.centre) / self.scale
     }
 
-    /// The box's sides, in the model's unit.
+    /// Side lengths of the box, in the model's unit.
     #[must_use]
     pub fn sides(&self) -> DVec3 {
         if self.bounds.is_empty() {
@@ -128,18 +131,18 @@ impl Frame {
         sides.min(DVec3::splat(f64::MAX))
     }
 
-    /// Whether a point lies in the box, or beside it by no more than rounding.
+    /// Whether a point is in the box, up to rounding.
     fn holds(&self, p: DVec3) -> bool {
-        // False for what is not a number.
+        // False for NaN.
         self.to_cube(p).abs().cmple(DVec3::splat(1.001)).all()
     }
 }
 
 impl Scene {
-    /// Lays out a mesh with what was found on it. O(n log n) in the faces.
+    /// Lays out a mesh with its findings. O(n log n) in the number of faces.
     ///
     /// # Errors
-    /// [`RenderError::Cancelled`] when the work should stop.
+    /// [`RenderError::Cancelled`] on cancellation.
     pub fn new(soup: &Soup, findings: &Findings, context: &Context<'_>) -> Result<Self, RenderError> {
         let (surface, _) = Surface::from_soup(soup);
         context.check()?;
@@ -159,45 +162,47 @@ impl Scene {
         };
         for kind in BY_GRAVITY {
             for defect in findings.places(kind) {
-                scene.place(kind, defect, soup);
+                scene.add_defect(kind, defect, soup);
             }
             context.check()?;
         }
         Ok(scene)
     }
 
-    /// Lays out what became of a mesh: the faces of `after` by their fate, and what was removed. O(n log n).
+    /// Lays out the changes to a mesh: the faces of `after` by provenance, and the removed surface. O(n log n).
     ///
     /// # Errors
-    /// [`RenderError::Cancelled`] when the work should stop, [`RenderError::TooLarge`] beyond 2^32 vertices.
-    pub fn of_change(after: &Soup, fates: &Fates, context: &Context<'_>) -> Result<Self, RenderError> {
+    /// [`RenderError::Cancelled`] on cancellation, [`RenderError::TooLarge`] beyond 2^32 vertices.
+    pub fn of_change(after: &Soup, provenance: &SurfaceProvenance, context: &Context<'_>) -> Result<Self, RenderError> {
         let mut both = after.clone();
-        for corners in &fates.removed {
+        for corners in &provenance.removed {
             let first = u32::try_from(both.positions.len() + 2).map_err(|_| RenderError::TooLarge)? - 2;
             both.positions.extend(corners);
             both.faces.push([first, first + 1, first + 2]);
         }
         let (surface, _) = Surface::from_soup(&both);
         context.check()?;
-        let fate =
-            |source: u32| fates.of_face.get(source as usize).map_or(Fate::Removed, |fate| fate.unwrap_or(Fate::Kept));
-        let paint = surface.source.iter().map(|&source| Paint::Fate(fate(source))).collect();
+        let of_source = |source: u32| {
+            let of_face = provenance.of_face.get(source as usize);
+            of_face.map_or(Provenance::Removed, |kind| kind.unwrap_or(Provenance::Kept))
+        };
+        let paint = surface.source.iter().map(|&source| Paint::Provenance(of_source(source))).collect();
         let frame = Frame::new(surface.bounds());
-        let legend = legend_of_change(&fates.shares);
+        let legend = legend_of_change(&provenance.shares);
         let (segments, dots) = (Vec::new(), Vec::new());
         Ok(Self { surface, paint, segments, dots, frame, legend, shows: Shows::Change })
     }
 
     /// Adds the line or the dot of one defect.
-    fn place(&mut self, kind: DefectKind, defect: &Defect, soup: &Soup) {
+    fn add_defect(&mut self, kind: DefectKind, defect: &Defect, soup: &Soup) {
         if !defect.line.is_empty() {
             let points = || defect.line.iter().map(|&p| DVec3::from_array(p));
             for (a, b) in points().zip(points().skip(1)) {
-                self.segment(kind, a, b);
+                self.add_segment(kind, a, b);
             }
-            // The chain of a hole is closed, whether its first point is said twice or not.
+            // The chain of a hole is closed, whether or not it repeats its first point.
             if let (DefectKind::Hole, Some(first), Some(last)) = (kind, points().next(), points().next_back()) {
-                self.segment(kind, last, first);
+                self.add_segment(kind, last, first);
             }
             return;
         }
@@ -207,33 +212,33 @@ impl Scene {
         let points = defect.faces.iter().filter_map(|&f| corners(soup, f)).flatten();
         let extent = Box3::of(points.map(|p| self.frame.to_cube(p)));
         let extent = if extent.is_empty() { 0.0 } else { (extent.max - extent.min).max_element() };
-        // A face without area shows only as its edges.
+        // A face without area is visible only by its edges.
         if matches!(kind, DefectKind::FlatFace | DefectKind::DegenerateFace) {
             for [a, b, c] in defect.faces.iter().filter_map(|&f| corners(soup, f)) {
-                self.segment(kind, a, b);
-                self.segment(kind, b, c);
-                self.segment(kind, c, a);
+                self.add_segment(kind, a, b);
+                self.add_segment(kind, b, c);
+                self.add_segment(kind, c, a);
             }
         }
         let at = DVec3::from_array(defect.at);
-        if self.dots.len() < MOST_DOTS && self.frame.holds(at) {
+        if self.dots.len() < MAX_DOTS && self.frame.holds(at) {
             let extent = if shape(kind) == Shape::Point { 0.0 } else { extent };
             self.dots.push(Dot { kind, at, extent });
         }
     }
 
-    fn segment(&mut self, kind: DefectKind, a: DVec3, b: DVec3) {
-        if self.segments.len() < MOST_SEGMENTS && a != b && self.frame.holds(a) && self.frame.holds(b) {
+    fn add_segment(&mut self, kind: DefectKind, a: DVec3, b: DVec3) {
+        if self.segments.len() < MAX_SEGMENTS && a != b && self.frame.holds(a) && self.frame.holds(b) {
             self.segments.push(Segment { kind, ends: [a, b] });
         }
     }
 
-    /// The faces grouped by what they are shown as: sound ones first, then by kind, or by fate; no group is empty.
+    /// Non-empty groups of faces by paint: sound faces first, then by defect kind; or by provenance.
     #[must_use]
     pub fn groups(&self) -> Vec<(Paint, Vec<u32>)> {
         let paints: Vec<Paint> = match self.shows {
             Shows::Defects => std::iter::once(Paint::Sound).chain(DefectKind::ALL.map(Paint::Defect)).collect(),
-            Shows::Change => Fate::ALL.map(Paint::Fate).to_vec(),
+            Shows::Change => Provenance::ALL.map(Paint::Provenance).to_vec(),
         };
         let mut groups = vec![Vec::new(); paints.len()];
         for (paint, f) in self.paint.iter().zip(0u32..) {
@@ -242,19 +247,18 @@ impl Scene {
         paints.into_iter().zip(groups).filter(|(_, faces)| !faces.is_empty()).collect()
     }
 
-    /// The scene with at most `most_faces` faces: vertices that share a cell of a grid become one in their middle, and faces that are
-    /// left with less than three are gone (Rossignac and Borrel 1993). It asks nothing of the mesh and keeps each face's paint, but
-    /// promises only that it looks alike. O(n) a try.
+    /// Simplifies the scene to at most `most_faces` faces by vertex clustering (Rossignac and Borrel 1993). Vertices
+    /// in one grid cell merge at their mean, and faces with fewer than three distinct vertices disappear. Works for
+    /// any mesh and keeps the paint of faces, but guarantees only visual similarity. O(n) per grid size.
     ///
-    /// # Errors
-    /// [`RenderError::Cancelled`] when the work should stop.
+    /// [`RenderError::Cancelled`] on cancellation. [`RenderError::Cancelled`] when the work should stop.
     pub fn coarse(&self, most_faces: usize, context: &Context<'_>) -> Result<Self, RenderError> {
         let mut cells = CELLS;
         let (surface, paint) = loop {
             context.check()?;
-            match self.gathered(cells, most_faces) {
-                Some(gathered) => break gathered,
-                None => cells *= FEWER,
+            match self.clustered(cells, most_faces) {
+                Some(clustered) => break clustered,
+                None => cells *= CELL_REDUCTION,
             }
         };
         let segments = self.segments.iter().take(COARSE_SEGMENTS).copied().collect();
@@ -263,15 +267,16 @@ impl Scene {
         Ok(Self { surface, paint, segments, dots, frame, legend, shows })
     }
 
-    /// The faces between the cells of a grid with so many along the longest side; none where there are more than `most`.
-    fn gathered(&self, cells: f64, most: usize) -> Option<(Surface, Vec<Paint>)> {
+    /// Clusters vertices in a grid with `cells` cells along the longest side. Returns `None` if more than `most`
+    /// faces remain.
+    fn clustered(&self, cells: f64, most: usize) -> Option<(Surface, Vec<Paint>)> {
         let mut known: FxHashMap<[u32; 3], u32> = FxHashMap::default();
         let mut sums: Vec<(DVec3, f64)> = Vec::new();
         let mut cell_of = Vec::with_capacity(self.surface.positions.len());
         for &position in &self.surface.positions {
-            let place = self.frame.to_cube(position);
+            let in_cube = self.frame.to_cube(position);
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to the cells' count")]
-            let cell = ((place + 1.0) * (0.5 * cells)).max(DVec3::ZERO).to_array().map(|x| x as u32);
+            let cell = ((in_cube + 1.0) * (0.5 * cells)).max(DVec3::ZERO).to_array().map(|x| x as u32);
             let number = match known.entry(cell) {
                 Entry::Occupied(entry) => *entry.get(),
                 Entry::Vacant(entry) => {
@@ -280,7 +285,7 @@ impl Scene {
                 }
             };
             let (sum, count) = &mut sums[number as usize];
-            *sum += place;
+            *sum += in_cube;
             *count += 1.0;
             cell_of.push(number);
         }
@@ -290,7 +295,7 @@ impl Scene {
             if a == b || b == c || c == a {
                 continue;
             }
-            // The same face from its smallest corner on, so that it is found again however it is written, but not turned over.
+            // Rotated to start at the smallest corner, so that equal faces compare equal and flipped faces do not.
             let first = if a < b && a < c {
                 [a, b, c]
             } else if b < c {
@@ -318,27 +323,27 @@ fn corners(soup: &Soup, face: u32) -> Option<[DVec3; 3]> {
     Some([at(a)?, at(b)?, at(c)?])
 }
 
-/// The vertices that some faces use, in order of first use, and the faces in terms of them.
+/// Faces with their own compact vertex numbering, in order of first use.
 pub struct Compacted {
-    /// Indices of the vertices in the surface.
+    /// Vertex indices in the surface.
     pub vertices: Vec<u32>,
-    /// The faces as indices into `vertices`.
+    /// Faces as indices into `vertices`.
     pub faces: Vec<[u32; 3]>,
 }
 
-/// Numbers the vertices of groups of faces anew, one group after the other.
+/// Renumbers the vertices of several groups of faces, one group at a time.
 pub struct Compactor {
     number: Vec<u32>,
 }
 
 impl Compactor {
-    /// For a surface of `vertices` vertices.
+    /// Creates a compactor for a surface with `vertices` vertices.
     #[must_use]
     pub fn new(vertices: usize) -> Self {
         Self { number: vec![u32::MAX; vertices] }
     }
 
-    /// Numbers the vertices of one group.
+    /// Renumbers the vertices of one group.
     pub fn compact(&mut self, surface: &Surface, group: &[u32]) -> Compacted {
         let mut vertices: Vec<u32> = Vec::new();
         let mut number_of = |v: u32| {

@@ -1,4 +1,4 @@
-//! The transfer of colours, materials and places in textures from the input to a result.
+//! The transfer of colours, materials and texture coordinates from the input to a result.
 
 use std::collections::HashMap;
 
@@ -9,43 +9,46 @@ use crate::math::{Tree, nearest_on_triangle};
 use crate::mesh::{NO_SOURCE, Soup, Surface};
 use crate::scene::{PAINTLESS, Paint, Palette};
 
-/// How near a corner of a face is to one of the face that it was cut from, as a share of its longest side, to be that corner.
+/// Distance within which a point counts as a triangle's corner, as a share of the triangle's longest side.
 const SAME: f64 = 1e-6;
-/// Faces between two looks at whether to stop.
+/// Faces between two checks for cancellation.
 const STRIDE: usize = 4096;
 
-/// A surface, and what its sources are painted with.
+/// A surface with the attributes of its source faces.
 #[derive(Clone, Copy)]
 pub(super) struct Painted<'a> {
+    /// The surface.
     pub surface: &'a Surface,
+    /// The attributes of each source face, by index.
     pub paint: &'a [Paint],
 }
 
-/// A mesh of which faces were cut from those of another.
+/// A mesh whose faces come from the faces of another mesh.
 #[derive(Clone, Copy)]
-pub(super) struct CutSoup<'a> {
+pub(super) struct SoupWithSource<'a> {
+    /// The mesh.
     pub soup: &'a Soup,
-    /// For each face the same kind of number as the sources of the other, or [`NO_SOURCE`].
+    /// For each face, the index of its source face in the other mesh, or [`NO_SOURCE`].
     pub source: &'a [u32],
 }
 
-/// Paints a result with what the input is painted with: a face that was cut from one of the input's as that one was there, and a new
-/// face as the input is painted where it is nearest.
+/// Transfers attributes from the input to a result. A face cut from an input face gets that face's attributes at its corners. A new face
+/// gets those of the nearest input face.
 ///
-/// Colours between corners, and places in textures, are added to `palettes`. Where nothing is painted nothing is.
+/// Interpolated colours and texture coordinates are added to `palettes`. Faces without attributes nearby get none.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] if the job was canceled or the deadline passed.
 pub(super) fn transfer_paint(
     Painted { surface: input, paint }: Painted<'_>,
-    CutSoup { soup: result, source }: CutSoup<'_>,
+    SoupWithSource { soup: result, source }: SoupWithSource<'_>,
     palettes: &mut [Palette],
     context: &Context<'_>,
 ) -> Result<Vec<Paint>, Cancelled> {
     if paint.is_empty() {
         return Ok(Vec::new());
     }
-    let mut painter = Painter::new(input, paint, palettes);
+    let mut transfer = AttributeTransfer::new(input, paint, palettes);
     let mut painted = Vec::with_capacity(result.faces.len());
     for face in 0..result.faces.len() {
         if face % STRIDE == 0 {
@@ -53,29 +56,30 @@ pub(super) fn transfer_paint(
         }
         let corners = result.corners(face);
         let source = source.get(face).copied().unwrap_or(NO_SOURCE);
-        painted.push(match painter.face_of(source) {
-            Some(old) => painter.paint_as(old, corners),
-            None => painter.paint_as_nearby(corners),
+        painted.push(match transfer.face_of(source) {
+            Some(old) => transfer.attributes_of(old, corners),
+            None => transfer.attributes_nearby(corners),
         });
     }
     Ok(painted)
 }
 
-struct Painter<'a> {
+/// The transfer of attributes from one input.
+struct AttributeTransfer<'a> {
     input: &'a Surface,
-    /// Of each face of the input's surface.
+    /// The attributes of each face of the input's surface.
     paint: Vec<Paint>,
-    /// The face of the input's surface that comes from a source.
+    /// For each source, the face of the input's surface that comes from it.
     of_source: Vec<u32>,
-    /// Over the input, once it is asked for.
+    /// A search tree over the input, built on first use.
     tree: Option<Tree>,
     palettes: &'a mut [Palette],
-    /// Where entries stand that were added or asked for, by palette and value.
+    /// The indices of interpolated entries, by palette and value.
     colors: HashMap<(u32, [u8; 4]), u32>,
     places: HashMap<(u32, [u64; 2]), u32>,
 }
 
-impl<'a> Painter<'a> {
+impl<'a> AttributeTransfer<'a> {
     fn new(input: &'a Surface, paint: &[Paint], palettes: &'a mut [Palette]) -> Self {
         let mut of_source = vec![u32::MAX; paint.len()];
         for (face, &source) in (0u32..).zip(&input.source) {
@@ -83,7 +87,8 @@ impl<'a> Painter<'a> {
                 *slot = face;
             }
         }
-        let paint = input.source.iter().map(|&it| paint.get(it as usize).copied().unwrap_or(PAINTLESS)).collect();
+        let paint =
+            input.source.iter().map(|&source| paint.get(source as usize).copied().unwrap_or(PAINTLESS)).collect();
         let (colors, places) = (HashMap::new(), HashMap::new());
         Self { input, paint, of_source, tree: None, palettes, colors, places }
     }
@@ -92,24 +97,24 @@ impl<'a> Painter<'a> {
         self.of_source.get(source as usize).copied().filter(|&face| face != u32::MAX)
     }
 
-    /// What is painted as `old` on a face with these corners.
-    fn paint_as(&mut self, old: u32, corners: [DVec3; 3]) -> Paint {
+    /// The attributes of the input face `old` at these corners.
+    fn attributes_of(&mut self, old: u32, corners: [DVec3; 3]) -> Paint {
         let Paint { palette, at } = self.paint[old as usize];
         let triangle = self.input.corners(old as usize);
         Paint { palette, at: corners.map(|p| self.entry(palette, at, weights(p, triangle))) }
     }
 
-    /// What is painted as the nearest of the input on a face with these corners: with the material or in the texture that is nearest to
-    /// its middle; where that has colours, with the colour that is nearest to each corner.
-    fn paint_as_nearby(&mut self, corners: [DVec3; 3]) -> Paint {
+    /// The attributes of the nearest input surface for a face with these corners. Material and texture are those nearest to the face's
+    /// centre; colours are those nearest to each corner.
+    fn attributes_nearby(&mut self, corners: [DVec3; 3]) -> Paint {
         let Some(old) = self.nearest((corners[0] + corners[1] + corners[2]) / 3.0) else { return PAINTLESS };
         let Paint { palette, at } = self.paint[old as usize];
         if !matches!(self.palettes.get(palette as usize), Some(Palette::Colors(_))) {
-            return self.paint_as(old, corners);
+            return self.attributes_of(old, corners);
         }
         let triangle = self.input.corners(old as usize);
         let at = corners.map(|p| {
-            // Another palette would not go with this one.
+            // All corners of a face must use the same palette.
             let own = self.nearest(p).filter(|&own| self.paint[own as usize].palette == palette);
             let (at, triangle) =
                 own.map_or((at, triangle), |own| (self.paint[own as usize].at, self.input.corners(own as usize)));
@@ -118,14 +123,15 @@ impl<'a> Painter<'a> {
         Paint { palette, at }
     }
 
+    /// The input face nearest to a point.
     fn nearest(&mut self, point: DVec3) -> Option<u32> {
         let input = self.input;
         let tree = self.tree.get_or_insert_with(|| Tree::new(&input.positions, &input.faces));
         let corners = |face: u32| input.corners(face as usize);
-        tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners).map(|found| found.face)
+        tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners).map(|nearest| nearest.face)
     }
 
-    /// The entry of a palette that lies between three others.
+    /// The index of the palette entry that interpolates three entries with these weights, added if it is new.
     fn entry(&mut self, palette: u32, at: [u32; 3], weights: [f64; 3]) -> u32 {
         let mut counting = at.into_iter().zip(weights).filter(|&(_, weight)| weight > SAME).map(|(at, _)| at);
         let first = counting.next().unwrap_or(at[0]);
@@ -135,20 +141,20 @@ impl<'a> Painter<'a> {
         match self.palettes.get_mut(palette as usize) {
             None | Some(Palette::Materials(_)) => at[0],
             Some(Palette::Colors(colors)) => {
-                let of = at.map(|it| colors.get(it as usize).copied().unwrap_or([255; 4]));
+                let corner_colors = at.map(|index| colors.get(index as usize).copied().unwrap_or([255; 4]));
                 let mixed = std::array::from_fn(|channel| {
-                    let sum: f64 =
-                        of.iter().zip(weights).map(|(color, weight)| f64::from(color[channel]) * weight).sum();
+                    let weighted = corner_colors.iter().zip(weights);
+                    let sum: f64 = weighted.map(|(color, weight)| f64::from(color[channel]) * weight).sum();
                     sum.round().clamp(0.0, 255.0) as u8
                 });
                 *self.colors.entry((palette, mixed)).or_insert_with(|| added(colors, mixed))
             }
             Some(Palette::Textured { places, .. }) => {
-                let of = at.map(|it| places.get(it as usize).copied().unwrap_or_default());
+                let corner_places = at.map(|index| places.get(index as usize).copied().unwrap_or_default());
                 let mixed: [f64; 2] = std::array::from_fn(|axis| {
-                    of.iter().zip(weights).map(|(place, weight)| place[axis] * weight).sum()
+                    corner_places.iter().zip(weights).map(|(place, weight)| place[axis] * weight).sum()
                 });
-                // What every format can say.
+                // Every format can store f32.
                 let mixed = mixed.map(|x| f64::from(x as f32));
                 *self.places.entry((palette, mixed.map(f64::to_bits))).or_insert_with(|| added(places, mixed))
             }
@@ -156,12 +162,13 @@ impl<'a> Painter<'a> {
     }
 }
 
+/// Appends an entry to a palette and returns its index.
 fn added<T>(entries: &mut Vec<T>, entry: T) -> u32 {
     entries.push(entry);
     u32::try_from(entries.len() - 1).unwrap_or(0)
 }
 
-/// How much each corner of a triangle counts at the point of it that is nearest to `p`; exactly 1 where it is a corner.
+/// The barycentric weights of the point of a triangle nearest to `p`. A point at a corner has exactly the weight 1 there.
 fn weights(p: DVec3, triangle: [DVec3; 3]) -> [f64; 3] {
     let [a, b, c] = triangle;
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
@@ -174,7 +181,7 @@ fn weights(p: DVec3, triangle: [DVec3; 3]) -> [f64; 3] {
     let normal = (b - a).cross(c - a);
     let area = normal.length_squared();
     if area == 0.0 {
-        // A triangle that is a line: along its longest side.
+        // A degenerate triangle is a line: interpolates along its longest side.
         let (d, e) = (q.distance(a), q.distance(b));
         return if d + e > 0.0 { [e / (d + e), d / (d + e), 0.0] } else { [1.0, 0.0, 0.0] };
     }
@@ -204,7 +211,7 @@ mod tests {
         let (cancel, clock) = (AtomicBool::new(false), monotonic_clock());
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
         let input = Painted { surface: &square(), paint: &of_sources };
-        let result = CutSoup { soup: &result, source: &[source] };
+        let result = SoupWithSource { soup: &result, source: &[source] };
         transfer_paint(input, result, palettes, &context).expect("not stopped")[0]
     }
 
@@ -217,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_face_that_stayed_keeps_its_colours_whichever_corner_comes_first() {
+    fn an_unchanged_face_keeps_its_colours_whatever_its_first_corner() {
         let (paint, mut palettes) = colors();
         let turned = painted(paint, &mut palettes, [[2.0, 2.0], [0.0, 0.0], [2.0, 0.0]], 5);
         assert_eq!(turned, Paint { palette: 0, at: [1, 0, 1] });
@@ -225,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn a_piece_of_a_face_has_the_colours_that_were_there() {
+    fn a_piece_of_a_face_gets_interpolated_colours() {
         let (paint, mut palettes) = colors();
         let piece = painted(paint, &mut palettes, [[0.0, 0.0], [1.0, 0.0], [2.0, 2.0]], 5);
         assert_eq!(piece, Paint { palette: 0, at: [0, 2, 1] });
@@ -234,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_piece_of_a_textured_face_lies_where_it_lay_in_the_texture() {
+    fn a_piece_of_a_textured_face_gets_interpolated_texture_coordinates() {
         let places = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
         let mut palettes = vec![Palette::Textured { texture: 0, name: None, tint: [255; 4], places }];
         let paint = [Paint { palette: 0, at: [0, 1, 2] }, Paint { palette: 0, at: [0, 2, 3] }];
@@ -244,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_face_is_painted_as_the_input_is_nearby() {
+    fn a_new_face_gets_the_attributes_of_the_nearest_input_face() {
         let materials = ["body", "lid"].map(|name| crate::scene::Material { name: name.into(), color: RED }).to_vec();
         let mut palettes = vec![Palette::Materials(materials)];
         let paint = [Paint { palette: 0, at: [0; 3] }, Paint { palette: 0, at: [1; 3] }];
@@ -256,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn next_to_what_is_not_painted_a_new_face_is_not_either() {
+    fn a_new_face_next_to_a_face_without_attributes_gets_none() {
         let mut palettes = vec![];
         let face = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
         assert_eq!(painted([PAINTLESS; 2], &mut palettes, face, NO_SOURCE), PAINTLESS);

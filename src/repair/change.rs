@@ -1,30 +1,32 @@
+//! The kinds of change that operators count, with their names in JSON.
+
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 /// One kind of change that an operator made, such as 12 `duplicate_faces_removed`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Change {
-    /// What was changed, as a name for programs.
-    #[schema(value_type = String)]
-    pub what: ChangeKind,
-    /// How many.
+    /// The kind of change, as a stable name.
+    #[cfg_attr(feature = "openapi", schema(value_type = String))]
+    pub kind: ChangeKind,
+    /// The number of changes of this kind.
     pub count: u64,
 }
 
 impl Change {
-    /// A list of the given changes without those that count nothing.
+    /// Makes a list of the given changes without those whose count is zero.
     pub(super) fn list<const N: usize>(changes: [(ChangeKind, u64); N]) -> Vec<Self> {
         let some = changes.into_iter().filter(|&(_, count)| count > 0);
-        some.map(|(what, count)| Self { what, count }).collect()
+        some.map(|(kind, count)| Self { kind, count }).collect()
     }
 }
 
-/// Makes the kinds of change, each with its name for programs.
+/// Defines the kinds of change, each with its name in JSON.
 macro_rules! change_kinds {
     ($($(#[doc = $doc:literal])* $name:ident = $text:literal,)*) => {
-        /// What an operator counts of what it did.
+        /// A kind of change that an operator counts.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
         pub enum ChangeKind {
             $($(#[doc = $doc])* #[serde(rename = $text)] $name,)*
@@ -45,42 +47,42 @@ macro_rules! change_kinds {
 change_kinds! {
     /// Bases added.
     BasesAdded = "bases_added",
-    /// Open parts turned.
-    OpenPartsTurned = "open_parts_turned",
-    /// Places patched.
+    /// Open parts flipped.
+    OpenPartsFlipped = "open_parts_flipped",
+    /// Defective places removed and patched.
     PlacesPatched = "places_patched",
     /// Faces removed.
     FacesRemoved = "faces_removed",
     /// Faces added.
     FacesAdded = "faces_added",
-    /// Defects gone.
-    DefectsGone = "defects_gone",
-    /// Non manifold edges cut.
-    NonManifoldEdgesCut = "non_manifold_edges_cut",
-    /// Vertices copied.
-    VerticesCopied = "vertices_copied",
-    /// Faces without partner.
+    /// Defects removed.
+    DefectsRemoved = "defects_removed",
+    /// Non-manifold edges split.
+    NonManifoldEdgesSplit = "non_manifold_edges_split",
+    /// Vertices duplicated to split edges or vertices.
+    VerticesDuplicated = "vertices_duplicated",
+    /// Faces at a non-manifold edge that were paired with no other face.
     FacesWithoutPartner = "faces_without_partner",
-    /// Debris parts removed.
+    /// Tiny open parts (debris) removed.
     DebrisPartsRemoved = "debris_parts_removed",
-    /// Sheets inside solids removed.
+    /// Open sheets inside solids removed.
     SheetsInsideSolidsRemoved = "sheets_inside_solids_removed",
-    /// Debris faces removed.
+    /// Faces of debris removed.
     DebrisFacesRemoved = "debris_faces_removed",
-    /// Collapsed faces removed.
+    /// Faces with two equal corners removed.
     CollapsedFacesRemoved = "collapsed_faces_removed",
     /// Degenerate faces flipped.
     DegenerateFacesFlipped = "degenerate_faces_flipped",
     /// Degenerate faces removed.
     DegenerateFacesRemoved = "degenerate_faces_removed",
-    /// Degenerate faces left.
+    /// Degenerate faces that could not be removed.
     DegenerateFacesLeft = "degenerate_faces_left",
     /// Duplicate faces removed.
     DuplicateFacesRemoved = "duplicate_faces_removed",
-    /// Canceling faces removed.
+    /// Pairs of opposite duplicate faces removed, counted in faces.
     CancellingFacesRemoved = "cancelling_faces_removed",
-    /// Fins freed.
-    FinsFreed = "fins_freed",
+    /// Fins detached from the surface.
+    FinsDetached = "fins_detached",
     /// Folds flipped.
     FoldsFlipped = "folds_flipped",
     /// Holes closed.
@@ -89,100 +91,100 @@ change_kinds! {
     IslandsJoined = "islands_joined",
     /// Vertices added.
     VerticesAdded = "vertices_added",
-    /// Holes left.
+    /// Holes that could not be closed.
     HolesLeft = "holes_left",
-    /// Holes over limit.
+    /// Holes left open because they exceed the options' limits.
     HolesOverLimit = "holes_over_limit",
-    /// Open sheets left.
+    /// Open sheets left open.
     OpenSheetsLeft = "open_sheets_left",
     /// Parts joined.
     PartsJoined = "parts_joined",
-    /// Membranes removed.
-    MembranesRemoved = "membranes_removed",
-    /// Membrane faces removed.
-    MembraneFacesRemoved = "membrane_faces_removed",
+    /// Internal walls removed, as groups of connected internal faces.
+    InternalWallsRemoved = "internal_walls_removed",
+    /// Internal faces removed.
+    InternalFacesRemoved = "internal_faces_removed",
     /// Vertices merged.
     VerticesMerged = "vertices_merged",
-    /// One sided parts cut.
-    OneSidedPartsCut = "one_sided_parts_cut",
-    /// Edges cut.
+    /// Non-orientable parts cut.
+    NonOrientablePartsCut = "non_orientable_parts_cut",
+    /// Edges cut to make parts orientable.
     EdgesCut = "edges_cut",
-    /// Coincident vertices left.
+    /// Vertices that still share a position.
     CoincidentVerticesLeft = "coincident_vertices_left",
-    /// Orientation conflicts left.
+    /// Edges whose faces still disagree on their orientation.
     OrientationConflictsLeft = "orientation_conflicts_left",
-    /// Faces turned.
-    FacesTurned = "faces_turned",
-    /// Closed parts turned.
-    ClosedPartsTurned = "closed_parts_turned",
+    /// Faces flipped.
+    FacesFlipped = "faces_flipped",
+    /// Closed parts flipped.
+    ClosedPartsFlipped = "closed_parts_flipped",
     /// Cavities kept.
     CavitiesKept = "cavities_kept",
-    /// Solids inside solids.
+    /// Solids found inside other solids.
     SolidsInsideSolids = "solids_inside_solids",
     /// Overlapping faces removed.
     OverlappingFacesRemoved = "overlapping_faces_removed",
     /// Dangling faces removed.
     DanglingFacesRemoved = "dangling_faces_removed",
-    /// Faces made.
-    FacesMade = "faces_made",
-    /// Thin places thickened.
+    /// Faces created by a remesh.
+    FacesCreated = "faces_created",
+    /// Places without thickness that were thickened.
     ThinPlacesThickened = "thin_places_thickened",
     /// Parts united.
     PartsUnited = "parts_united",
-    /// Intersecting pairs resolved.
+    /// Pairs of intersecting faces resolved.
     IntersectingPairsResolved = "intersecting_pairs_resolved",
-    /// Faces cut.
+    /// Faces cut along intersections.
     FacesCut = "faces_cut",
-    /// Vertices snapped.
+    /// Vertices snapped to another element.
     VerticesSnapped = "vertices_snapped",
-    /// Faces without thickness thickened.
+    /// Zero-thickness facets thickened.
     FacesWithoutThicknessThickened = "faces_without_thickness_thickened",
-    /// Faces around open rooms thickened.
-    FacesAroundOpenRoomsThickened = "faces_around_open_rooms_thickened",
+    /// Faces around open regions thickened.
+    FacesAroundOpenRegionsThickened = "faces_around_open_regions_thickened",
     /// Vertices rounded to f32.
     VerticesRoundedToF32 = "vertices_rounded_to_f32",
-    /// Near coincident vertices merged.
+    /// Nearly coincident vertices merged.
     NearCoincidentVerticesMerged = "near_coincident_vertices_merged",
     /// Doubled edges split.
     DoubledEdgesSplit = "doubled_edges_split",
-    /// Coincident vertices separated.
-    CoincidentVerticesSeparated = "coincident_vertices_separated",
-    /// Boundary vertices sewn.
+    /// Coincident vertices moved apart.
+    CoincidentVerticesPerturbed = "coincident_vertices_perturbed",
+    /// Boundary vertices merged by sewing.
     BoundaryVerticesSewn = "boundary_vertices_sewn",
-    /// Sheets within removed.
-    SheetsWithinRemoved = "sheets_within_removed",
-    /// Sheet faces removed.
+    /// Internal sheets removed.
+    InternalSheetsRemoved = "internal_sheets_removed",
+    /// Faces of internal sheets removed.
     SheetFacesRemoved = "sheet_faces_removed",
     /// Short edges collapsed.
     ShortEdgesCollapsed = "short_edges_collapsed",
-    /// Caps flipped.
+    /// Caps (faces with an angle near 180 degrees) whose longest edge was flipped.
     CapsFlipped = "caps_flipped",
     /// Caps removed.
     CapsRemoved = "caps_removed",
-    /// Slivers left.
+    /// Slivers that could not be removed.
     SliversLeft = "slivers_left",
-    /// Small parts dropped.
+    /// Closed parts below the volume limit removed.
     SmallPartsDropped = "small_parts_dropped",
-    /// Small part faces dropped.
+    /// Faces of these small parts removed.
     SmallPartFacesDropped = "small_part_faces_dropped",
-    /// Crack vertices merged.
+    /// Vertices along cracks merged.
     CrackVerticesMerged = "crack_vertices_merged",
-    /// Crack edges split.
+    /// Edges along cracks split.
     CrackEdgesSplit = "crack_edges_split",
-    /// T-junctions split.
+    /// Edges split at T-junctions.
     TJunctionsSplit = "t_junctions_split",
-    /// Solids left open.
+    /// Nearly closed solids left open.
     SolidsLeftOpen = "solids_left_open",
-    /// Sheets thickened.
+    /// Open sheets thickened.
     SheetsThickened = "sheets_thickened",
     /// Rim edges closed.
     RimEdgesClosed = "rim_edges_closed",
-    /// Boundary vertices merged.
+    /// Boundary vertices merged within the weld tolerance.
     BoundaryVerticesMerged = "boundary_vertices_merged",
 }
 
 impl ChangeKind {
-    /// Whether it counts what was found or left, and nothing that was changed.
+    /// Whether the kind counts elements that were found or left, without any change.
     pub(super) fn is_only_counted(self) -> bool {
         matches!(
             self,
@@ -198,14 +200,14 @@ impl ChangeKind {
         )
     }
 
-    /// Whether surface was given a thickness.
+    /// Whether the kind counts surface that was thickened.
     pub(super) fn gives_thickness(self) -> bool {
         matches!(
             self,
             Self::SheetsThickened
                 | Self::ThinPlacesThickened
                 | Self::FacesWithoutThicknessThickened
-                | Self::FacesAroundOpenRoomsThickened
+                | Self::FacesAroundOpenRegionsThickened
                 | Self::BasesAdded
         )
     }
@@ -223,8 +225,8 @@ mod tests {
 
     #[test]
     fn kinds_of_change_keep_their_names_in_json() {
-        let change = Change { what: ChangeKind::TJunctionsSplit, count: 3 };
-        let json = serde_json::json!({"what": "t_junctions_split", "count": 3});
+        let change = Change { kind: ChangeKind::TJunctionsSplit, count: 3 };
+        let json = serde_json::json!({"kind": "t_junctions_split", "count": 3});
         assert_eq!(serde_json::to_value(change).ok(), Some(json.clone()));
         assert_eq!(serde_json::from_value::<Change>(json).ok(), Some(change));
     }

@@ -1,8 +1,10 @@
+//! The pictures and coloured meshes of a repair, drawn from the bytes of the input and of the returned file.
+
 use std::time::Duration;
 
 use super::judge::inspect_measured;
 use super::options::Options;
-use super::report::{HandedOut, Report};
+use super::report::{OfferedFile, Report};
 use crate::analyze::{DrawError, subject};
 use crate::context::Context;
 use crate::format::{self, Limits, ReadOptions};
@@ -10,28 +12,28 @@ use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::render::{self, Drawing, Marked, draw_change, draw_remaining, draw_repaired};
 
 impl Report {
-    /// The names of the drawings that [`draw`] makes of the input and the file that is handed out.
+    /// The names of the drawings that [`draw`] makes of the input and of the returned file.
     #[must_use]
     pub fn drawings(&self) -> Vec<&'static str> {
-        let handed_out = match self.verdict.file {
-            HandedOut::Model => self.after.as_ref(),
-            HandedOut::Original => Some(self.after.as_ref().unwrap_or(&self.before)),
-            HandedOut::None => None,
+        let offered_file = match self.verdict.file {
+            OfferedFile::Model => self.after.as_ref(),
+            OfferedFile::Original => Some(self.after.as_ref().unwrap_or(&self.before)),
+            OfferedFile::None => None,
         };
         let mut names =
-            render::names_of_repair(self.before.measures.faces, handed_out.map(|after| after.measures.faces));
-        if handed_out.is_some() && !self.verdict.passes {
+            render::names_of_repair(self.before.measures.faces, offered_file.map(|after| after.measures.faces));
+        if offered_file.is_some() && !self.verdict.passes {
             names.push(render::REMAINING);
         }
         names
     }
 }
 
-/// Draws what is wrong with a file, what is wrong with its repaired one, and what became of its surface, all read from the
-/// bytes of both, so that the drawings show what those hold. They may take as long as the repair.
+/// Draws the defects of the input, the defects of the repaired file, and the changes of the surface. Both files are read again, so the
+/// drawings show exactly their contents. The time limit is that of the repair, `deadline_s`.
 ///
 /// # Errors
-/// [`DrawError`]; the repaired file is good all the same.
+/// [`DrawError`] if a file cannot be read, a drawing fails, or the time is over. The repaired file stays valid.
 pub fn draw(
     input: &[u8],
     repaired: Option<&[u8]>,
@@ -48,11 +50,11 @@ pub fn draw(
     let (inspection, findings) = inspect_measured(&analysis, context)?;
     let before = Marked { soup: &file.mesh.soup, findings: &findings };
     let original = Original::new(&analysis, &inspection.measures, CompareOptions::BRIEF);
-    let draw_both = |after: &Analysis<'_>, found: Marked<'_>, is_printable: bool| {
-        let mut drawings = draw_repaired(before, Some(found), context)?;
-        drawings.extend(draw_change(found.soup, &original.fates(after, context)?, context)?);
+    let draw_both = |after: &Analysis<'_>, repaired: Marked<'_>, is_printable: bool| {
+        let mut drawings = draw_repaired(before, Some(repaired), context)?;
+        drawings.extend(draw_change(repaired.soup, &original.provenance(after, context)?, context)?);
         if !is_printable {
-            drawings.push(draw_remaining(found, context)?);
+            drawings.push(draw_remaining(repaired, context)?);
         }
         Ok(drawings)
     };

@@ -1,54 +1,53 @@
-//! The escalation through a plan's strategies, until a result is good.
+//! The escalation: runs a plan's strategies one after another until a result is good enough.
+//!
+//! Each strategy starts from the common start: the surface that the first actions, which all strategies share, leave. Operators that an
+//! earlier strategy already ran on the same surface are not run again (see [`PrefixCache`]).
 
 use std::ops::Range;
 use std::time::Duration;
 
+use super::common_start::{COMMON_ACTIONS, CommonStart, percent};
 use super::input::Input;
-use super::judge::{Finding, JudgeError, Judged, Judging, Method, Patches, explain_by_agreement, verdict_in_words};
+use super::judge::{JudgeError, Judged, Judging, Patches, verdict_text};
+use super::method_agreement::{Method, MethodFinding, explain_by_agreement};
 use super::operators::{Counter, Counts};
-use super::options::{Operator, Preset};
-use super::prefix_cache::{Known, PrefixCache, START, shared_prefixes};
-use super::presets::{planned, remesh_action, remesh_of, tier_of};
+use super::options::Operator;
+use super::prefix_cache::{KnownResult, PrefixCache, START, shared_prefixes};
+use super::presets::{remesh_action, remesh_of};
 use super::remesher::Remesher;
-use super::report::{Action, Candidate, LeftOut, PlannedAction, RedFlag, RedFlagCode, Rung, Step, StepStatus, When};
-use super::runner::{End, Runner, TaskRun};
-use super::sheets::{SHEET_SHARE, open_sheet_share};
-use super::tasks::{Crossings, ExecutedStep, State, Strategy, Task};
+use super::report::{
+    Action, Candidate, OmittedSection, PlannedAction, RedFlag, RedFlagCode, Step, StepStatus, Strategy, When,
+};
+use super::runner::{Runner, TaskEnd, TaskRun};
+use super::tasks::{ExecutedStep, IndexedStrategy, Intersections, SurfaceState, Task};
 use crate::context::{Cancelled, Context, Stage};
 use crate::mesh::Surface;
 
-/// The escalation: what was done so far, and the best result of it.
+/// The state of an escalation: the attempts so far, and what they showed about the input.
 pub(super) struct Escalation<'a> {
     input: &'a Input<'a>,
     runner: Runner<'a>,
-    opening: Opening,
+    common_start: CommonStart,
     cache: PrefixCache,
     validations: Vec<Validation>,
     attempts: Attempts,
-    /// Whether a result was left open, or lost surface that can be seen.
+    /// Whether a result was left open or lost visible surface.
     left_sheets: bool,
-    /// What methods found wrong with their own results.
-    findings: Vec<Finding>,
-    /// Whether two methods of different kind found the same.
+    /// The red flags that each method raised on its own result.
+    findings: Vec<MethodFinding>,
+    /// Whether two independent methods raised the same red flags.
     methods_agree: bool,
-    /// Whether the native remesh made something printable.
+    /// Whether the native remesh made a printable result.
     has_printable_remesh: bool,
 }
 
-/// The opening that every strategy shares.
-struct Opening {
-    /// The surface that it left, from which every strategy starts.
-    state: State,
-    end: End,
-    steps: Vec<Step>,
-}
-
-/// What a strategy made.
-enum Made {
+/// The result of a strategy's operators.
+enum StrategyResult {
+    /// No surface.
     Nothing,
-    /// A surface, and its number.
-    New(u32, Box<State>),
-    /// A surface that was judged before, by the index of its validation.
+    /// A surface with its number in the prefix cache.
+    New(u32, Box<SurfaceState>),
+    /// A surface that was judged before; the index of its validation.
     Judged(usize),
 }
 
@@ -60,26 +59,28 @@ struct Validation {
     step: Step,
 }
 
-/// What the strategies did.
+/// The steps and results of all strategies.
 pub(super) struct Attempts {
+    /// The steps in order.
     pub steps: Vec<ExecutedStep>,
+    /// The results that were judged, in order.
     pub candidates: Vec<Candidate>,
-    /// The best candidate, with its place in the list.
+    /// The best result, with its index in `candidates`.
     pub best: Option<(usize, Judged)>,
 }
 
-/// The two actions that every recipe begins with.
-const OPENING: [Action; 2] = [Action::BasicCleanup, Action::FixNormals];
-
 impl<'a> Escalation<'a> {
-    /// Runs the opening that every strategy shares; what it leaves is what tells a sheet from a solid with holes.
+    /// Runs the common start of all strategies. Its surface distinguishes an open sheet from a solid with holes.
+    ///
+    /// # Errors
+    /// [`Cancelled`] if the job was canceled.
     pub fn open(input: &'a Input<'a>, runner: Runner<'a>, cache: PrefixCache) -> Result<Self, Cancelled> {
-        let opening = Opening::run(input, &runner)?;
-        let steps = opening.steps.iter().map(|step| step.clone().into()).collect();
+        let common_start = CommonStart::run(input, &runner)?;
+        let steps = common_start.steps.iter().map(|step| step.clone().into()).collect();
         Ok(Self {
             input,
             runner,
-            opening,
+            common_start,
             cache,
             validations: Vec::new(),
             attempts: Attempts { steps, candidates: Vec::new(), best: None },
@@ -90,40 +91,33 @@ impl<'a> Escalation<'a> {
         })
     }
 
-    /// Share of the area in open sheets, as the opening left them. Where they look like the whole model, cracks are stitched first for
-    /// trial: the patches of a cracked solid are sheets only as long as they are apart.
+    /// Share of the area in open sheets after the common start, from 0 to 1.
+    ///
+    /// # Errors
+    /// [`Cancelled`] if the job was canceled.
     pub fn sheet_share(&self) -> Result<f64, Cancelled> {
-        let share = open_sheet_share(&self.opening.state.surface);
-        if share < SHEET_SHARE || self.runner.options.max_tier < tier_of(Action::Stitch) {
-            return Ok(share);
-        }
-        let actions = vec![planned(Action::Stitch, self.runner.options)];
-        let rung = Rung { when: When::NothingGood, tier: 2, preset: Preset::FullRepair, actions };
-        let mut state = self.opening.state.clone();
-        for task in Task::of(&rung, 0) {
-            if self.runner.run(Strategy { index: 0, rung: &rung }, task, 15, &mut state)?.end != End::Finished {
-                return Ok(share);
-            }
-        }
-        Ok(open_sheet_share(&state.surface))
+        self.common_start.sheet_share(&self.runner)
     }
 
-    /// Runs strategies until a result is good.
-    pub fn run(mut self, rungs: &[Rung]) -> Result<Attempts, Cancelled> {
-        for (index, rung) in (0u32..).zip(rungs) {
-            let later = &rungs[index as usize + 1..];
-            let strategy = Strategy { index, rung };
-            let step = self.out_of_time(strategy).or_else(|| self.needless(strategy));
-            // Last, since it starts Blender to learn its version.
-            if let Some(step) = step.or_else(|| not_runnable(strategy, self.runner.remesher)) {
-                self.note(step.into());
+    /// Runs strategies until a result is good enough.
+    ///
+    /// # Errors
+    /// [`Cancelled`] if the job was canceled.
+    pub fn run(mut self, strategies: &[Strategy]) -> Result<Attempts, Cancelled> {
+        for (index, strategy) in (0u32..).zip(strategies) {
+            let later = &strategies[index as usize + 1..];
+            let strategy = IndexedStrategy { index, strategy };
+            let step = self.skipped_for_time(strategy).or_else(|| self.skipped_as_needless(strategy));
+            // The check for Blender comes last because it starts Blender to learn its version.
+            if let Some(step) = step.or_else(|| skipped_without_blender(strategy, self.runner.remesher)) {
+                self.record(step.into());
                 continue;
             }
-            let is_good = match self.make(strategy, later)? {
-                Made::Nothing => false,
-                Made::New(number, result) => self.judge(strategy, number, &result)?,
-                Made::Judged(validation) => {
-                    self.judge_alike(index, validation);
+            let is_good = match self.run_strategy(strategy, later)? {
+                StrategyResult::Nothing => false,
+                StrategyResult::New(number, result) => self.judge(strategy, number, &result)?,
+                StrategyResult::Judged(validation) => {
+                    self.reuse_validation(index, validation);
                     false
                 }
             };
@@ -134,172 +128,180 @@ impl<'a> Escalation<'a> {
         Ok(self.attempts)
     }
 
-    /// The step that says that a strategy is passed over, where there is no time to run it and to verify what it makes.
-    fn out_of_time(&self, Strategy { index, rung }: Strategy<'_>) -> Option<Step> {
+    /// The step of a strategy that is skipped because there is no time to run it and to verify its result.
+    fn skipped_for_time(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
         let Runner { context, time, .. } = self.runner;
-        let faces = self.opening.state.surface.faces.len();
+        let faces = self.common_start.state.surface.faces.len();
         if !time.for_operators(faces, context).is_late() {
             return None;
         }
-        time.leave_out(LeftOut::Repair);
-        // What the opening brought is better than nothing.
-        let opened = self.attempts.candidates.is_empty()
-            && self.opening.state.surface.faces != self.input.analysis.surface.faces;
-        if opened && remesh_of(rung).is_none() && time.can_verify(faces, context) {
+        time.omit(OmittedSection::Repair);
+        // The surface after the common start is better than no result.
+        let has_improved_start = self.attempts.candidates.is_empty()
+            && self.common_start.state.surface.faces != self.input.analysis.surface.faces;
+        if has_improved_start && remesh_of(strategy).is_none() && time.can_verify(faces, context) {
             return None;
         }
-        let last = rung.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
-        let note = Some("the time was over before it could start".to_owned());
-        Some(Step { status: StepStatus::Skipped, note, ..Step::new(index, rung.tier, last, None) })
+        let last = last_action(strategy)?;
+        let note = Some("the deadline passed before this strategy could start".to_owned());
+        Some(Step { status: StepStatus::Skipped, note, ..Step::new(index, strategy.tier, last, None) })
     }
 
-    /// The step that says why a strategy is passed over, where what came before it makes it needless.
-    fn needless(&self, Strategy { index, rung }: Strategy<'_>) -> Option<Step> {
+    /// The step of a strategy that is skipped because earlier results make it needless.
+    fn skipped_as_needless(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
         let whole = || self.attempts.best.as_ref().is_some_and(|(_, best)| best.is_whole());
-        let why = match rung.when {
-            When::SheetsLeft if !self.attempts.candidates.is_empty() && !self.left_sheets => {
-                "the rungs before it left nothing open and lost no surface"
+        let why = match strategy.when {
+            When::OpenSheetsRemain if !self.attempts.candidates.is_empty() && !self.left_sheets => {
+                "earlier strategies left no surface open and lost no surface"
             }
-            When::NothingWhole if whole() => "the best result before it is closed and whole",
-            _ if self.methods_agree && Method::of(rung) == Some(Method::Blender) => {
-                "methods of different kind agree on the red flags, so the input is their cause"
+            When::NothingClosed if whole() => "the best earlier result is closed and complete",
+            _ if self.methods_agree && Method::of(strategy) == Some(Method::Blender) => {
+                "independent methods agree on the red flags, so the input causes them"
             }
-            _ if remesh_of(rung) == Some(Action::VoxelRemesh) && self.has_printable_remesh => {
-                "the native remesh made a printable solid of the same inside, so its red flags would come back"
+            _ if remesh_of(strategy) == Some(Action::VoxelRemesh) && self.has_printable_remesh => {
+                "the native remesh already made a printable solid of the same space, so Blender would raise the same red flags"
             }
-            _ if remesh_of(rung) == Some(Action::BooleanUnion) && has_boundary(&self.opening.state.surface) => {
-                "parts with holes enclose nothing that could be united"
+            _ if remesh_of(strategy) == Some(Action::BooleanUnion)
+                && has_boundary(&self.common_start.state.surface) =>
+            {
+                "a boolean union needs closed parts, and the parts have holes"
             }
-            _ if self.encloses_other_volume() && matches!(Method::of(rung), Some(Method::Grid | Method::Blender)) => {
-                "it starts from the same closed holes, so it encloses the same room"
+            _ if self.encloses_other_volume()
+                && matches!(Method::of(strategy), Some(Method::Grid | Method::Blender)) =>
+            {
+                "the strategy starts from the same closed holes, so it would enclose the same space"
             }
             _ => return None,
         };
-        let last = rung.actions.iter().rev().map(|it| it.action).find(|&it| it != Action::Validate)?;
-        let skipped = Step::new(index, rung.tier, last, None);
+        let last = last_action(strategy)?;
+        let skipped = Step::new(index, strategy.tier, last, None);
         Some(Step { status: StepStatus::Skipped, note: Some(why.to_owned()), ..skipped })
     }
 
-    /// Whether all that is wrong with the best result is how much an open input's closed holes enclose.
+    /// Whether the best result's only red flags concern the space that an open input's closed holes enclose.
     fn encloses_other_volume(&self) -> bool {
         let is_of_holes =
             |flag: &RedFlag| matches!(flag.code, RedFlagCode::VolumeChange | RedFlagCode::SurfaceInvented);
         let best = self.attempts.best.as_ref().map(|(_, best)| best);
         !self.input.original.measures().closed
-            && best.is_some_and(|it| it.measures.printable() && it.red_flags.iter().all(is_of_holes))
+            && best.is_some_and(|best| best.measures.printable() && best.red_flags.iter().all(is_of_holes))
     }
 
-    /// What a strategy makes. What strategies before it did is reused.
-    fn make(&mut self, strategy: Strategy<'_>, later: &[Rung]) -> Result<Made, Cancelled> {
-        let Strategy { index, rung } = strategy;
+    /// Runs a strategy, and reuses the steps that it shares with earlier strategies.
+    fn run_strategy(&mut self, indexed: IndexedStrategy<'_>, later: &[Strategy]) -> Result<StrategyResult, Cancelled> {
+        let IndexedStrategy { index, strategy } = indexed;
         if index > 0 {
-            let opening = self.opening.steps.iter().map(|step| ExecutedStep::reused(step, index, step.action));
-            self.attempts.steps.extend(opening);
+            let common_start =
+                self.common_start.steps.iter().map(|step| ExecutedStep::reused(step, index, step.action));
+            self.attempts.steps.extend(common_start);
         }
-        let tasks = Task::of(rung, OPENING.len());
-        let mut prefix = self.known_prefix(rung, &tasks);
-        let comes_to = |prefix: &[Reused]| prefix.last().map_or(START, |it| it.surface);
-        let number = comes_to(&prefix);
-        let is_same = |it: &Validation| it.surface == number && it.patches == patches_of(rung);
+        let tasks = Task::of(strategy, COMMON_ACTIONS.len());
+        let mut prefix = self.known_prefix(strategy, &tasks);
+        let surface_after = |prefix: &[KnownTask]| prefix.last().map_or(START, |reused| reused.surface);
+        let number = surface_after(&prefix);
+        let is_same = |other: &Validation| other.surface == number && other.patches == patches_of(strategy);
         let validation = self.validations.iter().position(is_same).filter(|_| prefix.len() == tasks.len());
         if validation.is_none() {
-            // On from the last surface that is at hand.
-            while !prefix.is_empty() && comes_to(&prefix) != START && self.cache.kept(comes_to(&prefix)).is_none() {
+            // Continue from the last surface that the cache still holds.
+            while !prefix.is_empty()
+                && surface_after(&prefix) != START
+                && self.cache.kept(surface_after(&prefix)).is_none()
+            {
                 prefix.pop();
             }
         }
-        for (task, Known { step, .. }) in
-            tasks.iter().zip(&prefix).filter_map(|(task, it)| Some((task, it.known.as_ref()?)))
+        for (task, KnownResult { step, .. }) in
+            tasks.iter().zip(&prefix).filter_map(|(task, reused)| Some((task, reused.known.as_ref()?)))
         {
             self.attempts.steps.push(ExecutedStep::reused(step, index, task.action));
         }
         match validation {
-            Some(validation) => Ok(Made::Judged(validation)),
-            None => self.run_from(strategy, &tasks, &prefix, later),
+            Some(validation) => Ok(StrategyResult::Judged(validation)),
+            None => self.run_from(indexed, &tasks, &prefix, later),
         }
     }
 
-    /// Runs the tasks of a strategy after those of its prefix that are known, of which the surface is at hand.
+    /// Runs the tasks of a strategy that follow its known prefix, from the cached surface after that prefix.
     fn run_from(
         &mut self,
-        strategy: Strategy<'_>,
+        indexed: IndexedStrategy<'_>,
         tasks: &[Task],
-        prefix: &[Reused],
-        later: &[Rung],
-    ) -> Result<Made, Cancelled> {
-        let Strategy { index, rung } = strategy;
+        prefix: &[KnownTask],
+        later: &[Strategy],
+    ) -> Result<StrategyResult, Cancelled> {
+        let IndexedStrategy { index, strategy } = indexed;
         let options = self.runner.options;
-        let mut number = prefix.last().map_or(START, |it| it.surface);
-        let mut end = self.opening.end;
-        let mut state = self.cache.kept(number).unwrap_or(&self.opening.state).clone();
-        let mut crossings = Crossings::Unknown;
-        for Known { step, failure, .. } in prefix.iter().filter_map(|it| it.known.as_ref()) {
-            crossings = crossings.after(step, failure.as_ref());
+        let mut number = prefix.last().map_or(START, |reused| reused.surface);
+        let mut end = self.common_start.end;
+        let mut state = self.cache.kept(number).unwrap_or(&self.common_start.state).clone();
+        let mut intersections = Intersections::Unknown;
+        for KnownResult { step, failure, .. } in prefix.iter().filter_map(|reused| reused.known.as_ref()) {
+            intersections = intersections.after(step, failure.as_ref());
             state.note_holes(step);
         }
-        let turn_offs = shared_prefixes(rung, later, OPENING.len(), options);
+        let shared_lengths = shared_prefixes(strategy, later, COMMON_ACTIONS.len(), options);
         for (at, &task) in tasks.iter().enumerate().skip(prefix.len()) {
-            if end != End::Finished {
+            if end != TaskEnd::Finished {
                 break;
             }
-            if !crossings.make_needless(task) {
+            if !intersections.make_needless(task) {
                 let percent = percent(&span(index), at, tasks.len());
-                let run = self.runner.run(strategy, task, percent, &mut state)?;
+                let run = self.runner.run(indexed, task, percent, &mut state)?;
                 let TaskRun { step, failure, has_changed, .. } = run;
                 end = run.end;
-                crossings = crossings.after(&step, failure.as_ref());
-                number = match task.key(rung, options).filter(|_| end == End::Finished) {
+                intersections = intersections.after(&step, failure.as_ref());
+                number = match task.key(strategy, options).filter(|_| end == TaskEnd::Finished) {
                     Some(key) => self.cache.learn(number, key, has_changed, (&step, failure.as_ref())),
                     None if has_changed => self.cache.new_number(),
                     None => number,
                 };
                 self.attempts.steps.push(step.into());
             }
-            if turn_offs.contains(&(at + 1)) {
+            if shared_lengths.contains(&(at + 1)) {
                 self.cache.keep(number, at + 1, &state);
             }
         }
-        let is_nothing = end == End::Nothing || state.surface.faces.is_empty();
-        Ok(if is_nothing { Made::Nothing } else { Made::New(number, Box::new(state)) })
+        let is_nothing = end == TaskEnd::Nothing || state.surface.faces.is_empty();
+        Ok(if is_nothing { StrategyResult::Nothing } else { StrategyResult::New(number, Box::new(state)) })
     }
 
-    /// How far it is known what a strategy does.
-    fn known_prefix(&self, rung: &Rung, tasks: &[Task]) -> Vec<Reused> {
-        let (mut surface, mut crossings) = (START, Crossings::Unknown);
+    /// The first tasks of a strategy whose results are known from earlier strategies.
+    fn known_prefix(&self, strategy: &Strategy, tasks: &[Task]) -> Vec<KnownTask> {
+        let (mut surface, mut intersections) = (START, Intersections::Unknown);
         let mut prefix = Vec::new();
         for &task in tasks {
             let mut known = None;
-            if !crossings.make_needless(task) {
-                let found = task.key(rung, self.runner.options).and_then(|key| self.cache.known(surface, key));
-                let Some(found) = found else { break };
-                surface = found.surface;
-                crossings = crossings.after(&found.step, found.failure.as_ref());
-                known = Some(found.clone());
+            if !intersections.make_needless(task) {
+                let cached = task.key(strategy, self.runner.options).and_then(|key| self.cache.known(surface, key));
+                let Some(cached) = cached else { break };
+                surface = cached.surface;
+                intersections = intersections.after(&cached.step, cached.failure.as_ref());
+                known = Some(cached.clone());
             }
-            prefix.push(Reused { surface, known });
+            prefix.push(KnownTask { surface, known });
         }
         prefix
     }
 
-    /// Reuses the validation of the same surface.
-    fn judge_alike(&mut self, index: u32, validation: usize) {
+    /// Reuses the validation of the same surface by an earlier strategy.
+    fn reuse_validation(&mut self, index: u32, validation: usize) {
         let Validation { candidate, step, .. } = &self.validations[validation];
         let candidate = self.attempts.candidates[*candidate].clone();
         let step = ExecutedStep::reused(step, index, Action::Validate);
-        self.attempts.candidates.push(Candidate { rung: Some(index), ..candidate });
-        self.note(step);
+        self.attempts.candidates.push(Candidate { strategy: Some(index), ..candidate });
+        self.record(step);
     }
 
-    /// Judges a result and keeps it if it is the best so far. Whether it is good.
-    fn judge(&mut self, strategy: Strategy<'_>, number: u32, result: &State) -> Result<bool, Cancelled> {
-        let Strategy { index, rung } = strategy;
+    /// Judges a result and keeps it if it is the best so far. Returns whether a good enough result is known.
+    fn judge(&mut self, indexed: IndexedStrategy<'_>, number: u32, result: &SurfaceState) -> Result<bool, Cancelled> {
+        let IndexedStrategy { index, strategy } = indexed;
         let Runner { options, format, context, time, .. } = self.runner;
-        context.report(Stage::Verify, Some(rung.tier), span(index).end);
+        context.report(Stage::Verify, Some(strategy.tier), span(index).end);
         let start = context.now();
-        let patches = patches_of(rung);
+        let patches = patches_of(strategy);
         let verdict = if time.can_verify(result.surface.faces.len(), context) {
             let judging = Judging { format, input: self.input.original, options, context };
-            judging.judge(&result.surface, patches, result.invented.as_ref())
+            judging.judge(&result.surface, patches, result.added_surface.as_ref())
         } else {
             Err(JudgeError::Cancelled(Cancelled))
         };
@@ -307,31 +309,37 @@ impl<'a> Escalation<'a> {
         let mut is_good = false;
         match verdict {
             Ok(judged) => {
-                time.note_verification(result.surface.faces.len(), context.now().saturating_sub(start));
-                is_good = self.compare(strategy, judged, &mut step);
+                time.record_verification(result.surface.faces.len(), context.now().saturating_sub(start));
+                is_good = self.compare(indexed, judged, &mut step);
                 let candidate = self.attempts.candidates.len() - 1;
                 self.validations.push(Validation { surface: number, patches, candidate, step: step.clone() });
             }
             Err(JudgeError::Cancelled(stop)) if context.is_cancelled() => return Err(stop),
             Err(JudgeError::Cancelled(_)) => {
-                time.leave_out(LeftOut::Verification);
+                time.omit(OmittedSection::Verification);
                 step.status = StepStatus::Failed;
-                step.note = Some("the time was over before it was verified, so it is not handed out".to_owned());
+                step.note =
+                    Some("the deadline passed before the result was verified, so it is not returned".to_owned());
             }
             Err(error) => {
                 step.status = StepStatus::Failed;
                 step.note = Some(error.to_string());
             }
         }
-        self.note(step.into());
+        self.record(step.into());
         Ok(is_good)
     }
 
-    /// Compares a judged result with those before it, and keeps it if it is the best. Whether it is good, or the best before it.
-    fn compare(&mut self, Strategy { index, rung }: Strategy<'_>, mut judged: Judged, step: &mut Step) -> bool {
-        self.compare_methods(rung, &mut judged);
-        self.has_printable_remesh |= Method::of(rung) == Some(Method::Grid) && judged.measures.printable();
-        step.note = Some(verdict_in_words(&judged));
+    /// Compares a judged result with earlier ones and keeps it if it is the best. Returns whether this or an earlier result is good enough.
+    fn compare(
+        &mut self,
+        IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
+        mut judged: Judged,
+        step: &mut Step,
+    ) -> bool {
+        self.compare_methods(strategy, &mut judged);
+        self.has_printable_remesh |= Method::of(strategy) == Some(Method::Grid) && judged.measures.printable();
+        step.note = Some(verdict_text(&judged));
         self.attempts.candidates.push(Candidate::new(Some(index), &judged, false));
         let lost = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::SurfaceLost);
         self.left_sheets |= lost || judged.measures.boundary_edges > 0;
@@ -343,9 +351,9 @@ impl<'a> Escalation<'a> {
         is_good
     }
 
-    /// Looks whether a method of another kind found the same wrong with its result. If so, that is a property of the input.
-    fn compare_methods(&mut self, rung: &Rung, judged: &mut Judged) {
-        let Some(own) = Finding::of(rung, judged) else { return };
+    /// Checks whether an independent method raised the same red flags. If so, they are a property of the input.
+    fn compare_methods(&mut self, strategy: &Strategy, judged: &mut Judged) {
+        let Some(own) = MethodFinding::of(strategy, judged) else { return };
         if self.findings.iter().any(|other| own.agrees_with(other)) {
             self.methods_agree = true;
             explain_by_agreement(judged);
@@ -360,45 +368,34 @@ impl<'a> Escalation<'a> {
         self.findings.push(own);
     }
 
-    fn note(&mut self, step: ExecutedStep) {
+    /// Logs a step and appends it to the attempts.
+    fn record(&mut self, step: ExecutedStep) {
         self.runner.log(&step.step);
         self.attempts.steps.push(step);
     }
 }
 
-impl Opening {
-    fn run(input: &Input<'_>, runner: &Runner<'_>) -> Result<Self, Cancelled> {
-        let actions = OPENING.map(|action| planned(action, runner.options)).to_vec();
-        let rung = Rung { when: When::NothingGood, tier: 1, preset: Preset::BasicCleanup, actions };
-        let mut opening =
-            Self { state: State::new(input.analysis.surface.clone()), end: End::Finished, steps: Vec::new() };
-        let tasks = Task::of(&rung, 0);
-        for (at, &task) in tasks.iter().enumerate() {
-            let percent = percent(&(5..15), at, tasks.len());
-            let run = runner.run(Strategy { index: 0, rung: &rung }, task, percent, &mut opening.state)?;
-            opening.steps.push(run.step);
-            opening.end = run.end;
-            if opening.end != End::Finished {
-                break;
-            }
-        }
-        Ok(opening)
-    }
-}
-
-/// A task of which it is known what it does.
-struct Reused {
-    /// The number of the surface that it comes to.
+/// A task whose result is known from an earlier strategy.
+struct KnownTask {
+    /// The number of the surface after the task.
     surface: u32,
-    /// What its operator did; none where it is needless.
-    known: Option<Known>,
+    /// The cached result of the operator; none if the task is needless.
+    known: Option<KnownResult>,
 }
 
-/// The step that says why a strategy is passed over, if it is.
-fn not_runnable(Strategy { index, rung }: Strategy<'_>, remesher: Option<&dyn Remesher>) -> Option<Step> {
-    let action = remesh_of(rung)?;
+/// The last action of a strategy before its validation.
+fn last_action(strategy: &Strategy) -> Option<Action> {
+    strategy.actions.iter().rev().map(|planned| planned.action).find(|&action| action != Action::Validate)
+}
+
+/// The step of a strategy that is skipped because it needs Blender and Blender is missing.
+fn skipped_without_blender(
+    IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
+    remesher: Option<&dyn Remesher>,
+) -> Option<Step> {
+    let action = remesh_of(strategy)?;
     let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
-    let why = format!("{missing}; the best result without tier 3 is handed out");
+    let why = format!("{missing}; the best result without tier 3 is returned");
     Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
 }
 
@@ -406,27 +403,21 @@ fn has_boundary(surface: &Surface) -> bool {
     Counts::of(surface).get(Counter::BoundaryEdges) > 0
 }
 
-fn patches_of(rung: &Rung) -> Patches {
+fn patches_of(strategy: &Strategy) -> Patches {
     let remeshes = |planned: &PlannedAction| {
         remesh_action(planned.action).is_some() || planned.operators.contains(&Operator::Remesh)
     };
-    if rung.actions.iter().any(remeshes) { Patches::None } else { Patches::BySource }
+    if strategy.actions.iter().any(remeshes) { Patches::None } else { Patches::BySource }
 }
 
-fn validation(rung: u32, start: Duration, context: &Context<'_>) -> Step {
+fn validation(strategy: u32, start: Duration, context: &Context<'_>) -> Step {
     let milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
-    Step { milliseconds, ..Step::new(rung, 0, Action::Validate, None) }
+    Step { milliseconds, ..Step::new(strategy, 0, Action::Validate, None) }
 }
 
-/// The share of the whole repair, in percent, that a strategy is taken to be: each is half of what is left, since later ones
-/// seldom run.
+/// The range of a strategy in the progress of the whole repair, in percent. Each strategy takes half of the rest, because later
+/// strategies seldom run.
 fn span(index: u32) -> Range<u8> {
     let begin = |index: u32| 95 - (80 >> index.min(7));
     begin(index)..begin(index + 1)
-}
-
-/// How far the whole is when `done` of `tasks` are done.
-fn percent(span: &Range<u8>, done: usize, tasks: usize) -> u8 {
-    let width = usize::from(span.end.saturating_sub(span.start));
-    span.start + u8::try_from(width * done / tasks.max(1)).unwrap_or(0)
 }

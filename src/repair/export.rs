@@ -1,18 +1,18 @@
-//! From a result that was judged to the file that is handed out, with its colours, objects and unit.
+//! The export of a judged result as the returned file, with its colours, objects and unit.
 
 use glam::DVec3;
 
-use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
-use super::ended::RepairedBody;
+use super::attribute_transfer::{Painted, SoupWithSource, transfer_paint};
+use super::conclusion::RepairedBody;
 use super::input::{Input, RepairError};
 use super::judge::read_own;
-use super::report::LeftOut;
+use super::report::OmittedSection;
 use crate::context::Context;
 use crate::format::{self, Format, Limits, ReadFile, ReadMesh, ReadOptions, WriteError};
 use crate::mesh::{Soup, Surface, position_key};
 use crate::scene::{Item, Object, PaintedMesh, Scene, Shape};
 
-/// The format that results are judged in: it says the same coordinates as `format`, and nothing but triangles.
+/// The judging format for an output format: it stores the same coordinates, and only triangles.
 pub(super) fn judging_format(format: Format) -> Format {
     match format {
         Format::Glb => Format::Stl,
@@ -21,12 +21,18 @@ pub(super) fn judging_format(format: Format) -> Format {
     }
 }
 
-/// The triangles of a result that was judged, some formats of which give each face its own vertices.
+/// The triangles of a judged result, welded because some formats give each face its own vertices.
+///
+/// # Errors
+/// [`RepairError`] if the bytes cannot be read.
 pub(super) fn judged_soup(bytes: &[u8]) -> Result<Soup, RepairError> {
     Ok(Surface::from_soup(&read_own(bytes)?.soup).0.to_soup())
 }
 
-/// The file of one mesh: with its colours, where the format can say them.
+/// Exports one mesh, with its colours if the format can store them. A file that needs no export is returned as it is.
+///
+/// # Errors
+/// [`RepairError`] if the file cannot be written, does not read back as judged, or the job was canceled.
 pub(super) fn export_one(
     mut body: RepairedBody,
     input: &Input<'_>,
@@ -46,11 +52,11 @@ pub(super) fn export_one(
     let mut scene = file.scene.as_ref().map(Scene::without_objects).unwrap_or_default();
     scene.unit = file.unit.as_ref().map(|unit| unit.used);
     let painted = Painted { surface: &input.analysis.surface, paint: &file.paint };
-    let result = CutSoup { soup: &soup, source: &body.source };
+    let result = SoupWithSource { soup: &soup, source: &body.source };
     let paint = transfer_paint(painted, result, &mut scene.palettes, verification);
     let paint = verification.unless_late(paint)?.unwrap_or_else(|| {
-        input.time.leave_out(LeftOut::Attributes);
-        body.account.left_out = input.time.left_out();
+        input.time.omit(OmittedSection::Attributes);
+        body.draft.omitted = input.time.omitted();
         Vec::new()
     });
     scene.objects = vec![Object::of_mesh(file.only_name(), PaintedMesh { soup, paint })];
@@ -59,19 +65,23 @@ pub(super) fn export_one(
     Ok(RepairedBody { bytes, dialect: mesh.dialect, ..body })
 }
 
-/// A file that holds just what was judged.
+/// An exported file that holds exactly the judged faces.
 pub(super) struct Exported {
+    /// The file.
     pub bytes: Vec<u8>,
-    /// What was read back from them, in the places and the unit in which it was judged.
+    /// The mesh that was read back from the file, in the judged positions and unit.
     pub mesh: ReadMesh,
 }
 
-/// Writes a scene, reads the written bytes back, and sees that each of its meshes in use has just the faces that it had.
+/// Writes a scene, reads the file back, and checks that each placed mesh has exactly the same faces.
+///
+/// # Errors
+/// [`RepairError`] if the scene cannot be written or read back, and [`RepairError::Unfaithful`] if faces differ.
 pub(super) fn export(scene: &Scene, format: Format) -> Result<Exported, RepairError> {
     let bytes = format::write_scene(scene, format)?;
     let read = format::read_file(&bytes, &ReadOptions::within(Limits::NONE))?;
     let Some(again) = read.scene.as_ref().filter(|_| format.has_objects()) else {
-        // One mesh, whatever the scene is made of.
+        // A format without objects stores the whole scene as one mesh.
         let whole = scene.placed(u64::MAX).map_err(|_| WriteError::TooLarge)?;
         require_same(&[&whole.soup], &[&read.mesh.soup])?;
         return Ok(Exported { bytes, mesh: read.mesh });
@@ -79,7 +89,7 @@ pub(super) fn export(scene: &Scene, format: Format) -> Result<Exported, RepairEr
     let (ours, theirs) = (meshes(scene), meshes(again));
     let (before, after): (Vec<_>, Vec<_>) = (soups(scene, &ours), soups(again, &theirs));
     require_same(&before, &after)?;
-    // In their places as they were judged: the file may have turned and scaled these.
+    // Uses the judged transforms, because the file format may have rotated or scaled the objects.
     let mut placed = scene.clone();
     for (&own, soup) in ours.iter().zip(after) {
         placed.objects[own].shape = Shape::Mesh(PaintedMesh { soup: soup.clone(), paint: Vec::new() });
@@ -90,17 +100,18 @@ pub(super) fn export(scene: &Scene, format: Format) -> Result<Exported, RepairEr
     Ok(Exported { bytes, mesh })
 }
 
-/// The objects that are meshes with faces and stand somewhere, in their order.
+/// The indices of objects that have faces and an instance, in order.
 fn meshes(scene: &Scene) -> Vec<usize> {
     let places = scene.places();
     (0..places.len()).filter(|&object| places[object] > 0 && scene.objects[object].has_faces()).collect()
 }
 
+/// The triangles of the objects with these indices.
 fn soups<'s>(scene: &'s Scene, meshes: &[usize]) -> Vec<&'s Soup> {
     meshes.iter().filter_map(|&object| scene.objects[object].mesh()).map(|mesh| &mesh.soup).collect()
 }
 
-/// Sees that meshes have the same faces, in whatever order.
+/// Checks that two lists of meshes have the same faces, in any order.
 fn require_same(a: &[&Soup], b: &[&Soup]) -> Result<(), RepairError> {
     let sorted = |soup: &Soup| {
         let mut order: Vec<usize> = (0..soup.faces.len()).collect();
@@ -116,7 +127,7 @@ fn require_same(a: &[&Soup], b: &[&Soup]) -> Result<(), RepairError> {
     if a.len() == b.len() && a.iter().zip(b).all(is_same) { Ok(()) } else { Err(RepairError::Unfaithful) }
 }
 
-/// The same for a face from whichever corner it is told, and another one if it is turned over.
+/// A key of a face that does not depend on its first corner, but changes if the face is flipped.
 fn key(soup: &Soup, face: usize) -> [[u64; 3]; 3] {
     let [a, b, c] = soup.corners(face).map(|p: DVec3| position_key(p));
     [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap_or([a, b, c])

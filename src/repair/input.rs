@@ -1,4 +1,4 @@
-//! The input of a repair: what was read and inspected, and how it is handed back.
+//! The input of a repair: the mesh that was read, its inspection, and its return without changes.
 
 use std::time::Duration;
 
@@ -8,9 +8,9 @@ use super::judge::{
 use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::Orient;
 use super::options::{Nested, Options};
-use super::red_flags::Invented;
+use super::red_flags::AddedSurface;
 use super::remesher::Remesher;
-use super::report::LeftOut;
+use super::report::OmittedSection;
 use super::time_budget::{TimeBudget, for_details};
 use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
@@ -22,10 +22,10 @@ use crate::inspect::{
 use crate::mesh::Soup;
 use crate::scene::LengthUnit;
 
-/// Why there is no result at all. A model that can't be repaired is no error: see [`Outcome::Unrepairable`].
+/// Why a repair has no result at all. A model that cannot be repaired is not an error: see [`Outcome::Unrepairable`].
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RepairError {
-    /// The input is not a mesh that can be read.
+    /// The input cannot be read as a mesh.
     #[error(transparent)]
     Read(#[from] ReadError),
     /// An option is out of range.
@@ -34,56 +34,68 @@ pub enum RepairError {
     /// The job was canceled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
-    /// The deadline came before there was anything to hand out: not even the input could be verified in the output's format.
+    /// The deadline, in seconds, passed before anything could be returned: not even the input could be verified in the output format.
     #[error(
-        "the time was over before the model was inspected, so there is no result: deadline_s is {0}; raise it, or send fewer faces"
+        "the deadline of {0} s passed before the inspection finished, so there is no result; raise `deadline_s`, or send fewer faces"
     )]
     OutOfTime(f64),
-    /// Neither a result nor the input can be said in the output format.
+    /// Neither a result nor the input can be written in the output format.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// What was written is not what was judged, which would be a mistake of ours.
-    #[error("the written file does not hold the model that was judged; ask for another output format, and report this")]
+    /// The written file does not hold the judged model: a program error.
+    #[error(
+        "the written file does not match the verified model; choose another `output` format, and report this error"
+    )]
     Unfaithful,
 }
 
-/// What is asked for, and by what means.
+/// A repair request: the options, and the means to follow them.
 #[derive(Clone, Copy)]
-pub(super) struct Request<'a> {
+pub(super) struct RepairRequest<'a> {
+    /// The options of the repair.
     pub options: &'a Options,
+    /// Blender, if it is available.
     pub remesher: Option<&'a dyn Remesher>,
+    /// Progress, cancellation and deadline.
     pub context: &'a Context<'a>,
-    /// Whether what strategies have in common runs once. No result depends on it.
+    /// Whether steps that strategies share run only once. Results do not depend on it.
     pub reuses_prefixes: bool,
 }
 
-/// What came in.
+/// The inspected input of a repair.
 pub(super) struct Input<'a> {
-    /// Its bytes, where they may come back as they are.
+    /// The file's bytes, if they may be returned unchanged.
     pub bytes: Option<&'a [u8]>,
+    /// The mesh as it was read.
     pub mesh: &'a ReadMesh,
+    /// The structure of the mesh.
     pub analysis: &'a Analysis<'a>,
-    /// The same as what results are compared with.
+    /// The input in the form that results are compared with.
     pub original: &'a Original<'a>,
+    /// The inspection of the input.
     pub before: &'a Inspection,
+    /// The division of the repair's time.
     pub time: &'a TimeBudget,
 }
 
 impl Input<'_> {
-    /// The input's own bytes, or its faces in order in the format that results are judged in; none where no face is left to write, or
-    /// where there was no time to verify what was written.
-    pub fn handed_back(
+    /// The unchanged input as a result: its own bytes, or its faces in order in the judging format. None if no face can be written, or if
+    /// there was no time to verify the written bytes.
+    ///
+    /// # Errors
+    /// [`RepairError`] if the job was canceled, or the faces cannot be written or read back.
+    pub fn unchanged_input(
         &self,
         format: Format,
         options: &Options,
         context: &Context<'_>,
     ) -> Result<Option<Judged>, RepairError> {
         let before = &self.before.measures;
-        // A file of which some faces could not be read is never handed out as it is, nor one whose normals point into the mesh: written
-        // again, it has none, or those of its faces.
-        let whole = self.mesh.numbering.as_ref().is_none_or(|it| it.faces_without_vertex == 0);
+        // A file with unreadable faces, or with vertex normals that point into the mesh, is never returned as it is. Writing it again
+        // removes both.
+        let whole = self.mesh.numbering.as_ref().is_none_or(|numbering| numbering.faces_without_vertex == 0);
         if let Some(bytes) = self.bytes.filter(|_| whole && self.bad_normals() == 0) {
-            return Ok(Some(self.unchanged(bytes.to_vec(), self.mesh.dialect.clone(), before.clone(), context)?));
+            return Ok(Some(self.as_result(bytes.to_vec(), self.mesh.dialect.clone(), before.clone(), context)?));
         }
         let surface = &self.analysis.surface;
         if surface.faces.is_empty() {
@@ -94,7 +106,7 @@ impl Input<'_> {
             let judging = Judging { format, input: self.original, options, context };
             match judging.judge(surface, Patches::BySource, None) {
                 Ok(judged) => {
-                    self.time.note_verification(surface.faces.len(), context.now().saturating_sub(start));
+                    self.time.record_verification(surface.faces.len(), context.now().saturating_sub(start));
                     return Ok(Some(judged));
                 }
                 Err(JudgeError::Write(error)) => return Err(error.into()),
@@ -103,15 +115,15 @@ impl Input<'_> {
                 Err(JudgeError::Cancelled(_)) => {}
             }
         }
-        let same = self.converted(format, context)?;
-        if same.is_none() {
-            self.time.leave_out(LeftOut::Verification);
+        let converted = self.converted(format, context)?;
+        if converted.is_none() {
+            self.time.omit(OmittedSection::Verification);
         }
-        Ok(same)
+        Ok(converted)
     }
 
-    /// The input's faces in another format, where the written bytes have the very same coordinates, so that all that was measured on
-    /// the input is true of them.
+    /// The input's faces in another format, if the written bytes have exactly the same coordinates, so that the input's measures hold for
+    /// them.
     fn converted(&self, format: Format, context: &Context<'_>) -> Result<Option<Judged>, RepairError> {
         let surface = &self.analysis.surface;
         let bytes = format::write(&surface.to_soup(), format)?;
@@ -124,17 +136,17 @@ impl Input<'_> {
         let faces = surface.faces.len() as u64;
         let measures = Measures {
             faces,
-            nonfinite_faces: 0,
+            non_finite_faces: 0,
             unreferenced_vertices: 0,
             unreadable_faces: 0,
             unshared_edges: 0,
             ..self.before.measures.clone()
         };
-        Ok(Some(self.unchanged(bytes, read.dialect, measures, context)?))
+        Ok(Some(self.as_result(bytes, read.dialect, measures, context)?))
     }
 
     /// The input itself as a result.
-    fn unchanged(
+    fn as_result(
         &self,
         bytes: Vec<u8>,
         dialect: String,
@@ -154,20 +166,22 @@ impl Input<'_> {
                 ..Details::default()
             },
             measures,
-            ledger: None,
+            part_accounting: None,
             assumptions: Vec::new(),
             cavities: Vec::new(),
-            invented: Invented::default(),
+            added_surface: AddedSurface::default(),
         })
     }
 
-    /// Vertices of which a normal of the file points into the mesh.
+    /// The number of vertices with a normal in the file that points into the mesh.
     pub fn bad_normals(&self) -> u64 {
         self.before.count(DefectKind::BadVertexNormal)
     }
 
-    /// Looks at a result as at the input: at its own bytes, read back, and at what became of the input. What the input's bytes
-    /// say is known already.
+    /// Inspects a result like the input, on its own bytes, and compares the surfaces. The input's bytes are not inspected again.
+    ///
+    /// # Errors
+    /// [`RepairError`] if the job was canceled or the bytes cannot be read back.
     pub fn after(&self, judged: &mut Judged, context: &Context<'_>) -> Result<Inspection, RepairError> {
         if self.bytes == Some(judged.bytes.as_slice()) {
             judged.details.surface = surface_shares(self.original, self.analysis, context)?;
@@ -189,7 +203,7 @@ impl Input<'_> {
                 Ok(inspection)
             }
             Err(RepairError::Cancelled(_)) if !context.is_cancelled() => {
-                self.time.leave_out(LeftOut::ResultDetails);
+                self.time.omit(OmittedSection::ResultDetails);
                 let counts = judged.details.counts.take().unwrap_or_else(|| self.before.clone());
                 Ok(Inspection { measures: judged.measures.clone(), ..counts })
             }
@@ -197,40 +211,45 @@ impl Input<'_> {
         }
     }
 
-    /// What a person should know of the input.
+    /// The warnings about the input.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = self.mesh.warnings.clone();
-        warnings.extend(self.before.measures.left_out());
+        warnings.extend(self.before.measures.omitted());
         let bad = self.bad_normals();
         if bad > 0 {
             warnings.push(format!(
-                "Vertices with a normal that points into the mesh: {bad}. The result is written without the file's normals."
+                "{bad} vertices have a normal that points into the mesh. The result is written without the file's normals."
             ));
         }
         let intersections = &self.before.measures.self_intersections;
         if intersections.checked && !intersections.complete {
-            warnings.push("so many faces overlap that they were not all counted".to_owned());
+            warnings.push("Too many faces overlap to count them all.".to_owned());
         }
         warnings
     }
 }
 
 /// A mesh of a file, before it is inspected.
-pub(super) struct Source<'a> {
-    /// Its bytes, where they may come back as they are.
+pub(super) struct MeshSource<'a> {
+    /// The file's bytes, if they may be returned unchanged.
     pub bytes: Option<&'a [u8]>,
+    /// The mesh as it was read.
     pub mesh: &'a ReadMesh,
+    /// The unit of the mesh.
     pub unit: Option<&'a LengthUnit>,
 }
 
-/// Inspects a mesh, and repairs it by `repair` as the input that it is.
+/// Inspects a mesh and passes it to `repair` as the input.
+///
+/// # Errors
+/// The errors of `repair`, and [`Cancelled`] if the job was canceled or there was no time for the inspection.
 pub(super) fn inspected<T>(
-    source: &Source<'_>,
-    &Request { options, context, .. }: &Request<'_>,
+    source: &MeshSource<'_>,
+    &RepairRequest { options, context, .. }: &RepairRequest<'_>,
     repair: impl FnOnce(Input<'_>) -> Result<T, RepairError>,
 ) -> Result<T, RepairError> {
     let began = context.now();
-    let &Source { bytes, mesh, unit } = source;
+    let &MeshSource { bytes, mesh, unit } = source;
     let analysis = &Analysis::new(subject(mesh, unit), &context.for_verification())?;
     let (before, time) = &inspect_input(analysis, began, context)?;
     let settled = settle_orientation(analysis, &before.measures, options, context)?;
@@ -239,9 +258,9 @@ pub(super) fn inspected<T>(
     repair(Input { bytes, mesh, analysis, original: &original, before, time })
 }
 
-/// Inspects the input. `began` is when the finding of its structure began; what took long then will take long again.
+/// Inspects the input. `began` is the start of its analysis; the duration predicts how long verifications will take.
 ///
-/// Where the deadline comes before it is known which faces intersect, the inspection has nothing but counts, and says so.
+/// If the deadline passes before the intersecting faces are known, the inspection has only counts, and the omitted sections say so.
 fn inspect_input(
     analysis: &Analysis<'_>,
     began: Duration,
@@ -256,21 +275,21 @@ fn inspect_input(
             &for_details(context),
         )?
     } else {
-        time.leave_out(LeftOut::InputVerification);
+        time.omit(OmittedSection::InputVerification);
         inspect_counts(analysis, &context.for_verification())?
     };
     if inspection.level == Level::None {
-        time.leave_out(LeftOut::InputDetails);
+        time.omit(OmittedSection::InputDetails);
     }
     Ok((inspection, time))
 }
 
-/// The faces of a closed input as [`Orient`] winds them, for measuring what it encloses: parts that are inside out would count against
-/// the others. None where nothing is turned, or the input is open, so that its volume says nothing anyway, or where
-/// the time was over.
+/// The faces of a closed input as [`Orient`] orients them, to measure the enclosed volume. Inverted parts would count negative otherwise.
+///
+/// None if no face is flipped, if the input is open and so has no reliable volume, or if the deadline passed.
 ///
 /// # Errors
-/// [`Cancelled`] when the job was canceled.
+/// [`Cancelled`] if the job was canceled.
 fn settle_orientation(
     analysis: &Analysis<'_>,
     before: &Measures,
@@ -282,7 +301,7 @@ fn settle_orientation(
         return Ok(None);
     }
     let mut surface = analysis.surface.clone();
-    // Faces that are there twice enclose nothing, and hide from each other what is around them.
+    // Duplicate faces enclose nothing and block each other's view of the outside.
     remove_duplicates(&mut surface);
     let oriented = Orient { nested: options.nested }.apply(&mut surface, &context.for_verification());
     if context.unless_late(oriented)?.is_none() {
@@ -291,10 +310,10 @@ fn settle_orientation(
     Ok((surface.faces != analysis.surface.faces).then(|| surface.to_soup()))
 }
 
-/// The structure of settled faces; none where there are none, or where the time was over.
+/// The structure of reoriented faces; none if there are none, or if the deadline passed.
 ///
 /// # Errors
-/// [`Cancelled`] when the job was canceled.
+/// [`Cancelled`] if the job was canceled.
 fn analyse_settled<'a>(soup: Option<&'a Soup>, context: &Context<'_>) -> Result<Option<Analysis<'a>>, Cancelled> {
     let verification = context.for_verification();
     Ok(match soup {

@@ -1,51 +1,56 @@
-//! The judging of results: by their own bytes, read back, and by whether methods of different kind agree on them.
+//! The judging of results: each result is written, read back, measured and compared with the input, and gets a rank.
 
-use super::options::{Operator, Options, OutputFormat};
-use super::part_accounting::{ledger, parts_dropped, standing};
-use super::presets::remesh_of;
-use super::red_flags::{Compared, Invented, part_lost, red_flags, surface_invented};
-use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode, Rung};
+use super::options::{Options, OutputFormat};
+use super::part_accounting::{part_accounting, parts_dropped, standing};
+use super::red_flags::{AddedSurface, Compared, part_lost, red_flags, surface_invented};
+use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode};
 use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, WriteError};
 use crate::inspect::{
-    Analysis, Changes, ComparedMesh, Findings, InspectOptions, Inspection, Ledger, Level, Measures, Original,
+    Analysis, Changes, ComparedMesh, Findings, InspectOptions, Inspection, Level, Measures, Original, PartAccounting,
     SurfaceShares, inspect_analysis, measure_analysis,
 };
-use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_made};
+use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_generated};
 use crate::scene::{LengthUnit, UnitSource};
 
-/// Share of the visible surface, in percent, whose loss makes even a printable result worse than the input.
+/// Loss of visible surface, in percent, that makes even a printable result worse than the input.
 const MOST_LOST_PCT: f64 = 25.0;
 
-/// A result as bytes, and what those bytes say.
+/// A result as bytes, with the findings on those bytes.
 pub(super) struct Judged {
+    /// The result in the judging format.
     pub bytes: Vec<u8>,
+    /// The dialect of the format.
     pub dialect: String,
+    /// The measures of the bytes, read back.
     pub measures: Measures,
+    /// The changes from the input.
     pub changes: Changes,
+    /// The red flags of the result.
     pub red_flags: Vec<RedFlag>,
-    /// What was taken for granted in place of a flag.
+    /// Assumptions that replace red flags.
     pub assumptions: Vec<Assumption>,
-    /// For each face of it the input's face that it was cut from; empty for the input itself.
+    /// For each face, the input face that it comes from; empty for the input itself.
     pub source: Vec<u32>,
-    /// What became of the input's parts; none of the input itself.
-    pub ledger: Option<Ledger>,
+    /// The whereabouts of the input's parts; none for the input itself.
+    pub part_accounting: Option<PartAccounting>,
     /// Volume and centre of each sealed cavity.
     pub cavities: Vec<(f64, [f64; 3])>,
-    /// What of its surface was invented.
-    pub invented: Invented,
+    /// The new surface of the result.
+    pub added_surface: AddedSurface,
+    /// Details for the report.
     pub details: Details,
 }
 
-/// What is known of a result beside its measures.
+/// Details of a result for the report.
 #[derive(Default)]
 pub(super) struct Details {
-    /// Its inspection, where it is good: then nothing better will come, and what its bytes say is at hand.
+    /// The inspection of a final result, made at once because no better result will follow.
     pub inspection: Option<Inspection>,
-    /// What was counted of it, where there is no inspection: what is told of it if there is no time for one.
+    /// The counts of any other result. The report uses them if there is no time for a full inspection.
     pub counts: Option<Inspection>,
-    /// What became of the input's surface, where it is good and there was time to ask.
+    /// The shares of the input's surface that are kept or lost, for a final result if there was time.
     pub surface: Option<SurfaceShares>,
 }
 
@@ -60,34 +65,41 @@ pub(super) enum JudgeError {
     Cancelled(#[from] Cancelled),
 }
 
-/// Which faces of a result are the patches of holes.
+/// Which faces of a result are patches of holes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Patches {
-    /// Those that no face of the input gave.
+    /// Faces that do not come from an input face.
     BySource,
-    /// None: all of it was made anew.
+    /// None, because the surface was remeshed.
     None,
 }
 
-/// What results are judged by.
+/// The criteria for judging results.
 #[derive(Clone, Copy)]
 pub(super) struct Judging<'a, 'i> {
-    /// The format in which they are written.
+    /// The format in which results are written.
     pub format: Format,
-    /// The input that they are compared with.
+    /// The input that results are compared with.
     pub input: &'a Original<'i>,
+    /// The options, with the thresholds of red flags.
     pub options: &'a Options,
+    /// The context, with the deadline and the end of verification.
     pub context: &'a Context<'a>,
 }
 
 impl Judging<'_, '_> {
-    /// Writes a mesh, reads the written bytes back, and measures those, so that the verdict is on what is handed out. The verdict
-    /// may go on after the deadline, until the end of verification; details of a good result are left out when the deadline has passed.
+    /// Writes a mesh, reads the written bytes back and judges them, so that the verdict covers exactly the file that may be returned.
+    /// `before_remesh` is the surface added before a remesh.
+    ///
+    /// Judging may continue after the deadline until the end of verification. Details of a final result are left out after the deadline.
+    ///
+    /// # Errors
+    /// [`JudgeError`] if the mesh cannot be written or read back, or the job was canceled or ran out of time.
     pub fn judge(
         &self,
         surface: &Surface,
         patches: Patches,
-        before_remesh: Option<&Invented>,
+        before_remesh: Option<&AddedSurface>,
     ) -> Result<Judged, JudgeError> {
         let &Self { format, input, options, context } = self;
         let verification = &context.for_verification();
@@ -97,21 +109,22 @@ impl Judging<'_, '_> {
         let unit = input.analysis().subject.unit.map(|unit| unit_for_readers(unit, options.output));
         let analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
         let measures = measure_analysis(&analysis, verification)?;
-        let ledger = ledger(input, &analysis, options, verification)?;
-        // Faces are written and read in their order.
+        let part_accounting = part_accounting(input, &analysis, options, verification)?;
+        // The format keeps the order of faces, so `patches` fits the faces that were read back.
         let patches: Vec<bool> = match patches {
-            Patches::BySource => surface.source.iter().map(|&source| is_made(source)).collect(),
+            Patches::BySource => surface.source.iter().map(|&source| is_generated(source)).collect(),
             Patches::None => Vec::new(),
         };
-        let dropped = parts_dropped(&ledger, input.analysis().parts.count);
+        let dropped = parts_dropped(&part_accounting, input.analysis().parts.count);
         let after = ComparedMesh { analysis: &analysis, measures: &measures, patches: Some(&patches), gone: &dropped };
         let mut changes = input.changes_but_for(&after, verification)?;
-        // What was taken for inside was opened on purpose: it can be seen through a hole.
+        // Regions visible through holes were opened on purpose, so the enclosed space differs.
         if !input.measures().closed && surface.source.contains(&OPENED_SKIN_SOURCE) {
-            changes.inside_overlap_pct = None;
+            changes.volume_overlap_pct = None;
         }
-        let invented = before_remesh.map_or_else(|| Invented::of(surface), |it| it.in_remesh(measures.area));
-        let standing = standing(surface, input.analysis(), &ledger);
+        let added_surface =
+            before_remesh.map_or_else(|| AddedSurface::of(surface), |before| before.in_remesh(measures.area));
+        let standing = standing(surface, input.analysis(), &part_accounting);
         let compared = Compared {
             before: input.measures(),
             settled: input.settled_volume(verification)?,
@@ -120,8 +133,8 @@ impl Judging<'_, '_> {
             standing,
         };
         let mut red_flags = red_flags(&compared, options);
-        red_flags.extend(part_lost(&ledger, context));
-        red_flags.extend(surface_invented(&invented, options));
+        red_flags.extend(part_lost(&part_accounting, context));
+        red_flags.extend(surface_invented(&added_surface, options));
         let details = self.details(&analysis, is_final(&measures, &red_flags))?;
         let mut judged = Judged {
             cavities: cavities(&analysis, &measures),
@@ -132,15 +145,15 @@ impl Judging<'_, '_> {
             red_flags,
             assumptions: Vec::new(),
             source: surface.source.clone(),
-            ledger: Some(ledger),
-            invented,
+            part_accounting: Some(part_accounting),
+            added_surface,
             details,
         };
         judged.assumptions.extend(same_inside(&judged, options.max_volume_change_pct));
         Ok(judged)
     }
 
-    /// The details of a final result; of others they are found out when they are handed out, if there is time.
+    /// The details of a final result. Other results get them only if they are returned and there is time.
     fn details(&self, result: &Analysis<'_>, is_final: bool) -> Result<Details, Cancelled> {
         let context = self.context;
         if !is_final {
@@ -154,15 +167,15 @@ impl Judging<'_, '_> {
 
 /// Volume and centre of each sealed cavity of a printable result.
 fn cavities(analysis: &Analysis<'_>, measures: &Measures) -> Vec<(f64, [f64; 3])> {
-    let cavities = analysis.solids.iter().filter(|it| measures.printable() && it.closed && it.volume < 0.0);
-    cavities.map(|it| (it.volume.abs(), it.bounds.centre().to_array())).collect()
+    let cavities = analysis.solids.iter().filter(|solid| measures.printable() && solid.closed && solid.volume < 0.0);
+    cavities.map(|solid| (solid.volume.abs(), solid.bounds.centre().to_array())).collect()
 }
 
-/// A verdict in words, for a validation step.
-pub(super) fn verdict_in_words(judged: &Judged) -> String {
+/// The verdict on a result as text, for the note of a validation step.
+pub(super) fn verdict_text(judged: &Judged) -> String {
     let mut text = match judged.measures.faults().join(", ") {
-        fine if fine.is_empty() => "printable".to_owned(),
-        left => format!("not printable: {left}"),
+        none if none.is_empty() => "printable".to_owned(),
+        faults => format!("not printable: {faults}"),
     };
     for flag in &judged.red_flags {
         text.push_str("; ");
@@ -171,109 +184,112 @@ pub(super) fn verdict_in_words(judged: &Judged) -> String {
     text
 }
 
-/// The unit of a result as its readers learn it: a format without units doesn't say what the input's file said.
+/// The unit of a result as its readers see it: a format without units cannot pass on that the input's file stated the unit.
 fn unit_for_readers(unit: &LengthUnit, output: OutputFormat) -> LengthUnit {
     let is_kept = matches!(output, OutputFormat::Auto | OutputFormat::Same | OutputFormat::Glb | OutputFormat::ThreeMf);
     let source = if is_kept { unit.source } else { UnitSource::Declared };
     LengthUnit { source, ..unit.clone() }
 }
 
-/// Printable with no sign of destruction.
+/// Whether a result is printable and has no red flag.
 fn is_good(measures: &Measures, red_flags: &[RedFlag]) -> bool {
     measures.printable() && red_flags.is_empty()
 }
 
-/// Whether no other way can do better: printable, and no flag but that the input leaves much to invention.
+/// Whether no other strategy can do better: the result is printable, and its only red flag may be new surface, which the input forces.
 fn is_final(measures: &Measures, red_flags: &[RedFlag]) -> bool {
     measures.printable() && red_flags.iter().all(|flag| flag.code == RedFlagCode::SurfaceInvented)
 }
 
 impl Judged {
-    /// Whether no other way can do better.
+    /// Whether no other strategy can do better.
     pub fn is_final(&self) -> bool {
         is_final(&self.measures, &self.red_flags)
     }
 
-    /// Printable with no sign of destruction.
+    /// Whether the result is printable and has no red flag.
     pub fn is_good(&self) -> bool {
         is_good(&self.measures, &self.red_flags)
     }
 
-    /// Whether it is printable with nothing destroyed, or at least closed with nothing lost.
+    /// Whether the result is printable without severe damage, or at least closed without loss.
     pub fn is_whole(&self) -> bool {
-        self.rank().0 <= Class::Crossing
+        self.rank().0 <= ResultClass::Crossing
     }
 
-    /// Smaller is better: by class, and within a class by what was lost, or by defects where that is nothing. The input itself
-    /// stands among the unprintable (see [`rank_of_input`]), so a result that is not printable must have fewer defects and the
-    /// whole model, and one that destroyed is never preferred.
-    pub fn rank(&self) -> Rank {
+    /// The rank of the result; a smaller rank is better. Results compare by class, then by lost surface and defects.
+    ///
+    /// The input itself ranks among the unprintable results (see [`rank_of_input`]). So an unprintable result replaces the input only with
+    /// fewer defects and the complete model, and a result that destroyed surface never does.
+    pub fn rank(&self) -> ResultRank {
         let raised = |code| self.red_flags.iter().find(|flag| flag.code == code).map(|flag| flag.value);
         let lost = raised(RedFlagCode::SurfaceLost);
         let parts_lost = raised(RedFlagCode::PartLost).is_some();
-        let destroyed = raised(RedFlagCode::BoxChange).is_some() || lost.is_some_and(|lost| lost > MOST_LOST_PCT);
+        let destroyed =
+            raised(RedFlagCode::BoundingBoxChange).is_some() || lost.is_some_and(|lost| lost > MOST_LOST_PCT);
         let class = match self.measures.printable() {
-            _ if destroyed => Class::Destroyed,
-            true if self.red_flags.is_empty() => Class::Good,
-            true if is_final(&self.measures, &self.red_flags) => Class::Invented,
-            true if parts_lost => Class::PartLost,
-            true if lost.is_some() => Class::SurfaceLost,
-            true => Class::Flagged,
-            false if lost.is_some() || parts_lost => Class::Destroyed,
+            _ if destroyed => ResultClass::Destroyed,
+            true if self.red_flags.is_empty() => ResultClass::Good,
+            true if is_final(&self.measures, &self.red_flags) => ResultClass::AddedSurface,
+            true if parts_lost => ResultClass::PartLost,
+            true if lost.is_some() => ResultClass::SurfaceLost,
+            true => ResultClass::Flagged,
+            false if lost.is_some() || parts_lost => ResultClass::Destroyed,
             false => class_of_unprintable(&self.measures),
         };
         let lost = self.changes.surface_lost_pct.unwrap_or(0.0);
-        // Tenths of a percent: sampling tells no less.
+        // Tenths of a percent: sampling is not more precise.
         let tenths = (lost * 10.0).round() as u64;
         let defects = self.measures.defects();
         let uncounted = !self.measures.self_intersections.complete;
         match class {
-            Class::Crossing | Class::Broken => (class, uncounted, defects, tenths),
+            ResultClass::Crossing | ResultClass::Broken => (class, uncounted, defects, tenths),
             _ => (class, uncounted, tenths, defects),
         }
     }
 }
 
-/// How good a result is, the best first.
+/// The class of a result, the best first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Class {
-    /// Printable, and no red flag.
+pub(super) enum ResultClass {
+    /// Printable without red flags.
     Good,
-    /// Printable with more of its surface invented than the options allow, and no other red flag.
-    Invented,
-    /// Printable with another red flag than the classes below have.
+    /// Printable; the only red flag is more new surface than the options allow.
+    AddedSurface,
+    /// Printable with a red flag that the classes below do not cover.
     Flagged,
-    /// Printable with some of the surface lost that can be seen.
+    /// Printable, but visible surface was lost.
     SurfaceLost,
-    /// Printable with a part lost.
+    /// Printable, but a part was lost.
     PartLost,
-    /// Closed, with faces that intersect or look inward, and nothing lost.
+    /// Closed without loss, but with intersecting or inward faces.
     Crossing,
-    /// Not closed, and nothing lost.
+    /// Not closed; nothing was lost.
     Broken,
-    /// More was destroyed than mended, whether it is printable or not.
+    /// Printable or not, the repair destroyed more than it fixed.
     Destroyed,
 }
 
-/// The class of a result, whether there were too many intersections to count, and what tells two of a class apart.
-pub(super) type Rank = (Class, bool, u64, u64);
+/// The class of a result, whether there were too many intersections to count, and two numbers that order results of one class.
+pub(super) type ResultRank = (ResultClass, bool, u64, u64);
 
-/// The rank of the input itself, which any result must beat.
-pub(super) fn rank_of_input(before: &Measures) -> Rank {
-    let class = if before.printable() { Class::Good } else { class_of_unprintable(before) };
+/// The rank of the input itself, which a result must beat to replace the input.
+pub(super) fn rank_of_input(before: &Measures) -> ResultRank {
+    let class = if before.printable() { ResultClass::Good } else { class_of_unprintable(before) };
     (class, !before.self_intersections.complete, before.defects(), 0)
 }
 
-/// A hole is worse than faces that intersect or look inward: a slicer can unite what overlaps, but not guess what is missing.
-fn class_of_unprintable(m: &Measures) -> Class {
-    if m.closed && m.manifold && m.consistent { Class::Crossing } else { Class::Broken }
+/// The class of an unprintable mesh. Holes are worse than intersecting or inward faces: a slicer can unite overlaps, but it cannot guess
+/// missing surface.
+fn class_of_unprintable(m: &Measures) -> ResultClass {
+    if m.closed && m.manifold && m.consistent { ResultClass::Crossing } else { ResultClass::Broken }
 }
 
 impl Candidate {
-    /// A result, and the index of the strategy that made it.
-    pub(super) fn new(rung: Option<u32>, judged: &Judged, chosen: bool) -> Self {
+    /// Makes a candidate from a judged result and the index of its strategy.
+    pub(super) fn new(strategy: Option<u32>, judged: &Judged, chosen: bool) -> Self {
         Self {
-            rung,
+            strategy,
             printable: judged.measures.printable(),
             defects: judged.measures.defects(),
             faces: judged.measures.faces,
@@ -283,135 +299,35 @@ impl Candidate {
     }
 }
 
-/// The assumption for a volume that would raise a flag by its figure, while winding numbers find the same inside before and after.
+/// The assumption for a volume change over the threshold that raised no red flag, because winding numbers find the same enclosed space.
 pub(super) fn same_inside(judged: &Judged, most_pct: f64) -> Option<Assumption> {
     let change = judged.changes.volume_change_pct.filter(|change| change.abs() > most_pct)?;
-    let overlap = judged.changes.inside_overlap_pct?;
+    let overlap = judged.changes.volume_overlap_pct?;
     let flagged = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::VolumeChange);
     (!flagged).then(|| {
         let detail = format!(
-            "the volume by its faces changed by {change:.1} %, since it counts space twice where parts overlap; by winding numbers \
-             {overlap:.1} % of the inside is the same"
+            "The volume computed from the faces changed by {change:.1} %, because it counts space twice where parts overlap. By winding \
+             number, {overlap:.1} % of the enclosed space is the same."
         );
         Assumption::new(AssumptionKind::MethodsAgree, 1, detail).with_amount(change)
     })
 }
 
-/// By how many percentage points two results may differ in the surface that they lost, or in the volume, and still agree.
-const SAME_LOSS: f64 = 0.3;
-const SAME_VOLUME: f64 = 1.0;
-
-/// The kinds of method that tell inside from outside, each by its own means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Method {
-    /// The exact arrangement, on the input's own faces.
-    Arrangement,
-    /// Winding numbers on a grid.
-    Grid,
-    /// Blender.
-    Blender,
-}
-
-impl Method {
-    /// The method of a strategy; none where it decides nothing of the kind.
-    pub fn of(strategy: &Rung) -> Option<Self> {
-        let runs = |operator| strategy.actions.iter().any(|planned| planned.operators.contains(&operator));
-        if remesh_of(strategy).is_some() {
-            Some(Self::Blender)
-        } else if runs(Operator::Remesh) {
-            Some(Self::Grid)
-        } else {
-            runs(Operator::Resolve).then_some(Self::Arrangement)
-        }
-    }
-}
-
-/// What a method found wrong with its own printable result, by the flags and their values.
-#[derive(Debug, Clone)]
-pub(super) struct Finding {
-    method: Method,
-    flags: Vec<(RedFlagCode, f64)>,
-}
-
-impl Finding {
-    /// The flags of a result, where it is printable and they are of a kind on which methods may agree.
-    pub fn of(strategy: &Rung, judged: &Judged) -> Option<Self> {
-        let flags = measured(judged);
-        let comparable = !flags.is_empty() && flags.iter().all(|&(code, _)| tolerance(code).is_some());
-        let method = Method::of(strategy).filter(|_| comparable && judged.measures.printable())?;
-        Some(Self { method, flags })
-    }
-
-    /// Whether a method of another kind came to the same measures.
-    pub fn agrees_with(&self, other: &Self) -> bool {
-        self.method != other.method && self.flags_agree(&other.flags)
-    }
-
-    /// Whether another result has the same flags with the same values, within what sampling tells.
-    pub fn is_of(&self, judged: &Judged) -> bool {
-        self.flags_agree(&measured(judged))
-    }
-
-    fn flags_agree(&self, other: &[(RedFlagCode, f64)]) -> bool {
-        let same = |(a, b): (&(RedFlagCode, f64), &(RedFlagCode, f64))| {
-            a.0 == b.0 && tolerance(a.0).is_some_and(|most| (a.1 - b.1).abs() <= most)
-        };
-        self.flags.len() == other.len() && self.flags.iter().zip(other).all(same)
-    }
-}
-
-/// The flags with their values, but for invented surface, on which methods need not agree.
-fn measured(judged: &Judged) -> Vec<(RedFlagCode, f64)> {
-    let flags = judged.red_flags.iter().filter(|flag| flag.code != RedFlagCode::SurfaceInvented);
-    flags.map(|flag| (flag.code, flag.value)).collect()
-}
-
-fn tolerance(code: RedFlagCode) -> Option<f64> {
-    match code {
-        RedFlagCode::SurfaceLost => Some(SAME_LOSS),
-        RedFlagCode::VolumeChange => Some(SAME_VOLUME),
-        _ => None,
-    }
-}
-
-/// Makes an assumption of the flag for lost surface, on which methods of different kind agree, where the surface still stands and is
-/// only enclosed now. Any other flag stays: surface that is gone, or volume that changed, is for a person to look at.
-pub(super) fn explain_by_agreement(judged: &mut Judged) {
-    let (invented, flags): (Vec<RedFlag>, Vec<RedFlag>) =
-        judged.red_flags.iter().cloned().partition(|flag| flag.code == RedFlagCode::SurfaceInvented);
-    let encloses_only = |flag: &RedFlag| flag.code == RedFlagCode::SurfaceLost;
-    if !judged.changes.keeps_visible_surface() || !flags.iter().all(encloses_only) {
-        return;
-    }
-    judged.red_flags = invented;
-    for flag in flags {
-        let detail = format!(
-            "{:.1} % of the surface lies within the result: methods of different kind agree that closing the input encloses it",
-            flag.value
-        );
-        judged.assumptions.push(
-            Assumption::new(AssumptionKind::MethodsAgree, 1, detail)
-                .with_amount(flag.value)
-                .unless(&format!("max_surface_lost_pct={}", flag.threshold)),
-        );
-    }
-}
-
-/// What became of the input's surface; none where the time was over.
+/// The shares of the input's surface that are kept, moved, added or removed; none if the deadline passed.
 pub(super) fn surface_shares(
     input: &Original<'_>,
     result: &Analysis<'_>,
     context: &Context<'_>,
 ) -> Result<Option<SurfaceShares>, Cancelled> {
-    Ok(context.unless_late(input.fates(result, context))?.map(|fates| fates.shares))
+    Ok(context.unless_late(input.provenance(result, context))?.map(|provenance| provenance.shares))
 }
 
-/// Reads what we have written, however large it is.
+/// Reads a file that this program wrote, without limits.
 pub(super) fn read_own(bytes: &[u8]) -> Result<ReadMesh, ReadError> {
     format::read(bytes, &Limits::NONE)
 }
 
-/// Inspects a mesh that was measured. When the deadline has passed, nothing but what results are judged by is there.
+/// Inspects a mesh with the default options. After the deadline, the inspection holds only the measures and counts.
 pub(super) fn inspect_measured(
     analysis: &Analysis<'_>,
     context: &Context<'_>,
@@ -419,6 +335,7 @@ pub(super) fn inspect_measured(
     inspect_in_time(analysis, &InspectOptions::default(), context)
 }
 
+/// Inspects a mesh. After the deadline, the inspection holds only the measures and counts.
 pub(super) fn inspect_in_time(
     analysis: &Analysis<'_>,
     options: &InspectOptions,
@@ -429,11 +346,11 @@ pub(super) fn inspect_in_time(
     }
     let verification = &context.for_verification();
     let measures = measure_analysis(analysis, verification)?;
-    let (counted, findings) = inspect_counts(analysis, verification)?;
-    Ok((Inspection { measures, ..counted }, findings))
+    let (counts, findings) = inspect_counts(analysis, verification)?;
+    Ok((Inspection { measures, ..counts }, findings))
 }
 
-/// Counts what is counted of every mesh, whatever the time.
+/// Inspects a mesh at the level `none`, which only counts.
 pub(super) fn inspect_counts(
     analysis: &Analysis<'_>,
     context: &Context<'_>,

@@ -1,15 +1,16 @@
-//! Objects stay objects: each is repaired by itself, in its own coordinates, and stands in its places again. Objects that intersect where
-//! they stand are united first, unless the options keep them apart.
+//! The repair of a file whose objects are kept: each object is repaired separately, in its own coordinates, and put back in its places.
+//! Objects that intersect in their places are united first, unless the option `merge` keeps them separate. Objects whose results
+//! still intersect are united and repaired again, in up to [`MAX_ROUNDS`] rounds.
 
-use super::account::{Account, MAX_NAMED, ObjectPlace, objects_intersect, outcome_of};
-use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
-use super::body::{ObjectRepair, RepairedObject, Share};
-use super::ended::RepairedBody;
+use super::attribute_transfer::{Painted, SoupWithSource, transfer_paint};
+use super::body::{ObjectProgress, ObjectRepair, RepairedObject};
+use super::conclusion::RepairedBody;
 use super::export::{Exported, export};
-use super::input::{Input, RepairError, Request};
+use super::input::{Input, RepairError, RepairRequest};
 use super::judge::{inspect_measured, surface_shares};
 use super::options::{Merge, Options};
 use super::report::{Assumption, AssumptionKind, ObjectReport, Outcome};
+use super::report_draft::{MAX_NAMED, ObjectPlace, ReportDraft, objects_intersect, outcome_of};
 use super::unite::{CutBody, UnitedScene, connected, contacts_of, cut_body, instance_of, instances_of, name_of};
 use crate::analyze::subject;
 use crate::context::Context;
@@ -19,16 +20,16 @@ use crate::math::Box3;
 use crate::mesh::Soup;
 use crate::scene::{Instance, Object, Paint, Palette, Scene, Shape};
 
-/// Most objects that are kept apart: each has a section of its own in the report.
-const MAX_APART: usize = 200;
+/// Most objects that are kept separate, because each gets its own section in the report.
+const MAX_SEPARATE: usize = 200;
 
-/// How often objects are united again because results intersect where the input did not.
+/// Most rounds of uniting and repairing objects. A new round follows if results intersect although the inputs did not.
 const MAX_ROUNDS: usize = 4;
 
-/// Where the percents of all objects begin and end.
+/// Start and end of the objects' repairs in the progress of the whole repair, in percent.
 const PERCENT: [f64; 2] = [5.0, 90.0];
 
-/// Whether the objects of a file are repaired apart for a result of this format.
+/// Whether the objects of a file are repaired separately for a result of this format. Adds a warning if there are too many.
 pub(super) fn keeps_apart(file: &mut ReadFile, format: Format, options: &Options) -> bool {
     let Some(scene) = file.scene.as_ref().filter(|_| format.has_objects() && file.mesh.format.has_objects()) else {
         return false;
@@ -36,9 +37,9 @@ pub(super) fn keeps_apart(file: &mut ReadFile, format: Format, options: &Options
     let count = scene.objects.iter().filter(|object| object.has_faces()).count();
     match options.merge {
         Merge::Objects => false,
-        Merge::Auto | Merge::None if count > MAX_APART => {
+        Merge::Auto | Merge::None if count > MAX_SEPARATE => {
             let warning = format!(
-                "The file has {count} objects; more than {MAX_APART} are not kept apart, so all of them became one object."
+                "The file has {count} objects, more than the limit of {MAX_SEPARATE} separate objects, so all were combined into one."
             );
             file.mesh.warnings.push(warning);
             false
@@ -48,73 +49,82 @@ pub(super) fn keeps_apart(file: &mut ReadFile, format: Format, options: &Options
 }
 
 /// The repair of a file's objects.
-pub(super) struct ObjectsRepair<'a> {
+pub(super) struct SceneRepair<'a> {
+    /// The file that was read.
     pub file: &'a ReadFile,
+    /// All objects in their places, as one mesh.
     pub input: &'a Input<'a>,
+    /// The output format.
     pub format: Format,
-    /// Whether the file may come back byte for byte where no object needs anything.
+    /// Whether the file may be returned byte for byte if no object needs a change.
     pub as_it_is: bool,
-    /// What is asked for, with the surroundings of the objects' repairs.
-    pub request: Request<'a>,
-    /// The surroundings of what is done with all objects together, which end later.
+    /// The request, with the context of the objects' repairs.
+    pub request: RepairRequest<'a>,
+    /// The context of the work on all objects together, with a later deadline.
     pub whole: &'a Context<'a>,
 }
 
 /// The result of one object.
 struct ObjectResult {
     section: ObjectReport,
-    /// Its triangles and paint; none where it has nothing that can be written.
+    /// The triangles with their colours and materials; none if there is nothing to write.
     mesh: Option<(Soup, Vec<Paint>)>,
-    /// Whether the file's own object can stay.
+    /// Whether the object in the file can stay as it is.
     is_untouched: bool,
 }
 
-/// A file that the results of its bodies were assembled to.
-pub(super) struct Assembled {
-    pub account: Account,
-    /// The accounts of its objects, where they were repaired apart.
+/// The repaired file, assembled from the results of its bodies.
+pub(super) struct AssembledFile {
+    /// The draft of the file's report.
+    pub draft: ReportDraft,
+    /// The reports of objects that were repaired separately.
     pub sections: Vec<ObjectReport>,
+    /// The file.
     pub bytes: Vec<u8>,
+    /// The dialect of the file's format.
     pub dialect: String,
 }
 
-impl From<RepairedBody> for Assembled {
+impl From<RepairedBody> for AssembledFile {
     fn from(body: RepairedBody) -> Self {
-        Self { account: body.account, sections: Vec::new(), bytes: body.bytes, dialect: body.dialect }
+        Self { draft: body.draft, sections: Vec::new(), bytes: body.bytes, dialect: body.dialect }
     }
 }
 
-/// The objects of a round, repaired and judged where they stand.
-struct Round {
+/// The objects after one round, repaired and judged in their places.
+struct RepairRound {
     united: UnitedScene,
-    /// The scene with its results.
+    /// The scene with the repaired objects.
     scene: Scene,
     results: Vec<Option<ObjectResult>>,
     bytes: Vec<u8>,
     dialect: String,
     after: Inspection,
     changes: Option<Changes>,
-    meetings: Meetings,
+    conflicts: Conflicts,
 }
 
-/// Where the instances of a scene meet.
+/// The conflicts between the instances of a scene.
 #[derive(Default)]
-struct Meetings {
-    /// The instances that have points in common, with the names of their objects.
+struct Conflicts {
+    /// Pairs of instances that touch or intersect, with the names of their objects.
     contacts: Vec<(InstanceContact, [String; 2])>,
-    /// The instances with faces inside bodies of another material.
+    /// Instances with faces inside objects of another material.
     contained: Vec<usize>,
 }
 
-/// A scene whose bodies give way to later ones of another material.
-struct Cut {
+/// A scene in which objects are cut where a later object of another material overlaps them.
+struct CutScene {
     united: UnitedScene,
     assumptions: Vec<Assumption>,
 }
 
-impl ObjectsRepair<'_> {
-    /// Repairs each object of a scene that is to be printed.
-    pub fn run(&self, scene: &Scene, bytes: &[u8]) -> Result<Assembled, RepairError> {
+impl SceneRepair<'_> {
+    /// Repairs the objects of a scene that are printed, and assembles the file.
+    ///
+    /// # Errors
+    /// [`RepairError`] if the job was canceled, the file cannot be written, or it does not read back as judged.
+    pub fn run(&self, scene: &Scene, bytes: &[u8]) -> Result<AssembledFile, RepairError> {
         let start = instances_of(scene).map_err(|_| WriteError::TooLarge)?;
         let mut united = UnitedScene::of(scene);
         let (mut met, mut cuts) = (Vec::new(), Vec::new());
@@ -149,7 +159,7 @@ impl ObjectsRepair<'_> {
                 cuts.extend(cut.assumptions);
                 cut.united
             } else {
-                met.extend(judged.meetings.contacts.iter().map(|(contact, _)| *contact));
+                met.extend(judged.conflicts.contacts.iter().map(|(contact, _)| *contact));
                 judged.united.unite(&instances, &groups)
             };
             let mut old = judged.results;
@@ -157,28 +167,28 @@ impl ObjectsRepair<'_> {
         }
     }
 
-    /// The materials of instances where they are the volumes of one print of several materials: of 3MF files alone.
+    /// The material of each instance, if both files are 3MF and so describe one print of several materials.
     fn materials_of(&self, scene: &Scene, instances: &[Instance]) -> Option<Vec<u32>> {
         let is_print = self.file.mesh.format == Format::ThreeMf && self.format == Format::ThreeMf;
         is_print.then(|| scene.materials_of(instances)).flatten()
     }
 
-    /// The scene with bodies cut where a later one of another material overlaps them; none where there is nothing to cut, or it fails.
+    /// Cuts objects where a later object of another material overlaps them; none if there is nothing to cut, or all cuts failed.
     fn cut_overlaps(
         &self,
-        round: &Round,
+        round: &RepairRound,
         instances: &[Instance],
         materials: Option<&[u32]>,
         palettes: &mut [Palette],
-    ) -> Result<Option<Cut>, RepairError> {
+    ) -> Result<Option<CutScene>, RepairError> {
         let Some(materials) = materials else { return Ok(None) };
-        let patient = &self.whole.for_verification();
+        let verification = &self.whole.for_verification();
         let overlaps = |a: usize, b: usize| {
             let is_met = |(contact, _): &(InstanceContact, _)| contact.instances.map(|i| i as usize) == [a, b];
-            let is_within = round.meetings.contained.contains(&a) || round.meetings.contained.contains(&b);
+            let is_contained = round.conflicts.contained.contains(&a) || round.conflicts.contained.contains(&b);
             instances[b].is_printed
                 && materials[a] != materials[b]
-                && (is_within || round.meetings.contacts.iter().any(is_met))
+                && (is_contained || round.conflicts.contacts.iter().any(is_met))
         };
         let placed = |instance: usize| round.scene.placed_instances([&instances[instance]]);
         let (mut groups, mut bodies, mut assumptions) = (Vec::new(), Vec::new(), Vec::new());
@@ -188,17 +198,19 @@ impl ObjectsRepair<'_> {
                 continue;
             }
             let others: Vec<Soup> = later.iter().map(|&b| placed(b).soup).collect();
-            let Some(CutBody { mesh, removed }) = cut_body(&placed(a), &others, palettes, patient)? else { continue };
+            let Some(CutBody { mesh, removed }) = cut_body(&placed(a), &others, palettes, verification)? else {
+                continue;
+            };
             let name = |instance: usize| self.instance_name(&round.united, &instances[instance]);
             let names: Vec<String> = later.iter().take(MAX_NAMED).map(|&b| name(b)).collect();
             let detail = format!(
-                "{} overlaps {} and gives way to what comes later in the file, as in slicers.",
+                "The part of {} that overlaps {} was removed: as in slicers, the later object in the file keeps the space.",
                 name(a),
                 names.join(", ")
             );
             let cut = Assumption::new(AssumptionKind::OverlapRemoved, later.len() as u64, detail);
             let is_met = |(contact, _): &&(InstanceContact, _)| contact.instances[0] as usize == a;
-            let places = round.meetings.contacts.iter().filter(is_met).map(|(contact, _)| contact.at);
+            let places = round.conflicts.contacts.iter().filter(is_met).map(|(contact, _)| contact.at);
             assumptions.push(cut.with_amount(removed).at(places).unless("merge=objects"));
             groups.push(vec![a]);
             bodies.push(mesh);
@@ -211,10 +223,10 @@ impl ObjectsRepair<'_> {
             united.scene.objects[object].shape = Shape::Mesh(body);
         }
         united.scene.palettes = palettes.to_vec();
-        Ok(Some(Cut { united, assumptions }))
+        Ok(Some(CutScene { united, assumptions }))
     }
 
-    /// The name of an instance's object as the file has it.
+    /// The name of an instance's object in the file.
     fn instance_name(&self, united: &UnitedScene, instance: &Instance) -> String {
         let object = instance.object as usize;
         name_of(&united.scene.objects[object], united.members[object].first().copied().unwrap_or(object))
@@ -227,7 +239,7 @@ impl ObjectsRepair<'_> {
         results: &mut [Option<ObjectResult>],
         palettes: &mut [Palette],
     ) -> Result<(), RepairError> {
-        let Request { context, options, .. } = self.request;
+        let RepairRequest { context, options, .. } = self.request;
         let scene = &united.scene;
         let places = scene.places();
         let faces = |object: &Object| object.mesh().map_or(0, |mesh| mesh.soup.faces.len());
@@ -240,31 +252,34 @@ impl ObjectsRepair<'_> {
         for (index, &number) in missing.iter().enumerate() {
             let object = &scene.objects[number];
             let own = faces(object);
-            // What an object does not need is left to those after it.
+            // Time that an object does not use goes to the objects after it.
             let share = (own as f64 / left.max(1) as f64).max(1.0 / (missing.len() - index) as f64);
             let done = |faces: usize| PERCENT[0] + (PERCENT[1] - PERCENT[0]) * faces as f64 / total.max(1) as f64;
             let (from, to) = (done(total - left), done(total - left + own));
             let name = name_of(object, number);
-            let progress = Share { context, from, to, name: &name };
-            let around = context.with_progress(&progress).limited_to(context.remaining().mul_f64(share));
+            let progress = ObjectProgress { context, from, to, name: &name };
+            let object_context = context.with_progress(&progress).limited_to(context.remaining().mul_f64(share));
             let share = |most: u64| ((most as f64 * own as f64 / all.max(1) as f64) as u64).max(4);
             let options = Options { max_faces: options.max_faces.map(share), ..options.clone() };
             let index = united.members[number].first().copied().unwrap_or(number);
             let place = ObjectPlace { name: object.name.clone(), index, places: places[number] };
-            let RepairedObject { report, before, soup, source, welded } =
-                repair.run(object, place, &Request { options: &options, context: &around, ..self.request })?;
+            let RepairedObject { report, before, soup, source, welded } = repair.run(
+                object,
+                place,
+                &RepairRequest { options: &options, context: &object_context, ..self.request },
+            )?;
             let is_untouched = match report.outcome {
                 Outcome::AlreadyPrintable => !welded,
                 outcome => outcome == Outcome::Unrepairable,
             };
             let paint = object.mesh().map_or(&[][..], |mesh| &mesh.paint);
-            let patient = &context.for_verification();
+            let verification = &context.for_verification();
             let mesh = match soup {
                 None => None,
                 Some(soup) => {
                     let painted = Painted { surface: &before, paint };
-                    let result = CutSoup { soup: &soup, source: &source };
-                    let paint = transfer_paint(painted, result, palettes, patient)?;
+                    let result = SoupWithSource { soup: &soup, source: &source };
+                    let paint = transfer_paint(painted, result, palettes, verification)?;
                     Some((soup, paint))
                 }
             };
@@ -274,22 +289,23 @@ impl ObjectsRepair<'_> {
         Ok(())
     }
 
-    /// Writes the scene with its results, reads it back, and judges all objects where they stand.
+    /// Writes the scene with the repaired objects, reads the file back, and judges all objects in their places.
     fn judge(
         &self,
         united: UnitedScene,
         results: Vec<Option<ObjectResult>>,
         palettes: &[Palette],
         bytes: &[u8],
-    ) -> Result<Round, RepairError> {
+    ) -> Result<RepairRound, RepairError> {
         let (input, context) = (self.input, self.whole);
         let verification = &context.for_verification();
-        let is_untouched = self.as_it_is && !united.is_changed && results.iter().flatten().all(|it| it.is_untouched);
+        let is_untouched =
+            self.as_it_is && !united.is_changed && results.iter().flatten().all(|result| result.is_untouched);
         if is_untouched {
             let (scene, after) = (united.scene.clone(), input.before.clone());
-            let meetings = self.meetings(&united, &scene, input.analysis, &after)?;
+            let conflicts = self.conflicts(&united, &scene, input.analysis, &after)?;
             let (bytes, dialect) = (bytes.to_vec(), input.mesh.dialect.clone());
-            return Ok(Round { united, scene, results, bytes, dialect, after, changes: None, meetings });
+            return Ok(RepairRound { united, scene, results, bytes, dialect, after, changes: None, conflicts });
         }
         let mut scene = united.scene.clone();
         scene.palettes = palettes.to_vec();
@@ -303,82 +319,81 @@ impl ObjectsRepair<'_> {
         let Exported { bytes, mesh, .. } = export(&scene, self.format)?;
         let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), verification)?;
         let (after, _) = inspect_measured(&analysis, context)?;
-        let meetings = self.meetings(&united, &scene, &analysis, &after)?;
+        let conflicts = self.conflicts(&united, &scene, &analysis, &after)?;
         let changes = input.original.changes(&analysis, &after.measures, None, verification)?;
         let surface = surface_shares(input.original, &analysis, context)?;
         let changes = Some(Changes { surface, ..changes });
         let dialect = mesh.dialect.clone();
-        Ok(Round { united, scene, results, bytes, dialect, after, changes, meetings })
+        Ok(RepairRound { united, scene, results, bytes, dialect, after, changes, conflicts })
     }
 
-    /// The contacts between the instances of a scene by the names of their objects, and the instances that lie in other materials. A
-    /// printable file has neither.
-    fn meetings(
+    /// The conflicts between the instances of a scene. A printable file has none.
+    fn conflicts(
         &self,
         united: &UnitedScene,
         scene: &Scene,
         analysis: &Analysis<'_>,
         found: &Inspection,
-    ) -> Result<Meetings, RepairError> {
+    ) -> Result<Conflicts, RepairError> {
         if found.measures.printable() {
-            return Ok(Meetings::default());
+            return Ok(Conflicts::default());
         }
-        let patient = &self.whole.for_verification();
+        let verification = &self.whole.for_verification();
         let instances = &instances_of(scene).map_err(|_| WriteError::TooLarge)?;
-        let contacts = contacts_of(instances, analysis, patient)?;
+        let contacts = contacts_of(instances, analysis, verification)?;
         let name = |instance: u32| self.instance_name(united, &instances[instance as usize]);
         let contacts = contacts.into_iter().map(|contact| (contact, contact.instances.map(name))).collect();
         let of = instance_of(instances);
         let mut contained: Vec<usize> =
-            analysis.faces_in_other_materials(patient)?.iter().map(|&face| of(face) as usize).collect();
+            analysis.faces_in_other_materials(verification)?.iter().map(|&face| of(face) as usize).collect();
         contained.dedup();
-        Ok(Meetings { contacts, contained })
+        Ok(Conflicts { contacts, contained })
     }
 
-    /// How the file as a whole ended.
-    fn conclude(&self, round: Round, met: &[InstanceContact], cuts: Vec<Assumption>) -> Assembled {
-        let Round { united, scene, results, bytes, dialect, after, changes, meetings } = round;
-        let Meetings { contacts, contained } = meetings;
+    /// Concludes the repair of the whole file after the last round.
+    fn conclude(&self, round: RepairRound, met: &[InstanceContact], cuts: Vec<Assumption>) -> AssembledFile {
+        let RepairRound { united, scene, results, bytes, dialect, after, changes, conflicts } = round;
+        let Conflicts { contacts, contained } = conflicts;
         let instances = instances_of(&scene).unwrap_or_default();
         let contained: Vec<String> =
-            contained.iter().take(MAX_NAMED).map(|&it| self.instance_name(&united, &instances[it])).collect();
+            contained.iter().take(MAX_NAMED).map(|&i| self.instance_name(&united, &instances[i])).collect();
         let unions = (0..united.members.len()).filter(|&object| united.is_union(object));
         let unions: Vec<Assumption> = unions.map(|union| self.assumed_union(&united, union, met)).collect();
         let sections: Vec<ObjectReport> = results.into_iter().flatten().map(|result| result.section).collect();
-        let mut account = Account::of_objects(&sections);
-        account.outcome = outcome_of(&sections, after.measures.printable(), united.is_changed);
-        account.warnings.splice(0..0, left_out(&united.scene));
-        account.assumptions = [cuts, account.assumptions, unions].concat();
-        account.changes = changes.or(account.changes);
-        account.left_out.extend(self.input.time.left_out());
-        account.left_out.sort_unstable();
-        account.left_out.dedup();
+        let mut draft = ReportDraft::of_objects(&sections);
+        draft.outcome = outcome_of(&sections, after.measures.printable(), united.is_changed);
+        draft.warnings.splice(0..0, warning_of_unprinted(&united.scene));
+        draft.assumptions = [cuts, draft.assumptions, unions].concat();
+        draft.changes = changes.or(draft.changes);
+        draft.omitted.extend(self.input.time.omitted());
+        draft.omitted.sort_unstable();
+        draft.omitted.dedup();
         if let Some(flag) = objects_intersect(&contacts, &contained) {
             if sections.iter().all(|section| section.outcome.is_printable()) {
                 let advice = match self.request.options.merge {
-                    Merge::None => " Set merge=auto to unite them.",
+                    Merge::None => " Set `merge=auto` to unite them.",
                     Merge::Auto | Merge::Objects => "",
                 };
-                account.summary = format!("The file is not printable as it stands: {}.{advice}", flag.detail);
+                draft.summary = format!("The file is not printable as it is arranged: {}.{advice}", flag.detail);
             }
-            account.red_flags.push(flag);
+            draft.red_flags.push(flag);
         }
-        account.after = Some(after);
-        Assembled { account, sections, bytes, dialect }
+        draft.after = Some(after);
+        AssembledFile { draft, sections, bytes, dialect }
     }
 
-    /// The assumption that some objects are one solid.
+    /// The assumption that intersecting objects are meant to be one solid.
     fn assumed_union(&self, united: &UnitedScene, union: usize, met: &[InstanceContact]) -> Assumption {
         let members = &united.members[union];
         let name = |&object: &usize| {
-            let object_of = |scene: &Scene| scene.objects.get(object).map(|it| name_of(it, object));
+            let object_of = |scene: &Scene| scene.objects.get(object).map(|found| name_of(found, object));
             self.file.scene.as_ref().and_then(object_of).unwrap_or_default()
         };
         let mut names: Vec<String> = members.iter().take(MAX_NAMED).map(name).collect();
         if members.len() > MAX_NAMED {
             names.push(format!("{} more", members.len() - MAX_NAMED));
         }
-        let detail = format!("{} objects that intersect were united into one: {}.", members.len(), names.join(", "));
+        let detail = format!("{} intersecting objects were united into one: {}.", members.len(), names.join(", "));
         let soup = united.scene.objects[union].mesh().map(|mesh| &mesh.soup);
         let corners = soup.into_iter().flat_map(|soup| (0..soup.faces.len()).flat_map(|face| soup.corners(face)));
         let bounds = Box3::of(corners.filter(|corner| corner.is_finite()));
@@ -390,11 +405,17 @@ impl ObjectsRepair<'_> {
     }
 }
 
-/// The instances to unite after a round that is not printable as a whole: those of one material that meet, or, where each object is
-/// printable and none meets another, all of them, since one then lies within another.
-fn next_groups(round: &Round, instances: &[Instance], materials: Option<&[u32]>) -> Vec<Vec<usize>> {
-    let contacts: Vec<InstanceContact> =
-        round.meetings.contacts.iter().map(|(it, _)| *it).filter(|it| is_of_one_material(materials, it)).collect();
+/// The groups of instances to unite after a round whose file is not printable: intersecting instances of one material.
+///
+/// If each object is printable and none intersects another, one object lies inside another, and all instances are one group.
+fn next_groups(round: &RepairRound, instances: &[Instance], materials: Option<&[u32]>) -> Vec<Vec<usize>> {
+    let contacts: Vec<InstanceContact> = round
+        .conflicts
+        .contacts
+        .iter()
+        .map(|(contact, _)| *contact)
+        .filter(|c| is_of_one_material(materials, c))
+        .collect();
     let groups = connected(instances.len(), &contacts);
     let all_good = round.results.iter().flatten().all(|result| result.section.outcome.is_printable());
     if !groups.is_empty() || !all_good || materials.is_some() {
@@ -409,7 +430,7 @@ fn is_of_one_material(materials: Option<&[u32]>, contact: &InstanceContact) -> b
     of(contact.instances[0]) == of(contact.instances[1])
 }
 
-/// The objects with faces that are to be printed and stand somewhere.
+/// The indices of objects that have faces, are printed and have an instance.
 fn printed_objects(scene: &Scene, places: &[u64]) -> Vec<usize> {
     let is_printed = |&number: &usize| {
         let object = &scene.objects[number];
@@ -418,14 +439,10 @@ fn printed_objects(scene: &Scene, places: &[u64]) -> Vec<usize> {
     (0..scene.objects.len()).filter(is_printed).collect()
 }
 
-/// The warning about objects that were not looked at.
-fn left_out(scene: &Scene) -> Option<String> {
+/// The warning about objects that were not repaired because they are not printed; none if there are none.
+fn warning_of_unprinted(scene: &Scene) -> Option<String> {
     let with_faces = scene.objects.iter().filter(|object| object.has_faces()).count();
     let count = with_faces - printed_objects(scene, &scene.places()).len();
-    let plural = if count == 1 {
-        "object that is not printed or not placed was"
-    } else {
-        "objects that are not printed or not placed were"
-    };
-    (count > 0).then(|| format!("{count} {plural} left as they are."))
+    let subject = if count == 1 { "object is" } else { "objects are" };
+    (count > 0).then(|| format!("{count} {subject} left unchanged: not printed or not placed."))
 }

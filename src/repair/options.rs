@@ -1,12 +1,13 @@
-//! The options of a repair.
+//! The options of a repair: their fields, defaults and ranges.
+//!
+//! The fields' docs are the options' reference: OpenAPI, `docs/options.md` and the command line's help show them.
 
 mod choices;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::{IntoParams, ToSchema};
 
-pub use self::choices::{Category, InsideRule, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require};
+pub use self::choices::{Category, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require, WindingRuleChoice};
 pub use super::operators::Operator;
 pub use super::operators::holes::HoleFilling;
 pub use super::operators::orient::Nested;
@@ -15,160 +16,168 @@ use crate::format::ReadOptions;
 use crate::inspect::{OptionsError, changed_fields};
 use crate::scene::Unit;
 
-/// How a model is to be repaired. Every field has a default.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema, IntoParams)]
+/// The options of a repair. Every field has a default.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema, utoipa::IntoParams))]
 #[serde(default)]
-#[into_params(parameter_in = Query)]
+#[cfg_attr(feature = "openapi", into_params(parameter_in = Query))]
 pub struct Options {
-    /// The plan to run, or `auto`.
+    /// Repair plan to run. `auto` chooses a plan by the damage found; a named preset is tried first.
     pub preset: Preset,
-    /// With the preset `auto`: the category of damage that the plan is chosen for, instead of the one that the inspection finds.
+    /// Category of damage to plan for, instead of the category that the inspection finds. It has an effect only with `preset=auto`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub category: Option<Category>,
-    /// Format of the result.
+    /// File format of the result. `auto` writes STL unless the input has objects, colours or a unit, which STL cannot store.
     pub output: OutputFormat,
-    /// What becomes of the objects of a file whose format has such.
+    /// Treatment of separate objects in 3MF and GLB files. `auto` unites objects that intersect and keeps the others separate.
     pub merge: Merge,
-    /// What the result must be for the repair to succeed.
+    /// Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned.
     pub require: Require,
-    /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed.
+    /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
-    /// The unit that lengths are brought into; without it they stay as they are. Lengths among these options are in it.
+    /// Unit to convert the model to. Default: no conversion. Options that are lengths are in this unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale_to: Option<Unit>,
-    /// Operators that run although they are left out by default.
-    #[param(explode = false)]
+    /// Additional operators to run that are off by default, such as `remove_overlapping_neighbours`.
+    #[cfg_attr(feature = "openapi", param(explode = false))]
     #[serde(deserialize_with = "operators_by_name")]
     pub with: Vec<Operator>,
-    /// Operators that do not run.
-    #[param(explode = false)]
+    /// Operators to leave out. Use it to switch off a repair step that you do not want.
+    #[cfg_attr(feature = "openapi", param(explode = false))]
     #[serde(deserialize_with = "operators_by_name")]
     pub without: Vec<Operator>,
-    /// The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
-    /// fixed within it is left and reported.
+    /// Farthest that the repair may move surface, or create surface away from the input, in the model's unit. Patches over holes are
+    /// exempt. Defects that cannot be fixed within this distance remain and are reported. Default: no limit.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub max_deviation: Option<f64>,
-    /// Most faces that the result should have: faces are removed by collapsing edges until there are no more, or `max_error`, or
-    /// without it 0.5 % of the bounding box's diagonal, allows no further.
+    /// Most faces that the result should have. Edges are collapsed until the result has no more faces, or until the error limit is
+    /// reached: `max_error`, or without it 0.5 % of the bounding box's diagonal. Default: faces are not reduced.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 4, maximum = 4294967295u64)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 4, maximum = 4294967295u64))]
     pub max_faces: Option<u64>,
-    /// The farthest that the surface may be, both ways, from where it was before faces were removed, in the model's unit. Without
-    /// `max_faces`, all faces go that may go within it: with a tiny error those that plane surface does not need.
+    /// Largest distance, in both directions, between the surface before and after faces are reduced, in the model's unit. Without
+    /// `max_faces`, faces are reduced as far as this distance allows; a tiny value removes only faces that flat areas do not need.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub max_error: Option<f64>,
-    /// Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender.
-    #[schema(minimum = 1, maximum = 3)]
+    /// Highest repair tier that may run: 1 cleans up and closes simple holes, 2 also repairs cracks, non-manifold edges and
+    /// intersecting faces, 3 also uses Blender. Lower it for faster repairs that change less.
+    #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 3))]
     pub max_tier: u8,
-    /// Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
-    /// fails where there was not even time to inspect the input; `left_out` in the report says what there was no time for.
-    #[schema(minimum = 1.0, maximum = 3600.0)]
+    /// Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %. It then returns the best
+    /// result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
+    #[cfg_attr(feature = "openapi", schema(minimum = 1.0, maximum = 3600.0))]
     pub deadline_s: f64,
-    /// Red flag: share of the faces lost, in percent.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    /// Largest accepted loss of faces, in percent. A larger loss raises the red flag `face_loss`. A result with a red flag is at most
+    /// `partially_repaired`.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_face_loss_pct: f64,
-    /// Red flag: share of the vertices lost, in percent. A vertex is lost where no face at it is left, whole or cut.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    /// Largest accepted loss of vertices, in percent. A larger loss raises the red flag `vertex_loss`. A vertex is lost if no part of a
+    /// face at this vertex is left.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_vertex_loss_pct: f64,
-    /// Red flag: change of the bounding box's diagonal, in percent.
-    #[schema(minimum = 0.0, maximum = 1000.0)]
-    pub max_box_change_pct: f64,
-    /// Red flag: change of the volume, in percent; judged only where the input's volume is reliable.
-    #[schema(minimum = 0.0, maximum = 1000.0)]
+    /// Largest accepted move of a side of the bounding box, in percent of the box's diagonal. A larger move raises the red flag
+    /// `bounding_box_change`.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1000.0))]
+    pub max_bounding_box_change_pct: f64,
+    /// Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. It is checked only if the
+    /// input's volume is reliable.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1000.0))]
     pub max_volume_change_pct: f64,
-    /// Red flag: share of the surface seen from outside that has no counterpart in the result, in percent.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    /// Largest accepted share, in percent, of the surface visible from outside that has no counterpart in the result. More raises the
+    /// red flag `surface_lost`.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_surface_lost_pct: f64,
-    /// Red flag: share of the result's surface that the input does not have, in percent: thickened skins, and patches of holes that are
-    /// larger than 2 % of the surface each.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    /// Largest accepted share, in percent, of the result's surface that the input does not have. It counts thickened sheets, and patches
+    /// of holes that each exceed 2 % of the surface. More raises the red flag `surface_invented`.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_surface_added_pct: f64,
-    /// Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only.
-    #[schema(minimum = 0.0, maximum = 0.01)]
+    /// Distance within which boundary vertices are merged, as a share of the bounding box's diagonal. 0 merges only equal positions.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 0.01))]
     pub weld_tolerance: f64,
-    /// Vertices closer than this are merged, on the boundary or not, in the model's unit. Without it, only equal positions are, and
-    /// boundary vertices within `weld_tolerance`.
+    /// Distance within which any vertices are merged, on a boundary or not, in the model's unit. Default: only equal positions are
+    /// merged, and boundary vertices within `weld_tolerance`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub merge_distance: Option<f64>,
-    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. Without it 0.2,
-    /// and vertices no farther apart than 0.1 % of the bounding box's diagonal.
+    /// Distance within which boundary vertices are merged, as a share of the shortest boundary edge at either vertex. 0 turns this merge
+    /// off. Default: 0.2, for vertices no farther apart than 0.1 % of the bounding box's diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0, maximum = 0.5)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 0.5))]
     pub sew_ratio: Option<f64>,
-    /// Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. Without it 0.001. A gap wider than
-    /// half of the edges beside it is a hole.
+    /// Widest crack to stitch, as a share of the bounding box's diagonal. 0 stitches none. Default: 0.001. A gap wider than half the
+    /// length of its edges counts as a hole, not as a crack.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0, maximum = 1.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1.0))]
     pub stitch_threshold: Option<f64>,
-    /// Widest crack that is stitched, in the model's unit, instead of `stitch_threshold`.
+    /// Widest crack to stitch, in the model's unit. It replaces `stitch_threshold`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub stitch_distance: Option<f64>,
-    /// Share of an edge at either end within which stitching takes the end instead of cutting the edge; from 0.5 on, always.
-    #[schema(minimum = 0.0, maximum = 1.0)]
+    /// Share of an edge's length at each end within which stitching uses the end vertex instead of splitting the edge. With 0.5 or more,
+    /// stitching never splits an edge.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1.0))]
     pub stitch_epsilon: f64,
-    /// Where two vertices that are stitched meet.
+    /// Position of the vertex that results from stitching two vertices.
     pub stitch_position: StitchPosition,
-    /// Edges shorter and faces lower than this share of the bounding box's diagonal are removed, and surface that is folded onto itself
-    /// as closely is unfolded; 0 leaves them.
-    #[schema(minimum = 0.0, maximum = 0.001)]
+    /// Size below which edges and faces are degenerate, as a share of the bounding box's diagonal. Shorter edges and faces of less height
+    /// are removed, and surface folded onto itself this closely is unfolded. 0 leaves them.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 0.001))]
     pub degenerate_tolerance: f64,
-    /// Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
-    /// which they lie on one another. Without it 1 degree, and faces no farther apart than 0.01 % of the bounding box's diagonal.
+    /// Angle in degrees up to which two neighbouring faces count as lying on each other. It needs
+    /// `with=remove_overlapping_neighbours`. Default: 1, for faces no farther apart than 0.01 % of the bounding box's diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(minimum = 0.0, maximum = 45.0)]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 45.0))]
     pub overlap_angle_deg: Option<f64>,
-    /// A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
-    /// triangles with the least fold, others as if they were flat: other programs do so with all, and show the same surface then.
-    #[schema(minimum = 0.0, maximum = 180.0)]
+    /// Angle in degrees by which a polygon's corners may leave its plane. A more twisted polygon is split into the triangles with the
+    /// smallest fold, others as if flat. With 180 all polygons are split as if flat, which matches most other programs.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 180.0))]
     pub twist_angle_deg: f64,
-    /// Most edges around a hole that is closed.
-    #[schema(minimum = 3, maximum = 10000000)]
+    /// Most boundary edges of a hole that may be closed. Holes with more edges stay open.
+    #[cfg_attr(feature = "openapi", schema(minimum = 3, maximum = 10000000))]
     pub max_hole_edges: u32,
-    /// Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them.
-    #[schema(minimum = 0.0, maximum = 100.0)]
+    /// Smallest volume of a closed part, in percent of the volume of all parts. Smaller parts are removed. 0 keeps all parts.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub min_part_volume_pct: f64,
-    /// How closed parts that lie in others are wound: as they were, or each layer against the one around it.
+    /// Orientation of closed parts that lie inside other parts: as in the input, or each layer opposite to the layer around it.
     pub nested: Nested,
-    /// What becomes of parts that overlap.
+    /// Treatment of parts that overlap: unite them into one solid, or keep each part separate.
     pub overlaps: Overlaps,
-    /// What is solid where faces intersect.
-    pub inside: InsideRule,
-    /// What becomes of open sheets.
+    /// Rule for what counts as solid where faces intersect.
+    pub winding_rule: WindingRuleChoice,
+    /// Treatment of open sheets: surface that encloses nothing, such as terrain or a single wall.
     pub open_sheets: OpenSheets,
-    /// Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
-    /// box's diagonal.
+    /// Thickness of thickened sheets, and of a base at its lowest point, in the model's unit. Default: 0.3 % of the bounding box's
+    /// diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(exclusive_minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
     pub thickness: Option<f64>,
-    /// Largest extent of a hole that is closed, as a share of the bounding box's diagonal; 1 closes holes of any size.
-    #[schema(minimum = 0.0, maximum = 1.0)]
+    /// Largest extent of a hole that may be closed, as a share of the bounding box's diagonal. 1 closes holes of any size.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1.0))]
     pub max_hole_size: f64,
-    /// Most holes that are closed; of more, the smallest are.
-    #[schema(minimum = 0, maximum = 4294967295u64)]
+    /// Most holes to close. If there are more, the smallest holes are closed.
+    #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 4294967295u64))]
     pub max_holes: u32,
-    /// How the triangles of a hole's patch are chosen.
+    /// Method that triangulates the patch over a hole.
     pub hole_filling: HoleFilling,
-    /// Whether patches that are not plane get inner vertices, as close together as those around.
+    /// Whether curved patches get inner vertices, as dense as the mesh around the hole.
     pub refine_patches: bool,
-    /// Whether patches are refined and then bent so that they go on smoothly from the surface around.
+    /// Whether patches are refined and then curved to continue the surrounding surface smoothly.
     pub fair_patches: bool,
-    /// The edge of a remesh's voxels, natively or by Blender, in the model's unit. Without it the size follows from `voxel_resolution`.
+    /// Edge length of the voxels of a remesh, native or with Blender, in the model's unit. Default: it follows from `voxel_resolution`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(exclusive_minimum = 0.0)]
+    #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
     pub voxel_size: Option<f64>,
-    /// Voxels along the bounding box's diagonal for a remesh.
-    #[schema(minimum = 16, maximum = 2000)]
+    /// Number of voxels along the bounding box's diagonal in a remesh. More voxels keep finer detail and take more time and memory.
+    #[cfg_attr(feature = "openapi", schema(minimum = 16, maximum = 2000))]
     pub voxel_resolution: u32,
-    /// Most faces a remesh may have; the voxel size is made larger until the estimate is below.
-    #[schema(minimum = 1000, maximum = 20000000)]
+    /// Most faces that a remesh may have. Voxels are enlarged until the estimated number of faces is below this limit.
+    #[cfg_attr(feature = "openapi", schema(minimum = 1000, maximum = 20000000))]
     pub max_remesh_faces: u64,
-    /// Whether what was found and what was changed can be had as pictures: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-    /// `change.png`, `change.glb` and `change.ply`. They are drawn when somebody asks for one of them first.
+    /// Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
+    /// `change.png`, `change.glb` and `change.ply`. They are drawn when one of them is first requested.
     pub pictures: bool,
 }
 
@@ -191,7 +200,7 @@ impl Default for Options {
             deadline_s: 300.0,
             max_face_loss_pct: 40.0,
             max_vertex_loss_pct: 40.0,
-            max_box_change_pct: 30.0,
+            max_bounding_box_change_pct: 30.0,
             max_volume_change_pct: 30.0,
             max_surface_lost_pct: 1.0,
             max_surface_added_pct: 10.0,
@@ -209,7 +218,7 @@ impl Default for Options {
             min_part_volume_pct: 0.0,
             nested: Nested::Keep,
             overlaps: Overlaps::Union,
-            inside: InsideRule::Auto,
+            winding_rule: WindingRuleChoice::Auto,
             open_sheets: OpenSheets::Auto,
             thickness: None,
             max_hole_size: 1.0,
@@ -232,22 +241,22 @@ impl Options {
         changed_fields(self, &Self::default())
     }
 
-    /// Whether faces are to be removed that nothing is wrong with.
+    /// Whether the options ask for fewer faces: `max_faces` or `max_error` is set.
     #[must_use]
     pub fn asks_for_fewer_faces(&self) -> bool {
         self.max_faces.is_some() || self.max_error.is_some()
     }
 
-    /// Whether that is so for a model of so many faces.
+    /// Whether the options ask for fewer faces than a model with `faces` faces has.
     #[must_use]
     pub fn asks_for_fewer_faces_than(&self, faces: u64) -> bool {
         self.max_faces.map_or(self.max_error.is_some(), |most| faces > most)
     }
 
-    /// Checks every range.
+    /// Checks that each option is within its range.
     ///
     /// # Errors
-    /// The first option that is out of its range.
+    /// [`OptionsError`] for the first option that is out of its range.
     pub fn validate(&self) -> Result<(), OptionsError> {
         let number =
             |option, value, low, high, expected| OptionsError::unless_within(option, value, (low, high), expected);
@@ -255,7 +264,13 @@ impl Options {
         number("deadline_s", self.deadline_s, 1.0, 3600.0, "between 1 and 3600 seconds")?;
         number("max_face_loss_pct", self.max_face_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("max_vertex_loss_pct", self.max_vertex_loss_pct, 0.0, 100.0, "between 0 and 100 percent")?;
-        number("max_box_change_pct", self.max_box_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
+        number(
+            "max_bounding_box_change_pct",
+            self.max_bounding_box_change_pct,
+            0.0,
+            1000.0,
+            "between 0 and 1000 percent",
+        )?;
         number("max_volume_change_pct", self.max_volume_change_pct, 0.0, 1000.0, "between 0 and 1000 percent")?;
         number("max_surface_lost_pct", self.max_surface_lost_pct, 0.0, 100.0, "between 0 and 100 percent")?;
         number("max_surface_added_pct", self.max_surface_added_pct, 0.0, 100.0, "between 0 and 100 percent")?;
@@ -264,7 +279,7 @@ impl Options {
         number("sew_ratio", sew_ratio, 0.0, 0.5, "between 0 and 0.5 of the shortest boundary edge")?;
         let threshold = self.stitch_threshold.unwrap_or_default();
         number("stitch_threshold", threshold, 0.0, 1.0, "between 0 and 1 of the bounding box's diagonal")?;
-        number("stitch_epsilon", self.stitch_epsilon, 0.0, 1.0, "between 0 and 1 of an edge")?;
+        number("stitch_epsilon", self.stitch_epsilon, 0.0, 1.0, "between 0 and 1 of an edge's length")?;
         let length = "a length of zero or more, in the model's unit";
         number("stitch_distance", self.stitch_distance.unwrap_or_default(), 0.0, f64::MAX, length)?;
         number("merge_distance", self.merge_distance.unwrap_or_default(), 0.0, f64::MAX, length)?;
@@ -298,24 +313,26 @@ impl Options {
     }
 }
 
-/// Names of operators: an array, or one string with commas, as a query says it.
+/// Reads operators by name from an array, or from one comma-separated string as in a URL query.
 fn operators_by_name<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Vec<Operator>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged)]
     enum Names {
-        Many(Vec<String>),
+        Several(Vec<String>),
         One(String),
     }
     let names = match Names::deserialize(from)? {
-        Names::Many(names) => names,
+        Names::Several(names) => names,
         Names::One(names) => {
             names.split(',').map(|name| name.trim().to_owned()).filter(|name| !name.is_empty()).collect()
         }
     };
-    let known = || Operator::ALL.iter().map(|o| o.as_str()).collect::<Vec<_>>().join(", ");
-    let of = |name: &String| Operator::ALL.iter().copied().find(|o| o.as_str() == name);
-    let find = |name| {
-        of(name).ok_or_else(|| serde::de::Error::custom(format!("there is no operator '{name}'; they are {}", known())))
-    };
-    names.iter().map(find).collect()
+    let all_names = || Operator::ALL.iter().map(|o| o.as_str()).collect::<Vec<_>>().join(", ");
+    let operator_named =
+        |name: &String| {
+            Operator::ALL.iter().copied().find(|o| o.as_str() == name).ok_or_else(|| {
+                serde::de::Error::custom(format!("unknown operator `{name}`; use one of {}", all_names()))
+            })
+        };
+    names.iter().map(operator_named).collect()
 }

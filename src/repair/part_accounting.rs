@@ -1,4 +1,6 @@
-//! What became of each part of the input.
+//! The part accounting: for each part of the input, whether it is in the result, or the reason why it may be missing.
+//!
+//! [`standing`] counts which faces, vertices and parts of the input are left, for the red flags.
 
 use super::operators::debris::is_debris;
 use super::operators::duplicates::remove_duplicates;
@@ -7,30 +9,31 @@ use super::options::Options;
 use super::red_flags::Standing;
 use super::sheets::open_sheets;
 use crate::context::{Cancelled, Context};
-use crate::inspect::{Analysis, Certificate, Dispensable, Ledger, Original, solids};
-use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, is_made};
+use crate::inspect::{Analysis, Dispensable, Original, PartAccounting, PartReason, solids};
+use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, is_generated};
 
-/// Mean thickness of a closed part up to which it encloses nothing, as a share of its own diagonal, and of the model's largest
-/// coordinate: what f32 can't tell apart.
+/// Mean thickness up to which a closed part counts as empty: as a share of its own diagonal, and of the model's largest coordinate.
+/// f32 cannot represent a smaller thickness.
 const NO_THICKNESS: [f64; 2] = [1e-6, 2.0 / (1u64 << 23) as f64];
 
-/// How much more than the share that the options keep a part may have that was dropped: its holes are closed otherwise here.
+/// Factor on `min_part_volume_pct` up to which a missing part counts as dropped. Its holes are closed differently here than in the
+/// operator that drops parts, so the two volumes differ slightly.
 const MARGIN: f64 = 1.05;
 
-/// What became of each part of the input, looked up on the result's own bytes.
+/// Accounts for each part of the input in a result that was read back from its own bytes.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
-pub fn ledger(
+/// [`Cancelled`] if the job was canceled or the deadline passed.
+pub fn part_accounting(
     input: &Original<'_>,
     result: &Analysis<'_>,
     options: &Options,
     context: &Context<'_>,
-) -> Result<Ledger, Cancelled> {
-    input.ledger(result, |missed| dispensable(input.analysis(), result, missed, options, context), context)
+) -> Result<PartAccounting, Cancelled> {
+    input.part_accounting(result, |missed| dispensable(input.analysis(), result, missed, options, context), context)
 }
 
-/// Which of the parts that are not in a result enclose nothing, or are too small to print.
+/// Classifies the parts that are missing from a result: whether they enclose nothing or are too small to print.
 fn dispensable(
     input: &Analysis<'_>,
     result: &Analysis<'_>,
@@ -39,7 +42,7 @@ fn dispensable(
     context: &Context<'_>,
 ) -> Result<Vec<Dispensable>, Cancelled> {
     let volumes = volumes_enclosed(input, missed, context)?;
-    let enclosed: f64 = result.solids.iter().map(|it| it.volume).sum();
+    let enclosed: f64 = result.solids.iter().map(|solid| solid.volume).sum();
     let all = enclosed + volumes.iter().sum::<f64>();
     let least = options.min_part_volume_pct / 100.0 * all * MARGIN;
     let open = input.parts.open(&input.edges);
@@ -49,14 +52,14 @@ fn dispensable(
     }
     let area: f64 = input.solids.iter().map(|solid| solid.area).sum();
     let diagonal = input.surface.bounds().diagonal();
-    // What is smaller than what is merged can't stay.
-    let merged = options.weld_tolerance.max(options.degenerate_tolerance) * diagonal;
+    // A part smaller than the merge distance collapses to a point.
+    let merge_distance = options.weld_tolerance.max(options.degenerate_tolerance) * diagonal;
     let dispensable = |(&part, volume): (&u32, f64)| {
         let (solid, open) = (&input.solids[part as usize], open[part as usize]);
         let debris = open && is_debris(solid, faces[part as usize], area, diagonal);
         if volume == 0.0 {
             Dispensable::NoVolume
-        } else if debris || solid.bounds.diagonal() <= merged {
+        } else if debris || solid.bounds.diagonal() <= merge_distance {
             Dispensable::Debris
         } else if volume < least {
             Dispensable::Dropped
@@ -67,13 +70,15 @@ fn dispensable(
     Ok(missed.iter().zip(volumes).map(dispensable).collect())
 }
 
-/// What each of the parts encloses; 0 where nothing of it but open sheets and closed surface without volume is left when faces
-/// that cancel are gone and the others agree on their winding.
+/// The volume that each missing part encloses, in cubic units.
+///
+/// Opposite duplicate faces are removed and the rest is oriented first. The volume is 0 if only open sheets and closed surface without
+/// thickness are left.
 fn volumes_enclosed(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>) -> Result<Vec<f64>, Cancelled> {
     let mut wanted = vec![false; input.parts.count];
     missed.iter().for_each(|&part| wanted[part as usize] = true);
     let mut surface = Surface { positions: input.surface.positions.clone(), ..Surface::default() };
-    // The faces' own numbers stand for their sources.
+    // Here the source of a face is its own index in the input.
     for ((&face, &part), f) in input.surface.faces.iter().zip(&input.parts.of_face).zip(0u32..) {
         if part != Parts::NONE && wanted[part as usize] {
             surface.faces.push(face);
@@ -90,9 +95,9 @@ fn volumes_enclosed(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>)
     let largest = input.surface.positions.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
     let thin: Vec<bool> = solids
         .iter()
-        .map(|it| {
-            let nothing = (NO_THICKNESS[0] * it.bounds.diagonal()).max(NO_THICKNESS[1] * largest);
-            it.area == 0.0 || (it.closed && 2.0 * (it.volume / it.area).abs() <= nothing)
+        .map(|solid| {
+            let least = (NO_THICKNESS[0] * solid.bounds.diagonal()).max(NO_THICKNESS[1] * largest);
+            solid.area == 0.0 || (solid.closed && 2.0 * (solid.volume / solid.area).abs() <= least)
         })
         .collect();
     let mut volumes = vec![0.0f64; input.parts.count];
@@ -105,53 +110,53 @@ fn volumes_enclosed(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>)
     Ok(missed.iter().map(|&part| volumes[part as usize]).collect())
 }
 
-/// What of the input is in a surface. Where every part is accounted for, none is gone by becoming one with others.
-pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, ledger: &Ledger) -> Standing {
-    let mut stands = vec![false; input.subject.soup.faces.len()];
-    for &source in surface.source.iter().filter(|&&source| !is_made(source)) {
-        if let Some(stands) = stands.get_mut(source as usize) {
-            *stands = true;
+/// Counts the faces, vertices and parts of the input that a surface still has. If every part is accounted for, no part counts as gone.
+pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, part_accounting: &PartAccounting) -> Standing {
+    let mut is_left = vec![false; input.subject.soup.faces.len()];
+    for &source in surface.source.iter().filter(|&&source| !is_generated(source)) {
+        if let Some(is_left) = is_left.get_mut(source as usize) {
+            *is_left = true;
         }
     }
     let mut gone = vec![true; input.parts.count];
     for (&part, &source) in input.parts.of_face.iter().zip(&input.surface.source) {
-        if part != Parts::NONE && stands[source as usize] {
+        if part != Parts::NONE && is_left[source as usize] {
             gone[part as usize] = false;
         }
     }
-    let count = |marks: &[bool]| marks.iter().filter(|&&it| it).count() as u64;
-    let parts_gone = if ledger.lost == 0 { 0 } else { count(&gone) };
-    let [vertices, vertices_before] = vertices_standing(input, &stands, ledger);
-    let dropped = parts_dropped(ledger, input.parts.count);
+    let count = |marks: &[bool]| marks.iter().filter(|&&mark| mark).count() as u64;
+    let parts_gone = if part_accounting.lost == 0 { 0 } else { count(&gone) };
+    let [vertices, vertices_before] = vertices_left(input, &is_left, part_accounting);
+    let dropped = parts_dropped(part_accounting, input.parts.count);
     let is_dropped = |part: &&u32| dropped.get(**part as usize) == Some(&true);
     let faces_dropped = input.parts.of_face.iter().filter(is_dropped).count() as u64;
-    Standing { faces: count(&stands), parts_gone, vertices, vertices_before, faces_dropped }
+    Standing { faces: count(&is_left), parts_gone, vertices, vertices_before, faces_dropped }
 }
 
-/// Of each part whether it was dropped as the options ask; empty where none was.
-pub(super) fn parts_dropped(ledger: &Ledger, parts: usize) -> Vec<bool> {
-    if ledger.dropped == 0 {
+/// For each part, whether it was dropped because of `min_part_volume_pct`. Empty if no part was dropped.
+pub(super) fn parts_dropped(part_accounting: &PartAccounting, parts: usize) -> Vec<bool> {
+    if part_accounting.dropped == 0 {
         return Vec::new();
     }
     let mut dropped = vec![false; parts];
-    for (part, _) in ledger.certified.iter().filter(|(_, certificate)| *certificate == Certificate::Dropped) {
+    for (part, _) in part_accounting.certified.iter().filter(|(_, reason)| *reason == PartReason::Dropped) {
         dropped[*part as usize] = true;
     }
     dropped
 }
 
-/// The vertices at faces that stand, and those at any face that has an area and is no part that may go.
-fn vertices_standing(input: &Analysis<'_>, stands: &[bool], ledger: &Ledger) -> [u64; 2] {
-    let mut may_go = vec![false; input.parts.count];
-    ledger.certified.iter().for_each(|(part, _)| may_go[*part as usize] = true);
+/// The number of vertices at faces that are left, and at all faces. Faces without area, and of parts that may be missing, do not count.
+fn vertices_left(input: &Analysis<'_>, is_left: &[bool], part_accounting: &PartAccounting) -> [u64; 2] {
+    let mut may_be_missing = vec![false; input.parts.count];
+    part_accounting.certified.iter().for_each(|(part, _)| may_be_missing[*part as usize] = true);
     let mut vertices = vec![[false; 2]; input.surface.positions.len()];
     let faces = input.surface.faces.iter().zip(&input.surface.source).zip(&input.parts.of_face).zip(input.flat());
     for (((face, &source), &part), &flat) in faces {
-        if !flat && part != Parts::NONE && !may_go[part as usize] {
+        if !flat && part != Parts::NONE && !may_be_missing[part as usize] {
             for &v in face {
-                let [of_standing, of_any] = &mut vertices[v as usize];
-                *of_standing |= stands[source as usize];
-                *of_any = true;
+                let [at_left, at_any] = &mut vertices[v as usize];
+                *at_left |= is_left[source as usize];
+                *at_any = true;
             }
         }
     }

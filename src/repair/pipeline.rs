@@ -1,47 +1,49 @@
-//! The way of a file through its repair, on one page: read and inspect it, repair its bodies (each by a plan, its strategies, and the best
-//! of their results), assemble what came of them, and report.
+//! The repair pipeline: read and inspect a file, repair its bodies, assemble their results, and report.
+//!
+//! A body is the whole file, or one of its objects if objects are kept separate.
 
 use std::time::Duration;
 
-use super::account::FileAccount;
 use super::body::repair_body;
-use super::ended::{Ended, RepairedBody};
+use super::conclusion::{Conclusion, RepairedBody};
 use super::export::{export_one, judging_format};
-use super::input::{Input, RepairError, Request, Source, inspected};
-use super::objects::{Assembled, ObjectsRepair, keeps_apart};
+use super::input::{Input, MeshSource, RepairError, RepairRequest, inspected};
+use super::objects::{AssembledFile, SceneRepair, keeps_apart};
 use super::options::Options;
 use super::options_not_applied::of_file;
 use super::remesher::Remesher;
-use super::report::{Assumption, FileSummary, LeftOut, Report};
+use super::report::{Assumption, FileSummary, OmittedSection, Report};
+use super::report_draft::FileDetails;
 use super::time_budget::with_overrun;
 use crate::context::{Context, Stage};
 use crate::format::{self, Format, Limits, ReadFile, ReadOptions};
 use crate::scene::Scene;
 
-/// A repaired file and its account.
+/// A repaired file and its report.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Repaired {
-    /// The file that is handed out; empty only where the report's `output` is none.
+    /// The returned file; empty only if the report's `output` is none.
     pub bytes: Vec<u8>,
-    /// Its format.
+    /// The file's format.
     pub format: Format,
-    /// The account.
+    /// The report of the repair.
     pub report: Report,
 }
 
-/// Repairs a file: reads it, measures it, makes a plan, and runs the plan's strategies until a result is printable with
-/// no red flag; the best result so far is handed out.
+/// Repairs a file: reads and measures the file, makes a plan, and runs the plan's strategies until a result is printable and has no red
+/// flag. Otherwise the best result is returned.
 ///
-/// Each result is judged on its own bytes, read back and welded by position. A file that is printable already comes
-/// back byte for byte, or converted face by face where another format is asked for. When time runs out the best so
-/// far is handed out, which may be the input. Where the options ask a printable file for more, such as fewer faces, the plan runs, and its
-/// result replaces the input where it is no worse. Options that the result does not follow are in the report.
+/// Each result is judged on its own bytes, read back and welded by position. A file that is already printable is returned byte for byte,
+/// or converted face by face if the options ask for another format. When time runs out, the best verified result is returned; it may be
+/// the input. If the options ask more of a printable file, such as fewer faces, the plan runs, and its result replaces the input unless
+/// it is worse. The report lists options that the result does not follow.
 ///
-/// In a format that has objects each of them is repaired apart, unless `merge` says otherwise. Where colours and objects are written beside
-/// the triangles, results are judged without them, and the file that is handed out is read back and has just the faces that were judged.
+/// In a format with objects, each object is repaired separately unless the option `merge` decides otherwise. Results are judged without
+/// colours and objects. The returned file is read back and must have exactly the faces that were judged.
 ///
 /// # Errors
-/// [`RepairError`]; never because a model can't be repaired or time ran out.
+/// [`RepairError`] if the input cannot be read or an option is out of range, the job was canceled, the deadline passed before the
+/// inspection, or nothing can be written. A model that cannot be repaired is not an error.
 pub fn repair(
     bytes: &[u8],
     options: &Options,
@@ -49,35 +51,35 @@ pub fn repair(
     remesher: Option<&dyn Remesher>,
     context: &Context<'_>,
 ) -> Result<Repaired, RepairError> {
-    repair_as(bytes, limits, Request { options, remesher, context, reuses_prefixes: true })
+    repair_as(bytes, limits, RepairRequest { options, remesher, context, reuses_prefixes: true })
 }
 
-fn repair_as(bytes: &[u8], limits: &Limits, request: Request<'_>) -> Result<Repaired, RepairError> {
-    let Request { options, context, .. } = request;
+fn repair_as(bytes: &[u8], limits: &Limits, request: RepairRequest<'_>) -> Result<Repaired, RepairError> {
+    let RepairRequest { options, context, .. } = request;
     options.validate()?;
     let context = &with_overrun(&context.limited_to(Duration::from_secs_f64(options.deadline_s)));
-    match repair_in_time(bytes, limits, &Request { context, ..request }) {
+    match repair_in_time(bytes, limits, &RepairRequest { context, ..request }) {
         Err(RepairError::Cancelled(_)) if !context.is_cancelled() => Err(RepairError::OutOfTime(options.deadline_s)),
         repaired => repaired,
     }
 }
 
-/// Repairs a file until the deadline of the context, and verifies until the end of its verification.
-fn repair_in_time(bytes: &[u8], limits: &Limits, request: &Request<'_>) -> Result<Repaired, RepairError> {
-    let &Request { options, context, .. } = request;
+/// Repairs a file until the context's deadline, and verifies results until the context's end of verification.
+fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) -> Result<Repaired, RepairError> {
+    let &RepairRequest { options, context, .. } = request;
     let start = context.now();
     context.report(Stage::Read, None, 0);
     let opened = Opened::read(bytes, options, limits)?;
     context.report(Stage::Inspect, None, 3);
     let file = &opened.file;
     let returnable = opened.as_it_is.then_some(bytes);
-    let source = Source { bytes: returnable, mesh: &file.mesh, unit: file.unit.as_ref() };
+    let source = MeshSource { bytes: returnable, mesh: &file.mesh, unit: file.unit.as_ref() };
     let (bytes, mut report) = inspected(&source, request, |input| {
         context.log(&format!("read {}: {}", file.mesh.dialect, input.before.measures.in_short()));
         let repaired = opened.repair(bytes, &input, request)?;
         let output = FileSummary::of(opened.format, &repaired.dialect, &repaired.bytes);
         let scene = file.scene.as_ref();
-        let report = repaired.account.into_report(FileAccount {
+        let report = repaired.draft.into_report(FileDetails {
             input: &input,
             bytes: bytes.len() as u64,
             options,
@@ -95,14 +97,14 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &Request<'_>) -> Resul
     Ok(Repaired { bytes, format: opened.format, report })
 }
 
-/// A file that was read, and how its repair goes.
+/// A file that was read, with the decisions that follow from its contents and the options.
 struct Opened {
     file: ReadFile,
     /// The format of the result.
     format: Format,
-    /// Whether its objects are repaired apart.
+    /// Whether objects are repaired separately.
     apart: bool,
-    /// Whether it may come back byte for byte.
+    /// Whether the file may be returned byte for byte.
     as_it_is: bool,
 }
 
@@ -113,15 +115,20 @@ impl Opened {
         let unit = file.settle_unit(options.unit, options.scale_to);
         let format = options.output.resolve(&file);
         let apart = keeps_apart(&mut file, format, options);
-        // An archive is not handed out for the model in it.
-        let is_alone = format::sniff(bytes, Some(bytes.len() as u64)).is_ok_and(|it| it == format);
+        // An archive cannot be returned in place of the model inside it.
+        let is_alone = format::sniff(bytes, Some(bytes.len() as u64)).is_ok_and(|sniffed| sniffed == format);
         let as_it_is =
             format == file.mesh.format && is_alone && unit.scaled_from.is_none() && (apart || !file.has_objects());
         Ok(Self { file, format, apart, as_it_is })
     }
 
-    /// Repairs the file's bodies, which are its objects where they are kept apart and otherwise all of it, and assembles their results.
-    fn repair(&self, bytes: &[u8], input: &Input<'_>, request: &Request<'_>) -> Result<Assembled, RepairError> {
+    /// Repairs the file's bodies and assembles their results.
+    fn repair(
+        &self,
+        bytes: &[u8],
+        input: &Input<'_>,
+        request: &RepairRequest<'_>,
+    ) -> Result<AssembledFile, RepairError> {
         match self.file.scene.as_ref().filter(|_| self.apart) {
             None => {
                 let body = repair_body(input, judging_format(self.format), request)?;
@@ -136,21 +143,21 @@ impl Opened {
         scene: &Scene,
         bytes: &[u8],
         input: &Input<'_>,
-        request: &Request<'_>,
-    ) -> Result<Assembled, RepairError> {
+        request: &RepairRequest<'_>,
+    ) -> Result<AssembledFile, RepairError> {
         let &Self { ref file, format, as_it_is, .. } = self;
-        let &Request { options, context: whole, .. } = request;
-        // What is made of all objects is verified once more as a whole.
+        let &RepairRequest { options, context: whole, .. } = request;
+        // The assembled file is verified as a whole at the end, so the objects' repairs must leave time for that.
         let until = &whole.ending_before(input.time.verification(input.analysis.surface.faces.len()));
-        let request = Request { context: until, ..*request };
-        match (ObjectsRepair { file, input, format, as_it_is, request, whole }).run(scene, bytes) {
+        let request = RepairRequest { context: until, ..*request };
+        match (SceneRepair { file, input, format, as_it_is, request, whole }).run(scene, bytes) {
             Err(RepairError::Cancelled(_)) if !whole.is_cancelled() && input.bytes.is_some() => {
-                input.time.leave_out(LeftOut::Repair);
-                input.time.leave_out(LeftOut::Verification);
-                let untouched = input.handed_back(format, options, whole)?;
-                let mut ended = Ended::with_input(untouched, "");
-                ended.account.candidates.clear();
-                Ok(RepairedBody::of(ended, input, options, whole)?.into())
+                input.time.omit(OmittedSection::Repair);
+                input.time.omit(OmittedSection::Verification);
+                let untouched = input.unchanged_input(format, options, whole)?;
+                let mut conclusion = Conclusion::with_input(untouched, "");
+                conclusion.draft.candidates.clear();
+                Ok(RepairedBody::of(conclusion, input, options, whole)?.into())
             }
             repaired => repaired,
         }
@@ -180,7 +187,7 @@ mod tests {
         }
     }
 
-    /// Adds a flat square sheet of so many cells a side.
+    /// Adds a flat square sheet of `cells` by `cells` cells.
     fn add_sheet(soup: &mut Soup, corner: DVec3, cells: u32) {
         let first = u32::try_from(soup.positions.len()).expect("few vertices");
         let at = |x: u32, y: u32| first + x * (cells + 1) + y;
@@ -197,12 +204,12 @@ mod tests {
         let options = &Options { max_tier: 2, ..Options::default() };
         let (cancel, clock) = (AtomicBool::new(false), monotonic_clock());
         let context = &Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
-        let request = Request { options, remesher: None, context, reuses_prefixes };
+        let request = RepairRequest { options, remesher: None, context, reuses_prefixes };
         repair_as(bytes, &Limits::default(), request).expect("a result")
     }
 
     #[test]
-    fn without_the_prefix_cache_every_strategy_has_the_same_result() {
+    fn results_are_the_same_with_and_without_the_prefix_cache() {
         let mut soup = Soup { positions: Vec::new(), faces: Vec::new() };
         add_cube(&mut soup, DVec3::ZERO, true);
         add_cube(&mut soup, DVec3::new(0.5, 0.3, 0.2), true);
@@ -214,14 +221,16 @@ mod tests {
         assert!(with.report.candidates.len() > 2, "{:#?}", with.report.plan);
         assert_eq!(with.bytes, without.bytes);
         assert_eq!(with.report.candidates, without.report.candidates);
-        let facts = |it: &Repaired| -> Vec<_> {
-            let fact = |it: &Step| (it.rung, it.action, it.operator, it.status, it.changed.clone(), it.moved);
-            it.report.steps.iter().map(fact).collect()
+        let facts = |repaired: &Repaired| -> Vec<_> {
+            let fact = |step: &Step| {
+                (step.strategy, step.action, step.operator, step.status, step.changed.clone(), step.moved)
+            };
+            repaired.report.steps.iter().map(fact).collect()
         };
         assert_eq!(facts(&with), facts(&without));
-        // The opening is shared in any case, and what comes behind it only with the cache.
-        let reused = |it: &Repaired| {
-            let later = it.report.steps.iter().filter(|step| step.rung > 0 && step.milliseconds == 0.0);
+        // The common start is always shared, later steps only with the cache.
+        let reused = |repaired: &Repaired| {
+            let later = repaired.report.steps.iter().filter(|step| step.strategy > 0 && step.milliseconds == 0.0);
             later.filter(|step| step.operator == Some(Operator::FillHoles)).count()
         };
         assert!(reused(&with) > 0 && reused(&without) == 0, "{} and {}", reused(&with), reused(&without));

@@ -2,85 +2,85 @@
 
 use super::options::{Category, OpenSheets, Operator, Options, Overlaps, Preset};
 use super::presets::{RECIPES, planned, preset_for, tier_of, with_requests};
-use super::report::{Action, Plan, PlannedAction, Rung, When};
+use super::report::{Action, Plan, PlannedAction, Strategy, When};
 use super::sheets::SHEET_SHARE;
 use crate::inspect::Measures;
 
-/// Makes the plan: the preset that was asked for, or the one for the model's category; then Blender, unless the model
-/// is an open sheet or `max_tier` forbids it.
+/// Makes the plan: the requested preset, or the preset for the model's category; then Blender, unless the model is an open sheet or
+/// `max_tier` forbids it.
 ///
-/// Open sheets are made solid in every strategy where that was asked for. Otherwise, where they are not the whole model, in a strategy
-/// of its own, after those that leave them open and before Blender, which would keep nothing of them.
+/// If the options ask for solid sheets, every strategy makes them solid. Otherwise separate strategies do so, unless the whole model is a
+/// sheet. They come after the strategies that leave sheets open, and before Blender, which would drop the sheets.
 ///
-/// Where no way keeps the faces, the surface is made anew ([`Operator::Remesh`]), before Blender is asked for the same.
+/// If no strategy can keep the faces, the surface is remeshed ([`Operator::Remesh`]) before Blender is tried.
 ///
-/// Blender comes in two ways. A boolean union with itself keeps sharp edges and faces where they are but needs
-/// closed parts; so it is tried first where there are several parts, which may overlap or lie in one another, or
-/// non-manifold edges, which often are where solids touch. A voxel remesh takes anything and keeps no face; it alone runs where it was
-/// asked for.
+/// Blender runs in two ways. A boolean union of the mesh with itself keeps sharp edges and faces but needs closed parts. It is tried first
+/// if there are several parts, which may overlap or lie inside each other, or non-manifold edges, which often arise where solids touch. A
+/// voxel remesh accepts any mesh and keeps no face. The preset `blender-remesh` runs only the voxel remesh.
 #[must_use]
 pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Plan {
     let (preset, reason) = match options.preset {
         Preset::Auto => {
             let (preset, reason) = if category == Category::OpenSheet && asks_for_solids(options) {
-                (Preset::ConservativeRepair, "the model is an open surface and was asked to be made solid")
+                (Preset::ConservativeRepair, "the model is an open surface, and the options ask to make it solid")
             } else {
                 preset_for(category, before.parts)
             };
             let reason = options.category.map_or_else(
                 || reason.to_owned(),
-                |it| format!("the category {} was asked for: {reason}", it.as_str()),
+                |category| format!("the options set the category `{}`: {reason}", category.as_str()),
             );
-            (preset, format!("{reason}, so {} was chosen", preset.as_str()))
+            (preset, format!("{reason}, so the preset `{}` was chosen", preset.as_str()))
         }
-        asked => (asked, format!("{} was asked for", asked.as_str())),
+        requested => (requested, format!("the options set the preset `{}`", requested.as_str())),
     };
     let mut strategies = Vec::new();
-    let mut whole = None;
+    let mut with_overlaps = None;
     if preset != Preset::BlenderRemesh {
         strategies.extend(strategy(preset, options, options.max_tier, None));
     }
     if options.preset == Preset::Auto && options.max_tier >= 2 && tier(preset) == 2 {
-        // The other way to pair faces around non-manifold edges, and to take what is turned inside out.
+        // The other strategy pairs faces around non-manifold edges differently, and treats inverted parts differently.
         let other = if preset == Preset::FullRepair { Preset::ConservativeRepair } else { Preset::FullRepair };
         strategies.extend(strategy(other, options, options.max_tier, None));
         let both = [preset, other].map(|preset| strategy(preset, options, options.max_tier, None));
         let [mut first, _] = both.clone();
-        // The last ways before another tier: what is bad goes, and its holes are closed; what overlaps is kept so.
-        let cleaned = first.clone().map(|first| cleaning(first, options));
+        // The last strategies before a remesh: remove defective regions and close their holes, or keep overlaps as they are.
+        let cleaned = first.clone().map(|first| with_clean_and_patch(first, options));
         if options.open_sheets == OpenSheets::Auto {
-            let closed = both.into_iter().flatten().map(|it| with_sheets_closed(it, options));
-            strategies.extend(closed.map(|it| Rung { when: When::SheetsLeft, ..it }));
+            let closed = both.into_iter().flatten().map(|strategy| with_sheets_closed(strategy, options));
+            strategies.extend(closed.map(|strategy| Strategy { when: When::OpenSheetsRemain, ..strategy }));
             first = first.map(|first| with_sheets_closed(first, options));
         }
         strategies.extend(cleaned);
-        whole = first.map(without_resolving);
+        with_overlaps = first.map(without_self_union);
     }
     let remesh = preset == Preset::BlenderRemesh || !matches!(category, Category::OpenSheet | Category::Clean);
-    // A remesh unites what overlaps.
+    // A remesh unites overlapping parts.
     let remesh = remesh && (options.overlaps == Overlaps::Union || options.preset == Preset::BlenderRemesh);
     if remesh && options.max_tier >= 2 && options.preset == Preset::Auto {
-        strategies
-            .extend(strategy(Preset::FullRepair, options, options.max_tier, None).map(|it| remeshing(it, options)));
+        let full_repair = strategy(Preset::FullRepair, options, options.max_tier, None);
+        strategies.extend(full_repair.map(|strategy| with_native_remesh(strategy, options)));
     }
-    strategies.extend(whole);
+    strategies.extend(with_overlaps);
     if remesh && options.max_tier >= 3 {
-        let union = before.parts > 1 || before.nonmanifold_edges > 0;
+        let union = before.parts > 1 || before.non_manifold_edges > 0;
         if union && preset != Preset::BlenderRemesh {
             strategies.extend(strategy(Preset::BlenderRemesh, options, 3, Some(Action::BooleanUnion)));
         }
         strategies.extend(strategy(Preset::BlenderRemesh, options, 3, None));
     }
     if preset == Preset::BlenderRemesh {
-        // Blender may be missing, not allowed, or fail; what tier 1 can do is better than nothing.
+        // Blender may be missing, not allowed, or fail; a tier 1 result is better than none.
         strategies.extend(strategy(Preset::FillHoles, options, 1, None));
     }
-    let rungs = strategies.into_iter().map(|it| with_requests(it, options)).collect();
-    Plan { category, preset, reason, rungs }
+    let strategies = strategies.into_iter().map(|strategy| with_requests(strategy, options)).collect();
+    Plan { category, preset, reason, strategies }
 }
 
-/// The preset's actions up to a tier, the remesh being replaced where asked, and at last fewer faces where asked.
-fn strategy(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Rung> {
+/// The strategy of a preset: its actions up to a tier, with `instead_of_voxels` in place of the voxel remesh. The options may add a
+/// reduction of faces before validation.
+fn strategy(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: Option<Action>) -> Option<Strategy> {
     let recipe = RECIPES.iter().find(|r| r.preset == preset)?;
     let actions: Vec<Action> = recipe
         .actions
@@ -91,52 +91,54 @@ fn strategy(preset: Preset, options: &Options, max_tier: u8, instead_of_voxels: 
     let tier = actions.iter().map(|&a| tier_of(a)).max()?;
     let mut actions: Vec<PlannedAction> = actions.into_iter().map(|action| planned(action, options)).collect();
     if options.asks_for_fewer_faces() {
-        let at = actions.iter().position(|it| it.action == Action::Validate).unwrap_or(actions.len());
+        let at = actions.iter().position(|planned| planned.action == Action::Validate).unwrap_or(actions.len());
         actions.insert(at, planned(Action::Simplify, options));
     }
-    let strategy = Rung { when: When::NothingGood, tier, preset, actions };
+    let strategy = Strategy { when: When::NothingAcceptable, tier, preset, actions };
     Some(if asks_for_solids(options) && max_tier >= 2 { with_sheets_closed(strategy, options) } else { strategy })
 }
 
-/// Whether open sheets are to be made solid, whatever else is in the model.
+/// Whether the options ask to make open sheets solid.
 fn asks_for_solids(options: &Options) -> bool {
     matches!(options.open_sheets, OpenSheets::Thicken | OpenSheets::Base)
 }
 
-/// The strategy with open sheets made solid before what needs closed surface: the resolving of intersections, a remesh.
-fn with_sheets_closed(mut strategy: Rung, options: &Options) -> Rung {
-    let needs_solids =
-        |action| matches!(action, Action::Resolve | Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion);
-    let at = strategy.actions.iter().position(|it| needs_solids(it.action) || it.action == Action::Validate);
+/// Adds the closing of open sheets before the first action that needs closed surface: a self-union or a remesh.
+fn with_sheets_closed(mut strategy: Strategy, options: &Options) -> Strategy {
+    let needs_solids = |action| {
+        matches!(action, Action::SelfUnion | Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion)
+    };
+    let is_later = |planned: &PlannedAction| needs_solids(planned.action) || planned.action == Action::Validate;
+    let at = strategy.actions.iter().position(is_later);
     strategy.actions.insert(at.unwrap_or(strategy.actions.len()), planned(Action::CloseSheets, options));
     strategy.tier = strategy.tier.max(tier_of(Action::CloseSheets));
     strategy
 }
 
-/// The strategy with what is bad removed and closed again, before what intersects is resolved.
-fn cleaning(mut strategy: Rung, options: &Options) -> Rung {
-    let at = strategy.actions.iter().position(|a| a.action == Action::Resolve).unwrap_or(strategy.actions.len());
+/// Adds the removal and patching of defective regions before the self-union.
+fn with_clean_and_patch(mut strategy: Strategy, options: &Options) -> Strategy {
+    let at = strategy.actions.iter().position(|a| a.action == Action::SelfUnion).unwrap_or(strategy.actions.len());
     strategy.actions.insert(at, planned(Action::CleanAndPatch, options));
     strategy
 }
 
-/// The strategy with the surface made anew in place of resolving what intersects.
-fn remeshing(mut strategy: Rung, options: &Options) -> Rung {
-    strategy.actions.retain(|it| it.action != Action::Separate);
+/// Replaces the self-union by the native remesh.
+fn with_native_remesh(mut strategy: Strategy, options: &Options) -> Strategy {
+    strategy.actions.retain(|planned| planned.action != Action::Perturb);
     for action in &mut strategy.actions {
-        if action.action == Action::Resolve {
+        if action.action == Action::SelfUnion {
             *action = planned(Action::NativeRemesh, options);
         }
     }
     strategy
 }
 
-/// The strategy with what overlaps kept as it is: closed, but not printable.
-fn without_resolving(mut strategy: Rung) -> Rung {
+/// Removes the self-union, so that overlaps stay: the result is closed but not printable.
+fn without_self_union(mut strategy: Strategy) -> Strategy {
     for planned in &mut strategy.actions {
-        planned.operators.retain(|&operator| operator != Operator::Resolve);
+        planned.operators.retain(|&operator| operator != Operator::SelfUnion);
     }
-    Rung { when: When::NothingWhole, ..strategy }
+    Strategy { when: When::NothingClosed, ..strategy }
 }
 
 /// The highest tier of a preset's actions.
@@ -145,24 +147,24 @@ fn tier(preset: Preset) -> u8 {
     recipe.and_then(|r| r.actions.iter().map(|&a| tier_of(a)).max()).unwrap_or(0)
 }
 
-/// Where one kind of trouble ends and another begins.
+/// The thresholds between categories.
 struct Thresholds {
-    /// Share of the area in open sheets that makes the whole an open sheet.
+    /// Least share of the area in open sheets of an open sheet.
     sheet_share: f64,
-    /// Boundary loops from which on holes are many.
+    /// Least number of boundary loops of a model with many holes.
     many_loops: u64,
-    /// Parts from which on a model is fragmented, ...
+    /// Least number of parts of a fragmented model, which must also meet one of the next two thresholds.
     fragments: u64,
-    /// ... if it has on average at most this many faces a part, or
+    /// Most faces per part, on average.
     faces_a_fragment: u64,
-    /// boundary loops for at least this share of its parts.
+    /// Least number of boundary loops per part.
     open_fragments: f64,
 }
 
 const THRESHOLDS: Thresholds =
     Thresholds { sheet_share: SHEET_SHARE, many_loops: 8, fragments: 10, faces_a_fragment: 20, open_fragments: 0.5 };
 
-/// What kind of trouble a model is in, by its measures and by the share of its area in open sheets.
+/// The category of a model's damage, by its measures and the share of its area in open sheets (0 to 1).
 #[must_use]
 #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
 pub fn categorise(m: &Measures, sheet_share: f64) -> Category {
@@ -178,15 +180,15 @@ pub fn categorise(m: &Measures, sheet_share: f64) -> Category {
     if m.parts >= t.fragments && (small || open) {
         return Category::Fragmented;
     }
-    let nonmanifold = m.nonmanifold_edges > 0 || m.nonmanifold_vertices > 0;
+    let nonmanifold = m.non_manifold_edges > 0 || m.non_manifold_vertices > 0;
     let holes = m.boundary_edges > 0;
     let turned = m.misoriented_edges > 0 || m.inverted_parts > 0 || m.volume.value < 0.0;
     let faces = m.degenerate_faces > 0
         || m.duplicate_faces > 0
-        || m.nonfinite_faces > 0
+        || m.non_finite_faces > 0
         || m.unreadable_faces > 0
         || m.unshared_edges > 0
-        || m.near_coincident_faults > 0;
+        || m.near_coincident_defects > 0;
     let crossed = m.self_intersections.checked && !m.self_intersections.proven_none();
     match (nonmanifold, holes, crossed) {
         (false, false, false) if turned => Category::Orientation,

@@ -1,28 +1,32 @@
-//! What presets and actions consist of, and what the options ask for beside a printable result.
+//! Presets as data: the actions of each preset, the operators of each action, and the operators that options add.
 
-use super::options::{Category, InsideRule, Nested, OpenSheets, Operator, Options, Preset};
+use super::options::{Category, Nested, OpenSheets, Operator, Options, Preset, WindingRuleChoice};
 use super::remesher::RemeshAction;
-use super::report::{Action, PlannedAction, Rung, When};
+use super::report::{Action, PlannedAction, Strategy, When};
 
-/// What a preset does, in order, and what runs after it when the result is not good enough.
+/// A preset with its actions in order.
 pub(super) struct Recipe {
+    /// The preset.
     pub preset: Preset,
+    /// The actions in order.
     pub actions: &'static [Action],
 }
 
-/// The presets of the guide ("Filter Scripts & When to Use Them"). Normals are made consistent before holes are closed,
-/// because a hole's border is walked along the winding, and outward afterwards, because only a closed part has a sign.
-/// Cracks are stitched before anything is cut apart or filled, which would leave slivers in them.
-/// What intersects is resolved last, because only closed surface has an inside, and sheets are kept apart after everything
-/// that moves or makes faces.
+/// The presets, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
+///
+/// - Faces are oriented consistently before holes are closed, because a hole's boundary is followed along the winding. They are oriented
+///   outward afterwards, because only a closed part has an outside.
+/// - Cracks are stitched before edges are split or holes filled; both would leave slivers in the cracks.
+/// - Intersections are resolved last, because only closed surface has an inside. Coincident vertices are moved apart after all operators
+///   that move or create faces.
 pub(super) const RECIPES: [Recipe; 6] = {
     use Action::{BasicCleanup, FillHoles, FixNormals, Validate, VoxelRemesh};
     [
         Recipe { preset: Preset::BasicCleanup, actions: &[BasicCleanup, FixNormals, Validate] },
         Recipe { preset: Preset::FillHoles, actions: &[BasicCleanup, FixNormals, FillHoles, FixNormals, Validate] },
-        Recipe { preset: Preset::FullRepair, actions: &mending(Action::Mend) },
-        Recipe { preset: Preset::ConservativeRepair, actions: &mending(Action::MendConservative) },
-        Recipe { preset: Preset::ManifoldRepair, actions: &mending(Action::MakeManifold) },
+        Recipe { preset: Preset::FullRepair, actions: &tier_2_actions(Action::FullRepair) },
+        Recipe { preset: Preset::ConservativeRepair, actions: &tier_2_actions(Action::ConservativeRepair) },
+        Recipe { preset: Preset::ManifoldRepair, actions: &tier_2_actions(Action::MakeManifold) },
         // A voxel remesh keeps only what is enclosed, so holes are closed before it.
         Recipe {
             preset: Preset::BlenderRemesh,
@@ -42,13 +46,13 @@ pub(super) const RECIPES: [Recipe; 6] = {
     ]
 };
 
-/// The actions of the presets that mend, which differ in how.
-const fn mending(mend: Action) -> [Action; 9] {
-    use Action::{BasicCleanup, FillHoles, FixNormals, Resolve, Separate, Stitch, Validate};
-    [BasicCleanup, FixNormals, Stitch, mend, FillHoles, FixNormals, Resolve, Separate, Validate]
+/// The actions of the tier-2 presets, which differ only in the action `repair_action`.
+const fn tier_2_actions(repair_action: Action) -> [Action; 9] {
+    use Action::{BasicCleanup, FillHoles, FixNormals, Perturb, SelfUnion, Stitch, Validate};
+    [BasicCleanup, FixNormals, Stitch, repair_action, FillHoles, FixNormals, SelfUnion, Perturb, Validate]
 }
 
-/// What an action comes to, in order, before the options switch operators off.
+/// The operators of an action in order, before the options add or remove any.
 fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
     use Operator as O;
     match action {
@@ -60,36 +64,36 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
             O::RemoveDuplicates,
             O::RemoveCaps,
         ],
-        Action::FixNormals => &[O::Orient, O::CutOneSided],
+        Action::FixNormals => &[O::Orient, O::CutNonOrientable],
         Action::FillHoles => &[O::JoinParts, O::FillHoles, O::RemoveCaps],
-        // What is exact first: it moves nothing, and what is then closed can't be merged amiss.
+        // The exact operator comes first: it moves no vertex, and vertices of edges that it closes cannot be merged wrongly.
         Action::Stitch => &[O::SplitTJunctions, O::Sew, O::Stitch, O::RemoveSlivers],
-        // What is open and no part of the model would leave it without an inside.
-        Action::Resolve => &[O::RemoveDebris, O::Resolve],
-        // A vertex that is moved aside may be moved into another face.
-        Action::Separate => &[O::Separate, O::Resolve],
-        // One of the two ways of `auto` leaves sheets that lie within a solid, since they may be seen through a hole of it.
-        Action::Mend => &[
+        // Open debris would leave the model without an inside.
+        Action::SelfUnion => &[O::RemoveDebris, O::SelfUnion],
+        // Moving a vertex may move it through another face.
+        Action::Perturb => &[O::Perturb, O::SelfUnion],
+        // Unlike the other presets, this one keeps sheets inside a solid, because they may be visible through a hole.
+        Action::FullRepair => &[
             O::UnfoldFoldovers,
             O::RemoveOverlappingNeighbours,
-            O::RemoveMembranes,
-            O::CutApart,
-            O::FreeFins,
-            O::CutOneSided,
+            O::RemoveInternalFaces,
+            O::SplitNonManifold,
+            O::DetachFins,
+            O::CutNonOrientable,
         ],
-        Action::MendConservative | Action::MakeManifold => &[
+        Action::ConservativeRepair | Action::MakeManifold => &[
             O::UnfoldFoldovers,
             O::RemoveOverlappingNeighbours,
-            O::RemoveSheetsWithin,
-            O::RemoveMembranes,
-            O::CutApart,
-            O::FreeFins,
-            O::CutOneSided,
+            O::RemoveInternalSheets,
+            O::RemoveInternalFaces,
+            O::SplitNonManifold,
+            O::DetachFins,
+            O::CutNonOrientable,
         ],
         Action::CleanAndPatch => &[O::CleanAndPatch],
         Action::DropSmallParts => &[O::DropSmallParts],
         Action::Simplify => &[O::Simplify],
-        // Small bits and what lies inside a solid go before they are made solid.
+        // Debris and sheets inside a solid are removed first, so that they are not made solid.
         Action::CloseSheets if sheets == OpenSheets::Base => &[O::RemoveDebris, O::AddBase],
         Action::CloseSheets => &[O::RemoveDebris, O::ThickenSheets, O::RemoveCaps],
         Action::NativeRemesh => &[O::Remesh],
@@ -112,54 +116,54 @@ pub(super) fn planned(action: Action, options: &Options) -> PlannedAction {
     }
 }
 
-/// The place of an operator in an action; those that it does not have come last.
-fn in_order_of(action: Action, operator: Operator) -> usize {
+/// The position of an operator in an action. Operators that the action lacks come last.
+fn position_in(action: Action, operator: Operator) -> usize {
     let operators = operators_of(action, OpenSheets::Auto);
-    operators.iter().position(|&it| it == operator).unwrap_or(operators.len())
+    operators.iter().position(|&other| other == operator).unwrap_or(operators.len())
 }
 
-/// The preset for each category (the guide's "Category-to-Filter Mapping") and why.
+/// The preset for a category, with the reason, after the MeshPrep guide ("Category-to-Filter Mapping").
 pub(super) fn preset_for(category: Category, parts: u64) -> (Preset, &'static str) {
     match category {
-        Category::Clean => (Preset::BasicCleanup, "nothing is wrong with the model"),
-        Category::Orientation => (Preset::BasicCleanup, "only the direction of faces is wrong"),
-        // Duplicates may be a sheet of two sides within a solid.
+        Category::Clean => (Preset::BasicCleanup, "the model has no defects"),
+        Category::Orientation => (Preset::BasicCleanup, "only the orientation of faces is wrong"),
+        // Duplicate faces may be a two-sided sheet inside a solid.
         Category::Degenerate if parts > 1 => {
-            (Preset::ConservativeRepair, "faces are degenerate or duplicate, and there are several parts")
+            (Preset::ConservativeRepair, "the model has degenerate or duplicate faces and several parts")
         }
-        Category::Degenerate => (Preset::BasicCleanup, "only degenerate, duplicate or unjoined faces are wrong"),
+        Category::Degenerate => (Preset::BasicCleanup, "the only defects are degenerate, duplicate or unjoined faces"),
         Category::OpenSheet => (
             Preset::BasicCleanup,
-            "the model is an open surface that encloses nothing; closing it would invent a solid that it does not describe",
+            "the model is an open surface that encloses nothing, and closing it would invent a solid",
         ),
-        _ if parts > 1 => (Preset::ConservativeRepair, "the model has several parts, and each must be kept"),
-        Category::Holes | Category::ManySmallHoles => (Preset::FullRepair, "one part with holes"),
-        Category::SelfIntersecting => (Preset::FullRepair, "one part whose faces intersect"),
-        Category::NonManifold => (Preset::ManifoldRepair, "one part with non-manifold edges or vertices"),
+        _ if parts > 1 => (Preset::ConservativeRepair, "the model has several parts, and all must be kept"),
+        Category::Holes | Category::ManySmallHoles => (Preset::FullRepair, "the model is one part with holes"),
+        Category::SelfIntersecting => (Preset::FullRepair, "the model is one part with intersecting faces"),
+        Category::NonManifold => (Preset::ManifoldRepair, "the model is one part with non-manifold edges or vertices"),
         Category::Fragmented | Category::MultipleComponents | Category::Complex => {
-            (Preset::ConservativeRepair, "several kinds of damage; the safe choice")
+            (Preset::ConservativeRepair, "the model has several kinds of damage, and this preset is the safest")
         }
     }
 }
 
-/// The tier that an action belongs to; 0 for validation.
+/// The tier of an action; 0 for validation.
 pub(super) fn tier_of(action: Action) -> u8 {
     match action {
         Action::Validate => 0,
         Action::BasicCleanup | Action::FixNormals | Action::FillHoles | Action::DropSmallParts | Action::Simplify => 1,
-        Action::Mend
-        | Action::MendConservative
+        Action::FullRepair
+        | Action::ConservativeRepair
         | Action::MakeManifold
         | Action::CloseSheets
-        | Action::Resolve
-        | Action::Separate
+        | Action::SelfUnion
+        | Action::Perturb
         | Action::NativeRemesh => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
         _ => 2,
     }
 }
 
-/// What an action asks of Blender.
+/// The work that an action gives to Blender; none if the action does not use Blender.
 pub(super) fn remesh_action(action: Action) -> Option<RemeshAction> {
     match action {
         Action::VoxelRemesh => Some(RemeshAction::VoxelRemesh),
@@ -173,38 +177,39 @@ const ORDER: [Action; 16] = [
     Action::BasicCleanup,
     Action::FixNormals,
     Action::Stitch,
-    Action::Mend,
-    Action::MendConservative,
+    Action::FullRepair,
+    Action::ConservativeRepair,
     Action::MakeManifold,
     Action::FillHoles,
     Action::CleanAndPatch,
     Action::CloseSheets,
-    Action::Resolve,
+    Action::SelfUnion,
     Action::NativeRemesh,
     Action::VoxelRemesh,
-    Action::Separate,
+    Action::Perturb,
     Action::DropSmallParts,
     Action::Simplify,
     Action::Validate,
 ];
 
-/// Whether the options ask for something that a printable model may not satisfy yet, fewer faces apart. Such a model is run through
-/// the plan; without a request it comes back as it is.
+/// Whether the options ask for changes to a printable model, apart from fewer faces. Otherwise a printable model is returned unchanged.
 ///
-/// Options about holes, cracks and open sheets ask for nothing here, since a printable model has none.
-pub(super) fn ask_of_printable(options: &Options) -> bool {
-    let closed_too = |operator: &Operator| !matches!(operator, Operator::Sew | Operator::Stitch);
-    options.preset != Preset::Auto || options.category.is_some() || operators_asked_for(options).iter().any(closed_too)
+/// Options about holes, cracks and open sheets do not count, because a printable model has none.
+pub(super) fn changes_printable(options: &Options) -> bool {
+    let affects_closed = |operator: &Operator| !matches!(operator, Operator::Sew | Operator::Stitch);
+    options.preset != Preset::Auto
+        || options.category.is_some()
+        || operators_asked_for(options).iter().any(affects_closed)
 }
 
-/// The operators that the options ask for, whichever strategy is planned.
+/// The operators that the options ask for in every strategy.
 fn operators_asked_for(options: &Options) -> Vec<Operator> {
-    let usual = Options::default();
+    let defaults = Options::default();
     let above_zero = |value: Option<f64>| value.is_some_and(|value| value > 0.0);
-    let is_raised = options.degenerate_tolerance > usual.degenerate_tolerance;
+    let is_raised = options.degenerate_tolerance > defaults.degenerate_tolerance;
     let asked = [
         (options.nested == Nested::Alternate, Operator::Orient),
-        (options.inside != InsideRule::Auto, Operator::Resolve),
+        (options.winding_rule != WindingRuleChoice::Auto, Operator::SelfUnion),
         (is_raised, Operator::RemoveSlivers),
         (is_raised, Operator::UnfoldFoldovers),
         (above_zero(options.merge_distance), Operator::MergeVertices),
@@ -214,8 +219,8 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
     ];
     let asked = asked.into_iter().filter(|(is_asked, _)| *is_asked).map(|(_, operator)| operator);
     let mut all: Vec<Operator> = asked.chain(options.with.iter().copied()).collect();
-    // What opens holes is followed by what closes them.
-    if all.iter().any(|it| matches!(it, Operator::RemoveOverlappingNeighbours | Operator::JoinParts)) {
+    // These operators open holes, so hole filling must follow.
+    if all.iter().any(|operator| matches!(operator, Operator::RemoveOverlappingNeighbours | Operator::JoinParts)) {
         all.push(Operator::FillHoles);
     }
     all.retain(|operator| !options.without.contains(operator));
@@ -224,36 +229,36 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
     all
 }
 
-/// The strategy with every operator that the options ask for and that it lacks, as far as `max_tier` allows.
-pub(super) fn with_requests(mut strategy: Rung, options: &Options) -> Rung {
-    let remeshes = |it: &PlannedAction| {
-        matches!(it.action, Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion)
-            || it.operators.contains(&Operator::Remesh)
+/// Adds to a strategy the operators that the options ask for and that the strategy lacks, as far as `max_tier` allows.
+pub(super) fn with_requests(mut strategy: Strategy, options: &Options) -> Strategy {
+    let remeshes = |planned: &PlannedAction| {
+        matches!(planned.action, Action::NativeRemesh | Action::VoxelRemesh | Action::BooleanUnion)
+            || planned.operators.contains(&Operator::Remesh)
     };
-    let decides_inside = strategy.when == When::NothingWhole || strategy.actions.iter().any(remeshes);
+    let decides_inside = strategy.when == When::NothingClosed || strategy.actions.iter().any(remeshes);
     for operator in operators_asked_for(options) {
-        let runs = strategy.actions.iter().any(|it| it.operators.contains(&operator));
-        let home = home_of(operator);
-        let needless = operator == Operator::Resolve && decides_inside;
-        if runs || needless || tier_of(home) > options.max_tier {
+        let runs = strategy.actions.iter().any(|planned| planned.operators.contains(&operator));
+        let action = action_for(operator);
+        let needless = operator == Operator::SelfUnion && decides_inside;
+        if runs || needless || tier_of(action) > options.max_tier {
             continue;
         }
-        strategy.tier = strategy.tier.max(tier_of(home));
-        if let Some(own) = strategy.actions.iter_mut().find(|it| it.action == home) {
-            own.operators.push(operator);
-            own.operators.sort_by_key(|&it| in_order_of(home, it));
+        strategy.tier = strategy.tier.max(tier_of(action));
+        if let Some(existing) = strategy.actions.iter_mut().find(|planned| planned.action == action) {
+            existing.operators.push(operator);
+            existing.operators.sort_by_key(|&other| position_in(action, other));
             continue;
         }
-        let place = |action: Action| ORDER.iter().position(|&it| it == action);
-        let at = strategy.actions.iter().skip(2).position(|it| place(it.action) > place(home));
+        let position = |action: Action| ORDER.iter().position(|&other| other == action);
+        let at = strategy.actions.iter().skip(2).position(|planned| position(planned.action) > position(action));
         let at = at.map_or(strategy.actions.len(), |at| at + 2);
-        strategy.actions.insert(at, PlannedAction { action: home, operators: vec![operator] });
+        strategy.actions.insert(at, PlannedAction { action: action, operators: vec![operator] });
     }
     strategy
 }
 
-/// The action that an operator runs in where a strategy lacks it.
-fn home_of(operator: Operator) -> Action {
+/// The action that an operator is added to if a strategy lacks the operator.
+fn action_for(operator: Operator) -> Action {
     use Operator as O;
     match operator {
         O::RoundCoordinates
@@ -262,26 +267,26 @@ fn home_of(operator: Operator) -> Action {
         | O::Weld
         | O::RemoveDuplicates
         | O::RemoveCaps => Action::BasicCleanup,
-        O::Orient | O::CutOneSided => Action::FixNormals,
+        O::Orient | O::CutNonOrientable => Action::FixNormals,
         O::SplitTJunctions | O::Sew | O::Stitch | O::RemoveSlivers => Action::Stitch,
         O::UnfoldFoldovers
         | O::RemoveOverlappingNeighbours
-        | O::RemoveSheetsWithin
-        | O::RemoveMembranes
-        | O::CutApart
-        | O::FreeFins => Action::MakeManifold,
+        | O::RemoveInternalSheets
+        | O::RemoveInternalFaces
+        | O::SplitNonManifold
+        | O::DetachFins => Action::MakeManifold,
         O::JoinParts | O::FillHoles => Action::FillHoles,
         O::CleanAndPatch => Action::CleanAndPatch,
         O::ThickenSheets | O::AddBase => Action::CloseSheets,
-        O::Resolve | O::RemoveDebris => Action::Resolve,
+        O::SelfUnion | O::RemoveDebris => Action::SelfUnion,
         O::Remesh => Action::NativeRemesh,
-        O::Separate => Action::Separate,
+        O::Perturb => Action::Perturb,
         O::DropSmallParts => Action::DropSmallParts,
         O::Simplify => Action::Simplify,
     }
 }
 
-/// The action of a strategy that Blender does, if there is one.
-pub(super) fn remesh_of(strategy: &Rung) -> Option<Action> {
+/// The action of a strategy that uses Blender, if there is one.
+pub(super) fn remesh_of(strategy: &Strategy) -> Option<Action> {
     strategy.actions.iter().map(|planned| planned.action).find(|&action| remesh_action(action).is_some())
 }

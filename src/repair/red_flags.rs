@@ -1,63 +1,62 @@
-//! The signs that a repair destroyed something, and how much of a result's surface the input does not describe.
+//! The red flags: signs that a repair damaged the model, and how much of a result's surface is new.
 
 use glam::DVec3;
 
-use super::options::{InsideRule, Nested, OpenSheets, Options};
+use super::options::{Nested, OpenSheets, Options, WindingRuleChoice};
 use super::report::{RedFlag, RedFlagCode};
 use crate::context::Context;
-use crate::inspect::{Changes, Ledger, LostPart, Measures, Volume, percent};
+use crate::inspect::{Changes, LostPart, Measures, PartAccounting, Volume, percent};
 use crate::math::Box3;
-use crate::mesh::{BASE_SOURCE, Edges, NO_SOURCE, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, UnionFind, is_made};
+use crate::mesh::{BASE_SOURCE, Edges, NO_SOURCE, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, UnionFind, is_generated};
 
-/// Share of the sound faces that must stand for parts to have been joined rather than lost; the rest are slivers that
-/// rounding made degenerate.
-const LEAST_STANDING: f64 = 0.98;
+/// Share of the sound faces that must be left for parts to count as joined rather than lost. The rest are slivers that rounding made
+/// degenerate.
+const MIN_SHARE_LEFT: f64 = 0.98;
 
-/// What rounding to f32 may move, as a share of the largest coordinate.
+/// The farthest that rounding to f32 may move a point, as a share of the largest coordinate.
 const ROUNDING: f64 = 2.0 / (1u64 << 23) as f64;
 
-/// What of the input is in a result, whole or cut.
+/// Counts of the input's faces, vertices and parts that a result still has, whole or cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Standing {
-    /// Faces of the file.
+    /// Faces of the input file that are left.
     pub faces: u64,
-    /// Parts of which no face stands.
+    /// Parts of which no face is left.
     pub parts_gone: u64,
-    /// Vertices of faces of which some stands.
+    /// Vertices at faces that are left.
     pub vertices: u64,
-    /// Vertices of the file, but those of parts that may go.
+    /// Vertices of the input, without those of parts that may be missing.
     pub vertices_before: u64,
-    /// Faces of parts that were dropped as the options ask.
+    /// Faces of parts that were dropped because of `min_part_volume_pct`.
     pub faces_dropped: u64,
 }
 
-/// The input and a result, as the signs of destruction compare them.
+/// The input and a result, as the red flags compare them.
 #[derive(Debug, Clone, Copy)]
 pub struct Compared<'a> {
     /// The measures of the input.
     pub before: &'a Measures,
-    /// Its volume when its orientation is settled.
+    /// The input's volume after its parts are oriented consistently.
     pub settled: Volume,
     /// The measures of the result.
     pub after: &'a Measures,
-    /// What changed between them.
+    /// The changes between the two.
     pub changes: &'a Changes,
-    /// What of the input is in the result.
+    /// The faces, vertices and parts of the input that the result still has.
     pub standing: Standing,
 }
 
-/// The signs that a repair destroyed something. Degenerate, duplicate and non-finite faces of the input count as none:
-/// they are gone with a reason.
+/// The red flags of a result: signs that the repair damaged the model.
 ///
-/// Faces that were asked to go are no loss, nor are those that are inside the result now, since they were inner walls, nor those
-/// of a model that was made anew: whether surface went with them the other flags say. Parts that became one are no bad sign
-/// where all sound faces stand, since they were pieces of one surface along a crack, or where each part is accounted for,
-/// since they overlapped and are one solid now. The volume of faces that intersect counts some of the space twice, so there
-/// what is inside is compared instead. Elsewhere the input's volume is that when its orientation is `settled`, so that parts that
-/// were inside out count like the others.
+/// - Faces: degenerate, duplicate and non-finite faces of the input do not count. Neither do faces removed on request, internal faces now
+///   inside the result, or faces of a remeshed model, for which the other flags detect lost surface.
+/// - Parts: merged parts raise no flag if all sound faces are left (they were pieces of one surface along a crack), or if each part is
+///   accounted for (they overlapped and are now one solid).
+/// - Volume: where faces intersect, their volume counts space twice, so the enclosed spaces are compared instead. Elsewhere the input's
+///   volume is `settled`, so that inverted parts count like the others.
 #[must_use]
 pub fn red_flags(compared: &Compared<'_>, options: &Options) -> Vec<RedFlag> {
-    let of_size = [compared.face_loss(options), compared.vertex_loss(options), compared.box_change(options)];
+    let of_size = [compared.face_loss(options), compared.vertex_loss(options), compared.bounding_box_change(options)];
     let of_shape = [compared.volume_change(options), compared.surface_lost(options), compared.deviation(options)];
     let all = of_size.into_iter().chain(of_shape).chain([compared.parts_merged(options)]);
     all.flatten().filter(|flag| flag.value > flag.threshold).collect()
@@ -68,27 +67,27 @@ fn flag(code: RedFlagCode, value: f64, threshold: f64, detail: String) -> Option
 }
 
 impl Compared<'_> {
-    /// Whether loss of faces and vertices says something: not where faces were asked to go, nor of a surface that was made again.
+    /// Whether lost faces and vertices are a sign of damage: not if faces were removed on request, nor after a remesh.
     fn counts_losses(&self, options: &Options) -> bool {
         !options.asks_for_fewer_faces() && self.standing.faces != 0
     }
 
-    /// Faces of the input that have an area and are there once, but for those of parts that were dropped as the options ask.
+    /// The number of input faces that are neither degenerate, duplicate nor non-finite, nor of parts dropped on request.
     fn sound_faces(&self) -> u64 {
         let before = self.before;
-        let unsound = before.degenerate_faces + before.duplicate_faces + before.nonfinite_faces;
+        let unsound = before.degenerate_faces + before.duplicate_faces + before.non_finite_faces;
         before.faces.saturating_sub(unsound + self.standing.faces_dropped)
     }
 
     fn face_loss(&self, options: &Options) -> Option<RedFlag> {
         let Self { before, after, changes, .. } = self;
         let sound = self.sound_faces();
-        // What the result has not as it was, and has around itself on both sides, was an inner wall.
+        // A missing face with the result's solid on both sides was an internal face.
         let gone = before.faces as f64 * (100.0 - changes.faces_kept_pct) / 100.0;
-        let buried = gone * changes.faces_buried_pct.unwrap_or(0.0) / 100.0;
+        let buried = gone * changes.enclosed_faces_pct.unwrap_or(0.0) / 100.0;
         let lost = percent(sound as f64 - buried - after.faces as f64, sound as f64).unwrap_or(0.0).max(0.0);
         let detail = format!(
-            "{lost:.1} % of the faces were lost: {sound} sound faces before, {buried:.0} of them inside the result, {} after",
+            "{lost:.1} % of the faces were lost: {sound} sound faces before, {buried:.0} of them now inside the result; {} after",
             after.faces
         );
         let value = if self.counts_losses(options) { lost } else { 0.0 };
@@ -99,40 +98,39 @@ impl Compared<'_> {
         let standing = self.standing;
         let lost = vertices_lost_pct(self.after, self.changes, standing);
         let detail = format!(
-            "{lost:.1} % of the vertices were lost: of {} before, {} are at faces that are left",
+            "{lost:.1} % of the vertices were lost: {} before, {} of them at faces that are left",
             standing.vertices_before, standing.vertices
         );
         let value = if self.counts_losses(options) { lost } else { 0.0 };
         flag(RedFlagCode::VertexLoss, value, options.max_vertex_loss_pct, detail)
     }
 
-    fn box_change(&self, options: &Options) -> Option<RedFlag> {
-        let moved = self.changes.box_change_pct.unwrap_or(0.0);
+    fn bounding_box_change(&self, options: &Options) -> Option<RedFlag> {
+        let moved = self.changes.bounding_box_change_pct.unwrap_or(0.0);
         let detail = format!("a side of the bounding box moved by {moved:.1} % of its diagonal");
-        flag(RedFlagCode::BoxChange, moved, options.max_box_change_pct, detail)
+        flag(RedFlagCode::BoundingBoxChange, moved, options.max_bounding_box_change_pct, detail)
     }
 
     fn volume_change(&self, options: &Options) -> Option<RedFlag> {
         let &Self { before, settled, after, changes, .. } = self;
-        // Where the options say what is solid, the volume of the input as it is wound says nothing.
-        let is_redefined = options.nested == Nested::Alternate || options.inside != InsideRule::Auto;
-        // Whoever asks for sheets to be made solid says what is to be inside.
+        // If the options redefine what is solid, the input's volume is no reference.
+        let is_redefined = options.nested == Nested::Alternate || options.winding_rule != WindingRuleChoice::Auto;
+        // A request to make sheets solid changes the volume on purpose.
         let asked_for_shell = matches!(options.open_sheets, OpenSheets::Thicken | OpenSheets::Base) && !before.closed;
-        let (value, detail) = match changes.inside_overlap_pct.filter(|_| !is_redefined) {
+        let (value, detail) = match changes.volume_overlap_pct.filter(|_| !is_redefined) {
             Some(_) if asked_for_shell => return None,
             Some(overlap) if !before.closed => (
                 100.0 - overlap,
                 format!(
-                    "only {overlap:.1} % of what the open surface has inside, by winding number, is inside the result"
+                    "only {overlap:.1} % of the space inside the open surface, by winding number, is inside the result"
                 ),
             ),
-            Some(overlap) => (
-                100.0 - overlap,
-                format!("only {overlap:.1} % of what is inside the model before or after is so in both"),
-            ),
+            Some(overlap) => {
+                (100.0 - overlap, format!("only {overlap:.1} % of the enclosed space is the same before and after"))
+            }
             None => {
                 let change = changes.volume_change_pct.filter(|_| !is_redefined).map_or(0.0, f64::abs);
-                // A solid whose orientation could not be told changes the sign of its volume and nothing else.
+                // Flipping a solid of unclear orientation changes only the sign of its volume.
                 let size = percent(after.volume.value.abs() - settled.value.abs(), settled.value).map_or(0.0, f64::abs);
                 let value = change.min(size);
                 let [was, is] = [settled.value, after.volume.value];
@@ -143,13 +141,12 @@ impl Compared<'_> {
     }
 
     fn surface_lost(&self, options: &Options) -> Option<RedFlag> {
-        // Sheets that are thickened to both sides as thick as was asked for are where nothing was before.
+        // Sheets thickened on request move away from the input's surface on both sides.
         let thickens = options.open_sheets == OpenSheets::Thicken && options.thickness.is_some();
         let is_offset = thickens && self.before.boundary_edges > 0;
         let lost = self.changes.surface_lost_pct.filter(|_| !is_offset).unwrap_or(0.0);
-        let detail = format!(
-            "{lost:.1} % of the surface that can be seen from outside has no counterpart in the result or lies within it"
-        );
+        let detail =
+            format!("{lost:.1} % of the surface visible from outside is missing from the result or lies inside it");
         flag(RedFlagCode::SurfaceLost, lost, options.max_surface_lost_pct, detail)
     }
 
@@ -157,86 +154,92 @@ impl Compared<'_> {
         let (most, moved) = (options.max_deviation?, self.changes.moved?);
         let farthest = moved.distance.max;
         let detail =
-            format!("surface other than hole patches is {farthest} from the input's, and max_deviation is {most}");
+            format!("surface outside hole patches is up to {farthest} from the input; `max_deviation` is {most}");
         flag(RedFlagCode::Deviation, farthest, most + ROUNDING * largest_coordinate(self.before), detail)
     }
 
     fn parts_merged(&self, options: &Options) -> Option<RedFlag> {
         let Self { before, after, standing, .. } = self;
-        // Where faces were asked to go, those that stand tell nothing of what became of parts.
+        // After faces were reduced on request, the faces that are left say nothing about merged parts.
         let is_united = standing.parts_gone == 0 || options.asks_for_fewer_faces();
-        let still_stand = standing.faces as f64 >= LEAST_STANDING * self.sound_faces() as f64;
-        if before.parts <= 1 || after.parts != 1 || is_united || still_stand {
+        let are_faces_left = standing.faces as f64 >= MIN_SHARE_LEFT * self.sound_faces() as f64;
+        if before.parts <= 1 || after.parts != 1 || is_united || are_faces_left {
             return None;
         }
-        let detail = format!("{} parts became one", before.parts);
+        let detail = format!("{} parts were merged into one", before.parts);
         flag(RedFlagCode::PartsMerged, before.parts as f64, 1.0, detail)
     }
 }
 
-/// Share of the vertices that no face of the result is left of, in percent, as far as the result has fewer vertices too. Those inside
-/// the result now were on inner walls, and vertices that were merged are not lost.
+/// Share of the lost vertices, in percent: vertices at no face that is left, limited by how many fewer vertices the result has.
+/// Vertices now inside the result were on internal faces and do not count; neither do merged vertices.
 fn vertices_lost_pct(after: &Measures, changes: &Changes, standing: Standing) -> f64 {
     let before = standing.vertices_before as f64;
     let gone = before - standing.vertices as f64;
-    let sunk = gone * changes.faces_buried_pct.unwrap_or(0.0) / 100.0;
-    let lost = (gone - sunk).min(before - sunk - after.vertices as f64);
+    let internal = gone * changes.enclosed_faces_pct.unwrap_or(0.0) / 100.0;
+    let lost = (gone - internal).min(before - internal - after.vertices as f64);
     percent(lost, before).unwrap_or(0.0).max(0.0)
 }
 
-/// The flag for parts that are neither in the result nor certified, which the log tells too, since it is an error of the
-/// program.
-pub(super) fn part_lost(ledger: &Ledger, context: &Context<'_>) -> Option<RedFlag> {
-    let first = ledger.lost_parts.first()?;
+/// The red flag for parts that are missing without an accepted reason. It is a program error, so the log records it too.
+pub(super) fn part_lost(part_accounting: &PartAccounting, context: &Context<'_>) -> Option<RedFlag> {
+    let first = part_accounting.lost_parts.first()?;
     let LostPart { part, first_face, faces, .. } = first;
     let detail = format!(
-        "{} of {} parts are neither in the result nor duplicates, without volume, or inside another; the first is part {part} \
-         of {faces} faces from face {first_face} on",
-        ledger.lost, ledger.parts
+        "{} of {} parts are missing without a reason: none is a duplicate, without volume, or inside another part. The first is part \
+         {part}, with {faces} faces starting at face {first_face}",
+        part_accounting.lost, part_accounting.parts
     );
     context.log(&format!("part lost: {detail}"));
-    Some(RedFlag { code: RedFlagCode::PartLost, value: ledger.lost as f64, threshold: 0.0, detail, places: Vec::new() })
+    Some(RedFlag {
+        code: RedFlagCode::PartLost,
+        value: part_accounting.lost as f64,
+        threshold: 0.0,
+        detail,
+        places: Vec::new(),
+    })
 }
 
 fn largest_coordinate(measures: &Measures) -> f64 {
     let largest = |side: [f64; 3]| side.into_iter().map(f64::abs).fold(0.0, f64::max);
-    measures.bounding_box.map_or(0.0, |it| largest(it.min).max(largest(it.max)))
+    measures.bounding_box.map_or(0.0, |bounds| largest(bounds.min).max(largest(bounds.max)))
 }
 
 /// Share of the surface above which the patch of a hole is large.
-const LARGE: f64 = 0.02;
-/// Places of skins that are kept.
+const LARGE_PATCH: f64 = 0.02;
+/// Most places on thickened sheets and bases that are recorded.
 const MAX_PLACES: usize = 5;
 
 /// The patch of one hole.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Patch {
+    /// Area in square units.
     pub area: f64,
-    /// Its extent.
+    /// Diagonal of the patch's bounding box.
     pub extent: f64,
-    /// A point on it.
+    /// A point on the patch.
     pub at: DVec3,
 }
 
-/// What was made without a counterpart in the input.
+/// The new surface of a result: faces without a counterpart in the input. Areas are in square units.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Invented {
+pub(super) struct AddedSurface {
     /// The area of the whole result.
     pub area: f64,
-    /// The area of second skins and rims of sheets.
+    /// The area of second sides and rims of thickened sheets.
     pub skins: f64,
-    /// The same around regions that were left open.
+    /// The area of second sides and rims around regions that were left open.
     pub opened_skins: f64,
-    /// The area of skirts and bottoms of bases.
+    /// The area of walls and bottoms of bases.
     pub bases: f64,
-    /// Points on skins and bases.
+    /// Points on thickened sheets and bases.
     pub places: Vec<DVec3>,
-    /// The patches that are larger than 2 % of the surface each, the largest first.
+    /// The patches that each exceed 2 % of the surface, the largest first.
     pub patches: Vec<Patch>,
 }
 
-impl Invented {
-    /// Adds the made faces up. Linear but for sorting.
+impl AddedSurface {
+    /// Sums the areas of a surface's new faces. Linear time except for sorting.
     pub fn of(surface: &Surface) -> Self {
         let areas: Vec<f64> = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).collect();
         let mut found = Self { area: areas.iter().sum(), ..Self::default() };
@@ -252,16 +255,16 @@ impl Invented {
             }
             *sum += area;
         }
-        if surface.source.iter().any(|&source| is_made(source)) {
+        if surface.source.iter().any(|&source| is_generated(source)) {
             found.patches = patches(surface, &areas);
-            let least = LARGE * found.area;
+            let least = LARGE_PATCH * found.area;
             found.patches.retain(|patch| patch.area > least);
             found.patches.sort_by(|a, b| b.area.total_cmp(&a.area));
         }
         found
     }
 
-    /// What was invented before a remesh, in a result of this area.
+    /// The surface added before a remesh, related to the remeshed result of this area.
     pub fn in_remesh(&self, area: f64) -> Self {
         Self { area, ..self.clone() }
     }
@@ -271,13 +274,13 @@ impl Invented {
         self.patches.iter().map(|patch| patch.area).sum()
     }
 
-    /// An area as a share of the whole, in percent.
+    /// An area as a share of the whole result, in percent.
     pub fn share_pct(&self, area: f64) -> f64 {
         percent(area, self.area).unwrap_or(0.0).min(100.0)
     }
 }
 
-/// The patches of holes: faces that were made for them, as far as edges connect them.
+/// The patches of holes: sets of faces without a source that share edges.
 fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
     let is_patch = |f: usize| surface.source[f] == NO_SOURCE;
     let mut sets = UnionFind::new(surface.faces.len());
@@ -307,22 +310,23 @@ fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
     found.into_iter().map(|(patch, bounds, _)| Patch { extent: bounds.diagonal(), ..patch }).collect()
 }
 
-/// The flag for more invented surface than the options allow. Skins that were asked for are not counted, and bases always are asked for.
-pub(super) fn surface_invented(invented: &Invented, options: &Options) -> Option<RedFlag> {
+/// The red flag for more new surface than the options allow. Thickness that the options ask for does not count, and neither do bases,
+/// which are added only on request.
+pub(super) fn surface_invented(added_surface: &AddedSurface, options: &Options) -> Option<RedFlag> {
     let asked = options.open_sheets == OpenSheets::Thicken;
-    let skins = if asked { 0.0 } else { invented.skins + invented.opened_skins };
-    let (skins, patches) = (invented.share_pct(skins), invented.share_pct(invented.patch_area()));
+    let skins = if asked { 0.0 } else { added_surface.skins + added_surface.opened_skins };
+    let (skins, patches) = (added_surface.share_pct(skins), added_surface.share_pct(added_surface.patch_area()));
     let value = (skins + patches).min(100.0);
     let threshold = options.max_surface_added_pct;
     let parts: Vec<String> = [
-        (skins > 0.0).then(|| format!("{skins:.1} % for the thickness of open sheets")),
-        (patches > 0.0).then(|| format!("{patches:.1} % to close {} large holes", invented.patches.len())),
+        (skins > 0.0).then(|| format!("{skins:.1} % to thicken open sheets")),
+        (patches > 0.0).then(|| format!("{patches:.1} % to close {} large holes", added_surface.patches.len())),
     ]
     .into_iter()
     .flatten()
     .collect();
-    let detail = format!("{value:.1} % of the result's surface was invented: {}", parts.join(", "));
-    let places = invented.patches.iter().map(|patch| patch.at).chain(invented.places.iter().copied());
+    let detail = format!("{value:.1} % of the result's surface is new: {}", parts.join(", "));
+    let places = added_surface.patches.iter().map(|patch| patch.at).chain(added_surface.places.iter().copied());
     (value > threshold).then(|| RedFlag {
         code: RedFlagCode::SurfaceInvented,
         value,

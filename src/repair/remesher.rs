@@ -1,59 +1,62 @@
+//! The trait through which tier 3 runs a program such as Blender, with its request, result and errors.
+
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use crate::context::Context;
 use crate::mesh::Soup;
 
-/// What tier 3 can do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+/// The work that tier 3 can do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum RemeshAction {
-    /// Rebuild the surface on a voxel grid (the guide's `blender_remesh`).
+    /// Rebuild the surface on a voxel grid (MeshPrep's `blender_remesh`).
     VoxelRemesh,
-    /// Unite what overlaps by an exact boolean of the mesh with itself (the guide's `blender_make_manifold`).
+    /// Unite overlapping parts by an exact boolean of the mesh with itself (MeshPrep's `blender_make_manifold`).
     BooleanUnion,
 }
 
 /// A program that tier 3 runs.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RemesherInfo {
     /// `blender` or `bpy`.
     pub kind: String,
-    /// Its version, such as `3.4.1`.
+    /// The program's version, such as `3.4.1`.
     pub version: String,
-    /// The program that is started.
+    /// The path or name of the program.
     pub program: String,
 }
 
-/// One piece of work for tier 3.
+/// One request to tier 3.
 #[derive(Debug, Clone, Copy)]
 pub struct RemeshRequest<'a> {
     /// The mesh, finite and with indices in range.
     pub soup: &'a Soup,
-    /// What to do.
+    /// The work to do.
     pub action: RemeshAction,
-    /// Voxel edge in the mesh's unit; not used by the boolean.
+    /// Edge length of the voxels in the mesh's unit; the boolean ignores it.
     pub voxel_size: f64,
-    /// Largest voxel edge that may be used instead, where the memory does not allow that one or the program crashed with it.
+    /// Largest voxel edge to fall back to if memory is short or the program crashed with `voxel_size`.
     pub coarsest: f64,
-    /// Most faces to accept back.
+    /// Most faces to accept in the result.
     pub max_faces: u64,
-    /// Most time to take, besides the context's deadline.
+    /// Time limit, in addition to the context's deadline.
     pub time_limit: Duration,
-    /// How far the whole repair is, in percent, for the progress while it waits.
+    /// Progress of the whole repair in percent, to report while the request waits.
     pub percent: u8,
 }
 
-/// What tier 3 made. Not verified: the pipeline judges it like any other candidate.
+/// The result of tier 3, not verified: the pipeline judges it like any other candidate.
 #[derive(Debug, Clone)]
 pub struct Remeshed {
-    /// The new mesh, in the input's unit and place.
+    /// The new mesh, in the input's unit and position.
     pub soup: Soup,
-    /// The voxel edge that it was made with, where that is not the one that was asked for.
+    /// The voxel edge that was used, if it differs from the request.
     pub voxel_size: Option<f64>,
-    /// What went otherwise than asked, in words.
+    /// How the work differed from the request, as text.
     pub note: Option<String>,
 }
 
@@ -63,7 +66,7 @@ impl From<Soup> for Remeshed {
     }
 }
 
-/// Why tier 3 made nothing.
+/// Why tier 3 has no result.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum RemeshError {
     /// The program could not be started.
@@ -71,55 +74,58 @@ pub enum RemeshError {
     Start {
         /// The program.
         program: String,
-        /// The operating system's word.
+        /// The error of the operating system.
         reason: String,
     },
-    /// It ran longer than it may.
-    #[error("stopped after {seconds:.1} s, the time it had", seconds = .0.as_secs_f64())]
+    /// The program exceeded its time limit.
+    #[error("stopped at its time limit of {seconds:.1} s", seconds = .0.as_secs_f64())]
     TimedOut(Duration),
-    /// As many ran on the machine as memory allows, until the time was over.
-    #[error("none of the {at_once} that may run at once on this machine was free within {seconds:.1} s, the time it had", seconds = .waited.as_secs_f64())]
+    /// All processes that the machine's memory allows were busy until the time limit.
+    #[error(
+        "all {at_once} Blender processes that this machine allows were busy for {seconds:.1} s, the time limit",
+        seconds = .waited.as_secs_f64()
+    )]
     NoneFree {
-        /// How many may run at once.
+        /// Number of processes that may run at once.
         at_once: u32,
-        /// How long it waited.
+        /// Time spent waiting.
         waited: Duration,
     },
     /// The job was canceled.
     #[error("canceled")]
     Cancelled,
-    /// It ended with an error; the job's log has its output.
+    /// The program ended with an error; the job's log has its output.
     #[error("{0}")]
     Failed(String),
-    /// The result has more faces than were asked for.
-    #[error("the result has {faces} faces, more than the {most} allowed; choose a larger voxel_size")]
+    /// The result has more faces than allowed.
+    #[error("the result has {faces} faces, more than the allowed {most}; choose a larger `voxel_size`")]
     TooManyFaces {
-        /// Faces made.
+        /// Faces of the result.
         faces: u64,
         /// Faces allowed.
         most: u64,
     },
-    /// There was no face in the result.
+    /// The result has no face.
     #[error("the result is empty")]
     Empty,
 }
 
-/// The last tier's way to a solid. The pipeline calls it through this trait and knows nothing of Blender.
+/// A program that remeshes surface for tier 3. The pipeline calls it only through this trait and does not depend on Blender.
 pub trait Remesher {
-    /// The program behind it, or why there is none. The first call may take a few seconds, since it may look for it.
+    /// The program and its version. The first call may take a few seconds because it searches for the program.
     ///
     /// # Errors
-    /// Why tier 3 is missing, in words.
+    /// The reason why tier 3 is not available, as text.
     fn info(&self) -> Result<&RemesherInfo, &str>;
 
-    /// How often it has started its program, for the report.
+    /// The number of times the program was started, for the report.
     fn runs(&self) -> u32 {
         0
     }
 
-    /// Runs one action in a process of its own. What the program prints goes to the context's log.
+    /// Runs one action in a separate process. The program's output goes to the context's log.
     ///
     /// # Errors
-    /// [`RemeshError`], after the process and all its children have ended.
+    /// [`RemeshError`] if the program could not produce a result. By then the process and all its children have ended.
     fn remesh(&self, request: &RemeshRequest<'_>, context: &Context<'_>) -> Result<Remeshed, RemeshError>;
 }

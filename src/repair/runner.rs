@@ -1,4 +1,4 @@
-//! Runs the tasks of a strategy, and takes back an operator that broke its claim.
+//! Runs the tasks of a strategy, and undoes an operator that raised a count of defects that it promises not to raise.
 
 use std::time::Duration;
 
@@ -7,79 +7,89 @@ use super::operators::remesh::reduce_remeshed;
 use super::operators::{Applied, Counts, Failure, Scope};
 use super::options::{Operator, Options};
 use super::presets::{remesh_action, tier_of};
-use super::red_flags::Invented;
+use super::red_flags::AddedSurface;
 use super::remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher};
-use super::report::{Action, LeftOut, NotAppliedCause, OptionNotApplied, Rung, Step, StepStatus, UnfixedFaces};
-use super::tasks::{State, Strategy, Task, closes_sheets, ways_of};
+use super::report::{
+    Action, NotAppliedCause, OmittedSection, OptionNotApplied, Step, StepStatus, Strategy, UnfixedFaces,
+};
+use super::tasks::{IndexedStrategy, SurfaceState, Task, closes_sheets, pairing_and_winding_rule};
 use super::time_budget::TimeBudget;
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::Format;
 use crate::inspect::{Analysis, doubled_areas, thin_walls};
-use crate::mesh::{NO_SOURCE, Surface, is_made};
+use crate::mesh::{NO_SOURCE, Surface, is_generated};
 
-/// Shares of a voxel's side in a triangle: a surface of area A meets at most 1.74 A / size^2 voxel sides, each two
+/// Triangles of a remesh per area of a voxel's side: a surface of area A crosses at most 1.74 A / size^2 sides, and each side makes two
 /// triangles.
 const TRIANGLES_PER_VOXEL_AREA: f64 = 3.5;
 
-/// Voxels that go across thin walls: with fewer than two a remesh has holes there.
+/// Voxels across a thin wall. With fewer than two, a remesh has holes in the wall.
 const VOXELS_A_WALL: f64 = 3.0;
-/// How much smaller than the resolution says thin walls may make voxels.
+/// Largest factor by which thin walls may make voxels smaller than the resolution asks.
 const MOST_FINER: f64 = 4.0;
-/// Voxels along the diagonal below which nothing of a model would be left to see.
+/// Fewest voxels along the diagonal; with fewer, a model is no longer recognisable.
 const LEAST_VOXELS: f64 = 16.0;
 
-/// Share of the time left that is kept for verifying what Blender makes, at most.
+/// Largest share of the remaining time that is reserved for verifying Blender's result.
 const MOST_RESERVED: f64 = 0.5;
 
-/// Runs what strategies are made of.
+/// Runs the tasks of strategies.
 #[derive(Clone, Copy)]
 pub(super) struct Runner<'a> {
+    /// The options of the repair.
     pub options: &'a Options,
+    /// The judging format.
     pub format: Format,
+    /// Blender, if it is available.
     pub remesher: Option<&'a dyn Remesher>,
+    /// The context of the repair.
     pub context: &'a Context<'a>,
+    /// The division of the repair's time.
     pub time: &'a TimeBudget,
 }
 
-/// How a task went.
+/// The result of running a task.
 pub(super) struct TaskRun {
+    /// The step for the report.
     pub step: Step,
-    /// Why its operator did nothing, where it should have.
+    /// Why the operator could not do its work.
     pub failure: Option<Failure>,
-    pub end: End,
+    /// How the task ended.
+    pub end: TaskEnd,
+    /// Whether the surface changed.
     pub has_changed: bool,
 }
 
-/// How a task ended.
+/// The ending of a task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum End {
-    /// It did what it could.
+pub(super) enum TaskEnd {
+    /// The task ran; the strategy continues.
     Finished,
-    /// What the rest leans on did not run; there is no result.
+    /// A task that the rest of the strategy needs failed; the strategy has no result.
     Nothing,
-    /// The time was over; the surface is as far as it came.
+    /// The deadline passed; the strategy's result is the surface so far.
     OutOfTime,
 }
 
 impl Runner<'_> {
-    /// Runs a task. `percent` of the whole repair is taken to be done before it.
+    /// Runs a task. `percent` is the progress of the whole repair before the task.
     ///
     /// # Errors
-    /// [`Cancelled`] when the job was canceled; the end of time is no error here.
+    /// [`Cancelled`] if the job was canceled. A passed deadline is not an error here.
     pub fn run(
         &self,
-        Strategy { index, rung }: Strategy<'_>,
+        IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
         Task { action, operator }: Task,
         percent: u8,
-        state: &mut State,
+        state: &mut SurfaceState,
     ) -> Result<TaskRun, Cancelled> {
         let start = self.context.now();
-        self.context.report(Stage::Repair, Some(rung.tier), percent);
+        self.context.report(Stage::Repair, Some(strategy.tier), percent);
         let step = Step::new(index, tier_of(action), action, operator);
-        let mut run = TaskRun { step, failure: None, end: End::Finished, has_changed: false };
+        let mut run = TaskRun { step, failure: None, end: TaskEnd::Finished, has_changed: false };
         let ended = match operator {
             Some(operator) => {
-                let ended = self.operate(operator, rung, state, &mut run);
+                let ended = self.run_operator(operator, strategy, state, &mut run);
                 state.note_holes(&run.step);
                 ended
             }
@@ -90,8 +100,8 @@ impl Runner<'_> {
             Ok(()) => {}
             Err(Cancelled) if self.context.is_cancelled() => return Err(Cancelled),
             Err(Cancelled) => {
-                self.time.leave_out(LeftOut::Repair);
-                run.fail("the time was over", End::OutOfTime);
+                self.time.omit(OmittedSection::Repair);
+                run.fail("the deadline passed", TaskEnd::OutOfTime);
                 run.has_changed = false;
             }
         }
@@ -103,14 +113,14 @@ impl Runner<'_> {
     pub fn log(&self, step: &Step) {
         let status = match step.status {
             StepStatus::Done => "done",
-            StepStatus::Undone => "undone",
+            StepStatus::Reverted => "undone",
             StepStatus::Failed => "failed",
             StepStatus::Skipped => "skipped",
         };
-        let what = step.operator.map_or_else(|| format!("{:?}", step.action), |o| format!("{:?}/{o:?}", step.action));
-        let mut line = format!("rung {} {what}: {status} in {:.1} ms", step.rung, step.milliseconds);
-        for Change { what, count } in &step.changed {
-            line.push_str(&format!(", {what} {count}"));
+        let task = step.operator.map_or_else(|| format!("{:?}", step.action), |o| format!("{:?}/{o:?}", step.action));
+        let mut line = format!("strategy {} {task}: {status} in {:.1} ms", step.strategy, step.milliseconds);
+        for Change { kind, count } in &step.changed {
+            line.push_str(&format!(", {kind} {count}"));
         }
         if let Some(note) = &step.note {
             line.push_str(&format!(" ({note})"));
@@ -118,16 +128,22 @@ impl Runner<'_> {
         self.context.log(&line);
     }
 
-    /// Runs one operator, and takes it back where it broke its claim.
-    fn operate(&self, operator: Operator, rung: &Rung, state: &mut State, run: &mut TaskRun) -> Result<(), Cancelled> {
+    /// Runs one operator, and undoes it if it raised a count that it promises not to raise.
+    fn run_operator(
+        &self,
+        operator: Operator,
+        strategy: &Strategy,
+        state: &mut SurfaceState,
+        run: &mut TaskRun,
+    ) -> Result<(), Cancelled> {
         let context = &self.time.for_operators(state.surface.faces.len(), self.context);
         context.check()?;
-        let scope = self.scope(rung, state.moved);
-        if let Some(why) = state.why_left_open().filter(|_| operator == Operator::Remesh) {
-            run.fail(why, End::Nothing);
+        let scope = self.scope(strategy, state.moved);
+        if let Some(why) = state.why_no_remesh().filter(|_| operator == Operator::Remesh) {
+            run.fail(why, TaskEnd::Nothing);
             return Ok(());
         }
-        let State { surface, counts, .. } = state;
+        let SurfaceState { surface, counts, .. } = state;
         let before = counts.get_or_insert_with(|| Counts::of(surface)).to_owned();
         let kept = surface.clone();
         let applied = operator.run(&scope, surface, context);
@@ -138,17 +154,20 @@ impl Runner<'_> {
             .map(|(option, reason)| OptionNotApplied::new(self.options, option, NotAppliedCause::Limited, reason))
             .collect();
         let moved = applied.moved;
-        self.note(applied, surface, run);
+        self.record(applied, surface, run);
         run.has_changed = *surface != kept;
         if operator == Operator::Remesh && run.has_changed {
-            state.invented = Some(Invented::of(&kept));
+            state.added_surface = Some(AddedSurface::of(&kept));
         }
         if run.has_changed {
             surface.drop_unreferenced();
             let after = Counts::of(surface);
             if let Some((counter, was, is)) = operator.broken_claim(&before, &after) {
-                run.step.status = StepStatus::Undone;
-                run.step.note = Some(format!("undone: it would have made {} out of {was} {}", is, counter.in_words()));
+                run.step.status = StepStatus::Reverted;
+                run.step.note = Some(format!(
+                    "undone because the count of {} would have grown from {was} to {is}",
+                    counter.in_words()
+                ));
                 *surface = kept;
                 run.has_changed = false;
             } else {
@@ -161,51 +180,57 @@ impl Runner<'_> {
             run.step.note = Some(why.to_string());
         }
         if surface.faces.is_empty() {
-            run.fail("no face was left", End::Nothing);
+            run.fail("no face is left", TaskEnd::Nothing);
         }
         Ok(())
     }
 
-    /// Notes in a step what its operator did.
-    fn note(&self, applied: Applied, surface: &Surface, run: &mut TaskRun) {
+    /// Records in a step what its operator changed.
+    fn record(&self, applied: Applied, surface: &Surface, run: &mut TaskRun) {
         let Applied { changes, moved, left, failed, unfixed, voxel_size, is_late, limited: _ } = applied;
         let step = &mut run.step;
         step.unfixed = unfixed_faces(&unfixed, surface);
         (step.changed, step.moved, step.note, step.voxel_size) = (changes, moved, left, voxel_size);
         run.failure = failed;
         if is_late {
-            self.time.leave_out(LeftOut::Repair);
+            self.time.omit(OmittedSection::Repair);
         }
     }
 
-    /// What the parameters of a strategy's operators follow from, where vertices were moved so far already.
-    fn scope(&self, rung: &Rung, moved: f64) -> Scope<'_> {
-        let (pairing, inside) = ways_of(rung, self.options);
+    /// The scope of a strategy's operators, after vertices were already moved by up to `moved`.
+    fn scope(&self, strategy: &Strategy, moved: f64) -> Scope<'_> {
+        let (pairing, winding_rule) = pairing_and_winding_rule(strategy, self.options);
         let max_deviation = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - moved).max(0.0));
         Scope {
             options: self.options,
             format: self.format,
             pairing,
-            inside,
-            closes_sheets: closes_sheets(rung),
+            winding_rule,
+            closes_sheets: closes_sheets(strategy),
             max_deviation,
         }
     }
 
-    /// Has Blender make the surface anew.
-    fn remesh(&self, action: Action, percent: u8, state: &mut State, run: &mut TaskRun) -> Result<(), Cancelled> {
+    /// Remeshes the surface with Blender.
+    fn remesh(
+        &self,
+        action: Action,
+        percent: u8,
+        state: &mut SurfaceState,
+        run: &mut TaskRun,
+    ) -> Result<(), Cancelled> {
         state.counts = None;
         let context = self.time.for_operators(state.surface.faces.len(), self.context);
-        if let Some(why) = state.why_left_open() {
-            run.fail(why, End::Nothing);
+        if let Some(why) = state.why_no_remesh() {
+            run.fail(why, TaskEnd::Nothing);
             return Ok(());
         }
-        state.invented = Some(Invented::of(&state.surface));
+        state.added_surface = Some(AddedSurface::of(&state.surface));
         context.check()?;
         run.has_changed = true;
         let surface = &mut state.surface;
         let (Some(remesher), Some(action)) = (self.remesher, remesh_action(action)) else {
-            run.end = End::Nothing;
+            run.end = TaskEnd::Nothing;
             return Ok(());
         };
         run.step.program = remesher.info().ok().cloned();
@@ -217,81 +242,80 @@ impl Runner<'_> {
             }
             RemeshAction::BooleanUnion => None,
         };
-        run.step.voxel_size = voxels.as_ref().map(|it| it.size);
-        if let Some(why) = voxels.as_ref().and_then(|it| it.too_coarse(self.options)) {
-            run.fail(why, End::Nothing);
+        run.step.voxel_size = voxels.as_ref().map(|voxels| voxels.size);
+        if let Some(why) = voxels.as_ref().and_then(|voxels| voxels.too_coarse(self.options)) {
+            run.fail(why, TaskEnd::Nothing);
             return Ok(());
         }
         let Voxels { size: voxel_size, coarsest, faces } = voxels.unwrap_or_default();
-        // A result that can't be verified is worth nothing, and most of its faces may go before that.
+        // An unverified result is useless, so time is reserved. Most of its faces may be removed before the verification.
         let reserve = self.time.verification(faces).min(self.context.remaining().mul_f64(MOST_RESERVED));
         let time_limit = self.context.leaving(reserve).remaining().max(Duration::from_millis(1));
         let max_faces = self.options.max_remesh_faces;
         let request = RemeshRequest { soup: &soup, action, voxel_size, coarsest, max_faces, time_limit, percent };
         let runs = remesher.runs();
-        let made = remesher.remesh(&request, self.context).and_then(|remeshed| {
-            let (made, _) = Surface::from_soup(&remeshed.soup);
-            if made.faces.is_empty() { Err(RemeshError::Empty) } else { Ok((made, remeshed)) }
+        let result = remesher.remesh(&request, self.context).and_then(|remeshed| {
+            let (new_surface, _) = Surface::from_soup(&remeshed.soup);
+            if new_surface.faces.is_empty() { Err(RemeshError::Empty) } else { Ok((new_surface, remeshed)) }
         });
         run.step.runs = remesher.runs() - runs;
-        match made {
-            Ok((mut made, remeshed)) => {
-                self.reduce(&mut made, remeshed, surface, &mut run.step)?;
-                *surface = made;
+        match result {
+            Ok((mut new_surface, remeshed)) => {
+                self.reduce(&mut new_surface, remeshed, surface, &mut run.step)?;
+                *surface = new_surface;
             }
-            Err(error) => run.fail(error.to_string(), End::Nothing),
+            Err(error) => run.fail(error.to_string(), TaskEnd::Nothing),
         }
         Ok(())
     }
 
-    /// Removes the faces of a remesh that it does not need: it has faces along the axes everywhere; the same lines, with as few faces as
-    /// they need.
+    /// Removes needless faces of a remesh: a voxel grid makes small faces everywhere, even in flat areas.
     fn reduce(
         &self,
-        made: &mut Surface,
+        remesh: &mut Surface,
         remeshed: Remeshed,
         before: &Surface,
         step: &mut Step,
     ) -> Result<(), Cancelled> {
-        made.source.fill(NO_SOURCE);
+        remesh.source.fill(NO_SOURCE);
         step.voxel_size = remeshed.voxel_size.or(step.voxel_size);
         step.note = remeshed.note;
-        step.changed = Change::list([(ChangeKind::FacesMade, made.faces.len() as u64)]);
+        step.changed = Change::list([(ChangeKind::FacesCreated, remesh.faces.len() as u64)]);
         let Some(voxel) = step.voxel_size.filter(|_| !self.options.without.contains(&Operator::Simplify)) else {
             return Ok(());
         };
-        let context = &self.time.for_operators(made.faces.len(), self.context);
-        let reduced = reduce_remeshed(made, before, voxel, self.format.precision(), context)?;
+        let context = &self.time.for_operators(remesh.faces.len(), self.context);
+        let reduced = reduce_remeshed(remesh, before, voxel, self.format.precision(), context)?;
         step.changed.extend(reduced.changes);
         step.note = step.note.take().into_iter().chain(reduced.left).reduce(|a, b| format!("{a}; {b}"));
         if reduced.is_late {
-            self.time.leave_out(LeftOut::Repair);
+            self.time.omit(OmittedSection::Repair);
         }
         Ok(())
     }
 }
 
 impl TaskRun {
-    /// Says why it failed, and how it ended.
-    fn fail(&mut self, why: impl Into<String>, end: End) {
+    /// Marks the step as failed, with the reason and the ending of the task.
+    fn fail(&mut self, why: impl Into<String>, end: TaskEnd) {
         self.step.status = StepStatus::Failed;
         self.step.note = Some(why.into());
         self.end = end;
     }
 }
 
-/// The options of which an operator could follow only a part, since vertices may move by no more than `reach`.
+/// The options that an operator could follow only in part, because vertices may move by no more than `reach`, with the reasons.
 fn limits_of(operator: Operator, options: &Options, diagonal: f64, reach: f64) -> Vec<(&'static str, String)> {
-    let usual = Options::default();
+    let defaults = Options::default();
     let threshold = options.stitch_threshold.filter(|_| options.stitch_distance.is_none());
     let asked = match operator {
         Operator::MergeVertices => ("merge_distance", options.merge_distance),
-        Operator::Weld if options.weld_tolerance != usual.weld_tolerance => {
+        Operator::Weld if options.weld_tolerance != defaults.weld_tolerance => {
             ("weld_tolerance", Some(options.weld_tolerance * diagonal))
         }
-        Operator::Stitch if threshold.is_some() => ("stitch_threshold", threshold.map(|it| it * diagonal)),
+        Operator::Stitch if threshold.is_some() => ("stitch_threshold", threshold.map(|share| share * diagonal)),
         Operator::Stitch => ("stitch_distance", options.stitch_distance),
-        Operator::RemoveSlivers if options.degenerate_tolerance != usual.degenerate_tolerance => {
+        Operator::RemoveSlivers if options.degenerate_tolerance != defaults.degenerate_tolerance => {
             ("degenerate_tolerance", Some(options.degenerate_tolerance * diagonal))
         }
         Operator::ThickenSheets | Operator::AddBase => ("thickness", options.thickness),
@@ -301,15 +325,20 @@ fn limits_of(operator: Operator, options: &Options, diagonal: f64, reach: f64) -
     if length <= reach {
         return Vec::new();
     }
-    vec![(name, format!("`max_deviation` lets surface move by {reach} more, so that was used instead of {length}"))]
+    vec![(
+        name,
+        format!(
+            "`max_deviation` allows surface to move by only {reach} more; this length was used instead of {length}"
+        ),
+    )]
 }
 
 /// Most faces that a step lists.
 const MAX_UNFIXED: usize = 1000;
 
-/// Faces that an operator could not fix, as the faces of the input that they come from.
+/// The faces that an operator could not fix, as indices of the input faces that they come from; none if there are none.
 fn unfixed_faces(unfixed: &[u32], surface: &Surface) -> Option<UnfixedFaces> {
-    let source = |&f: &u32| surface.source.get(f as usize).copied().filter(|&source| !is_made(source));
+    let source = |&f: &u32| surface.source.get(f as usize).copied().filter(|&source| !is_generated(source));
     let mut faces: Vec<u32> = unfixed.iter().filter_map(source).collect();
     faces.sort_unstable();
     faces.dedup();
@@ -318,28 +347,28 @@ fn unfixed_faces(unfixed: &[u32], surface: &Surface) -> Option<UnfixedFaces> {
     (count > 0).then_some(UnfixedFaces { count, faces })
 }
 
-/// How large voxels are to be.
+/// The voxel size of a remesh. Lengths are in the model's unit.
 #[derive(Default)]
 struct Voxels {
-    /// Their edge.
+    /// Edge length.
     size: f64,
-    /// The largest edge that still makes sense.
+    /// Largest useful edge length.
     coarsest: f64,
-    /// How many faces they make at most, about.
+    /// Estimate of the most faces that the remesh makes.
     faces: usize,
 }
 
 impl Voxels {
-    /// The voxel edge: as asked, or from the resolution, and smaller where walls are thin; then as large as the estimate of
-    /// faces needs to keep the limit.
+    /// Chooses the voxel size: `voxel_size`, or a size from `voxel_resolution` that shrinks for thin walls. The size then grows until
+    /// the estimated number of faces is within `max_remesh_faces`.
     fn of(surface: &Surface, options: &Options, context: &Context<'_>) -> Result<Self, Cancelled> {
         let diagonal = surface.bounds().diagonal();
         let wanted = match options.voxel_size {
             Some(size) => size,
             None => {
-                let usual = diagonal / f64::from(options.voxel_resolution);
+                let defaults = diagonal / f64::from(options.voxel_resolution);
                 let thin = thin_walls(&Analysis::new((&surface.to_soup()).into(), context)?, context)?;
-                thin.map_or(usual, |thin| (thin / VOXELS_A_WALL).clamp(usual / MOST_FINER, usual))
+                thin.map_or(defaults, |thin| (thin / VOXELS_A_WALL).clamp(defaults / MOST_FINER, defaults))
             }
         };
         let area: f64 = doubled_areas(surface).iter().sum::<f64>() / 2.0;
@@ -348,13 +377,12 @@ impl Voxels {
         Ok(Self { size, coarsest: size.max(diagonal / LEAST_VOXELS), faces })
     }
 
-    /// Why no remesh is begun, where voxels would have to be too large.
+    /// Why no remesh starts: the voxels would have to be too large. None if they are small enough.
     fn too_coarse(&self, options: &Options) -> Option<String> {
         let asked = options.voxel_size.is_some_and(|asked| asked >= self.size);
         (!asked && self.size >= self.coarsest && self.size > 0.0).then(|| {
             format!(
-                "a remesh of at most {} faces would need voxels of {}, too large for the model; allow more faces with \
-                 max_remesh_faces",
+                "a remesh with at most {} faces needs voxels of size {}, too large for this model; raise `max_remesh_faces`",
                 options.max_remesh_faces, self.size
             )
         })
@@ -367,7 +395,7 @@ mod tests {
     use crate::mesh::{BASE_SOURCE, OPENED_SKIN_SOURCE, SKIN_SOURCE};
 
     #[test]
-    fn faces_that_were_made_are_not_among_the_input_faces_that_could_not_be_fixed() {
+    fn unfixed_faces_do_not_include_faces_that_the_repair_created() {
         let source = vec![7, NO_SOURCE, SKIN_SOURCE, OPENED_SKIN_SOURCE, BASE_SOURCE, 3];
         let surface = Surface { faces: vec![[0, 1, 2]; source.len()], source, ..Surface::default() };
         assert_eq!(unfixed_faces(&[0, 1, 2, 3, 4, 5], &surface), Some(UnfixedFaces { count: 2, faces: vec![3, 7] }));

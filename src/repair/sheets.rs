@@ -1,4 +1,6 @@
-//! Open sheets told from solids with holes.
+//! The distinction of open sheets from solids with holes.
+//!
+//! Holes of a solid are closed; a sheet, such as terrain or a single wall, encloses nothing and stays open unless it gets a thickness.
 
 use glam::DVec3;
 
@@ -8,39 +10,36 @@ use crate::inspect::{Solid, solids};
 use crate::math::winding_exact;
 use crate::mesh::{Edges, Fans, Parts, Surface, boundary_loops};
 
-/// Share of the area in open sheets from which on the whole model is one.
+/// Share of the area in open sheets from which the whole model counts as an open sheet.
 pub(super) const SHEET_SHARE: f64 = 0.9;
 
-/// A part is closed when its patches have at most this share of its own area, ...
-const MOST_PATCH_SHARE: f64 = 0.5;
-/// ... or when the closed part is at least this round (36 pi V^2 / A^3, 1 for a ball).
-const LEAST_QUOTIENT: f64 = 0.02;
+/// Largest area of a solid's hole patches, as a share of the part's own area.
+const MAX_PATCH_SHARE: f64 = 0.5;
+/// Least isoperimetric quotient (36 pi V^2 / A^3, 1 for a ball) of a solid with larger patches.
+const MIN_QUOTIENT: f64 = 0.02;
 
-/// Whether an open part with patches over its holes is a solid with holes, rather than an open sheet such as terrain
-/// or a single wall.
+/// Whether an open part with patches over its holes is a solid with holes, rather than an open sheet such as terrain or a single wall.
 ///
-/// A sheet's patch is about as large as the sheet, and what lies between them is thin. `volume` is that of the closed
-/// part, where all its holes have a patch.
+/// The patch of a sheet is about as large as the sheet, and the space between them is thin. `area` and `patch_area` are in square units.
+/// `volume` is that of the closed part in cubic units; none unless all holes have a patch.
 ///
-/// What it comes to: a box without a lid (share 0.2), a ball without a cap, a tube open at both ends that is longer than
-/// its radius, and a thick vase without its rim are closed by the share. A half sphere has the share 0.5 and the quotient
-/// 0.6: closed, as its disc makes it a solid that prints. A shallow bowl or dish is closed where it is deeper than
-/// about 0.13 of its radius, by the quotient. Flatter dishes, terrain, and single walls, whose patch is as large
-/// as they are and encloses next to nothing, are sheets.
+/// Solids by the share of patches: a box without a lid (share 0.2), a ball without a cap, a tube open at both ends and longer than its
+/// radius, and a thick vase without its rim. A half sphere has share 0.5 and quotient 0.6, and is a solid that prints. A shallow dish is
+/// a solid, by the quotient, if it is deeper than about 0.13 of its radius. Flatter dishes, terrain and single walls are sheets.
 #[must_use]
 pub fn encloses(area: f64, patch_area: f64, volume: Option<f64>) -> bool {
-    if patch_area <= MOST_PATCH_SHARE * area {
+    if patch_area <= MAX_PATCH_SHARE * area {
         return true;
     }
     let closed = area + patch_area;
-    // In this order so that neither factor leaves the range of f64.
+    // This order of operations keeps all factors within the range of f64.
     let quotient = |v: f64| 36.0 * std::f64::consts::PI * (v / closed).powi(2) / closed;
-    volume.is_some_and(|v| quotient(v) >= LEAST_QUOTIENT)
+    volume.is_some_and(|v| quotient(v) >= MIN_QUOTIENT)
 }
 
-/// Share of the surface's area in parts that are open sheets, each hole being closed by a cone over its middle.
+/// Share of the surface's area in parts that are open sheets. For the test, each hole is closed by a cone from its centre.
 ///
-/// The surface should be oriented and welded. Linear but for sorting.
+/// The surface should be oriented and welded. Linear time except for sorting.
 #[must_use]
 pub fn open_sheet_share(surface: &Surface) -> f64 {
     let edges = Edges::new(&surface.faces);
@@ -52,7 +51,7 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
     if total > 0.0 { sheets / total } else { 0.0 }
 }
 
-/// Of each part whether it is an open sheet, as [`open_sheet_share`] tells them.
+/// For each part, whether it is an open sheet by the test of [`open_sheet_share`].
 pub(super) fn open_sheets(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Vec<bool> {
     let fans = Fans::new(surface, edges);
     let loops = boundary_loops(surface, edges, &fans);
@@ -71,7 +70,7 @@ pub(super) fn open_sheets(surface: &Surface, edges: &Edges, parts: &Parts, solid
             volume[part] += middle.dot(at(i).cross(at(i + 1))) / 6.0;
         }
     }
-    // A boundary that can't be walked is that of walls around something, or of faces around an edge.
+    // A boundary without simple loops belongs to walls around a space, or to faces around a common edge.
     let patches = Parts::patches(surface, edges);
     let has_boundary = patches.open(edges);
     let mut frayed = vec![true; parts.count];
@@ -82,19 +81,22 @@ pub(super) fn open_sheets(surface: &Surface, edges: &Edges, parts: &Parts, solid
     (0..parts.count).map(|p| open[p] && ((!walked[p] && frayed[p]) || !encloses(p))).collect()
 }
 
-/// Mean winding number of an open part on its own faces from which on it is almost closed: half of what a closed one has.
+/// Mean winding number on an open part's own faces from which the part is almost closed: half of a closed part's number.
 const ALMOST_CLOSED: f64 = 0.25;
-/// Faces of a part at which that is asked, at most and at least, ...
-const ASKED: [usize; 2] = [8, 64];
-/// ... and pairs of faces that a part may take.
-const PAIRS: usize = 40_000_000;
+/// Fewest and most faces of a part that are sampled.
+const SAMPLES: [usize; 2] = [8, 64];
+/// Most pairs of faces that are evaluated for a part.
+const MAX_PAIRS: usize = 40_000_000;
 
-/// Of each open part whether it is almost closed, by generalized winding numbers (Jacobson et al. 2013). Where its patches would be
-/// those of an open sheet it is not: filling holes leaves it open, so that a thickness is all that it can get.
+/// For each open part, whether it is almost closed, by generalized winding numbers (Jacobson et al. 2013). An open sheet is not almost
+/// closed: its holes are not filled, so it can only be thickened.
 ///
-/// On a closed surface the number is 1/2, halfway from 0 outside to 1 inside, on a plane sheet it is 0. A half sphere has 0.33, a box
-/// without its lid 0.4. Each part is asked alone, at faces spread evenly over its area. At most a constant number of sums over the
-/// part's faces.
+/// On a closed surface the winding number is 1/2, halfway between 0 outside and 1 inside; on a plane sheet it is 0. A half sphere has
+/// 0.33, a box without its lid 0.4. Each part is sampled separately, at faces spread evenly over its area, with at most a constant number
+/// of sums over the part's faces.
+///
+/// # Errors
+/// [`Cancelled`] if the job was canceled or the deadline passed.
 pub(super) fn almost_closed(
     surface: &Surface,
     open: &OpenParts,
@@ -120,25 +122,25 @@ pub(super) fn almost_closed(
     Ok(almost)
 }
 
-/// The mean winding number of some faces on themselves.
+/// The mean winding number of a set of faces, sampled on these faces.
 fn mean_winding(surface: &Surface, faces: &[u32]) -> f64 {
     let areas: Vec<f64> = faces.iter().map(|&f| surface.area_vector(f as usize).length()).collect();
     let total: f64 = areas.iter().sum();
-    let count = (PAIRS / faces.len().max(1)).clamp(ASKED[0], ASKED[1]);
+    let count = (MAX_PAIRS / faces.len().max(1)).clamp(SAMPLES[0], SAMPLES[1]);
     if !(total > 0.0 && total.is_finite()) {
         return 0.0;
     }
-    let (mut passed, mut asked, mut sum) = (0.0, 0, 0.0);
+    let (mut passed, mut sampled, mut sum) = (0.0, 0, 0.0);
     for (&face, area) in faces.iter().zip(areas) {
         passed += area;
-        // A large face stands for all of the equal shares of the area that end in it.
+        // A large face counts for all equal shares of the area that end in this face.
         let shares = ((passed / total * count as f64 + 0.5) as usize).min(count);
-        if shares > asked {
+        if shares > sampled {
             let [a, b, c] = surface.corners(face as usize);
             let others = faces.iter().filter(|&&other| other != face).map(|&other| surface.corners(other as usize));
-            sum += winding_exact((a + b + c) / 3.0, others) * (shares - asked) as f64;
-            asked = shares;
+            sum += winding_exact((a + b + c) / 3.0, others) * (shares - sampled) as f64;
+            sampled = shares;
         }
     }
-    if asked == 0 { 0.0 } else { sum / asked as f64 }
+    if sampled == 0 { 0.0 } else { sum / sampled as f64 }
 }

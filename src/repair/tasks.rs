@@ -1,72 +1,78 @@
-//! What a strategy does, task by task, and the surface between two tasks.
+//! The tasks of a strategy, and the surface between two tasks.
+//!
+//! [`TaskKey`] identifies a task with its parameters, so that strategies can share results.
 
 use super::change::ChangeKind;
 use super::operators::split_non_manifold::Pairing;
 use super::operators::{Counts, Failure};
-use super::options::{InsideRule, Operator, Options};
+use super::options::{Operator, Options, WindingRuleChoice};
 use super::presets::{remesh_action, tier_of};
-use super::red_flags::Invented;
-use super::report::{Action, Rung, Step, StepStatus};
-use crate::arrange::{ArrangeError, Inside};
+use super::red_flags::AddedSurface;
+use super::report::{Action, Step, StepStatus, Strategy};
+use crate::arrange::{ArrangeError, WindingRule};
 use crate::mesh::Surface;
 
-/// A strategy of a plan, and its index in it.
+/// A strategy with its index in the plan.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Strategy<'a> {
+pub(super) struct IndexedStrategy<'a> {
+    /// Index in the plan.
     pub index: u32,
-    pub rung: &'a Rung,
+    /// The strategy.
+    pub strategy: &'a Strategy,
 }
 
-/// An operator of an action, or the action's remesh.
+/// One operator of an action, or the remesh with Blender that the action stands for.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Task {
+    /// The action.
     pub action: Action,
+    /// The operator; none for a remesh with Blender.
     pub operator: Option<Operator>,
 }
 
-/// An operator with what its parameters follow from, as far as that differs between strategies: on one surface, equal keys have equal
-/// results.
+/// An operator with those of its parameters that differ between strategies. On the same surface, equal keys give equal results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct Key {
+pub(super) struct TaskKey {
     operator: Operator,
     pairing: Option<Pairing>,
-    inside: Option<Inside>,
+    winding_rule: Option<WindingRule>,
     closes_sheets: Option<bool>,
 }
 
-/// The surface between two tasks, and what is known of it.
+/// The surface between two tasks, with its known properties.
 #[derive(Debug, Clone)]
-pub(super) struct State {
+pub(super) struct SurfaceState {
+    /// The surface.
     pub surface: Surface,
-    /// The counts of the surface, where they are known.
+    /// The counts of the surface's defects; none if unknown.
     pub counts: Option<Counts>,
-    /// How far operators since the input may have moved a vertex, in the model's unit.
+    /// Upper bound on the distance that any vertex has moved from the input, in the model's unit.
     pub moved: f64,
-    /// Holes of solids that stay open, since the options close none so large or so many.
+    /// Number of holes of solids that stay open because they exceed the options' limits.
     over_limit: u64,
-    /// What was invented before the surface was made anew, which leaves no trace of it.
-    pub invented: Option<Invented>,
+    /// The surface added before a remesh, which the remeshed faces no longer show.
+    pub added_surface: Option<AddedSurface>,
 }
 
-impl State {
-    /// Where repairs start.
+impl SurfaceState {
+    /// Makes the state at the start of a repair.
     pub fn new(surface: Surface) -> Self {
-        Self { surface, counts: None, moved: 0.0, over_limit: 0, invented: None }
+        Self { surface, counts: None, moved: 0.0, over_limit: 0, added_surface: None }
     }
 
-    /// Notes which holes a step left open, also one that was reused from an earlier strategy.
+    /// Records the holes that a step left open, including a step reused from an earlier strategy.
     pub fn note_holes(&mut self, step: &Step) {
         if step.operator == Some(Operator::FillHoles) {
             self.over_limit =
-                step.changed.iter().find(|it| it.what == ChangeKind::HolesOverLimit).map_or(0, |it| it.count);
+                step.changed.iter().find(|change| change.kind == ChangeKind::HolesOverLimit).map_or(0, |c| c.count);
         }
     }
 
-    /// Why nothing may close the holes that are open; none where nothing speaks against it.
-    pub fn why_left_open(&self) -> Option<String> {
+    /// Why a remesh must not run: it would close holes that the options leave open. None if there are no such holes.
+    pub fn why_no_remesh(&self) -> Option<String> {
         (self.over_limit > 0).then(|| {
             format!(
-                "it would close {} holes that max_hole_edges, max_hole_size or max_holes leaves open",
+                "a remesh would close {} holes that `max_hole_edges`, `max_hole_size` or `max_holes` keeps open",
                 self.over_limit
             )
         })
@@ -74,9 +80,9 @@ impl State {
 }
 
 impl Task {
-    /// What a strategy does, but for `Validate`, in order; its first `from` actions left out.
-    pub fn of(rung: &Rung, from: usize) -> Vec<Self> {
-        let tasks = rung.actions.get(from..).unwrap_or_default().iter().flat_map(|planned| {
+    /// The tasks of a strategy in order, without its first `from` actions and without validation.
+    pub fn of(strategy: &Strategy, from: usize) -> Vec<Self> {
+        let tasks = strategy.actions.get(from..).unwrap_or_default().iter().flat_map(|planned| {
             let remesh = remesh_action(planned.action).map(|_| None);
             let operators = planned.operators.iter().map(|&o| Some(o)).chain(remesh);
             operators.map(|operator| Self { action: planned.action, operator })
@@ -84,59 +90,65 @@ impl Task {
         tasks.collect()
     }
 
-    /// Its operator and parameters in a strategy; none for a remesh.
-    pub fn key(self, rung: &Rung, options: &Options) -> Option<Key> {
+    /// The operator with its parameters in a strategy; none for a remesh with Blender.
+    pub fn key(self, strategy: &Strategy, options: &Options) -> Option<TaskKey> {
         let operator = self.operator?;
-        let (pairing, inside) = ways_of(rung, options);
-        Some(Key {
+        let (pairing, winding_rule) = pairing_and_winding_rule(strategy, options);
+        Some(TaskKey {
             operator,
-            pairing: (operator == Operator::CutApart).then_some(pairing),
-            inside: matches!(operator, Operator::Resolve | Operator::Remesh).then_some(inside),
-            closes_sheets: (operator == Operator::Resolve).then(|| closes_sheets(rung)),
+            pairing: (operator == Operator::SplitNonManifold).then_some(pairing),
+            winding_rule: matches!(operator, Operator::SelfUnion | Operator::Remesh).then_some(winding_rule),
+            closes_sheets: (operator == Operator::SelfUnion).then(|| closes_sheets(strategy)),
         })
     }
 }
 
-/// The two ways of `auto` differ in how faces are paired around edges, and in what is turned inside out: one keeps it, the
-/// other drops it, unless the options say what is inside.
-pub(super) fn ways_of(rung: &Rung, options: &Options) -> (Pairing, Inside) {
-    let mends = rung.actions.iter().any(|planned| planned.action == Action::Mend);
-    let (pairing, inside) =
-        if mends { (Pairing::Angular, Inside::Nonzero) } else { (Pairing::FinsLast, Inside::Positive) };
-    let inside = match options.inside {
-        InsideRule::Auto => inside,
-        InsideRule::Positive => Inside::Positive,
-        InsideRule::Nonzero => Inside::Nonzero,
-        InsideRule::Odd => Inside::Odd,
+/// How a strategy pairs faces around non-manifold edges, and its winding rule.
+///
+/// The two main strategies of `auto` differ in both: a full repair counts inverted parts as solid, the others do not. The option
+/// `winding_rule` overrides the rule.
+pub(super) fn pairing_and_winding_rule(strategy: &Strategy, options: &Options) -> (Pairing, WindingRule) {
+    let is_full_repair = strategy.actions.iter().any(|planned| planned.action == Action::FullRepair);
+    let (pairing, winding_rule) = if is_full_repair {
+        (Pairing::Angular, WindingRule::Nonzero)
+    } else {
+        (Pairing::FinsLast, WindingRule::Positive)
     };
-    (pairing, inside)
+    let winding_rule = match options.winding_rule {
+        WindingRuleChoice::Auto => winding_rule,
+        WindingRuleChoice::Positive => WindingRule::Positive,
+        WindingRuleChoice::Nonzero => WindingRule::Nonzero,
+        WindingRuleChoice::Odd => WindingRule::Odd,
+    };
+    (pairing, winding_rule)
 }
 
-/// Whether a strategy takes parts that are inside out for solid.
-pub(super) fn takes_inverted_for_solid(rung: &Rung, options: &Options) -> bool {
-    ways_of(rung, options).1 != Inside::Positive
+/// Whether a strategy counts parts that are inside out as solid.
+pub(super) fn counts_inverted_as_solid(strategy: &Strategy, options: &Options) -> bool {
+    pairing_and_winding_rule(strategy, options).1 != WindingRule::Positive
 }
 
-/// Whether a strategy makes open sheets solid.
-pub(super) fn closes_sheets(rung: &Rung) -> bool {
-    rung.actions.iter().any(|planned| planned.action == Action::CloseSheets)
+/// Whether a strategy turns open sheets into solids.
+pub(super) fn closes_sheets(strategy: &Strategy) -> bool {
+    strategy.actions.iter().any(|planned| planned.action == Action::CloseSheets)
 }
 
-/// A step, and whether its note is its own.
+/// A step of a strategy, run or reused.
 pub(super) struct ExecutedStep {
+    /// The step for the report.
     pub step: Step,
-    /// Whether its result was reused, and its note says only that.
+    /// Whether the step was reused and its note says nothing else.
     pub has_reuse_note: bool,
 }
 
-/// The note of a step that was not run again, where it has none of its own.
-const REUSED: &str = "its result was taken over from an earlier rung";
+/// The note of a reused step without its own note.
+const REUSED: &str = "reused from an earlier strategy";
 
 impl ExecutedStep {
-    /// A step of an earlier strategy of which the result is reused by a later one, as part of an action of that.
-    pub fn reused(step: &Step, rung: u32, action: Action) -> Self {
+    /// Makes the step of a strategy that reuses a step of an earlier strategy, as part of `action`.
+    pub fn reused(step: &Step, strategy: u32, action: Action) -> Self {
         let note = Some(step.note.clone().unwrap_or_else(|| REUSED.to_owned()));
-        let reused = Step { rung, action, tier: tier_of(action), milliseconds: 0.0, note, ..step.clone() };
+        let reused = Step { strategy, action, tier: tier_of(action), milliseconds: 0.0, note, ..step.clone() };
         Self { step: reused, has_reuse_note: step.note.is_none() }
     }
 }
@@ -147,33 +159,35 @@ impl From<Step> for ExecutedStep {
     }
 }
 
-/// What is known of faces that intersect, on a strategy's way.
+/// The state of intersecting faces between two tasks of a strategy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Crossings {
+pub(super) enum Intersections {
+    /// Unknown: the surface changed since the last self-union.
     Unknown,
-    /// Nothing changed since they were resolved, as far as they could be.
+    /// The surface is unchanged since the last self-union, which resolved the intersections as far as possible.
     Resolved,
-    /// They could not be resolved, and nothing but sheets that were moved apart by a hair changed since.
-    Given,
+    /// The self-union failed, and since then only coincident vertices were moved apart.
+    Unresolvable,
 }
 
-impl Crossings {
+impl Intersections {
+    /// The state after a step.
     pub fn after(self, step: &Step, failure: Option<&Failure>) -> Self {
         match step.operator {
-            Some(Operator::Resolve) => {
+            Some(Operator::SelfUnion) => {
                 let failed = step.status == StepStatus::Failed;
-                // Sheets that are cut apart may be closed.
-                let open = matches!(failure, Some(Failure::Arrange(ArrangeError::NotClosed(_))));
-                if failed && !open { Self::Given } else { Self::Resolved }
+                // An open surface may still be closed by a later task.
+                let is_open = matches!(failure, Some(Failure::Arrange(ArrangeError::NotClosed(_))));
+                if failed && !is_open { Self::Unresolvable } else { Self::Resolved }
             }
-            Some(Operator::Separate) if self == Self::Given => self,
+            Some(Operator::Perturb) if self == Self::Unresolvable => self,
             _ if step.changed.is_empty() => self,
             _ => Self::Unknown,
         }
     }
 
-    /// Whether a task can be left out.
+    /// Whether a task is a self-union that would change nothing.
     pub fn make_needless(self, task: Task) -> bool {
-        self != Self::Unknown && task.operator == Some(Operator::Resolve)
+        self != Self::Unknown && task.operator == Some(Operator::SelfUnion)
     }
 }

@@ -1,36 +1,37 @@
-//! Objects that intersect where they stand become one object; of different materials, one of them gives way.
+//! Uniting objects that intersect in their placed positions, and cutting an object where one of another material overlaps it.
 
 use glam::DAffine3;
 
-use super::attribute_transfer::{CutSoup, Painted, transfer_paint};
-use super::operators::resolve::Resolve;
-use crate::arrange::{Exact, Inside};
+use super::attribute_transfer::{Painted, SoupWithSource, transfer_paint};
+use super::operators::self_union::SelfUnionRounds;
+use crate::arrange::{Exact, WindingRule};
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Analysis, InstanceContact, Solid, instance_contacts, measure_analysis, solids};
 use crate::math::Box3;
 use crate::mesh::{Edges, NO_SOURCE, Parts, Soup, Surface, UnionFind};
 use crate::scene::{Instance, Item, Object, PaintedMesh, Palette, Scene, SceneError, Shape};
 
-/// Names of united objects that the name of their union lists.
+/// Most names of members that the name of a union lists.
 const MAX_NAMES: usize = 4;
 
-/// A scene some of whose objects are unions of objects of the file.
+/// A scene in which some objects are unions of the file's objects.
 #[derive(Clone)]
 pub(super) struct UnitedScene {
-    /// The scene, before anything is repaired.
+    /// The scene before any repair.
     pub scene: Scene,
-    /// For each object of the scene the objects of the file that it is made of, one for each instance; itself where nothing was united.
+    /// For each object of the scene, the indices of its members in the file, one for each instance. An object that is no union has only
+    /// itself.
     pub members: Vec<Vec<usize>>,
-    /// For each object of the scene its index in the scene that was united; none for a new union.
+    /// For each object of the scene, its index before the last call of [`Self::unite`]; none for a new union.
     pub unchanged_from: Vec<Option<usize>>,
-    /// For each group that was united last the object that it became.
+    /// For each group of the last call of [`Self::unite`], the index of its union.
     pub unions: Vec<usize>,
-    /// Whether it is no longer the scene of the file.
+    /// Whether the scene differs from the file's scene.
     pub is_changed: bool,
 }
 
 impl UnitedScene {
-    /// A scene of which nothing is united.
+    /// Makes a scene without unions.
     pub fn of(scene: &Scene) -> Self {
         let count = scene.objects.len();
         Self {
@@ -47,8 +48,9 @@ impl UnitedScene {
         self.members[object].len() > 1
     }
 
-    /// The same with each group of instances made one object, which stands where the first of them stood. Objects that have no instance
-    /// left are dropped, and items that lost an instance are split into one item for each of the others.
+    /// Unites each group of instances into one object, which takes the position of the group's first instance in the file's order.
+    ///
+    /// Objects without a remaining instance are dropped. Items that lost an instance are split into one item for each other instance.
     pub fn unite(&self, instances: &[Instance], groups: &[Vec<usize>]) -> Self {
         let mut group_of = vec![None; instances.len()];
         for (number, group) in groups.iter().enumerate() {
@@ -67,7 +69,7 @@ impl UnitedScene {
         }
         scene.items = self.items_without(instances, &group_of, groups, first_union);
         let keep = objects_in_use(&self.scene, &scene);
-        // A union stands where the first of its members stood.
+        // A union takes the position of its first member in the order of objects.
         let first_member = |group: &Vec<usize>| group.first().map_or(0, |&first| instances[first].object as usize);
         let place = |object: usize| match object.checked_sub(first_union) {
             None => (object, 0),
@@ -83,7 +85,7 @@ impl UnitedScene {
         Self { scene, members, unchanged_from, unions, is_changed: true }
     }
 
-    /// The items, each union in the place of the first of its members.
+    /// The items, with each union at the position of its first member.
     fn items_without(
         &self,
         instances: &[Instance],
@@ -121,7 +123,10 @@ impl UnitedScene {
     }
 }
 
-/// The contacts between the printed instances of a scene, by their indices among `instances`.
+/// The contacts between the printed instances of a scene, as indices into `instances`.
+///
+/// # Errors
+/// [`Cancelled`] if the job was canceled or the deadline passed.
 pub(super) fn contacts_of(
     instances: &[Instance],
     placed: &Analysis<'_>,
@@ -130,7 +135,7 @@ pub(super) fn contacts_of(
     instance_contacts(placed, instance_of(instances), context)
 }
 
-/// Tells the instance of a face of the placed mesh.
+/// A function that maps a face of the placed mesh to its instance.
 pub(super) fn instance_of(instances: &[Instance]) -> impl Fn(u32) -> u32 + use<> {
     let printed: Vec<usize> = (0..instances.len()).filter(|&i| instances[i].is_printed).collect();
     let firsts: Vec<usize> = printed.iter().map(|&i| instances[i].first_face).collect();
@@ -151,7 +156,10 @@ pub(super) fn connected(count: usize, contacts: &[InstanceContact]) -> Vec<Vec<u
     groups
 }
 
-/// The instances of a scene; a scene that was read within limits has no more than those allow.
+/// The instances of a scene, without a limit: reading the file already limited their number.
+///
+/// # Errors
+/// [`SceneError`] if the scene is not valid.
 pub(super) fn instances_of(scene: &Scene) -> Result<Vec<Instance>, SceneError> {
     scene.instances(u64::MAX)
 }
@@ -172,7 +180,7 @@ fn union_name<'a>(members: impl Iterator<Item = &'a Object>) -> Option<String> {
     (!names.is_empty()).then_some(listed)
 }
 
-/// Of each object of `after` whether it is kept: those that are placed, that were not placed before either, or that such are made of.
+/// For each object of `after`, whether it is kept: objects that are placed or were not placed before either, and their components.
 fn objects_in_use(before: &Scene, after: &Scene) -> Vec<bool> {
     let (was, is) = (before.places(), after.places());
     let mut keep: Vec<bool> =
@@ -189,44 +197,45 @@ fn objects_in_use(before: &Scene, after: &Scene) -> Vec<bool> {
     keep
 }
 
-/// Keeps the objects of these numbers, in this order, and numbers them again. Objects are made of objects before them in it.
+/// Keeps the objects with these indices, in this order, and renumbers them. Components must come before the objects that use them.
 fn select_objects(scene: &mut Scene, order: &[usize]) {
     let mut numbers = vec![u32::MAX; scene.objects.len()];
     for (number, &object) in (0u32..).zip(order) {
         numbers[object] = number;
     }
-    let again = |object: u32| numbers.get(object as usize).copied().unwrap_or(u32::MAX);
+    let renumbered = |object: u32| numbers.get(object as usize).copied().unwrap_or(u32::MAX);
     let mut objects: Vec<Option<Object>> = std::mem::take(&mut scene.objects).into_iter().map(Some).collect();
     scene.objects = order.iter().filter_map(|&object| objects[object].take()).collect();
     for object in &mut scene.objects {
         if let Shape::Components(parts) = &mut object.shape {
-            parts.iter_mut().for_each(|part| part.object = again(part.object));
+            parts.iter_mut().for_each(|part| part.object = renumbered(part.object));
         }
     }
-    scene.items.iter_mut().for_each(|item| item.object = again(item.object));
+    scene.items.iter_mut().for_each(|item| item.object = renumbered(item.object));
 }
 
-/// What an object is called in sentences: by its name, or by its number where it has none.
+/// The object's name for messages, or its number from 1 if it has no name.
 pub(super) fn name_of(object: &Object, number: usize) -> String {
     object.name.as_ref().map_or_else(|| format!("object {}", number + 1), |name| format!("object '{name}'"))
 }
 
-/// A body without the space of others.
+/// A body without the space that other bodies take.
 pub(super) struct CutBody {
+    /// The cut body.
     pub mesh: PaintedMesh,
-    /// The volume that went, in cubic units.
+    /// The removed volume in cubic units.
     pub removed: f64,
 }
 
-/// Removes from a body what others fill, where they stand: its surface within them goes, and theirs within it becomes its wall.
+/// Subtracts other bodies from a body, all in their placed positions. Bodies must be closed.
 ///
-/// It is the later body that keeps the space, as in slicers: PrusaSlicer since 2.4 lets the volume win that is lower in the list, and so do
-/// those made of it.
+/// The later body keeps the shared space, as in slicers: since version 2.4, PrusaSlicer and its derivatives give overlaps to the volume
+/// that is lower in the list.
 ///
-/// None where that leaves nothing, or nothing that is printable; bodies must be closed.
+/// None if nothing is left, or if the rest is not printable.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] if the job was canceled or the deadline passed.
 pub(super) fn cut_body(
     body: &PaintedMesh,
     others: &[Soup],
@@ -238,13 +247,18 @@ pub(super) fn cut_body(
     let mut whole = body.soup.clone();
     let first_other = whole.faces.len();
     for other in others {
-        add_turned_over(&near_parts(other, &bounds), &mut whole);
+        append_flipped(&near_parts(other, &bounds), &mut whole);
     }
     let mut surface = Surface::from_soup(&whole).0;
-    // The turned bodies count against this one, so that only what is in no other counts as inside.
-    let resolve = Resolve { inside: Inside::Positive, max_deviation: f64::INFINITY, sheets: None, always: true };
-    let resolved = resolve.apply(&mut surface, &Exact, context)?;
-    if resolved.error.is_some() || resolved.pairs_left > 0 || surface.faces.is_empty() {
+    // The flipped bodies subtract from the winding number, so only space in no other body stays inside.
+    let difference = SelfUnionRounds {
+        winding_rule: WindingRule::Positive,
+        max_deviation: f64::INFINITY,
+        sheets: None,
+        always: true,
+    };
+    let outcome = difference.apply(&mut surface, &Exact, context)?;
+    if outcome.error.is_some() || outcome.pairs_left > 0 || surface.faces.is_empty() {
         return Ok(None);
     }
     let soup = surface.to_soup();
@@ -255,13 +269,13 @@ pub(super) fn cut_body(
     let source: Vec<u32> =
         surface.source.iter().map(|&face| if (face as usize) < first_other { face } else { NO_SOURCE }).collect();
     let painted = Painted { surface: &own, paint: &body.paint };
-    let paint = transfer_paint(painted, CutSoup { soup: &soup, source: &source }, palettes, context)?;
+    let paint = transfer_paint(painted, SoupWithSource { soup: &soup, source: &source }, palettes, context)?;
     let volume: f64 = parts_of(&own).1.iter().map(|solid| solid.volume).sum();
     let removed = volume - measures.volume.value;
     Ok(Some(CutBody { mesh: PaintedMesh { soup, paint }, removed }))
 }
 
-/// The parts of a body whose boxes meet a box.
+/// The parts of a body whose bounding boxes overlap a box.
 fn near_parts(body: &Soup, bounds: &Box3) -> Soup {
     let surface = Surface::from_soup(body).0;
     let (parts, solids) = parts_of(&surface);
@@ -271,6 +285,7 @@ fn near_parts(body: &Soup, bounds: &Box3) -> Soup {
     Soup { faces: faces.collect(), positions: surface.positions.clone() }
 }
 
+/// The connected parts of a surface, with their measures.
 fn parts_of(surface: &Surface) -> (Parts, Vec<Solid>) {
     let edges = Edges::new(&surface.faces);
     let parts = Parts::new(surface, &edges);
@@ -278,7 +293,8 @@ fn parts_of(surface: &Surface) -> (Parts, Vec<Solid>) {
     (parts, solids)
 }
 
-fn add_turned_over(body: &Soup, whole: &mut Soup) {
+/// Appends a body with flipped faces to a mesh.
+fn append_flipped(body: &Soup, whole: &mut Soup) {
     #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
     let first = whole.positions.len() as u32;
     whole.positions.extend(&body.positions);

@@ -6,7 +6,7 @@
 //! namespaces (no network, no capabilities, a count of processes) -> Landlock (files, signals) -> seccomp (system calls)
 //! ```
 //!
-//! What is refused is told, not hidden: [`Trial`] enters the sandbox and tries what must fail, and [`Walls`] says what came of it.
+//! What is refused is told, not hidden: [`Trial`] enters the sandbox and tries what must fail, and [`Protections`] says what came of it.
 //! [`processes`] finds and ends what a run leaves behind where no layer holds it back.
 
 mod layers;
@@ -23,26 +23,27 @@ use rlimit::Resource;
 use rustix::io::Errno;
 use rustix::process::{getppid, setpgid, test_kill_process};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use layers::Layers;
 pub use layers::{Sandbox, SandboxMode};
 
 /// One wall.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Protection {
     /// Whether it held when the service started and tried it.
-    pub in_force: bool,
+    pub enforced: bool,
     /// What it is made of.
-    pub by: Vec<String>,
+    pub mechanisms: Vec<String>,
     /// What is missing and what would give it, or what a person should know.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detail: Option<String>,
 }
 
 /// The walls around each job's processes, as they were tried.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Walls {
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Protections {
     /// No connection leads out, not even to this machine.
     pub network: Protection,
     /// Files outside the job's own folder can't be written, and only those of programs can be read.
@@ -56,13 +57,14 @@ pub struct Walls {
 }
 
 /// What holds each job's processes, and what they may use.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SandboxStatus {
     /// What the service was told to do where a wall can't be had.
     pub mode: SandboxMode,
     /// The walls.
     #[serde(flatten)]
-    pub walls: Walls,
+    pub protections: Protections,
     /// Most processes and threads of a job.
     pub max_processes: u64,
     /// Most address space of each process, in bytes.
@@ -75,20 +77,20 @@ pub struct SandboxStatus {
 
 impl Protection {
     fn missing(detail: impl Into<String>) -> Self {
-        Self { in_force: false, by: Vec::new(), detail: Some(detail.into()) }
+        Self { enforced: false, mechanisms: Vec::new(), detail: Some(detail.into()) }
     }
 
     /// A wall that held although these layers of it are missing.
-    fn held(by: Vec<String>, missing: Vec<String>) -> Self {
+    fn held(mechanisms: Vec<String>, missing: Vec<String>) -> Self {
         Self {
-            in_force: true,
-            by,
+            enforced: true,
+            mechanisms,
             detail: (!missing.is_empty()).then(|| format!("without more: {}", missing.join("; "))),
         }
     }
 }
 
-impl Walls {
+impl Protections {
     /// No walls.
     fn none() -> Self {
         let off = Protection::missing("switched off by --sandbox off");
@@ -133,12 +135,12 @@ impl Trial {
     ///
     /// # Errors
     /// Where the sandbox can't be entered, or where `folder` can't be written from within.
-    pub fn run(&self, sandbox: &Sandbox, folder: &Path) -> io::Result<Walls> {
-        let Some(layers) = sandbox.enter_layers(folder)? else { return Ok(Walls::none()) };
+    pub fn run(&self, sandbox: &Sandbox, folder: &Path) -> io::Result<Protections> {
+        let Some(layers) = sandbox.enter_layers(folder)? else { return Ok(Protections::none()) };
         let inside = folder.join("written");
         fs::write(&inside, "inside")?;
         fs::remove_file(&inside)?;
-        Ok(Walls {
+        Ok(Protections {
             network: self.network(&layers),
             files: self.files(&layers),
             system_calls: system_calls(&layers),
@@ -154,9 +156,14 @@ impl Trial {
             return Protection::missing(told([network_namespace, seccomp], "a connection could be made"));
         }
         let layers = [("network namespace", network_namespace), ("seccomp", seccomp)];
-        let by: Vec<String> = layers.iter().filter(|(_, it)| it.is_ok()).map(|(name, _)| (*name).to_owned()).collect();
+        let mechanisms: Vec<String> =
+            layers.iter().filter(|(_, it)| it.is_ok()).map(|(name, _)| (*name).to_owned()).collect();
         let missing: Vec<String> = layers.iter().filter_map(|(_, it)| it.as_ref().err().cloned()).collect();
-        if by.is_empty() { Protection::missing(missing.join("; ")) } else { Protection::held(by, missing) }
+        if mechanisms.is_empty() {
+            Protection::missing(missing.join("; "))
+        } else {
+            Protection::held(mechanisms, missing)
+        }
     }
 
     fn files(&self, layers: &Layers) -> Protection {

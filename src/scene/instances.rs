@@ -1,27 +1,27 @@
-//! Objects in their places: every instance of a scene, all of them as one mesh, and the materials that they are made of.
+//! Instances of objects: their number and placement, all of them as one mesh, and their materials.
 
 use glam::DAffine3;
 
 use super::{Item, Object, PAINTLESS, Paint, PaintedMesh, Palette, Scene, SceneError, Shape};
 
 impl Scene {
-    /// How deep objects may be made of objects that are made of objects.
+    /// Maximum nesting depth of components.
     pub const DEPTH: usize = 32;
 
-    /// A scene of one mesh.
+    /// Creates a scene with one mesh.
     #[must_use]
     pub fn of_mesh(mesh: PaintedMesh) -> Self {
         Self { objects: vec![Object::of_mesh(None, mesh)], items: vec![Item::of(0)], ..Self::default() }
     }
 
-    /// All that it says but its objects and where they stand.
+    /// A copy of the scene without objects and items.
     #[must_use]
     pub fn without_objects(&self) -> Self {
         let (palettes, textures, notes) = (self.palettes.clone(), self.textures.clone(), self.notes.clone());
         Self { unit: self.unit, up: self.up, palettes, textures, notes, ..Self::default() }
     }
 
-    /// The same with all lengths multiplied by `factor`.
+    /// Multiplies all lengths by `factor`.
     #[must_use]
     pub fn scaled(mut self, factor: f64) -> Self {
         for object in &mut self.objects {
@@ -34,27 +34,28 @@ impl Scene {
         self
     }
 
-    /// In how many places each object stands.
+    /// Number of instances of each object.
     #[must_use]
     pub fn places(&self) -> Vec<u64> {
-        let mut places = vec![0_u64; self.objects.len()];
+        let mut counts = vec![0_u64; self.objects.len()];
         for item in &self.items {
-            if let Some(count) = places.get_mut(item.object as usize) {
+            if let Some(count) = counts.get_mut(item.object as usize) {
                 *count += 1;
             }
         }
-        // Objects are made of those before them.
+        // Components refer to preceding objects only.
         for number in (0..self.objects.len()).rev() {
             if let Shape::Components(parts) = &self.objects[number].shape {
                 for part in parts.iter().filter(|part| (part.object as usize) < number) {
-                    places[part.object as usize] = places[part.object as usize].saturating_add(places[number]);
+                    counts[part.object as usize] = counts[part.object as usize].saturating_add(counts[number]);
                 }
             }
         }
-        places
+        counts
     }
 
-    /// What all items have of something in their places, where a mesh has `of` of it, and an object of others `own` of its own.
+    /// Sums a quantity over all instances: `of` gives the quantity of a mesh, and `own` the quantity of each object
+    /// of components.
     fn count(&self, of: impl Fn(&PaintedMesh) -> usize, own: u64) -> u64 {
         let mut of_object: Vec<u64> = Vec::with_capacity(self.objects.len());
         let known = |counts: &[u64], object: u32| counts.get(object as usize).copied().unwrap_or(0);
@@ -70,40 +71,40 @@ impl Scene {
         self.items.iter().fold(0, |sum, item| sum.saturating_add(known(&of_object, item.object)))
     }
 
-    /// The faces of all items in their places.
+    /// Number of faces of all instances.
     #[must_use]
     pub fn placed_faces(&self) -> u64 {
         self.count(|mesh| mesh.soup.faces.len(), 0)
     }
 
-    /// All items in their places as one mesh, the faces of an instance after those of the instance before (see [`Scene::instances`]);
-    /// instances that are not printed are left out. An instance whose transform mirrors has its faces turned, so that they look outward
-    /// as before.
+    /// Combines all printed instances in one mesh, in the order of [`Scene::instances`]. Flips the faces of instances
+    /// with a mirroring transform, so that they still face outward.
     ///
     /// # Errors
-    /// [`SceneError`] where there would be more than `max_faces` faces, or more vertices than can be numbered; before anything is copied.
+    /// [`SceneError`] if there would be more than `max_faces` faces, or too many vertices for 32-bit indices. Checked
+    /// before any copy.
     pub fn placed(&self, max_faces: u64) -> Result<PaintedMesh, SceneError> {
         let instances = self.instances(max_faces)?;
         Ok(self.placed_instances(instances.iter().filter(|instance| instance.is_printed)))
     }
 
-    /// Some instances in their places as one mesh.
+    /// Combines some instances in one mesh.
     #[must_use]
     pub fn placed_instances<'i>(&self, instances: impl IntoIterator<Item = &'i Instance>) -> PaintedMesh {
-        let mut whole = PaintedMesh::default();
-        instances.into_iter().for_each(|instance| self.place(instance, &mut whole));
-        if whole.paint.iter().all(|&paint| paint == PAINTLESS) {
-            whole.paint.clear();
+        let mut combined = PaintedMesh::default();
+        instances.into_iter().for_each(|instance| self.place(instance, &mut combined));
+        if combined.paint.iter().all(|&paint| paint == PAINTLESS) {
+            combined.paint.clear();
         }
-        whole
+        combined
     }
 
-    /// Every mesh in each of its places, in the order of the items and of the components within them.
+    /// Lists all instances of meshes, in the order of the items and of the components within them.
     ///
     /// # Errors
-    /// [`SceneError`] where the instances have more than `max_faces` faces, or more vertices than can be numbered.
+    /// [`SceneError`] if the instances have more than `max_faces` faces, or too many vertices for 32-bit indices.
     pub fn instances(&self, max_faces: u64) -> Result<Vec<Instance>, SceneError> {
-        // Objects without a face count too, so that the time is bounded by the count.
+        // An object without faces counts as one face, so that the count bounds the time.
         if self.count(|mesh| mesh.soup.faces.len().max(1), 1) > max_faces {
             return Err(SceneError::TooManyFaces(max_faces));
         }
@@ -117,7 +118,7 @@ impl Scene {
             self.add_instances(instance, Self::DEPTH, &mut instances)?;
         }
         let is_body = |instance: &Instance| self.objects[instance.object as usize].kind.is_printed();
-        let has_bodies = instances.iter().any(|it| is_body(it) && self.objects[it.object as usize].has_faces());
+        let has_bodies = instances.iter().any(|i| is_body(i) && self.objects[i.object as usize].has_faces());
         let mut first_face = 0;
         for instance in &mut instances {
             instance.is_printed = !has_bodies || is_body(instance);
@@ -144,44 +145,44 @@ impl Scene {
         Ok(())
     }
 
-    fn place(&self, instance: &Instance, whole: &mut PaintedMesh) {
+    fn place(&self, instance: &Instance, combined: &mut PaintedMesh) {
         let Some(mesh) = self.objects.get(instance.object as usize).and_then(|object| object.mesh()) else { return };
         #[expect(clippy::cast_possible_truncation, reason = "the vertices were counted")]
-        let first = whole.soup.positions.len() as u32;
+        let first = combined.soup.positions.len() as u32;
         let transform = instance.transform;
         let unmoved = transform == DAffine3::IDENTITY;
         let moved = |&p: &glam::DVec3| if unmoved { p } else { transform.transform_point3(p) };
-        whole.soup.positions.extend(mesh.soup.positions.iter().map(moved));
-        let turned = transform.matrix3.determinant() < 0.0;
-        let turn = |[a, b, c]: [u32; 3]| if turned { [a, c, b] } else { [a, b, c] };
-        whole.soup.faces.extend(mesh.soup.faces.iter().map(|face| turn(face.map(|v| v + first))));
+        combined.soup.positions.extend(mesh.soup.positions.iter().map(moved));
+        let flipped = transform.matrix3.determinant() < 0.0;
+        let flip = |[a, b, c]: [u32; 3]| if flipped { [a, c, b] } else { [a, b, c] };
+        combined.soup.faces.extend(mesh.soup.faces.iter().map(|face| flip(face.map(|v| v + first))));
         match mesh.paint.is_empty() {
-            true => whole.paint.resize(whole.soup.faces.len(), PAINTLESS),
+            true => combined.paint.resize(combined.soup.faces.len(), PAINTLESS),
             false => {
-                let paint = |paint: &Paint| Paint { at: turn(paint.at), ..*paint };
-                whole.paint.extend(mesh.paint.iter().map(paint));
+                let paint = |paint: &Paint| Paint { at: flip(paint.at), ..*paint };
+                combined.paint.extend(mesh.paint.iter().map(paint));
             }
         }
     }
 }
 
-/// A mesh in one of its places.
+/// An object with a mesh at one of its placements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Instance {
-    /// Index into [`Scene::objects`] of an object of triangles.
+    /// Index into [`Scene::objects`]; the object has a mesh.
     pub object: u32,
-    /// Index into [`Scene::items`] of the item that it belongs to.
+    /// Index into [`Scene::items`] of the item that contains the instance.
     pub item: u32,
-    /// From the object's coordinates to those of the scene.
+    /// Transform from the object's coordinates to the coordinates of the scene.
     pub transform: DAffine3,
-    /// Whether it is a body to be printed; where the scene has no such body, every instance counts as one.
+    /// Whether the instance is a printed solid. If the scene has none, every instance counts as printed.
     pub is_printed: bool,
-    /// Index of its first face in the mesh of [`Scene::placed`].
+    /// Index of the instance's first face in the mesh of [`Scene::placed`].
     pub first_face: usize,
 }
 
-/// The material of an object: that of its faces. Surfaces with several colours or a picture all count as one material, since
-/// their colours are drawn on a body rather than being bodies.
+/// Material of an object, derived from its faces. A surface with several colours or a texture counts as one material,
+/// since its colours decorate one body rather than form several bodies.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum ObjectMaterial {
     Unnamed,
@@ -190,10 +191,11 @@ enum ObjectMaterial {
 }
 
 impl Scene {
-    /// Of each instance the number of its material, where the printed ones are made of more than one: they are then the volumes of one
-    /// print of several materials, as slicers take the parts of a 3MF file. None where all are of one material.
+    /// Material number of each instance, if the printed instances have more than one material. Such instances are the
+    /// volumes of a multi-material print, as slicers interpret the parts of a 3MF file. `None` if all have the same
+    /// material.
     ///
-    /// Materials are told apart by their entries in the scene's palettes, and numbered from 0 in the order of the instances.
+    /// Materials are distinguished by palette entry, and numbered from 0 in the order of the instances.
     #[must_use]
     pub fn materials_of(&self, instances: &[Instance]) -> Option<Vec<u32>> {
         let mut of_object: Vec<Option<u32>> = vec![None; self.objects.len()];
@@ -216,7 +218,8 @@ impl Scene {
             of_object[object] = Some(number);
             materials.push(number);
         }
-        let mut printed = instances.iter().zip(&materials).filter(|(it, _)| it.is_printed).map(|(_, &number)| number);
+        let mut printed =
+            instances.iter().zip(&materials).filter(|(instance, _)| instance.is_printed).map(|(_, &number)| number);
         let first = printed.next()?;
         printed.any(|number| number != first).then_some(materials)
     }
@@ -263,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn an_object_stands_in_each_of_its_places() {
+    fn every_placement_of_an_object_is_an_instance() {
         let up = DAffine3::from_translation(DVec3::Z);
         let pair = [DAffine3::IDENTITY, up].map(|transform| Component { object: 0, transform });
         let scene = Scene {
@@ -279,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scaled_scene_is_placed_as_its_placed_mesh_is_scaled() {
+    fn scaling_a_scene_scales_its_placed_mesh() {
         let turn = DAffine3::from_rotation_z(0.5) * DAffine3::from_translation(DVec3::new(1.0, 2.0, 3.0));
         let scene = Scene {
             objects: vec![
@@ -297,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn objects_of_objects_without_end_are_refused_at_once() {
+    fn exponential_and_too_deep_nesting_is_rejected() {
         let doubled = |object| Shape::Components(vec![Component { object, transform: DAffine3::IDENTITY }; 2]);
         let mut scene = Scene::of_mesh(PaintedMesh::default());
         scene.objects.extend((0..63).map(|below| object(doubled(below))));
@@ -309,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirrored_item_looks_outward_still_and_its_paint_turns_with_it() {
+    fn a_mirrored_item_keeps_facing_outward_and_flips_its_paint() {
         let paint = Paint { palette: 0, at: [7, 8, 9] };
         let mirror = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
         let mut scene = Scene::of_mesh(triangle(vec![paint]));

@@ -1,7 +1,8 @@
-//! What a file holds beside triangles: objects and where they stand, colours, a unit.
+//! Contents of a model file beyond triangles: objects and their placement, colours, textures, and the unit of length.
 //!
-//! A [`Scene`] is what all readers make and all writers take; a format that knows one mesh only gives a scene of one object. Every object
-//! is repaired apart, in its own coordinates, so that an object which stands in several places stays one.
+//! All readers return a [`Scene`] and all writers take one; formats with a single mesh give a scene with one object.
+//! Objects are repaired separately, in their own coordinates, so that an object with several instances stays one
+//! object.
 
 mod instances;
 mod object;

@@ -1,143 +1,143 @@
-//! Objects, what they are made of, and the items that are built of them.
+//! Data model of a scene: objects, their shapes, and the items that place objects for printing.
 
 use glam::DAffine3;
 
 use super::{PaintedMesh, Palette, Texture, Unit, Up};
 
-/// All that a file holds.
+/// Complete contents of a model file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Scene {
-    /// The unit that the file says its lengths are in.
+    /// Unit of length that the file declares.
     pub unit: Option<Unit>,
-    /// Which axis the file says points up.
+    /// Axis that the file declares as up.
     pub up: Option<Up>,
-    /// The objects in the order of the file. One that is not used by an item is kept all the same.
+    /// Objects in the order of the file, including objects that no item uses.
     pub objects: Vec<Object>,
-    /// What is to be built, in order.
+    /// Objects to print with their placement, in order.
     pub items: Vec<Item>,
-    /// What faces are painted with.
+    /// Colours, materials and texture coordinates that faces refer to.
     pub palettes: Vec<Palette>,
-    /// The pictures of palettes.
+    /// Images that palettes refer to.
     pub textures: Vec<Texture>,
-    /// Notes on the whole, such as title and designer, in order.
+    /// Metadata of the whole file, such as title and designer, in order.
     pub notes: Vec<Note>,
 }
 
-/// Something that can be built, once or more often.
+/// An object that items place once or more often.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Object {
-    /// Its name in the file.
+    /// Name of the object in the file.
     pub name: Option<String>,
-    /// The number of the part, in the words of its maker.
+    /// Part number that the author gave the object.
     pub part_number: Option<String>,
-    /// What it is for.
+    /// Purpose of the object.
     pub kind: ObjectKind,
-    /// What it is made of.
+    /// Geometry of the object.
     pub shape: Shape,
-    /// Notes on it, in order.
+    /// Metadata of the object, in order.
     pub notes: Vec<Note>,
 }
 
-/// What an object is for, after the 3MF core specification.
+/// Purpose of an object, after the 3MF core specification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum ObjectKind {
-    /// To be printed.
+    /// A model to print.
     #[default]
     Model,
-    /// To hold what is printed, filled.
+    /// A support structure, printed solid.
     SolidSupport,
-    /// To hold what is printed, in whatever way.
+    /// A support structure; the slicer decides how to print it.
     Support,
-    /// A surface, not a body.
+    /// A surface rather than a solid.
     Surface,
-    /// Not to be printed.
+    /// An object that is not printed.
     Other,
 }
 
 impl ObjectKind {
-    /// Whether such an object is a body to be printed, which 3MF asks to be a closed solid.
+    /// Whether objects of this purpose are printed as solids, which 3MF requires to be closed.
     #[must_use]
     pub fn is_printed(self) -> bool {
         matches!(self, Self::Model | Self::SolidSupport)
     }
 }
 
-/// What an object is made of.
+/// Geometry of an object.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// Triangles, in the object's own coordinates.
     Mesh(PaintedMesh),
-    /// Other objects, each before this one in [`Scene::objects`].
+    /// Placed instances of other objects, each of which precedes this object in [`Scene::objects`].
     Components(Vec<Component>),
 }
 
-/// An object as a part of another one.
+/// An object placed inside another object.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Component {
     /// Index into [`Scene::objects`].
     pub object: u32,
-    /// From its coordinates to those of the object that it is part of.
+    /// Transform from the component's coordinates to the coordinates of the containing object.
     pub transform: DAffine3,
 }
 
-/// An object where it is to be built.
+/// An object placed in the scene for printing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Item {
     /// Index into [`Scene::objects`].
     pub object: u32,
-    /// From its coordinates to those of the scene.
+    /// Transform from the object's coordinates to the coordinates of the scene.
     pub transform: DAffine3,
-    /// The name of this one of the object's places; none where it is the object's.
+    /// Name of this placement; `None` if it has the object's name.
     pub name: Option<String>,
-    /// The number of the part, in the words of its maker.
+    /// Part number that the author gave this placement.
     pub part_number: Option<String>,
-    /// Notes on it, in order.
+    /// Metadata of this placement, in order.
     pub notes: Vec<Note>,
 }
 
-/// A note that its maker left in a file.
+/// A metadata entry of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
-    /// What it says something of: `Title`, `Designer`, or a name with a namespace.
+    /// Key, such as `Title`, `Designer`, or a name with a namespace.
     pub name: String,
-    /// The namespace of a name with a prefix.
+    /// Namespace of a key with a prefix.
     pub namespace: Option<String>,
-    /// What it says.
+    /// Value of the entry.
     pub value: String,
-    /// Its type, where the file names one.
+    /// Type of the value, if the file declares one.
     pub kind: Option<String>,
-    /// Whether who edits the file is asked to keep it.
+    /// Whether programs that edit the file should keep the entry.
     pub preserve: bool,
 }
 
-/// A scene that can't be put together.
+/// Why the instances of a scene cannot be combined.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SceneError {
-    /// Places of objects, taken together, have more faces than may be.
-    #[error("placed in all their places, the objects have more than {0} faces")]
+    /// The instances have more faces than allowed.
+    #[error("with all object instances placed, the model has more than {0} faces")]
     TooManyFaces(u64),
-    /// They have more vertices than can be numbered.
-    #[error("placed in all their places, the objects have more vertices than can be numbered")]
+    /// The instances have more vertices than 32-bit indices can address.
+    #[error("with all object instances placed, the model has too many vertices for 32-bit indices")]
     TooManyVertices,
-    /// Objects are made of objects too often.
-    #[error("objects are made of objects more than {} deep", Scene::DEPTH)]
+    /// Components are nested too deeply.
+    #[error("components are nested more than {} deep", Scene::DEPTH)]
     TooDeep,
 }
 
 impl Object {
-    /// An object of triangles with a name, to be printed.
+    /// Creates an object to print from a mesh.
     #[must_use]
     pub fn of_mesh(name: Option<String>, mesh: PaintedMesh) -> Self {
         Self { name, part_number: None, kind: ObjectKind::Model, shape: Shape::Mesh(mesh), notes: Vec::new() }
     }
 
-    /// Whether it has faces of its own.
+    /// Whether the object has faces of its own.
     #[must_use]
     pub fn has_faces(&self) -> bool {
         self.mesh().is_some_and(|mesh| !mesh.soup.faces.is_empty())
     }
 
-    /// Its triangles, if it has some of its own.
+    /// The object's own mesh; `None` for an object of components.
     #[must_use]
     pub fn mesh(&self) -> Option<&PaintedMesh> {
         match &self.shape {
@@ -148,7 +148,7 @@ impl Object {
 }
 
 impl Item {
-    /// An object in its own place.
+    /// Places an object without a transform.
     #[must_use]
     pub fn of(object: u32) -> Self {
         Self { object, transform: DAffine3::IDENTITY, name: None, part_number: None, notes: Vec::new() }
@@ -156,10 +156,10 @@ impl Item {
 }
 
 impl Scene {
-    /// The transform of an item in a frame in which `up` points up; unchanged where the scene names no up axis.
+    /// The transform of an item in a frame with `up` as the up axis. Unchanged if the scene declares no up axis.
     #[must_use]
     pub fn stood(&self, up: Up, transform: DAffine3) -> DAffine3 {
-        self.up.map_or(transform, |own| own.turned_to(up, transform))
+        self.up.map_or(transform, |own| own.rotated_to(up, transform))
     }
 }
 
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_does_not_say_how_it_stands_is_left_as_it_is() {
+    fn a_scene_without_an_up_axis_is_not_rotated() {
         let scene = Scene::default();
         assert_eq!(scene.stood(Up::Y, DAffine3::IDENTITY), DAffine3::IDENTITY);
         assert_ne!(Scene { up: Some(Up::Z), ..scene }.stood(Up::Y, DAffine3::IDENTITY), DAffine3::IDENTITY);

@@ -1,53 +1,54 @@
-//! What faces are painted with.
+//! Colours, materials and textures of faces.
 
 use std::sync::Arc;
 
 use crate::mesh::Soup;
 
-/// A mesh, and what its faces are painted with.
+/// A mesh with the paint of its faces.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PaintedMesh {
     /// The triangles.
     pub soup: Soup,
-    /// One for each face of the soup, or empty where none is painted.
+    /// Paint of each face of the soup; empty if no face is painted.
     pub paint: Vec<Paint>,
 }
 
-/// What one face is painted with: a palette of the scene, and in it an entry for each corner. Colours and places in a texture run
-/// evenly from corner to corner.
+/// Paint of one face: a palette of the scene and an entry for each corner. Colours and texture coordinates are
+/// interpolated between the corners.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Paint {
     /// Index into [`super::Scene::palettes`].
     pub palette: u32,
-    /// Entries of the palette, one a corner; of [`Palette::Materials`] all three are the same.
+    /// Palette entry of each corner; all equal for [`Palette::Materials`].
     pub at: [u32; 3],
 }
 
-/// A face that is not painted.
+/// Paint of an unpainted face.
 pub const PAINTLESS: Paint = Paint { palette: u32::MAX, at: [0; 3] };
 
-/// What faces can be painted with. Colours are sRGB with alpha, 255 being opaque.
+/// Source of the paint of faces. Colours are sRGB with alpha; 255 is opaque.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Palette {
-    /// Named materials, such as those of a printer: 3MF's base materials, OBJ's `usemtl`, glTF's materials without a texture.
+    /// Named materials, for example of a printer: 3MF base materials, OBJ `usemtl`, glTF materials without a texture.
     Materials(Vec<Material>),
-    /// Colours: 3MF's colour groups, vertex colours of PLY, OBJ and glTF.
+    /// Colours: 3MF colour groups, and vertex colours of PLY, OBJ and glTF.
     Colors(Vec<[u8; 4]>),
-    /// Places in a texture: 3MF's texture groups, `TEXCOORD_n` of glTF, `vt` of OBJ.
+    /// Texture coordinates: 3MF texture groups, glTF `TEXCOORD_n`, OBJ `vt`.
     Textured {
         /// Index into [`super::Scene::textures`].
         texture: u32,
-        /// The name of the material, where it has one.
+        /// Name of the material, if any.
         name: Option<String>,
-        /// What the texture's colours are multiplied with.
+        /// Colour that multiplies the texture.
         tint: [u8; 4],
-        /// Places, (0, 0) being the lower left corner of the picture and (1, 1) the upper right one, as in 3MF and OBJ.
+        /// Texture coordinates: (0, 0) is the lower left corner of the image and (1, 1) the upper right corner, as in
+        /// 3MF and OBJ.
         places: Vec<[f64; 2]>,
     },
 }
 
 impl Palette {
-    /// How many entries it has.
+    /// Number of entries.
     #[must_use]
     pub fn len(&self) -> usize {
         match self {
@@ -57,7 +58,7 @@ impl Palette {
         }
     }
 
-    /// The colours of three entries; none of places in a texture, or where there is no such entry.
+    /// Colours of three entries; `None` for texture coordinates and for missing entries.
     #[must_use]
     pub fn colors(&self, at: [u32; 3]) -> Option<[[u8; 4]; 3]> {
         let color = |at: u32| match self {
@@ -68,7 +69,7 @@ impl Palette {
         Some([color(at[0])?, color(at[1])?, color(at[2])?])
     }
 
-    /// Whether it has none.
+    /// Whether the palette has no entries.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -78,37 +79,37 @@ impl Palette {
 /// A material of a [`Palette`].
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Material {
-    /// Its name; empty where it has none.
+    /// Name of the material; empty if unnamed.
     pub name: String,
-    /// The colour that it is shown in.
+    /// Display colour.
     pub color: [u8; 4],
 }
 
-/// A picture that faces are painted with: the file's own bytes, which nothing here decodes.
+/// A texture image, stored as the file's undecoded bytes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Texture {
-    /// The file.
+    /// Contents of the image file.
     pub bytes: Arc<[u8]>,
     /// `image/png` or `image/jpeg`.
     pub media_type: String,
-    /// What is beyond the picture to its sides.
+    /// Horizontal wrapping.
     pub wrap_u: Wrap,
-    /// What is beyond the picture above and below.
+    /// Vertical wrapping.
     pub wrap_v: Wrap,
-    /// Whether it is to be shown with the pixel that is nearest, not smoothly.
+    /// Whether sampling uses the nearest pixel instead of interpolation.
     pub nearest: bool,
 }
 
-/// How a texture goes on beyond its picture.
+/// Wrapping of a texture beyond its image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wrap {
-    /// Again and again.
+    /// The image repeats.
     #[default]
     Repeat,
-    /// Again and again, every second time mirrored.
+    /// The image repeats, mirrored every second time.
     Mirror,
-    /// With its last pixels.
+    /// The edge pixels extend.
     Clamp,
-    /// With nothing.
+    /// No colour beyond the image.
     None,
 }

@@ -1,47 +1,48 @@
-//! What coordinates are in: the unit of length, how it is known, and the axis that points up.
+//! Units of length, the origin of a file's unit, and the up axis.
 
 use std::fmt;
 
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
-/// A unit of length: what one step along an axis is, after the units of the 3MF core specification.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// Unit of length, after the 3MF core specification.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Unit {
     /// 0.001 mm.
     #[serde(rename = "um", alias = "micrometre")]
-    #[value(name = "um", alias = "micrometre")]
+    #[cfg_attr(feature = "clap", value(name = "um", alias = "micrometre"))]
     Micrometre,
-    /// What slicers take numbers for.
+    /// 1 mm, the unit that slicers assume.
     #[default]
     #[serde(rename = "mm", alias = "millimetre")]
-    #[value(name = "mm", alias = "millimetre")]
+    #[cfg_attr(feature = "clap", value(name = "mm", alias = "millimetre"))]
     Millimetre,
     /// 10 mm.
     #[serde(rename = "cm", alias = "centimetre")]
-    #[value(name = "cm", alias = "centimetre")]
+    #[cfg_attr(feature = "clap", value(name = "cm", alias = "centimetre"))]
     Centimetre,
     /// 25.4 mm.
     #[serde(rename = "in", alias = "inch")]
-    #[value(name = "in", alias = "inch")]
+    #[cfg_attr(feature = "clap", value(name = "in", alias = "inch"))]
     Inch,
     /// 304.8 mm.
     #[serde(rename = "ft", alias = "foot")]
-    #[value(name = "ft", alias = "foot")]
+    #[cfg_attr(feature = "clap", value(name = "ft", alias = "foot"))]
     Foot,
     /// 1000 mm.
     #[serde(rename = "m", alias = "metre")]
-    #[value(name = "m", alias = "metre")]
+    #[cfg_attr(feature = "clap", value(name = "m", alias = "metre"))]
     Metre,
 }
 
 impl Unit {
-    /// Every unit, from the smallest to the largest.
+    /// All units, from smallest to largest.
     pub const ALL: [Self; 6] =
         [Self::Micrometre, Self::Millimetre, Self::Centimetre, Self::Inch, Self::Foot, Self::Metre];
 
-    /// The symbol, as options and reports have it.
+    /// Symbol of the unit, as in options and reports.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -54,7 +55,7 @@ impl Unit {
         }
     }
 
-    /// Its length in micrometres, which is a whole number for each.
+    /// Length in micrometres, a whole number for every unit.
     fn micrometres(self) -> f64 {
         match self {
             Self::Micrometre => 1.0,
@@ -66,13 +67,13 @@ impl Unit {
         }
     }
 
-    /// How many millimetres it is.
+    /// Length in millimetres.
     #[must_use]
     pub fn millimetres(self) -> f64 {
         self.to(Self::Millimetre)
     }
 
-    /// What lengths in this unit are to be multiplied with for another one.
+    /// Factor that converts lengths from this unit to another.
     #[must_use]
     pub fn to(self, other: Self) -> f64 {
         self.micrometres() / other.micrometres()
@@ -85,51 +86,57 @@ impl fmt::Display for Unit {
     }
 }
 
-/// What lengths are in.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+/// Unit of the reported lengths, and how it is known.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct LengthUnit {
-    /// The unit.
+    /// Unit of all lengths.
     pub used: Unit,
-    /// How it is known what the input's lengths are in.
+    /// Origin of the input's unit.
     pub source: UnitSource,
-    /// What the input's lengths were in, where `scale_to` brought them into another unit.
+    /// Unit of the input, if `scale_to` converted lengths to another unit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scaled_from: Option<Unit>,
-    /// Which axis the input says points up. Between formats that say so the model is turned, and in others its numbers stay.
+    /// Up axis that the input declares. Export to a format with another up axis rotates the model; export to a format
+    /// without an up axis keeps the coordinates.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub up: Option<Up>,
-    /// What to know of it, in words.
+    /// Remark about the unit, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
 }
 
-/// How the unit of a file is known.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema)]
+/// Origin of a file's unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum UnitSource {
-    /// Who sent it says so.
+    /// The request declares the unit.
     Declared,
-    /// The file says so.
+    /// The file declares the unit.
     File,
-    /// Nobody says so: millimetres, as slicers take it. STL, OBJ, PLY and OFF name no unit.
+    /// Neither the request nor the file declares a unit, so millimetres are assumed, as in slicers. STL, OBJ, PLY and
+    /// OFF store no unit.
     #[default]
     Assumed,
 }
 
-/// The axis that points up: z in 3MF, y in glTF. Other formats name none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+/// Up axis: z in 3MF, y in glTF. Other formats declare none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum Up {
-    /// The second axis.
+    /// The second axis, y.
     Y,
-    /// The third axis.
+    /// The third axis, z.
     Z,
 }
 
 impl Up {
-    /// Applies `transform`, then the quarter turn from these axes to `other`: (x, y, z) -> (x, -z, y) from y to z. Exact.
+    /// Applies `transform`, then rotates by 90 degrees from this up axis to `other`: (x, y, z) -> (x, -z, y) from y
+    /// to z. Exact.
     #[must_use]
-    pub fn turned_to(self, other: Self, transform: DAffine3) -> DAffine3 {
+    pub fn rotated_to(self, other: Self, transform: DAffine3) -> DAffine3 {
         // Adding zero turns -0.0 into 0.0.
         let turn = |v: DVec3| match (self, other) {
             (Self::Y, Self::Z) => DVec3::new(v.x, -v.z, v.y) + DVec3::ZERO,
@@ -149,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lengths_are_told_in_another_unit() {
+    fn lengths_convert_to_another_unit() {
         assert_eq!(Unit::Inch.to(Unit::Millimetre), 25.4);
         assert_eq!(Unit::Metre.to(Unit::Millimetre), 1000.0);
         assert_eq!(Unit::Foot.to(Unit::Inch), 12.0);
@@ -164,10 +171,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_turned_there_and_back_is_as_it_was() {
+    fn rotating_the_up_axis_and_back_is_the_identity() {
         let transform = DAffine3::from_cols_array(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, -1.2]);
-        assert_eq!(Up::Z.turned_to(Up::Y, Up::Y.turned_to(Up::Z, transform)), transform);
-        assert_eq!(Up::Y.turned_to(Up::Z, DAffine3::IDENTITY).transform_point3(DVec3::Y), DVec3::Z);
-        assert_eq!(Up::Z.turned_to(Up::Z, transform), transform);
+        assert_eq!(Up::Z.rotated_to(Up::Y, Up::Y.rotated_to(Up::Z, transform)), transform);
+        assert_eq!(Up::Y.rotated_to(Up::Z, DAffine3::IDENTITY).transform_point3(DVec3::Y), DVec3::Z);
+        assert_eq!(Up::Z.rotated_to(Up::Z, transform), transform);
     }
 }

@@ -1,81 +1,91 @@
+//! Collapses one edge at a time, if topology, shape, error, volume and clearance allow it.
+
 use glam::DVec3;
 
-use super::complex::{Bodies, Complex, LINE, NONE, OPEN};
 use super::deviation::{Patch, Reference, Witnesses, deviation, line_deviation};
+use super::dynamic_mesh::{DynamicMesh, LINE, NONE, OPEN, PartVolumes};
 use super::queue::Choice;
 use super::validity::{Clearance, Shape, shape};
 use crate::mesh::{Edges, Parts};
 
-/// Most faces around the two ends of an edge that collapses, so that a vertex of very many faces does not make it quadratic.
-const MOST_FACES: u32 = 512;
-/// Distances below this, in the range of exact predicates, are rounding.
-const ROUNDING: f64 = 4e-15;
-/// By how many times the bound may be larger than what is measured: each face has been changed by three collapses while their
-/// number halves, and each time the error doubles, which adds up to some seven times the last.
-const BOUND: f64 = 8.0;
-/// A closed part may shrink to this share of its volume.
-const LEAST_VOLUME: f64 = 0.5;
+/// Maximum faces around the two ends of a collapsing edge. The limit avoids quadratic time at vertices with very many
+/// faces.
+const MAX_FACES: u32 = 512;
+/// Distances below this count as rounding, in the scaled coordinates of the exact predicates.
+const ROUNDING_DISTANCE: f64 = 4e-15;
+/// Maximum ratio of the error bound to `max_error`, which limits the measured error. While the number of faces halves,
+/// about three collapses change each face and the error doubles. The sum is therefore about seven times the last error.
+const MAX_BOUND_RATIO: f64 = 8.0;
+/// Smallest share of its volume to which a closed part may shrink. It may grow by the inverse.
+const MIN_VOLUME_SHARE: f64 = 0.5;
 
-/// What became of an edge.
+/// The result of an attempted collapse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Attempt {
+    /// The edge collapsed.
     Done,
-    /// It would make slender faces: to be tried again when cheaper ones are done.
+    /// The collapse would create slender faces; it is tried again after cheaper ones.
     Later,
-    Refused(Why),
+    /// The collapse was refused.
+    Refused(Refusal),
 }
 
-/// Why an edge stays.
+/// Why a collapse was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Why {
-    /// The surface would not be the same any more: a handle, a part or a line would vanish.
+pub(super) enum Refusal {
+    /// The topology would change: a handle, a part or a line would vanish.
     Topology,
-    /// A face would turn over or become a needle.
+    /// A face would flip or become a needle.
     Shape,
-    /// The error would be too large.
+    /// The error would exceed its bound.
     Error,
     /// Faces would intersect.
     Clearance,
 }
 
-impl Why {
+impl Refusal {
+    /// All reasons, in words that follow a number of collapses.
     pub const ALL: [(Self, &'static str); 4] = [
-        (Self::Topology, "to keep holes, parts and lines"),
-        (Self::Shape, "since faces would turn over or become needles"),
-        (Self::Error, "since the error would be too large"),
-        (Self::Clearance, "since faces would intersect"),
+        (Self::Topology, "collapses would change holes, parts or sharp edges"),
+        (Self::Shape, "collapses would flip faces or create needles"),
+        (Self::Error, "collapses would exceed the maximum error"),
+        (Self::Clearance, "collapses would make faces intersect"),
     ];
 }
 
-/// How far a face is from the surface at the start, in the range of exact predicates.
+/// The distance of a face from the original surface, in the scaled coordinates of the exact predicates.
 #[derive(Debug, Clone, Copy)]
-struct Errors {
+struct FaceError {
     error: f64,
     bound: f64,
-    /// Whether the witnesses were asked.
+    /// Whether the error was measured at the witnesses.
     measured: bool,
 }
 
-/// Collapses edges one by one, or refuses.
+/// Collapses edges one by one, or refuses to.
 pub(super) struct Collapser<'a> {
-    pub it: Complex,
-    pub bodies: Bodies,
+    /// The current faces.
+    pub mesh: DynamicMesh,
+    /// The parts of the original surface, and their volumes.
+    pub part_volumes: PartVolumes,
+    /// The search for intersecting faces.
     pub clearance: Clearance,
     witnesses: Witnesses,
-    /// In the range of exact predicates.
+    /// Maximum error, in the scaled coordinates of the exact predicates.
     pub max_error: f64,
-    /// One over the scale of that range.
+    /// The inverse of the coordinate scale.
     pub unscale: f64,
+    /// A further surface to stay near.
     pub toward: Option<Reference<'a>>,
-    /// The largest bound so far.
+    /// The largest error bound so far.
     pub bound: f64,
     epoch: u32,
     vertex_mark: Vec<u32>,
     face_mark: Vec<u32>,
-    /// The corners of both ends.
-    gone: Vec<u32>,
+    /// Corners of the removed vertex.
+    removed: Vec<u32>,
     kept: Vec<u32>,
-    /// Faces that change and stay, with their corners then.
+    /// Faces that change but stay, with their new corners.
     changed: Vec<(u32, [u32; 3])>,
     vanishing: Vec<[DVec3; 3]>,
     vanishing_faces: Vec<u32>,
@@ -85,20 +95,27 @@ pub(super) struct Collapser<'a> {
 }
 
 impl<'a> Collapser<'a> {
-    pub fn new(it: Complex, bodies: Bodies, max_error: f64, unscale: f64, toward: Option<Reference<'a>>) -> Self {
+    /// Prepares the search structures for a mesh.
+    pub fn new(
+        mesh: DynamicMesh,
+        part_volumes: PartVolumes,
+        max_error: f64,
+        unscale: f64,
+        toward: Option<Reference<'a>>,
+    ) -> Self {
         Self {
-            clearance: Clearance::new(&it),
-            witnesses: Witnesses::new(it.at.clone(), it.faces.clone()),
-            bodies,
+            clearance: Clearance::new(&mesh),
+            witnesses: Witnesses::new(mesh.at.clone(), mesh.faces.clone()),
+            part_volumes,
             max_error,
             unscale,
             toward,
             bound: 0.0,
             epoch: 0,
-            vertex_mark: vec![0; it.at.len()],
-            face_mark: vec![0; it.faces.len()],
-            it,
-            gone: Vec::new(),
+            vertex_mark: vec![0; mesh.at.len()],
+            face_mark: vec![0; mesh.faces.len()],
+            mesh,
+            removed: Vec::new(),
             kept: Vec::new(),
             changed: Vec::new(),
             vanishing: Vec::new(),
@@ -109,60 +126,61 @@ impl<'a> Collapser<'a> {
         }
     }
 
-    /// Collapses an edge, if all that must hold does afterwards. `patient` says that it has waited for others already.
-    pub fn attempt(&mut self, choice: Choice, patient: bool) -> Attempt {
-        let Choice { gone, kept, at, .. } = choice;
-        if self.it.degree[gone as usize] + self.it.degree[kept as usize] > MOST_FACES {
-            return Attempt::Refused(Why::Topology);
+    /// Collapses an edge if every condition holds. `deferred` means that the edge was already postponed once.
+    pub fn attempt(&mut self, choice: Choice, deferred: bool) -> Attempt {
+        let Choice { removed, kept, at, .. } = choice;
+        if self.mesh.degree[removed as usize] + self.mesh.degree[kept as usize] > MAX_FACES {
+            return Attempt::Refused(Refusal::Topology);
         }
-        self.it.star(gone, &mut self.gone);
-        self.it.star(kept, &mut self.kept);
-        let moved = at != self.it.at[kept as usize];
-        let Some(line) = self.keeps_topology(gone, kept) else { return Attempt::Refused(Why::Topology) };
-        self.list_changes(gone, kept, at, moved);
+        self.mesh.star(removed, &mut self.removed);
+        self.mesh.star(kept, &mut self.kept);
+        let moved = at != self.mesh.at[kept as usize];
+        let Some(line) = self.keeps_topology(removed, kept) else { return Attempt::Refused(Refusal::Topology) };
+        self.list_changes(removed, kept, at, moved);
         match shape(&self.vanishing, &self.shapes) {
-            Shape::Bad => return Attempt::Refused(Why::Shape),
-            Shape::Poor if !patient => return Attempt::Later,
+            Shape::Bad => return Attempt::Refused(Refusal::Shape),
+            Shape::Poor if !deferred => return Attempt::Later,
             _ => {}
         }
-        let Some(error) = self.error_of(choice, moved, line) else { return Attempt::Refused(Why::Error) };
-        let Some(volume) = self.keeps_volume(kept, at) else { return Attempt::Refused(Why::Shape) };
-        let was = std::mem::replace(&mut self.it.at[kept as usize], at);
+        let Some(error) = self.error_of(choice, moved, line) else { return Attempt::Refused(Refusal::Error) };
+        let Some(volume) = self.keeps_volume(kept, at) else { return Attempt::Refused(Refusal::Shape) };
+        let old_position = std::mem::replace(&mut self.mesh.at[kept as usize], at);
         let new: Vec<[u32; 3]> = self.changed.iter().map(|(_, face)| *face).collect();
         let (marks, epoch) = (&self.face_mark, self.epoch);
-        if !self.clearance.is_clear(&self.it, &new, |f| marks[f as usize] == epoch) {
-            self.it.at[kept as usize] = was;
-            return Attempt::Refused(Why::Clearance);
+        if !self.clearance.is_clear(&self.mesh, &new, |f| marks[f as usize] == epoch) {
+            self.mesh.at[kept as usize] = old_position;
+            return Attempt::Refused(Refusal::Clearance);
         }
         if !error.measured {
-            self.gather(gone, kept, moved);
+            self.gather(removed, kept, moved);
             self.witnesses.assign(&self.new.faces, at);
         }
         let old = self.changed.iter().map(|(f, _)| *f).chain(self.vanishing_faces.iter().copied());
-        self.witnesses.settle(old, |i| self.changed[i as usize].0);
-        self.apply(gone, kept, error);
+        self.witnesses.transfer(old, |i| self.changed[i as usize].0);
+        self.apply(removed, kept, error);
         if let Some((part, volume)) = volume {
-            self.bodies.volumes[part] = Some(volume);
+            self.part_volumes.volumes[part] = Some(volume);
         }
         self.bound = self.bound.max(error.bound);
         Attempt::Done
     }
 
-    /// Whether the link condition holds (Dey et al. 1999): the neighbours that both ends have are those of their common
-    /// faces, and no edge has both ends' faces across it. Answers where a line goes on beyond the vertex that goes, with
-    /// the marks of its edges, or none where it is on no line. Marks the faces of the vertex that goes.
-    fn keeps_topology(&mut self, gone: u32, kept: u32) -> Option<Option<(u32, u8)>> {
+    /// Checks the link condition (Dey et al. 1999): the common neighbours of both ends must be those of their common
+    /// faces, and no edge between common neighbours may have faces of both ends. Returns where the line through the
+    /// removed vertex continues, with the marks of that edge; none inside if the vertex is on no line. Marks the faces
+    /// of the removed vertex.
+    fn keeps_topology(&mut self, removed: u32, kept: u32) -> Option<Option<(u32, u8)>> {
         if self.epoch > u32::MAX - 4 {
             self.epoch = 0;
             self.vertex_mark.fill(0);
             self.face_mark.fill(0);
         }
         self.epoch += 2;
-        let (epoch, it) = (self.epoch, &self.it);
-        let vertex = |corner: u32| it.faces[corner as usize / 3][corner as usize % 3];
+        let (epoch, mesh) = (self.epoch, &self.mesh);
+        let vertex = |corner: u32| mesh.faces[corner as usize / 3][corner as usize % 3];
         let others = |corner: u32| [vertex(Edges::next(corner)), vertex(Edges::previous(corner))];
         let mut shared = 0;
-        for &corner in &self.gone {
+        for &corner in &self.removed {
             self.face_mark[corner as usize / 3] = epoch;
             let around = others(corner);
             shared += usize::from(around.contains(&kept));
@@ -170,7 +188,7 @@ impl<'a> Collapser<'a> {
         }
         let mut common = 0;
         for v in self.kept.iter().flat_map(|&corner| others(corner)) {
-            if v != gone && self.vertex_mark[v as usize] == epoch {
+            if v != removed && self.vertex_mark[v as usize] == epoch {
                 self.vertex_mark[v as usize] = epoch + 1;
                 common += 1;
             }
@@ -181,15 +199,15 @@ impl<'a> Collapser<'a> {
         let across = |corners: &[u32]| {
             corners.iter().any(|&corner| others(corner).iter().all(|&v| self.vertex_mark[v as usize] == epoch + 1))
         };
-        if across(&self.gone) && across(&self.kept) {
+        if across(&self.removed) && across(&self.kept) {
             return None;
         }
         let mut line = None;
-        for &corner in &self.gone {
+        for &corner in &self.removed {
             for (edge, v) in
                 [(corner, vertex(Edges::next(corner))), (Edges::previous(corner), vertex(Edges::previous(corner)))]
             {
-                let marks = it.marks(edge);
+                let marks = mesh.marks(edge);
                 if marks & LINE == 0 || v == kept {
                     continue;
                 }
@@ -203,52 +221,52 @@ impl<'a> Collapser<'a> {
         Some(line)
     }
 
-    /// Lists what changes, and the patches before and after.
-    fn list_changes(&mut self, gone: u32, kept: u32, at: DVec3, moved: bool) {
-        let Self { it, changed, vanishing, vanishing_faces, shapes, old, new, face_mark, epoch, .. } = self;
+    /// Lists the changing faces, and the patches before and after the collapse.
+    fn list_changes(&mut self, removed: u32, kept: u32, at: DVec3, moved: bool) {
+        let Self { mesh, changed, vanishing, vanishing_faces, shapes, old, new, face_mark, epoch, .. } = self;
         changed.clear();
         vanishing.clear();
         vanishing_faces.clear();
         shapes.clear();
         old.clear();
         new.clear();
-        let place = |v: u32| if v == kept { at } else { it.at[v as usize] };
+        let position = |v: u32| if v == kept { at } else { mesh.at[v as usize] };
         let of_kept: &[u32] = if moved { &self.kept } else { &[] };
-        for &corner in self.gone.iter().chain(of_kept) {
+        for &corner in self.removed.iter().chain(of_kept) {
             let f = corner as usize / 3;
-            let face = it.faces[f];
-            if face.contains(&gone) && face[corner as usize % 3] == kept {
+            let face = mesh.faces[f];
+            if face.contains(&removed) && face[corner as usize % 3] == kept {
                 continue;
             }
-            let before = it.corners(f);
+            let before = mesh.corners(f);
             old.faces.push(before);
             face_mark[f] = *epoch;
-            if face.contains(&kept) && face.contains(&gone) {
+            if face.contains(&kept) && face.contains(&removed) {
                 vanishing.push(before);
                 vanishing_faces.push(u32::try_from(f).unwrap_or(NONE));
                 continue;
             }
-            let then = face.map(|v| if v == gone { kept } else { v });
-            let after = then.map(place);
+            let then = face.map(|v| if v == removed { kept } else { v });
+            let after = then.map(position);
             changed.push((u32::try_from(f).unwrap_or(NONE), then));
             shapes.push((before, after));
             new.faces.push(after);
         }
-        old.middles.push(it.at[gone as usize]);
+        old.centres.push(mesh.at[removed as usize]);
         if moved {
-            old.middles.push(it.at[kept as usize]);
-            new.middles.push(at);
+            old.centres.push(mesh.at[kept as usize]);
+            new.centres.push(at);
         }
-        let vertex = |corner: u32| it.faces[corner as usize / 3][corner as usize % 3];
+        let vertex = |corner: u32| mesh.faces[corner as usize / 3][corner as usize % 3];
         let target = if moved { NONE } else { kept };
-        for (&corner, centre) in self.gone.iter().map(|c| (c, gone)).chain(of_kept.iter().map(|c| (c, kept))) {
-            let open = (it.marks(Edges::previous(corner)) & OPEN != 0).then(|| Edges::previous(corner));
+        for (&corner, centre) in self.removed.iter().map(|c| (c, removed)).chain(of_kept.iter().map(|c| (c, kept))) {
+            let open = (mesh.marks(Edges::previous(corner)) & OPEN != 0).then(|| Edges::previous(corner));
             for v in [Some(Edges::next(corner)), open].into_iter().flatten().map(vertex) {
-                if v == gone {
+                if v == removed {
                     continue;
                 }
-                let end = it.at[v as usize];
-                old.spokes.push(([it.at[centre as usize], end], [v, centre]));
+                let end = mesh.at[v as usize];
+                old.spokes.push(([mesh.at[centre as usize], end], [v, centre]));
                 if v != kept {
                     new.spokes.push(([at, end], [v, target]));
                 }
@@ -256,58 +274,60 @@ impl<'a> Collapser<'a> {
         }
     }
 
-    /// The error of the faces that change, unless it is too large: what it was and what is added, or what is measured.
-    fn error_of(&mut self, choice: Choice, moved: bool, line: Option<(u32, u8)>) -> Option<Errors> {
-        let Choice { gone, kept, at, .. } = choice;
-        let it = &self.it;
-        let [p, q] = [gone, kept].map(|v| it.at[v as usize]);
-        // Each face moved along with its corner is a map from one to the other too.
+    /// The error of the changing faces: the previous error plus the step, or the measured error. None if the error is
+    /// too large.
+    fn error_of(&mut self, choice: Choice, moved: bool, line: Option<(u32, u8)>) -> Option<FaceError> {
+        let Choice { removed, kept, at, .. } = choice;
+        let mesh = &self.mesh;
+        let [p, q] = [removed, kept].map(|v| mesh.at[v as usize]);
+        // Moving each face with its corner also maps one patch to the other.
         let step = deviation(&self.old, &self.new, at).unwrap_or_else(|| at.distance(p).max(at.distance(q)));
         let step = match line {
             Some((beyond, marks)) => {
-                let aside = line_deviation(p, [it.at[beyond as usize], at]);
-                // Beside an open line there is surface on one side only, which then ends elsewhere.
+                let aside = line_deviation(p, [mesh.at[beyond as usize], at]);
+                // An open line has surface on one side only, so moving the line also moves the end of the surface.
                 if marks & OPEN != 0 { step + aside } else { step.max(aside) }
             }
             None => step,
         };
-        let step = if step < ROUNDING { 0.0 } else { step };
+        let step = if step < ROUNDING_DISTANCE { 0.0 } else { step };
         let of_kept: &[u32] = if moved { &self.kept } else { &[] };
-        let faces = || self.gone.iter().chain(of_kept).map(|&corner| corner as usize / 3);
-        let bound = f64::from(faces().map(|f| it.bound[f]).fold(0.0, f32::max)) + step;
-        let error = f64::from(faces().map(|f| it.error[f]).fold(0.0, f32::max)) + step;
-        if bound > BOUND * self.max_error || !self.stays_near_reference() {
+        let faces = || self.removed.iter().chain(of_kept).map(|&corner| corner as usize / 3);
+        let bound = f64::from(faces().map(|f| mesh.bound[f]).fold(0.0, f32::max)) + step;
+        let error = f64::from(faces().map(|f| mesh.error[f]).fold(0.0, f32::max)) + step;
+        if bound > MAX_BOUND_RATIO * self.max_error || !self.stays_near_reference() {
             return None;
         }
         if error <= self.max_error {
-            return Some(Errors { error, bound, measured: false });
+            return Some(FaceError { error, bound, measured: false });
         }
-        self.gather(gone, kept, moved);
+        self.gather(removed, kept, moved);
         let error = self.measured(at, moved)?;
-        Some(Errors { error, bound, measured: true })
+        Some(FaceError { error, bound, measured: true })
     }
 
-    /// Gathers the witnesses of all that changes.
-    fn gather(&mut self, gone: u32, kept: u32, moved: bool) {
+    /// Gathers the witnesses of all changing faces.
+    fn gather(&mut self, removed: u32, kept: u32, moved: bool) {
         let faces = self.changed.iter().map(|(f, _)| *f).chain(self.vanishing_faces.iter().copied());
-        self.witnesses.gather(faces, &[gone, kept][..1 + usize::from(moved)]);
+        self.witnesses.gather(faces, &[removed, kept][..1 + usize::from(moved)]);
     }
 
-    /// How far the new faces are from the surface at the start where that is asked: at its vertices, and at the middles of the new
-    /// faces and of their edges, and at the new position. None where that is too far.
+    /// The measured distance of the new faces from the original surface: at the original vertices, at the centroids and
+    /// edge midpoints of the new faces, and at the new position. None if the distance exceeds the maximum error.
     fn measured(&mut self, at: DVec3, moved: bool) -> Option<f64> {
         let mut most = self.witnesses.farthest(&self.new.faces);
         if most > self.max_error {
             return None;
         }
-        let middles = |&[a, b, c]: &[DVec3; 3]| [a.midpoint(b), b.midpoint(c), c.midpoint(a), (a + b + c) / 3.0];
-        for p in self.new.faces.iter().flat_map(middles).chain(moved.then_some(at)) {
+        let test_points = |&[a, b, c]: &[DVec3; 3]| [a.midpoint(b), b.midpoint(c), c.midpoint(a), (a + b + c) / 3.0];
+        for p in self.new.faces.iter().flat_map(test_points).chain(moved.then_some(at)) {
             most = most.max(self.witnesses.distance(p, self.max_error)?);
         }
         Some(most)
     }
 
-    /// Whether the new faces are as near to the reference as was asked, or as the faces before them were.
+    /// Whether the new faces are within the maximum error of the reference, or as near to it as the previous faces
+    /// were.
     fn stays_near_reference(&self) -> bool {
         let Some(reference) = &self.toward else { return true };
         let distance = |faces: &[[DVec3; 3]], bound: f64| {
@@ -325,83 +345,84 @@ impl<'a> Collapser<'a> {
         let most = self.max_error * self.unscale;
         distance(&self.new.faces, most).is_some()
             || distance(&self.old.faces, f64::INFINITY)
-                .is_some_and(|was| was > most && distance(&self.new.faces, was).is_some())
+                .is_some_and(|before| before > most && distance(&self.new.faces, before).is_some())
     }
 
-    /// The volume that the closed part of a vertex has then, unless that is less than half of what it was or more than
-    /// twice as much; with its part.
-    #[expect(clippy::option_option, reason = "nothing to keep is not the same as not kept")]
+    /// The new volume of the vertex's closed part, with the part's index. None if the volume falls below half of the
+    /// original volume or exceeds twice that volume.
+    #[expect(clippy::option_option, reason = "no volume to check differs from a failed check")]
     fn keeps_volume(&self, kept: u32, at: DVec3) -> Option<Option<(usize, [f64; 2])>> {
-        let part = self.bodies.of_vertex[kept as usize];
-        let volume = if part == Parts::NONE { None } else { self.bodies.volumes[part as usize] };
+        let part = self.part_volumes.of_vertex[kept as usize];
+        let volume = if part == Parts::NONE { None } else { self.part_volumes.volumes[part as usize] };
         let Some([now, start]) = volume else { return Some(None) };
-        // Both patches have one rim, so that any origin gives the difference.
+        // Both patches have the same rim, so any origin gives the same difference.
         let sum =
             |faces: &[[DVec3; 3]]| faces.iter().map(|f| f.map(|p| p - at)).map(|[a, b, c]| a.dot(b.cross(c))).sum();
         let (removed, added): (f64, f64) = (sum(&self.old.faces), sum(&self.new.faces));
         let then = now + added - removed;
         let share = then / start;
-        // A part that encloses nothing has no volume to lose.
-        let fine = start == 0.0 || (LEAST_VOLUME..=1.0 / LEAST_VOLUME).contains(&share);
-        fine.then_some(Some((part as usize, [then, start])))
+        // A part without volume has no volume to lose.
+        let is_allowed = start == 0.0 || (MIN_VOLUME_SHARE..=1.0 / MIN_VOLUME_SHARE).contains(&share);
+        is_allowed.then_some(Some((part as usize, [then, start])))
     }
 
-    /// Makes the change that was listed.
-    fn apply(&mut self, gone: u32, kept: u32, error: Errors) {
-        let it = &mut self.it;
-        let vertex = |it: &Complex, corner: u32| it.faces[corner as usize / 3][corner as usize % 3];
-        // The edge from the vertex that goes becomes that from the one that stays, with its marks.
-        for i in 0..self.gone.len() {
-            let corner = self.gone[i];
+    /// Applies the listed changes.
+    fn apply(&mut self, removed: u32, kept: u32, error: FaceError) {
+        let mesh = &mut self.mesh;
+        let vertex = |mesh: &DynamicMesh, corner: u32| mesh.faces[corner as usize / 3][corner as usize % 3];
+        // The removed vertex's edges become edges of the kept vertex, with their marks.
+        for i in 0..self.removed.len() {
+            let corner = self.removed[i];
             let (next, last) = (Edges::next(corner), Edges::previous(corner));
-            let (tip, edge) = if vertex(it, next) == kept {
-                (vertex(it, last), next)
-            } else if vertex(it, last) == kept {
-                (vertex(it, next), next)
+            let (tip, edge) = if vertex(mesh, next) == kept {
+                (vertex(mesh, last), next)
+            } else if vertex(mesh, last) == kept {
+                (vertex(mesh, next), next)
             } else {
                 continue;
             };
-            // Corners run gone, kept, tip or gone, tip, kept: either way the edge between kept and tip starts at `next`.
-            let marks = it.marks(edge);
-            for &other in &self.gone {
-                if vertex(it, Edges::next(other)) == tip {
-                    it.mark(other, marks);
+            // Corners are in the order removed, kept, tip or removed, tip, kept. In both cases the edge between kept
+            // and tip starts at `next`.
+            let marks = mesh.marks(edge);
+            for &other in &self.removed {
+                if vertex(mesh, Edges::next(other)) == tip {
+                    mesh.mark(other, marks);
                 }
-                if vertex(it, Edges::previous(other)) == tip {
-                    it.mark(Edges::previous(other), marks);
+                if vertex(mesh, Edges::previous(other)) == tip {
+                    mesh.mark(Edges::previous(other), marks);
                 }
             }
         }
-        for i in 0..self.gone.len() {
-            let f = self.gone[i] as usize / 3;
-            if it.faces[f].contains(&kept) {
-                for v in it.faces[f] {
-                    it.degree[v as usize] -= 1;
+        for i in 0..self.removed.len() {
+            let f = self.removed[i] as usize / 3;
+            if mesh.faces[f].contains(&kept) {
+                for v in mesh.faces[f] {
+                    mesh.degree[v as usize] -= 1;
                 }
-                it.faces[f] = [NONE; 3];
-                it.alive -= 1;
+                mesh.faces[f] = [NONE; 3];
+                mesh.alive -= 1;
             }
         }
         #[expect(clippy::cast_possible_truncation, reason = "rounded up")]
         let up = |x: f64| if x > 0.0 { (x as f32).next_up() } else { 0.0 };
         for (f, face) in &self.changed {
-            it.faces[*f as usize] = *face;
-            it.error[*f as usize] = up(error.error);
-            it.bound[*f as usize] = up(error.bound);
-            it.flat[*f as usize] = false;
+            mesh.faces[*f as usize] = *face;
+            mesh.error[*f as usize] = up(error.error);
+            mesh.bound[*f as usize] = up(error.bound);
+            mesh.flat[*f as usize] = false;
         }
-        let stays = |corner: &u32| it.faces[*corner as usize / 3][0] != NONE;
-        let corners: Vec<u32> = self.kept.iter().chain(&self.gone).copied().filter(stays).collect();
-        it.set_star(kept, &corners);
-        it.set_star(gone, &[]);
-        let quadric = it.quadric[gone as usize];
-        it.quadric[kept as usize].add(&quadric);
-        for v in [gone, kept] {
-            it.version[v as usize] = it.version[v as usize].wrapping_add(1);
+        let stays = |corner: &u32| mesh.faces[*corner as usize / 3][0] != NONE;
+        let corners: Vec<u32> = self.kept.iter().chain(&self.removed).copied().filter(stays).collect();
+        mesh.set_star(kept, &corners);
+        mesh.set_star(removed, &[]);
+        let quadric = mesh.quadric[removed as usize];
+        mesh.quadric[kept as usize].add(&quadric);
+        for v in [removed, kept] {
+            mesh.version[v as usize] = mesh.version[v as usize].wrapping_add(1);
         }
         for (f, _) in &self.changed {
-            self.clearance.grow(it, *f);
+            self.clearance.grow(mesh, *f);
         }
-        self.clearance.refresh(it);
+        self.clearance.refresh(mesh);
     }
 }

@@ -1,32 +1,35 @@
-//! Large surfaces simplified in slabs side by side, and then once more as a whole where the slabs meet.
+//! Simplifies large surfaces in parallel slabs, and then once more as a whole to treat the seams between slabs.
 
 use std::ops::Range;
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::decimate::{Held, Simplified, Simplify};
+use super::decimate::{Constraints, Simplified, Simplify};
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
 
-/// Faces of a slab, about. The number of slabs follows from the surface alone, so the result does not depend on the threads.
-const FACES_A_SLAB: usize = 40_000;
-const MOST_SLABS: usize = 64;
-/// Share of the error that slabs may use up; the rest is for where they meet.
-const SHARE_OF_SLABS: f64 = 0.6;
+/// Approximate number of faces of a slab. The slabs depend on the surface alone, so the result does not depend on the
+/// number of threads.
+const FACES_PER_SLAB: usize = 40_000;
+const MAX_SLABS: usize = 64;
+/// Share of the maximum error available to the slabs; the rest is for the seams.
+const SLAB_ERROR_SHARE: f64 = 0.6;
 
-/// A slab of a surface as a surface of its own, with the faces that cross its ends as obstacles.
+/// A slab of a surface as a separate surface, with the faces that cross its ends as obstacles.
 struct Slab {
     surface: Surface,
-    /// Faces that cross an end, which are the first, and the vertices of the whole surface that stay, which are the first as well.
+    /// Number of faces that cross an end. These faces come first.
     seam_faces: usize,
+    /// The vertices of the whole surface that the slab's first vertices are. They stay.
     seam: Vec<u32>,
+    /// The coordinates of the slab along the axis.
     range: Range<f64>,
 }
 
 /// Whether a surface is large enough for slabs.
 pub(super) fn is_large(surface: &Surface) -> bool {
-    surface.faces.len() >= 2 * FACES_A_SLAB
+    surface.faces.len() >= 2 * FACES_PER_SLAB
 }
 
 /// Simplifies a surface in slabs across its longest side.
@@ -34,17 +37,18 @@ pub(super) fn is_large(surface: &Surface) -> bool {
 /// ```text
 ///      slab 0  :  slab 1  :  slab 2
 ///    +-------+---+------+---+-------+
-///    |       |///|      |///|       |       ///  faces that cross a plane between two slabs: they stay, with all their vertices
+///    |       |///|      |///|       |       ///  faces across a plane between slabs: they stay, with all vertices
 ///    +-------+---+------+---+-------+
 /// ```
 ///
-/// Faces with all vertices on one side of a plane never meet those with all vertices on the other, so slabs are independent of each
-/// other as long as no vertex leaves its slab. The volume of parts that reach over several slabs is held by the pass over the whole.
+/// Faces with all vertices on one side of a plane never meet those on the other side. Slabs are therefore independent
+/// as long as no vertex leaves its slab. The final pass over the whole surface checks the volume of parts that extend
+/// over several slabs.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop; the surface is then unchanged.
+/// [`Cancelled`] if the work is cancelled; the surface is then unchanged.
 pub(super) fn simplify_in_slabs(
-    how: &Simplify<'_>,
+    options: &Simplify<'_>,
     surface: &mut Surface,
     context: &Context<'_>,
 ) -> Result<Simplified, Cancelled> {
@@ -53,44 +57,48 @@ pub(super) fn simplify_in_slabs(
     let planes = planes(surface, axis);
     let slab_of: Vec<u32> = surface.positions.iter().map(|p| slab_at(&planes, p[axis])).collect();
     let mut slabs: Vec<Slab> =
-        (0..=planes.len()).into_par_iter().map(|slab| cut_out(surface, &slab_of, slab, &planes)).collect();
-    let own = Simplify { max_error: how.max_error * SHARE_OF_SLABS, ..*how };
+        (0..=planes.len()).into_par_iter().map(|slab| extract_slab(surface, &slab_of, slab, &planes)).collect();
+    let own = Simplify { max_error: options.max_error * SLAB_ERROR_SHARE, ..*options };
     let done: Vec<Simplified> = slabs
         .par_iter_mut()
         .map(|slab| {
             let mut fixed = vec![true; slab.seam.len()];
             fixed.resize(slab.surface.positions.len(), false);
-            let held = Held { fixed, slab: Some((axis, slab.range.clone())) };
-            own.apply_held(&mut slab.surface, &held, context)
+            let constraints = Constraints { fixed, slab: Some((axis, slab.range.clone())) };
+            own.apply_constrained(&mut slab.surface, &constraints, context)
         })
         .collect::<Result<_, _>>()?;
-    let mut whole = joined(surface, &slab_of, slabs);
+    let mut whole = combined(surface, &slab_of, slabs);
     let most = |of: fn(&Simplified) -> f64| done.iter().map(of).fold(0.0, f64::max);
-    let (error, bound) = (most(|it| it.error), most(|it| it.bound));
-    let is_late = done.iter().any(|it| it.is_late);
-    let rest = Simplify { max_error: how.max_error - error, ..*how };
-    let last =
-        if is_late { None } else { context.unless_late(rest.apply_held(&mut whole, &Held::default(), context))? };
+    let (error, bound) = (most(|slab| slab.error), most(|slab| slab.bound));
+    let is_late = done.iter().any(|slab| slab.is_late);
+    let rest = Simplify { max_error: options.max_error - error, ..*options };
+    let last = if is_late {
+        None
+    } else {
+        context.unless_late(rest.apply_constrained(&mut whole, &Constraints::default(), context))?
+    };
     *surface = whole;
     Ok(Simplified {
         faces_before,
         faces_after: surface.faces.len() as u64,
-        error: error + last.as_ref().map_or(0.0, |it| it.error),
-        bound: bound + last.as_ref().map_or(0.0, |it| it.bound),
-        left: last.as_ref().and_then(|it| it.left.clone()),
-        is_late: last.is_none_or(|it| it.is_late),
+        error: error + last.as_ref().map_or(0.0, |pass| pass.error),
+        bound: bound + last.as_ref().map_or(0.0, |pass| pass.bound),
+        shortfall: last.as_ref().and_then(|pass| pass.shortfall.clone()),
+        is_late: last.is_none_or(|pass| pass.is_late),
     })
 }
 
+/// The axis along which the surface is longest.
 fn longest_axis(surface: &Surface) -> usize {
     let bounds = surface.bounds();
     let size = (bounds.max - bounds.min).to_array();
     (0..3).max_by(|&a, &b| size[a].total_cmp(&size[b]).then(b.cmp(&a))).unwrap_or(0)
 }
 
-/// The coordinates between slabs of about as many vertices each, ascending.
+/// The coordinates that separate slabs with about equal numbers of vertices, in ascending order.
 fn planes(surface: &Surface, axis: usize) -> Vec<f64> {
-    let count = (surface.faces.len() / FACES_A_SLAB).clamp(2, MOST_SLABS);
+    let count = (surface.faces.len() / FACES_PER_SLAB).clamp(2, MAX_SLABS);
     let mut coordinates: Vec<f64> = surface.positions.iter().map(|p| p[axis]).collect();
     coordinates.par_sort_unstable_by(f64::total_cmp);
     let mut planes: Vec<f64> = (1..count).map(|i| coordinates[i * coordinates.len() / count]).collect();
@@ -98,18 +106,19 @@ fn planes(surface: &Surface, axis: usize) -> Vec<f64> {
     planes
 }
 
-/// The slab of a coordinate: how many planes are at or below it.
+/// The slab that contains a coordinate: the number of planes at or below it.
 fn slab_at(planes: &[f64], x: f64) -> u32 {
     u32::try_from(planes.partition_point(|plane| *plane <= x)).unwrap_or(u32::MAX)
 }
 
-/// The first and the last slab with a vertex of a face.
+/// The first and the last slab that contain a vertex of a face.
 fn reach(slab_of: &[u32], face: &[u32; 3]) -> [u32; 2] {
     let [a, b, c] = face.map(|v| slab_of[v as usize]);
     [a.min(b).min(c), a.max(b).max(c)]
 }
 
-fn cut_out(surface: &Surface, slab_of: &[u32], slab: usize, planes: &[f64]) -> Slab {
+/// Extracts a slab.
+fn extract_slab(surface: &Surface, slab_of: &[u32], slab: usize, planes: &[f64]) -> Slab {
     let from = slab.checked_sub(1).map_or(f64::NEG_INFINITY, |below| planes[below]);
     let range = from..planes.get(slab).copied().unwrap_or(f64::INFINITY);
     let own = |[first, last]: [u32; 2]| first == last && first as usize == slab;
@@ -122,7 +131,7 @@ fn cut_out(surface: &Surface, slab_of: &[u32], slab: usize, planes: &[f64]) -> S
     faces.extend(inner);
     let mut number = vec![u32::MAX; surface.positions.len()];
     let (mut seam, mut positions): (Vec<u32>, Vec<DVec3>) = (Vec::new(), Vec::new());
-    // By first use, which is the order in which the simplified slab has them as well.
+    // Numbers vertices by first use, like the simplified slab.
     let mut add = |v: u32, positions: &mut Vec<DVec3>| {
         let slot = &mut number[v as usize];
         if *slot == u32::MAX {
@@ -141,8 +150,8 @@ fn cut_out(surface: &Surface, slab_of: &[u32], slab: usize, planes: &[f64]) -> S
     Slab { surface: Surface { positions, faces: corners, source }, seam_faces, seam, range }
 }
 
-/// The faces that cross planes as they were, and what is left of each slab.
-fn joined(surface: &Surface, slab_of: &[u32], slabs: Vec<Slab>) -> Surface {
+/// Combines the unchanged faces that cross planes with the simplified slabs.
+fn combined(surface: &Surface, slab_of: &[u32], slabs: Vec<Slab>) -> Surface {
     let mut whole = Surface::default();
     let mut number = vec![u32::MAX; surface.positions.len()];
     let mut at = |v: u32, whole: &mut Surface| {

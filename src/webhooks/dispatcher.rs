@@ -1,4 +1,4 @@
-//! Deliveries that are due: claimed, signed, sent, and tried again by a schedule.
+//! Delivers pending webhook messages: claims, signs and sends them, and retries failures by a schedule.
 
 use std::str::FromStr;
 use std::sync::Arc;
@@ -14,31 +14,34 @@ use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
-use super::post::{Answer, Envelope, Poster};
-use crate::jobs::{Attempt, Clock, DueDelivery, Secrets, SigningSecret, Store, StoreError, Verdict};
+use super::post::{Envelope, PostResult, Poster};
+use crate::jobs::{Clock, DeliveryAttempt, DeliveryResult, DueDelivery, Secrets, SigningSecret, Store, StoreError};
 use crate::telemetry;
 
-/// Deliveries under way at the same time, in one process.
-const AT_ONCE: usize = 16;
-/// Of them those of one tenant, on all processes together, so that one whose receivers hang holds nobody else up.
-const OF_ONE_TENANT: u32 = 4;
+/// Maximum number of concurrent deliveries of one process.
+const MAX_CONCURRENT: usize = 16;
+/// Maximum number of concurrent deliveries of one tenant over all processes, so that slow receivers of one tenant delay nobody else.
+const MAX_CONCURRENT_PER_TENANT: u32 = 4;
 
-/// How long to wait before each further try to deliver a message.
+/// The delays before each retry of a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Schedule(Vec<Duration>);
 
-/// A text that is no schedule.
+/// The error of a text that is not a [`Schedule`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a schedule is 1 to 50 numbers of seconds with commas between, each at most 30 days")]
+#[error("a schedule is a comma-separated list of 1 to 50 delays in seconds, each at most 30 days")]
 pub struct ScheduleError;
 
-/// Most waits, and the longest, in seconds.
+/// Maximum number of delays.
 const MAX_WAITS: usize = 50;
+/// Longest delay, in seconds.
 const LONGEST_WAIT_S: f64 = 30.0 * 24.0 * 3600.0;
 
 impl Schedule {
-    /// The wait after try number `tries` (1 for the first) failed; none when it was the last. Up to a fifth is added, so that messages
-    /// which failed together don't come back together. `random` is any 64 random bits.
+    /// Returns the delay after attempt number `tries` (from 1) failed, or `None` if that was the last attempt.
+    ///
+    /// Adds up to a fifth of the delay at random, so that messages that failed together are not retried together. `random` is any 64
+    /// random bits.
     #[must_use]
     pub fn wait(&self, tries: u32, random: u64) -> Option<Duration> {
         let wait = *self.0.get(usize::try_from(tries).ok()?.checked_sub(1)?)?;
@@ -59,18 +62,18 @@ impl FromStr for Schedule {
     }
 }
 
-/// How deliveries are made.
+/// The configuration of the dispatcher.
 #[derive(Debug, Clone)]
 pub struct DispatcherConfig {
-    /// How long a claim holds; longer than any delivery takes.
+    /// How long a claim lasts. Must be longer than any delivery takes.
     pub lease: Duration,
-    /// When failed deliveries are tried again.
+    /// The retry schedule.
     pub schedule: Schedule,
-    /// How long to wait before polling for deliveries that no notification came for.
+    /// Poll interval for pending deliveries that no notification reported.
     pub poll: Duration,
 }
 
-/// Makes the deliveries that are due, as one of any number of processes that do.
+/// Delivers pending messages. Any number of processes may run a dispatcher on the same store.
 pub struct Dispatcher {
     store: Arc<dyn Store>,
     poster: Poster,
@@ -80,7 +83,7 @@ pub struct Dispatcher {
 }
 
 impl Dispatcher {
-    /// Sends by `poster` what waits in `store`.
+    /// Creates a dispatcher that sends the pending messages of `store` through `poster`.
     #[must_use]
     pub fn new(
         store: Arc<dyn Store>,
@@ -92,57 +95,58 @@ impl Dispatcher {
         Self { store, poster, config, clock, random }
     }
 
-    /// Runs until told to `drain`. What is under way then may finish until told to stop `now`; what does not is delivered again by
-    /// whoever claims it when its lease ends.
+    /// Runs until `drain` is cancelled, then waits for running deliveries until `now` is cancelled. An interrupted delivery is repeated
+    /// by the next process that claims it after its lease ends.
     pub async fn run(self, drain: CancellationToken, now: CancellationToken) {
         let dispatcher = Arc::new(self);
-        let places = Arc::new(Semaphore::new(AT_ONCE));
-        let mut under_way = JoinSet::new();
+        let permits = Arc::new(Semaphore::new(MAX_CONCURRENT));
+        let mut deliveries = JoinSet::new();
         while !drain.is_cancelled() {
-            let place = tokio::select! {
-                place = Arc::clone(&places).acquire_owned() => place,
+            let permit = tokio::select! {
+                permit = Arc::clone(&permits).acquire_owned() => permit,
                 () = drain.cancelled() => break,
             };
-            match dispatcher.store.claim_delivery(dispatcher.config.lease, OF_ONE_TENANT).await {
+            match dispatcher.store.claim_delivery(dispatcher.config.lease, MAX_CONCURRENT_PER_TENANT).await {
                 Ok(Some(due)) => {
                     let dispatcher = Arc::clone(&dispatcher);
-                    under_way.spawn(async move {
+                    deliveries.spawn(async move {
                         dispatcher.deliver(due).await;
-                        drop(place);
+                        drop(permit);
                     });
-                    while under_way.try_join_next().is_some() {}
+                    while deliveries.try_join_next().is_some() {}
                     continue;
                 }
                 Ok(None) => {}
-                Err(error) => tracing::error!(%error, "could not look for webhooks to deliver"),
+                Err(error) => tracing::error!(%error, "failed to claim webhook delivery"),
             }
-            drop(place);
+            drop(permit);
             tokio::select! {
-                () = dispatcher.store.bell().deliveries() => {}
-                // A tenant may have as many under way as it may, and more that is due.
-                Some(_) = under_way.join_next(), if !under_way.is_empty() => {}
+                () = dispatcher.store.notifier().deliveries() => {}
+                // When a delivery ends, a tenant at its concurrency limit may have another delivery due.
+                Some(_) = deliveries.join_next(), if !deliveries.is_empty() => {}
                 () = tokio::time::sleep(dispatcher.config.poll) => {}
                 () = drain.cancelled() => {}
             }
         }
         tokio::select! {
-            () = async { while under_way.join_next().await.is_some() {} } => {}
+            () = async { while deliveries.join_next().await.is_some() {} } => {}
             () = now.cancelled() => {}
         }
     }
 
+    /// Delivers a claimed message, and logs what the operator should know.
     async fn deliver(&self, due: DueDelivery) {
         match self.try_deliver(&due).await {
             Ok(true) => {
                 let endpoint = due.endpoint.as_deref().unwrap_or_default();
-                tracing::warn!(tenant = due.tenant, endpoint, "a webhook endpoint was disabled");
+                tracing::warn!(tenant = due.tenant, endpoint, "disabled webhook endpoint");
             }
             Ok(false) => {}
-            Err(error) => tracing::error!(%error, delivery = due.id, "how a webhook fared could not be noted"),
+            Err(error) => tracing::error!(%error, delivery = due.id, "failed to record webhook delivery"),
         }
     }
 
-    /// Sends a message and notes how it went. True if its endpoint was disabled by that.
+    /// Sends a message and records the result. Returns true if the result disabled the endpoint.
     async fn try_deliver(&self, due: &DueDelivery) -> Result<bool, StoreError> {
         let secrets = match &due.secrets {
             Some(secrets) => secrets.clone(),
@@ -151,49 +155,58 @@ impl Dispatcher {
         let at = self.clock.now_ms() / 1000;
         let signatures = signatures(&secrets, &due.message, at, &due.payload);
         let DueDelivery { url, message, payload, .. } = due;
-        let answer = self.poster.post(Envelope { url, message, timestamp: at, signatures: &signatures, payload }).await;
-        let verdict = self.judge(&answer, due.tries);
+        let response =
+            self.poster.post(Envelope { url, message, timestamp: at, signatures: &signatures, payload }).await;
+        let verdict = self.judge(&response, due.tries);
         let result = match verdict {
-            Verdict::Delivered => "delivered",
-            Verdict::Again(_) => "retried",
-            Verdict::Failed => "failed",
-            Verdict::Gone => "gone",
+            DeliveryResult::Delivered => "delivered",
+            DeliveryResult::RetryAfter(_) => "retried",
+            DeliveryResult::Failed => "failed",
+            DeliveryResult::Gone => "gone",
         };
         metrics::counter!(telemetry::WEBHOOK_DELIVERIES, "result" => result).increment(1);
-        metrics::histogram!(telemetry::WEBHOOK).record(answer.took);
-        tracing::debug!(tenant = due.tenant, message, result, status = answer.status, error = answer.error, "webhook");
-        let attempt = Attempt {
+        metrics::histogram!(telemetry::WEBHOOK).record(response.elapsed);
+        tracing::debug!(
+            tenant = due.tenant,
+            message,
+            result,
+            status = response.status,
+            error = response.error,
+            "sent webhook"
+        );
+        let attempt = DeliveryAttempt {
             at: OffsetDateTime::from_unix_timestamp(at).unwrap_or(OffsetDateTime::UNIX_EPOCH),
-            status: answer.status,
-            error: answer.error,
-            milliseconds: u64::try_from(answer.took.as_millis()).unwrap_or(u64::MAX),
+            status: response.status,
+            error: response.error,
+            milliseconds: u64::try_from(response.elapsed.as_millis()).unwrap_or(u64::MAX),
         };
         self.store.settle_delivery(due, attempt, verdict).await
     }
 
-    fn judge(&self, answer: &Answer, tries: u32) -> Verdict {
+    /// Decides how a delivery goes on after a response.
+    fn judge(&self, response: &PostResult, tries: u32) -> DeliveryResult {
         let random = (self.random.bits() >> 64) as u64;
-        match answer.status {
-            Some(200..300) => Verdict::Delivered,
-            Some(410) => Verdict::Gone,
+        match response.status {
+            Some(200..300) => DeliveryResult::Delivered,
+            Some(410) => DeliveryResult::Gone,
             _ => match self.config.schedule.wait(tries, random) {
-                Some(wait) => Verdict::Again(wait),
-                None => Verdict::Failed,
+                Some(wait) => DeliveryResult::RetryAfter(wait),
+                None => DeliveryResult::Failed,
             },
         }
     }
 }
 
-/// What secrets begin with, so that programs that search for leaked secrets find them.
+/// Prefix of every secret, by which secret scanners recognise leaked secrets.
 const SECRET_PREFIX: &str = "whsec_";
 
-/// Random numbers, passed in so that tests can hold them.
+/// A source of random numbers, which tests replace by a fixed one.
 pub trait Random: Send + Sync {
-    /// 128 bits in the form of a random UUID: 122 of them are random.
+    /// Returns 128 bits in the form of a random UUID, 122 of which are random.
     fn bits(&self) -> u128;
 }
 
-/// The operating system's random numbers.
+/// The operating system's random number generator.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SystemRandom;
 
@@ -203,25 +216,26 @@ impl Random for SystemRandom {
     }
 }
 
-/// A new secret of 32 bytes, 244 bits of them random.
+/// Creates a signing secret of 32 bytes, with 244 random bits.
 #[must_use]
 pub fn new_secret(random: &dyn Random) -> SigningSecret {
     let bytes = [random.bits().to_be_bytes(), random.bits().to_be_bytes()].concat();
     SigningSecret::new(format!("{SECRET_PREFIX}{}", STANDARD.encode(bytes)))
 }
 
-/// The header `webhook-signature` of a message sent at `timestamp`, in seconds since the Unix epoch: one signature for each secret
-/// that is in force then.
+/// Returns the header `webhook-signature` of a message sent at `timestamp`, in seconds since the Unix epoch. The header has one
+/// signature for each secret that is valid then.
 fn signatures(secrets: &Secrets, message: &str, timestamp: i64, payload: &str) -> String {
     let previous = secrets.previous.as_ref().filter(|(_, until)| until.unix_timestamp() > timestamp);
-    let in_force = std::iter::once(&secrets.current).chain(previous.map(|(secret, _)| secret));
-    let signatures: Vec<String> = in_force.map(|secret| signature(secret, message, timestamp, payload)).collect();
+    let valid_secrets = std::iter::once(&secrets.current).chain(previous.map(|(secret, _)| secret));
+    let signatures: Vec<String> = valid_secrets.map(|secret| signature(secret, message, timestamp, payload)).collect();
     signatures.join(" ")
 }
 
+/// Signs a message with one secret.
 fn signature(secret: &SigningSecret, message: &str, timestamp: i64, payload: &str) -> String {
     let text = secret.reveal();
-    // Only secrets of `new_secret` are stored, so this is the key; anything else would give signatures that nobody can verify.
+    // Only secrets of `new_secret` are stored, so decoding succeeds. Any other key would yield signatures that nobody can verify.
     let key = STANDARD.decode(text.strip_prefix(SECRET_PREFIX).unwrap_or(text)).unwrap_or_default();
     #[expect(clippy::expect_used, reason = "HMAC takes keys of any length (RFC 2104)")]
     let mut mac = Hmac::<Sha256>::new_from_slice(&key).expect("a key of any length");
@@ -236,12 +250,12 @@ mod tests {
     use standardwebhooks::Webhook;
 
     #[test]
-    fn waits_are_as_given_with_up_to_a_fifth_more_and_end_with_the_last() {
+    fn delays_follow_the_schedule_with_up_to_a_fifth_added() {
         let schedule: Schedule = "5, 300,0.5".parse().expect("a schedule");
         for (tries, low, high) in [(1, 5000, 6000), (2, 300_000, 360_000), (3, 500, 600)] {
             for random in [0, 1, u64::MAX / 3, u64::MAX] {
-                let wait = schedule.wait(tries, random).expect("a wait").as_millis();
-                assert!((low..high).contains(&wait), "try {tries}: {wait} ms");
+                let delay = schedule.wait(tries, random).expect("a delay").as_millis();
+                assert!((low..high).contains(&delay), "attempt {tries}: {delay} ms");
             }
         }
         assert_ne!(schedule.wait(2, 1), schedule.wait(2, 59_999));
@@ -253,14 +267,14 @@ mod tests {
     }
 
     #[test]
-    fn the_specifications_own_example_is_signed_as_it_says() {
+    fn the_example_of_the_specification_gets_the_specified_signature() {
         let secret = SigningSecret::new("whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw".into());
         let signed = signature(&secret, "msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, "{\"test\": 2432232314}");
         assert_eq!(signed, "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE=");
     }
 
     #[test]
-    fn both_secrets_sign_while_the_old_one_is_in_force_and_only_the_new_one_afterwards() {
+    fn both_secrets_sign_until_the_old_one_expires() {
         let now = SystemClock.now_ms() / 1000;
         let (old, new) = (new_secret(&SystemRandom), new_secret(&SystemRandom));
         assert_ne!(old, new);

@@ -1,8 +1,7 @@
-//! Webhooks in the form of the Standard Webhooks specification, version 1: who may be reached, how messages are signed and sent, and
-//! when they are sent again.
+//! Webhooks as the Standard Webhooks specification, version 1, says: checks of target URLs, signatures, deliveries and retries.
 //!
 //! ```text
-//! jobs (the outbox, written with a job's end) -> dispatcher -> target (may it be reached?) -> sign -> post -> jobs (how it went)
+//! jobs (outbox, written in the transaction that ends a job) -> dispatcher -> target check -> signature -> post -> jobs (result)
 //! ```
 
 mod dispatcher;
@@ -11,4 +10,4 @@ mod target;
 
 pub use dispatcher::{Dispatcher, DispatcherConfig, Random, Schedule, ScheduleError, SystemRandom, new_secret};
 pub use post::{Poster, PosterError};
-pub use target::{Reach, TargetError};
+pub use target::{TargetError, TargetPolicy};

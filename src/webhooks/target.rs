@@ -1,52 +1,53 @@
-//! Which addresses may be reached. Whoever names one could be a stranger, and the service may stand in a network where others trust it.
+//! Which URLs webhooks may be sent to. A URL may come from a stranger, and the service may run in a network whose hosts trust it, so
+//! private addresses are rejected (SSRF).
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 
 use url::{Host, Url};
 
-/// Longest address, in bytes.
-const LONGEST: usize = 2048;
+/// Longest URL, in bytes.
+const MAX_URL_BYTES: usize = 2048;
 
-/// What may be reached.
+/// A policy for webhook URLs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reach {
-    /// Hosts on the public internet by https, at port 443 or one that is not reserved.
+pub enum TargetPolicy {
+    /// Only https URLs of hosts on the public internet, on port 443 or 1024 and above.
     Public,
-    /// Anything by http and https, this machine among it.
+    /// Every http and https URL, including hosts on this machine.
     Anything,
 }
 
-/// Why an address may not be reached.
+/// Why a URL is rejected. The text completes a sentence that begins with the field's name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum TargetError {
-    /// It is none.
-    #[error("must be an https address of at most 2048 bytes, such as https://shop.example/hooks")]
-    NoAddress,
-    /// It is one of http, or of something else.
+    /// The text is not a URL of at most 2048 bytes.
+    #[error("must be an https URL of at most 2048 bytes, such as https://shop.example/hooks")]
+    InvalidUrl,
+    /// The scheme is http or another one than https.
     #[error("must begin with https://")]
     NotHttps,
-    /// There is a name or a password in it, which would end up in logs.
-    #[error("must hold no user name and no password; messages are signed instead")]
+    /// The URL contains a user name or password, which would appear in logs.
+    #[error("must not contain a user name or password; messages are signed instead")]
     Credentials,
-    /// A port on which something else is known to listen.
-    #[error("must have the port 443, or 1024 or above")]
+    /// The port is reserved for another service.
+    #[error("must use port 443, or a port from 1024 up")]
     Port,
-    /// The host is of this machine or of a private network, or its name leads to one that is.
+    /// The host is on this machine or in a private network, by its address or its name.
     #[error("must have a host on the public internet")]
     Private,
-    /// The name leads nowhere.
-    #[error("names a host that has no address")]
-    Nowhere,
+    /// The host name has no address.
+    #[error("must have a host that resolves to an address")]
+    Unresolved,
 }
 
-impl Reach {
-    /// Reads an address that may be reached as far as can be told without looking its host up.
+impl TargetPolicy {
+    /// Parses a URL and checks everything that needs no DNS lookup.
     ///
     /// # Errors
-    /// Why it may not.
+    /// The first rule that the URL violates.
     pub fn read(self, text: &str) -> Result<Url, TargetError> {
-        let is_plain = text.len() <= LONGEST && !text.chars().any(|c| c.is_control() || c.is_whitespace());
-        let url = Url::parse(text).ok().filter(|_| is_plain).ok_or(TargetError::NoAddress)?;
+        let is_plain = text.len() <= MAX_URL_BYTES && !text.chars().any(|c| c.is_control() || c.is_whitespace());
+        let url = Url::parse(text).ok().filter(|_| is_plain).ok_or(TargetError::InvalidUrl)?;
         match url.scheme() {
             "https" => {}
             "http" if self == Self::Anything => {}
@@ -58,16 +59,16 @@ impl Reach {
         if self == Self::Public && url.port_or_known_default().is_none_or(|port| port != 443 && port < 1024) {
             return Err(TargetError::Port);
         }
-        // The parser has made numbers of any form, such as 0x7f.1, an address.
-        let may = match url.host().ok_or(TargetError::NoAddress)? {
+        // The parser has converted unusual IPv4 forms, such as 0x7f.1, to addresses.
+        let is_allowed = match url.host().ok_or(TargetError::InvalidUrl)? {
             Host::Ipv4(address) => self.allows(address.into()),
             Host::Ipv6(address) => self.allows(address.into()),
             Host::Domain(name) => self == Self::Anything || !is_local(name),
         };
-        if may { Ok(url) } else { Err(TargetError::Private) }
+        if is_allowed { Ok(url) } else { Err(TargetError::Private) }
     }
 
-    /// Whether this address may be reached.
+    /// Whether messages may be sent to this IP address.
     #[must_use]
     pub fn allows(self, address: IpAddr) -> bool {
         match (self, address) {
@@ -78,7 +79,7 @@ impl Reach {
     }
 }
 
-/// Whether a name is one that never leads to the public internet (RFC 6761, RFC 6762, RFC 8375, and ICANN's .internal).
+/// Whether a name never resolves on the public internet (RFC 6761, RFC 6762, RFC 8375, and ICANN's .internal).
 fn is_local(name: &str) -> bool {
     let name = name.trim_end_matches('.');
     ["localhost", "local", "internal", "home.arpa", "onion"]
@@ -86,8 +87,8 @@ fn is_local(name: &str) -> bool {
         .any(|last| name.strip_suffix(last).is_some_and(|rest| rest.is_empty() || rest.ends_with('.')))
 }
 
-/// Ranges that are not of the public internet (IANA, IPv4 Special-Purpose Address Registry), and multicast; at the end the one address
-/// of public form that a large cloud answers for its own machines.
+/// IPv4 ranges outside the public internet (IANA, IPv4 Special-Purpose Address Registry), multicast, and 168.63.129.16, the address of
+/// Azure's internal services.
 const PRIVATE_V4: [(Ipv4Addr, u32); 16] = [
     (Ipv4Addr::new(0, 0, 0, 0), 8),
     (Ipv4Addr::new(10, 0, 0, 0), 8),
@@ -107,12 +108,13 @@ const PRIVATE_V4: [(Ipv4Addr, u32); 16] = [
     (Ipv4Addr::new(168, 63, 129, 16), 32),
 ];
 
+/// Whether an IPv4 address is on the public internet.
 fn is_public_v4(address: Ipv4Addr) -> bool {
     !PRIVATE_V4.iter().any(|(start, bits)| (address.to_bits() ^ start.to_bits()).leading_zeros() >= *bits)
 }
 
-/// Ranges within global unicast, 2000::/3, that are not of the public internet or lead to IPv4 addresses: protocol assignments with
-/// Teredo and ORCHID, documentation, 6to4, documentation again (IANA, IPv6 Special-Purpose Address Registry).
+/// IPv6 ranges within global unicast, 2000::/3, that are not public or embed IPv4 addresses (IANA, IPv6 Special-Purpose Address Registry).
+/// In order: protocol assignments with Teredo and ORCHID, documentation, 6to4, documentation.
 const PRIVATE_V6: [(Ipv6Addr, u32); 4] = [
     (Ipv6Addr::new(0x2001, 0, 0, 0, 0, 0, 0, 0), 23),
     (Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 0), 32),
@@ -120,7 +122,8 @@ const PRIVATE_V6: [(Ipv6Addr, u32); 4] = [
     (Ipv6Addr::new(0x3fff, 0, 0, 0, 0, 0, 0, 0), 20),
 ];
 
-/// Loopback, private, link-local, multicast, mapped (::ffff:0:0/96) and translated (64:ff9b::/96) addresses all lie outside 2000::/3.
+/// Whether an IPv6 address is on the public internet. Loopback, private, link-local, multicast, mapped (::ffff:0:0/96) and translated
+/// (64:ff9b::/96) addresses all lie outside 2000::/3.
 fn is_public_v6(address: Ipv6Addr) -> bool {
     address.segments()[0] & 0xe000 == 0x2000
         && !PRIVATE_V6.iter().any(|(start, bits)| (address.to_bits() ^ start.to_bits()).leading_zeros() >= *bits)
@@ -131,25 +134,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_https_addresses_of_public_hosts_may_be_reached() {
-        for fine in [
+    fn the_public_policy_accepts_only_https_urls_of_public_hosts() {
+        for valid in [
             "https://shop.example/hooks?a=b",
             "https://shop.example:8443/",
             "https://8.8.8.8/",
             "https://[2606:4700::1111]/",
             "https://LOCALHOST.shop.example/",
         ] {
-            assert!(Reach::Public.read(fine).is_ok(), "{fine}");
+            assert!(TargetPolicy::Public.read(valid).is_ok(), "{valid}");
         }
         let long = format!("https://shop.example/{}", "x".repeat(2048));
-        for (text, why) in [
-            ("", TargetError::NoAddress),
-            ("shop.example/hooks", TargetError::NoAddress),
-            ("https://", TargetError::NoAddress),
-            ("https://a b.example/", TargetError::NoAddress),
-            ("https://shop.example/\u{0}", TargetError::NoAddress),
-            ("https://shop.example/\r\nx: y", TargetError::NoAddress),
-            (&long, TargetError::NoAddress),
+        for (text, error) in [
+            ("", TargetError::InvalidUrl),
+            ("shop.example/hooks", TargetError::InvalidUrl),
+            ("https://", TargetError::InvalidUrl),
+            ("https://a b.example/", TargetError::InvalidUrl),
+            ("https://shop.example/\u{0}", TargetError::InvalidUrl),
+            ("https://shop.example/\r\nx: y", TargetError::InvalidUrl),
+            (&long, TargetError::InvalidUrl),
             ("http://shop.example/", TargetError::NotHttps),
             ("file:///etc/passwd", TargetError::NotHttps),
             ("gopher://shop.example/", TargetError::NotHttps),
@@ -163,12 +166,12 @@ mod tests {
             ("https://db.internal/", TargetError::Private),
             ("https://printer.local/", TargetError::Private),
         ] {
-            assert_eq!(Reach::Public.read(text).map(|url| url.to_string()), Err(why), "{text}");
+            assert_eq!(TargetPolicy::Public.read(text).map(|url| url.to_string()), Err(error), "{text}");
         }
     }
 
     #[test]
-    fn an_address_of_this_machine_is_refused_in_whatever_form_it_comes() {
+    fn an_address_of_this_machine_is_rejected_in_every_notation() {
         for host in [
             "127.0.0.1",
             "127.1",
@@ -196,8 +199,8 @@ mod tests {
             "169.254.169.254",
             "0xa9fea9fe",
         ] {
-            assert_eq!(Reach::Public.read(&format!("https://{host}/")), Err(TargetError::Private), "{host}");
-            assert!(Reach::Anything.read(&format!("http://{host}/")).is_ok(), "{host}");
+            assert_eq!(TargetPolicy::Public.read(&format!("https://{host}/")), Err(TargetError::Private), "{host}");
+            assert!(TargetPolicy::Anything.read(&format!("http://{host}/")).is_ok(), "{host}");
         }
     }
 
@@ -218,8 +221,8 @@ mod tests {
         ] {
             let (first, last): (Ipv4Addr, Ipv4Addr) = (first.parse().expect("first"), last.parse().expect("last"));
             assert!(!is_public_v4(first) && !is_public_v4(last), "{first} to {last}");
-            for beside in [first.to_bits().checked_sub(1), last.to_bits().checked_add(1)].into_iter().flatten() {
-                assert!(is_public_v4(Ipv4Addr::from_bits(beside)), "beside {first} to {last}");
+            for neighbour in [first.to_bits().checked_sub(1), last.to_bits().checked_add(1)].into_iter().flatten() {
+                assert!(is_public_v4(Ipv4Addr::from_bits(neighbour)), "next to {first} to {last}");
             }
         }
         for (address, public) in [

@@ -1,4 +1,4 @@
-//! A job's child process from within: it reads its task, enters its sandbox and does the work.
+//! The child process of a job: reads its task, enters its sandbox and runs the engine.
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
@@ -18,18 +18,19 @@ use crate::context::{Context, Progress, Stage, monotonic_clock};
 use crate::format::{ReadError, ReadErrorKind};
 use crate::jobs::{JobOptions, JobProblem, JobProgress, JobReport, ProblemKind};
 use crate::render::Drawing;
-use crate::repair::{self, HandedOut, Options, Remesher, RepairError, repair};
+use crate::repair::{self, OfferedFile, Options, Remesher, RepairError, repair};
 
-/// Most bytes of a job's log.
+/// The largest size of a job's log, in bytes.
 const LOG_BYTES: u64 = 1 << 20;
-/// Bytes of its files up to which a job is done by one thread: to wake others for so little costs more than they do.
+/// The largest size of a job's files, in bytes, for which one thread runs the job. Below it, waking other threads costs more
+/// than they save.
 const FOR_ONE_THREAD: u64 = 256 << 10;
-/// Progress within a stage is told no more often than this, since whoever reads it wakes up for every line.
+/// The least time between two progress lines of the same stage: the worker wakes up for every line.
 const REPORT_EVERY: Duration = Duration::from_millis(50);
 
-/// The entry point of a job's child process: reads its task, enters its sandbox, does the work, and leaves its files in `folder`. The
-/// memory that a hostile file makes it use, and a crash that it causes, stay in this process.
-pub(super) fn run_child(folder: &Path) -> ExitCode {
+/// The entry point of a job's child process: reads its task, enters its sandbox, does the work, and writes its files to
+/// `folder`. A hostile file's memory use, or a crash that it causes, is confined to this process.
+pub(super) fn run_job(folder: &Path) -> ExitCode {
     match try_run(folder) {
         Ok(code) => code,
         Err(error) => {
@@ -44,8 +45,8 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     enter_sandbox(folder, &task.confinement, task.remesher.as_ref().map(|_| &task.blender))?;
     end_with_worker()?;
     if task.inputs.iter().map(|input| input.bytes).sum::<u64>() <= FOR_ONE_THREAD {
-        let this_one = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
-        this_one.build_global().map_err(io::Error::other)?;
+        let current_only = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
+        current_only.build_global().map_err(io::Error::other)?;
     }
     let clock = monotonic_clock();
     let progress = Reporter::new(folder, &clock)?;
@@ -63,8 +64,11 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     }
 }
 
-/// Puts the limits on this process and enters the sandbox: first of all, while there is one thread and no byte of a stranger has
-/// been read. Where there is a Blender to run, its locks can be reached from within.
+/// Applies the resource limits and enters the sandbox. The caller must have a single thread, and must not have read
+/// untrusted bytes yet. With `blender`, the sandbox permits access to the lock files of Blender's slots.
+///
+/// # Errors
+/// When a limit can't be set, or the sandbox can't be entered.
 pub(super) fn enter_sandbox(
     folder: &Path,
     confinement: &Confinement,
@@ -78,15 +82,21 @@ pub(super) fn enter_sandbox(
     sandbox.enter(folder)
 }
 
-/// What the worker wants done: the first line on standard input.
+/// Reads the worker's request: the first line on standard input.
+///
+/// # Errors
+/// When the line can't be read or is not the expected JSON.
 pub(super) fn read_request<T: DeserializeOwned>() -> io::Result<T> {
     let mut line = String::new();
     io::stdin().read_line(&mut line)?;
     Ok(serde_json::from_str(&line)?)
 }
 
-/// Watches the lifeline: when the worker is gone, however it went, nobody wants this job's result any more, and another
-/// worker may run the job again, so the whole process group ends.
+/// Starts a thread that watches the lifeline and kills the process group when the worker has ended. Nobody needs this job's
+/// result then, and another worker may run the job again.
+///
+/// # Errors
+/// When the thread can't be started.
 pub(super) fn end_with_worker() -> io::Result<()> {
     std::thread::Builder::new().name("lifeline".to_owned()).stack_size(64 << 10).spawn(|| {
         let mut byte = [0];
@@ -96,31 +106,32 @@ pub(super) fn end_with_worker() -> io::Result<()> {
     Ok(())
 }
 
-/// Progress as lines on standard output, and the log as a file of bounded size.
+/// Writes progress as lines on standard output, and the log to a file of bounded size.
 struct Reporter<'a> {
     clock: &'a (dyn Fn() -> Duration + Sync),
-    /// What was told last, and when.
+    /// The last reported stage and tier, and the time of that report.
     last: Mutex<Option<(Stage, Option<u8>, Duration)>>,
     log: Mutex<Log>,
 }
 
 struct Log {
     file: File,
-    left: u64,
+    /// Bytes that may still be written.
+    remaining: u64,
 }
 
 impl<'a> Reporter<'a> {
     fn new(folder: &Path, clock: &'a (dyn Fn() -> Duration + Sync)) -> io::Result<Self> {
         let file = File::options().create(true).append(true).open(folder.join(Task::LOG))?;
-        Ok(Self { clock, last: Mutex::new(None), log: Mutex::new(Log { file, left: LOG_BYTES }) })
+        Ok(Self { clock, last: Mutex::new(None), log: Mutex::new(Log { file, remaining: LOG_BYTES }) })
     }
 
-    /// Whether it is time to tell of this, which then counts as told.
+    /// Whether a report of this stage and tier is due; if so, it is recorded as reported.
     fn is_due(&self, stage: Stage, tier: Option<u8>) -> bool {
         let now = (self.clock)();
         let Ok(mut last) = self.last.lock() else { return false };
-        let lately = |&(s, t, at): &(_, _, Duration)| (s, t) == (stage, tier) && now < at + REPORT_EVERY;
-        let due = !last.as_ref().is_some_and(lately);
+        let is_recent = |&(s, t, at): &(_, _, Duration)| (s, t) == (stage, tier) && now < at + REPORT_EVERY;
+        let due = !last.as_ref().is_some_and(is_recent);
         if due {
             *last = Some((stage, tier, now));
         }
@@ -132,7 +143,7 @@ impl Progress for Reporter<'_> {
     fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
         let line = serde_json::to_string(&JobProgress { stage, tier, percent });
         if let Some(line) = line.ok().filter(|_| self.is_due(stage, tier)) {
-            // A worker that stopped listening is about to end this process.
+            // A worker that closed the pipe is about to kill this process.
             let _ = writeln!(io::stdout(), "{line}");
             let _ = io::stdout().flush();
         }
@@ -151,33 +162,33 @@ impl Progress for Reporter<'_> {
     fn log(&self, line: &str) {
         let Ok(mut log) = self.log.lock() else { return };
         let bytes = line.len() as u64 + 1;
-        if log.left == 0 {
+        if log.remaining == 0 {
             return;
         }
-        let left = log.left.saturating_sub(bytes);
-        let line = if left == 0 { "the log is cut here" } else { line };
-        // In one call of the operating system.
+        let remaining = log.remaining.saturating_sub(bytes);
+        let line = if remaining == 0 { "log truncated: size limit reached" } else { line };
+        // One system call for the whole line.
         if log.file.write_all(format!("{line}\n").as_bytes()).is_ok() {
-            log.left = left;
+            log.remaining = remaining;
         }
     }
 }
 
-/// Why it makes nothing.
+/// Why a task has no result.
 enum Failed {
-    /// Something around the job failed, so it may be tried again.
+    /// The job's environment failed, so a retry may succeed.
     Io(io::Error),
-    /// The job itself is to blame.
+    /// The job itself is to blame, so a retry would fail too.
     Problem(Box<JobProblem>),
 }
 
-/// Does the work of a task whose files lie in `folder`, and leaves the result there: the model if one is handed out, then the report,
-/// which says that the work is done; or pictures, where those are the task.
+/// Does the work of a task whose files lie in `folder`, and writes the result there: first the model, if there is one, then the
+/// report, whose presence means that the work is done. A task with `draw` writes pictures instead.
 fn work(folder: &Path, task: &Task, context: &Context<'_>) -> Result<(), Failed> {
     match (&task.options, task.draw) {
         (JobOptions::Repair(options), None) => run_repair(folder, task, options, context),
         (JobOptions::Analyze(options), None) => run_analysis(folder, task, options, context),
-        (JobOptions::Repair(options), Some(handed_out)) => draw_repair(folder, task, options, handed_out, context),
+        (JobOptions::Repair(options), Some(offered_file)) => draw_repair(folder, task, options, offered_file, context),
         (JobOptions::Analyze(options), Some(_)) => draw_files(folder, task, options, context),
     }
 }
@@ -189,7 +200,7 @@ fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'
     let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
     let bytes = fs::read(folder.join(Task::input(0)))?;
     let repaired = repair(&bytes, options, &task.limits, remesher, context)?;
-    if repaired.report.verdict.file == HandedOut::Model {
+    if repaired.report.verdict.file == OfferedFile::Model {
         fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
     }
     write_report(folder, &JobReport::Repair(Box::new(repaired.report)))
@@ -207,22 +218,22 @@ fn draw_repair(
     folder: &Path,
     task: &Task,
     options: &Options,
-    handed_out: HandedOut,
+    offered_file: OfferedFile,
     context: &Context<'_>,
 ) -> Result<(), Failed> {
     pause_at("child-draw");
     let input = fs::read(folder.join(Task::input(0)))?;
     let model;
-    let repaired = match handed_out {
-        HandedOut::None => None,
-        HandedOut::Original => Some(input.as_slice()),
-        HandedOut::Model => {
+    let repaired = match offered_file {
+        OfferedFile::None => None,
+        OfferedFile::Original => Some(input.as_slice()),
+        OfferedFile::Model => {
             model = fs::read(folder.join(Task::MODEL))?;
             Some(model.as_slice())
         }
     };
     let drawings = repair::draw(&input, repaired, options, &task.limits, context);
-    leave_drawings(folder, 0, drawings.map_err(io::Error::other)?)
+    write_drawings(folder, 0, drawings.map_err(io::Error::other)?)
 }
 
 fn draw_files(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<(), Failed> {
@@ -230,13 +241,13 @@ fn draw_files(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Co
     for number in 0..task.inputs.len() {
         let bytes = fs::read(folder.join(Task::input(number)))?;
         let drawings = analyze::draw(&bytes, options, &task.limits, context);
-        leave_drawings(folder, number, drawings.map_err(io::Error::other)?)?;
+        write_drawings(folder, number, drawings.map_err(io::Error::other)?)?;
     }
     Ok(())
 }
 
-/// Leaves pictures of the job's file `number`.
-fn leave_drawings(folder: &Path, number: usize, drawings: Vec<Drawing>) -> Result<(), Failed> {
+/// Writes the pictures of the job's file `number`, counted from 0.
+fn write_drawings(folder: &Path, number: usize, drawings: Vec<Drawing>) -> Result<(), Failed> {
     let write = |drawing: &Drawing| write_whole(folder, &Task::drawing(number, drawing.name), &drawing.bytes);
     Ok(drawings.iter().try_for_each(write)?)
 }
@@ -244,18 +255,19 @@ fn leave_drawings(folder: &Path, number: usize, drawings: Vec<Drawing>) -> Resul
 fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
     let report = serde_json::to_vec_pretty(report).map_err(io::Error::from)?;
     if report.len() > Task::REPORT_BYTES {
-        let most = Task::REPORT_BYTES >> 20;
-        let detail = format!("The report would be larger than {most} MiB. Ask for fewer places, or send fewer files.");
+        let max = Task::REPORT_BYTES >> 20;
+        let detail =
+            format!("The report is larger than the maximum of {max} MiB. Request fewer places, or send fewer files.");
         return Err(problem(ProblemKind::FileLimit, detail, None).into());
     }
     Ok(write_whole(folder, Task::FULL_REPORT, &report)?)
 }
 
-/// Writes a file so that it is there as a whole or not at all, should the process end meanwhile.
+/// Writes a file by renaming a temporary file, so that an interrupted process leaves either the whole file or none.
 fn write_whole(folder: &Path, name: &str, bytes: &[u8]) -> io::Result<()> {
-    let half = folder.join(format!("{name}.half"));
-    fs::write(&half, bytes)?;
-    fs::rename(&half, folder.join(name))
+    let temporary = folder.join(format!("{name}.half"));
+    fs::write(&temporary, bytes)?;
+    fs::rename(&temporary, folder.join(name))
 }
 
 impl From<io::Error> for Failed {
@@ -292,8 +304,8 @@ impl From<AnalyzeError> for Failed {
             }
             AnalyzeError::Options(_) => problem(ProblemKind::BadInput, detail, None),
             AnalyzeError::Cancelled(_) => {
-                let detail = "The time was over before everything was looked at. Raise deadline_s, lower the level, or \
-                              send fewer files or faces.";
+let detail = "The time of `deadline_s` ran out before the analysis was complete. Set a larger `deadline_s` or a lower \
+              `level`, or send fewer files or faces.";
                 problem(ProblemKind::DeadlineExceeded, detail.to_owned(), None)
             }
         }
@@ -301,9 +313,10 @@ impl From<AnalyzeError> for Failed {
     }
 }
 
+/// A problem with the place of the read error, if any. A file that is too large gets advice.
 fn problem(code: ProblemKind, mut detail: String, read: Option<&ReadError>) -> JobProblem {
     if read.is_some_and(|read| read.kind == ReadErrorKind::TooLarge) {
-        detail.push_str(". Send the model with fewer faces");
+        detail = format!("{}. Send the model with fewer faces.", detail.trim_end_matches('.'));
     }
     JobProblem { place: read.and_then(|read| read.place), ..JobProblem::new(code, detail) }
 }
@@ -315,7 +328,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_stage_is_told_and_what_comes_within_one_now_and_then() {
+    fn progress_is_due_at_each_new_stage_and_then_at_intervals() {
         let folder = tempfile::tempdir().expect("a folder");
         let now = AtomicU64::new(0);
         let clock = || Duration::from_millis(now.load(Ordering::Relaxed));
@@ -335,13 +348,13 @@ mod tests {
     }
 
     #[test]
-    fn a_log_ends_where_it_has_its_size() {
+    fn a_log_is_truncated_at_its_size_limit() {
         let folder = tempfile::tempdir().expect("a folder");
         let reporter = Reporter::new(folder.path(), &|| Duration::ZERO).expect("a log");
         let line = "x".repeat(1000);
         (0..2000).for_each(|_| reporter.log(&line));
         let log = fs::read_to_string(folder.path().join(Task::LOG)).expect("a log");
         assert!(log.len() as u64 <= LOG_BYTES && log.len() > 1_000_000, "{}", log.len());
-        assert!(log.ends_with("x\nthe log is cut here\n"));
+        assert!(log.ends_with("x\nlog truncated: size limit reached\n"));
     }
 }

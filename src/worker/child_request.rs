@@ -1,4 +1,5 @@
-//! Requests to a child process that is started for the answer alone: to try the sandbox, and to run Blender once.
+//! Child requests: the worker starts a child process, sends it one request, and reads one JSON response. A request tests the
+//! sandbox or warms up Blender.
 
 use std::fs;
 use std::io::{self, Write};
@@ -17,50 +18,54 @@ use super::child::{end_with_worker, enter_sandbox, read_request};
 use super::context::WorkerContext;
 use super::process::JobProcess;
 use super::task::{Confinement, TRIAL, WARM_UP};
-use crate::blender::{BlenderConfig, Warmth, warm_up};
+use crate::blender::{BlenderConfig, WarmUpResult, warm_up};
 use crate::repair::RemesherInfo;
-use crate::sandbox::{SandboxMode, Trial, Walls};
+use crate::sandbox::{Protections, SandboxMode, Trial};
 
-/// Most of an answer that is read.
-const ANSWER_BYTES: u64 = 64 << 10;
-/// Most time to try the sandbox.
+/// The most bytes of a response that are read.
+const RESPONSE_BYTES: u64 = 64 << 10;
+/// The time limit of the sandbox trial.
 const TRIAL_TIME: Duration = Duration::from_secs(30);
-/// Most time to run Blender once, with the waiting for other Blenders.
+/// The time limit of the warm-up of Blender, with the wait for a slot.
 const WARM_UP_TIME: Duration = Duration::from_secs(180);
 
-/// A request to a process that is started as for a job.
+/// A request to a child process that runs under the same confinement as a job.
 struct ChildRequest<'a, Q> {
     program: &'a Path,
+    /// The verb that selects the child's entry point.
     verb: &'a str,
+    /// The child's scratch folder.
     folder: &'a Path,
-    question: Q,
+    body: Q,
     time_limit: Duration,
 }
 
 impl<Q: Serialize> ChildRequest<'_, Q> {
-    /// Starts the process, and ends it when it has answered, after the time limit, or at `stop`.
+    /// Starts the process, reads its response, and ends it. Ends it early after the time limit or when `stop` is cancelled.
     ///
     /// # Errors
-    /// Where it can't be asked or gives no answer; then with what it said on standard error.
+    /// When the process can't be started or gives no complete response; the error then has its standard error.
     async fn send<A: DeserializeOwned>(self, stop: &CancellationToken) -> io::Result<A> {
-        let mut process = JobProcess::start(self.program, self.verb, self.folder, false, &self.question)?;
-        let mut answer = Vec::new();
+        let mut process = JobProcess::start(self.program, self.verb, self.folder, false, &self.body)?;
+        let mut response = Vec::new();
         if let Some(stdout) = process.stdout() {
-            let mut stdout = stdout.take(ANSWER_BYTES);
-            let reading = tokio::time::timeout(self.time_limit, stdout.read_to_end(&mut answer));
-            // What is cut short is no JSON.
+            let mut stdout = stdout.take(RESPONSE_BYTES);
+            let reading = tokio::time::timeout(self.time_limit, stdout.read_to_end(&mut response));
+            // An interrupted response is not valid JSON, so parsing reports it.
             tokio::select! { _ = reading => {}, () = stop.cancelled() => {} }
         }
-        let (_, said) = process.end(true).await?;
-        serde_json::from_slice(&answer)
-            .map_err(|_| io::Error::other(if said.trim().is_empty() { "no answer" } else { said.trim() }.to_owned()))
+        let (_, stderr) = process.end(true).await?;
+        serde_json::from_slice(&response).map_err(|_| {
+            let reason = if stderr.trim().is_empty() { "the child process gave no response" } else { stderr.trim() };
+            io::Error::other(reason.to_owned())
+        })
     }
 }
 
-/// Answers the request that this process was started for.
+/// Reads the request that this process was started for, and writes the response to standard output.
 fn answer_request<Q: DeserializeOwned, A: Serialize>(answer: impl FnOnce(Q) -> io::Result<A>) -> ExitCode {
-    let answered = read_request().and_then(answer).and_then(|answer| {
-        serde_json::to_writer(io::stdout(), &answer)?;
+    let answered = read_request().and_then(answer).and_then(|response| {
+        serde_json::to_writer(io::stdout(), &response)?;
         io::stdout().flush()
     });
     match answered {
@@ -72,19 +77,20 @@ fn answer_request<Q: DeserializeOwned, A: Serialize>(answer: impl FnOnce(Q) -> i
     }
 }
 
-/// A request to try what the sandbox must hold back.
+/// A request to try the actions that the sandbox must prevent.
 #[derive(Debug, Serialize, Deserialize)]
 struct TrialRequest {
     confinement: Confinement,
     trial: Trial,
 }
 
-/// Starts a process as for a job, with its folder in `outside`, lets it try what must fail, and says what did.
+/// Starts a child process with its folder in `outside`, and lets it try the actions that the sandbox must prevent. Returns the
+/// protections that held.
 ///
 /// # Errors
-/// Where it can't be tried, and where walls are missing that are required.
-pub(super) async fn try_sandbox(program: &Path, outside: &Path, confinement: Confinement) -> io::Result<Walls> {
-    // Answers nobody; a connection that gets as far as its queue is one too many.
+/// When the trial can't run, or a required protection is missing.
+pub(super) async fn try_sandbox(program: &Path, outside: &Path, confinement: Confinement) -> io::Result<Protections> {
+    // The listener never accepts: a connection that reaches its backlog has already left the sandbox.
     let listener =
         TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).or_else(|_| TcpListener::bind((Ipv6Addr::LOCALHOST, 0)))?;
     let trial = Trial { listener: listener.local_addr()?, outside: outside.to_owned() };
@@ -92,17 +98,18 @@ pub(super) async fn try_sandbox(program: &Path, outside: &Path, confinement: Con
     let folder = outside.join("inside");
     fs::create_dir(&folder)?;
     let required = confinement.sandbox.mode == SandboxMode::Require;
-    let question = TrialRequest { confinement, trial };
-    let request = ChildRequest { program, verb: TRIAL, folder: &folder, question, time_limit: TRIAL_TIME };
-    let found: Walls = request.send(&CancellationToken::new()).await?;
-    let open = [&found.network, &found.files].into_iter().find(|layer| required && !layer.in_force);
-    if let Some(layer) = open {
-        return Err(io::Error::other(layer.detail.clone().unwrap_or_default()));
+    let body = TrialRequest { confinement, trial };
+    let request = ChildRequest { program, verb: TRIAL, folder: &folder, body, time_limit: TRIAL_TIME };
+    let protections: Protections = request.send(&CancellationToken::new()).await?;
+    let essential = [&protections.network, &protections.files];
+    let missing = essential.into_iter().find(|protection| required && !protection.enforced);
+    if let Some(missing) = missing {
+        return Err(io::Error::other(missing.detail.clone().unwrap_or_default()));
     }
-    Ok(found)
+    Ok(protections)
 }
 
-/// The entry point of the process that tries what a sandbox holds back; `folder` is its own.
+/// The child entry point of the sandbox trial; `folder` is the child's scratch folder.
 pub(super) fn run_trial(folder: &Path) -> ExitCode {
     answer_request(|TrialRequest { confinement, trial }| {
         confinement.limits.apply()?;
@@ -118,28 +125,28 @@ struct WarmUpRequest {
     blender: BlenderConfig,
 }
 
-/// Runs Blender once on a small model, in a process as for a job, and logs the result.
+/// Runs Blender once on a small model, in a child process as for a job, and logs the result.
 pub(super) async fn warm_blender_up(context: Arc<WorkerContext>, remesher: RemesherInfo, stop: CancellationToken) {
-    let warmth: io::Result<Warmth> = async {
+    let result: io::Result<WarmUpResult> = async {
         let scratch = context.scratch.attempt()?;
         let blender = context.config.blender.clone();
-        let question = WarmUpRequest { confinement: context.confinement(WARM_UP_TIME), remesher, blender };
+        let body = WarmUpRequest { confinement: context.confinement(WARM_UP_TIME), remesher, blender };
         let (program, folder) = (context.config.program.as_path(), scratch.path());
-        ChildRequest { program, verb: WARM_UP, folder, question, time_limit: WARM_UP_TIME }.send(&stop).await
+        ChildRequest { program, verb: WARM_UP, folder, body, time_limit: WARM_UP_TIME }.send(&stop).await
     }
     .await;
-    match warmth {
+    match result {
         _ if stop.is_cancelled() => {}
-        Ok(Warmth::Warm(time)) => tracing::info!(seconds = time.as_secs_f64(), "tier 3 is warm"),
-        Ok(Warmth::Failed(reason)) => tracing::warn!(
+        Ok(WarmUpResult::Warm(time)) => tracing::info!(seconds = time.as_secs_f64(), "tier 3 is warm"),
+        Ok(WarmUpResult::Failed(reason)) => tracing::warn!(
             reason,
-            "tier 3 was found but failed on a small model; if it works with --sandbox off, name what it reads in --sandbox-read"
+            "tier 3 failed on a small model; if it works with --sandbox off, add the paths that Blender reads to --sandbox-read"
         ),
-        Err(error) => tracing::warn!(%error, "tier 3 could not be tried on a small model"),
+        Err(error) => tracing::warn!(%error, "could not warm up tier 3"),
     }
 }
 
-/// The entry point of the process that runs Blender once; `folder` is its own.
+/// The child entry point of Blender's warm-up; `folder` is the child's scratch folder.
 pub(super) fn run_warm_up(folder: &Path) -> ExitCode {
     answer_request(|WarmUpRequest { confinement, remesher, blender }| {
         enter_sandbox(folder, &confinement, Some(&blender))?;

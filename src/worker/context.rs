@@ -1,4 +1,5 @@
-//! What the attempts of a worker process share: its stores, its configuration, its scratch folder and its sandbox.
+//! The state that all attempts of a worker process share: its stores, configuration, scratch folder and sandbox. Also the files
+//! that a job offers, and retries with backoff.
 
 use std::fmt::Display;
 use std::io;
@@ -11,41 +12,41 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
-use super::process::{Allowance, Excess};
+use super::process::{Excess, SharedLimits};
 use super::scratch::Scratch;
 use super::task::{Confinement, ProcessLimits, Task};
 use crate::blender::BlenderConfig;
 use crate::blobs::{BlobError, Blobs, Stored, free_bytes};
 use crate::format::{Format, Limits};
 use crate::jobs::{Artifact, Artifacts, Input, Job, JobReport, Lease, Store, StoreError, StoredFile};
-use crate::repair::{HandedOut, RemesherInfo, promised_overrun};
+use crate::repair::{OfferedFile, RemesherInfo, promised_overrun};
 use crate::sandbox::{Sandbox, SandboxMode, SandboxStatus};
 
-/// What counts a job's processes where the kernel does not.
-pub(super) const COUNTED_HERE: &str = "worker";
+/// The mechanism reported for the limit on processes where the worker counts them instead of the kernel.
+pub(super) const WORKER_COUNT: &str = "worker";
 
 /// How workers run jobs.
 #[derive(Debug, Clone)]
 pub struct WorkerConfig {
-    /// The program to start for a job's child process: this one.
+    /// The program to start for a job's child process: this program.
     pub program: PathBuf,
-    /// The folder that holds what no job may see: the database, the files, the scratch folders of others.
+    /// The folder that jobs must not read: the database, the files, the scratch folders of others.
     pub private: PathBuf,
-    /// Where scratch folders go.
+    /// The folder in which each worker process makes its scratch folder.
     pub scratch: PathBuf,
-    /// Jobs that run at the same time.
+    /// The number of jobs that run at the same time.
     pub slots: usize,
-    /// Jobs of one tenant that may run at the same time, where nothing else is set for it.
+    /// The number of jobs of one tenant that may run at the same time, unless the tenant has its own limit.
     pub max_running: u32,
-    /// How long results are kept after the end of their job, and then what is known of the job.
+    /// How long results, and then the records of jobs, are kept.
     pub retention: Retention,
-    /// Bytes that must be free on the disks of the files and of the scratch folder for a job to be begun.
+    /// Free bytes required on the disks of the files and of the scratch folder to start a job.
     pub min_free: u64,
-    /// How long a claim holds without a heartbeat.
+    /// How long a lease lasts without a heartbeat.
     pub lease: Duration,
-    /// How long to wait before polling for work that no notification announced.
+    /// How often to look for work when no notification arrives.
     pub poll: Duration,
-    /// Most address space of a job's process, in bytes.
+    /// Most address space of each process of a job, in bytes.
     pub job_memory: u64,
     /// Largest file that a job may write, in bytes.
     pub job_file: u64,
@@ -53,41 +54,42 @@ pub struct WorkerConfig {
     pub job_scratch: u64,
     /// Most processes and threads of a job.
     pub job_processes: u64,
-    /// What to do where the kernel can't sandbox jobs fully.
+    /// What to do where the kernel can't provide every protection.
     pub sandbox: SandboxMode,
-    /// Files and folders that a job may read beside those of the system and of Blender.
+    /// Files and folders that a job may read besides those of the system and of Blender.
     pub readable: Vec<PathBuf>,
-    /// Time after which a job's processes are killed, beyond its deadline and the 2 s and 10 % within which a repair keeps that.
+    /// How long a job's processes may run past the latest planned end of a repair before they are killed. That end is the deadline
+    /// plus 2 s and 10 %.
     pub deadline_grace: Duration,
-    /// What a reader may spend.
+    /// Limits of the file readers.
     pub limits: Limits,
-    /// Tier 3, where there is one.
+    /// The remesher of tier 3, if there is one.
     pub remesher: Option<RemesherInfo>,
-    /// What tier 3 may use.
+    /// The settings of tier 3.
     pub blender: BlenderConfig,
-    /// Run Blender once on a small model at the start.
+    /// Whether to run Blender once on a small model at the start.
     pub blender_warm_up: bool,
 }
 
-/// How long what is left of a job is kept, both counted from its end.
+/// How long a job's data is kept after its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Retention {
-    /// Its files and its report.
+    /// How long its files and its report are kept.
     pub results: Duration,
-    /// That there was one, and how it ended.
+    /// How long its record is kept: that it existed, and how it ended.
     pub jobs: Duration,
 }
 
-/// The two steps of stopping.
+/// The two steps of a shutdown.
 #[derive(Debug, Clone, Default)]
 pub struct Shutdown {
-    /// Take no new work; finish what runs.
+    /// Claim no new jobs; finish the running ones.
     pub drain: CancellationToken,
-    /// Stop at once: kill what runs and release it.
+    /// Stop at once: kill the running jobs' processes and release the jobs.
     pub now: CancellationToken,
 }
 
-/// Why an attempt can't go on.
+/// Why an attempt failed for a reason outside the job.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum AttemptError {
     #[error(transparent)]
@@ -96,75 +98,84 @@ pub(super) enum AttemptError {
     Blob(#[from] BlobError),
     #[error(transparent)]
     Store(#[from] StoreError),
-    #[error("{0} from the repair process can't be read: {1}")]
+    #[error("could not read {0} from the repair process: {1}")]
     Json(&'static str, serde_json::Error),
 }
 
-/// What every attempt of a worker process needs.
+/// The state that all attempts of a worker process share.
 pub(super) struct WorkerContext {
+    /// The worker process's name, unique among all workers.
     pub name: String,
+    /// The database.
     pub store: Arc<dyn Store>,
+    /// The file store.
     pub blobs: Blobs,
+    /// The settings.
     pub config: WorkerConfig,
+    /// The scratch folder.
     pub scratch: Scratch,
+    /// The sandbox of every job.
     pub sandbox: Sandbox,
-    /// What the sandbox was found to hold; none until it was tried.
+    /// The protections found by the sandbox trial; `None` before the trial.
     pub status: Option<SandboxStatus>,
 }
 
 impl WorkerContext {
-    /// What holds a job's processes, with processor time for so long on every core.
+    /// The confinement of a child process that may run for `longest`: processor time for that long on every core.
     pub(super) fn confinement(&self, longest: Duration) -> Confinement {
         let cores = u32::try_from(std::thread::available_parallelism().map_or(1, usize::from)).unwrap_or(1);
         let limits = ProcessLimits {
             memory_bytes: self.config.job_memory,
             file_bytes: self.config.job_file,
-            // A backstop behind the deadline, for a process that escapes its group.
+            // A second limit besides the deadline, for a process that leaves its group.
             cpu: longest * cores + Duration::from_secs(5),
         };
         Confinement { limits, sandbox: self.sandbox.clone() }
     }
 
-    /// Waits until a job's processes take too much, and answers what of; none where they ran longer than they may. The files that are in
-    /// `folder` from the start are not counted.
-    pub(super) async fn overrun(&self, job: &Job, folder: &Path, group: Pid) -> io::Result<Option<Excess>> {
+    /// Waits until a job's processes exceed a shared limit, and returns which one; `None` at the time limit of the job. Files
+    /// that are in `folder` at the start do not count.
+    pub(super) async fn wait_for_excess(&self, job: &Job, folder: &Path, group: Pid) -> io::Result<Option<Excess>> {
         let model = job.artifacts.get(Task::MODEL).and_then(|model| Some(model.file.as_ref()?.bytes));
         let given = job.inputs.iter().map(|input| input.bytes).chain(model).sum();
-        let counts = self.status.as_ref().is_some_and(|it| it.walls.processes.by == [COUNTED_HERE]);
-        let allowance = Allowance {
+        let worker_counts = |status: &SandboxStatus| status.protections.processes.mechanisms == [WORKER_COUNT];
+        let limits = SharedLimits {
             scratch_bytes: self.config.job_scratch.saturating_add(given),
-            processes: counts.then_some(self.config.job_processes),
+            processes: self.status.as_ref().is_some_and(worker_counts).then_some(self.config.job_processes),
         };
-        allowance.overrun(self.deadline(job), folder, group).await
+        limits.wait_for_excess(self.time_limit(job), folder, group).await
     }
 
-    /// The task of a job's child process: to do the job, or to draw the pictures of what it handed out.
-    pub(super) fn task(&self, job: &Job, draw: Option<HandedOut>) -> Task {
+    /// The task of a job's child process: to run the job, or, with `draw`, to draw the pictures of that file.
+    pub(super) fn task(&self, job: &Job, draw: Option<OfferedFile>) -> Task {
         let config = &self.config;
         Task {
             inputs: job.inputs.clone(),
             options: job.options.clone(),
             draw,
             limits: config.limits,
-            confinement: self.confinement(self.deadline(job)),
+            confinement: self.confinement(self.time_limit(job)),
             remesher: config.remesher.clone().filter(|_| draw.is_none()),
             blender: config.blender.clone(),
         }
     }
 
-    /// The time after which a job's processes are killed: later than a repair takes by itself to keep its deadline.
-    fn deadline(&self, job: &Job) -> Duration {
+    /// The time after which a job's processes are killed. A repair that keeps its own deadline ends before.
+    fn time_limit(&self, job: &Job) -> Duration {
         let deadline = Duration::from_secs_f64(job.options.deadline_s().clamp(1.0, 3600.0));
         deadline + promised_overrun(deadline) + self.config.deadline_grace
     }
 
-    /// Whether a job's processes may leave its process group.
-    pub(super) fn loose(&self) -> bool {
-        self.status.as_ref().is_none_or(|it| !it.walls.system_calls.in_force)
+    /// Whether a job's processes may leave their process group, because no protection prevents it.
+    pub(super) fn may_leave_group(&self) -> bool {
+        self.status.as_ref().is_none_or(|status| !status.protections.system_calls.enforced)
     }
 
-    /// Bytes free on the disk that has the fewest, as an error where that is too few to begin a job.
-    pub(super) fn room(&self) -> Result<u64, u64> {
+    /// The free bytes of the disk that has the least.
+    ///
+    /// # Errors
+    /// The same number, if it is too small to start a job.
+    pub(super) fn check_free_space(&self) -> Result<u64, u64> {
         let scratch = free_bytes(&self.config.scratch).ok();
         let files = self.blobs.free_bytes().ok().flatten();
         let free = [scratch, files].into_iter().flatten().min().unwrap_or(u64::MAX);
@@ -172,27 +183,28 @@ impl WorkerContext {
     }
 }
 
-/// A file that a child may leave and a job then offers.
+/// A file that a child may leave in the scratch folder, to be stored as an artifact of the job.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Offered {
+pub(super) struct ArtifactSource {
     /// The artifact's name.
     pub name: String,
-    /// Its name in the scratch folder.
+    /// The file's name in the scratch folder.
     pub source: String,
-    /// The name to save it under.
+    /// The name for the download.
     pub filename: String,
+    /// The media type.
     pub media_type: String,
 }
 
-/// What a job may offer once, whatever its mode, but for the file that it hands out, which the report's verdict says.
-const OF_THE_JOB: [(&str, &str); 3] = [
+/// The artifacts of every job, of either mode. The report's verdict says whether there is a model besides.
+const JOB_ARTIFACTS: [(&str, &str); 3] = [
     (Task::LOG, "text/plain; charset=utf-8"),
     (Task::REPORT, "application/json"),
     (Task::FULL_REPORT, "application/json"),
 ];
 
-/// What it may offer of each of its files.
-const OF_EACH_FILE: [(&str, &str); 11] = [
+/// The artifacts of each of a job's files.
+const FILE_ARTIFACTS: [(&str, &str); 11] = [
     ("before.png", "image/png"),
     ("after.png", "image/png"),
     ("defects.png", "image/png"),
@@ -206,53 +218,53 @@ const OF_EACH_FILE: [(&str, &str); 11] = [
     ("change-preview.glb", "model/gltf-binary"),
 ];
 
-/// The pictures of a job on these files, which are drawn when somebody asks for them.
+/// The pictures of a job on `inputs`, as artifacts that are not drawn yet.
 pub(super) fn pictures(inputs: &[Input], report: &JobReport) -> Artifacts {
     let picture = |(number, name): (usize, &'static str)| {
-        let (_, media_type) = OF_EACH_FILE.into_iter().find(|&(known, _)| known == name)?;
+        let (_, media_type) = FILE_ARTIFACTS.into_iter().find(|&(known, _)| known == name)?;
         let filename = format!("{}-{name}", inputs.get(number)?.stem());
         Some((Task::drawing(number, name), Artifact { filename, media_type: media_type.to_owned(), file: None }))
     };
     report.drawings().into_iter().filter_map(picture).collect()
 }
 
-/// The pictures of a job that are not drawn yet, as a child may leave them.
-pub(super) fn undrawn(job: &Job) -> Vec<Offered> {
-    let waiting = job.artifacts.iter().filter(|(_, artifact)| artifact.file.is_none());
-    let offered = |(name, artifact): (&String, &Artifact)| Offered {
+/// The pictures of a job that are not drawn yet, as files that a child may leave.
+pub(super) fn undrawn_files(job: &Job) -> Vec<ArtifactSource> {
+    let undrawn = job.artifacts.iter().filter(|(_, artifact)| artifact.file.is_none());
+    let source = |(name, artifact): (&String, &Artifact)| ArtifactSource {
         name: name.clone(),
         source: name.clone(),
         filename: artifact.filename.clone(),
         media_type: artifact.media_type.clone(),
     };
-    waiting.map(offered).collect()
+    undrawn.map(source).collect()
 }
 
-/// What a job on these files offers beside its pictures, as far as the child left it: after a failure the log only.
-pub(super) fn offered(inputs: &[Input], report: Option<&JobReport>) -> Vec<Offered> {
+/// The files to store at the end of an attempt, besides pictures. Without a report, that is only the log.
+pub(super) fn result_files(inputs: &[Input], report: Option<&JobReport>) -> Vec<ArtifactSource> {
     let first = inputs.first().map_or("model", Input::stem);
-    let once = OF_THE_JOB
+    let once = JOB_ARTIFACTS
         .into_iter()
         .filter(|(name, _)| report.is_some() || *name == Task::LOG)
-        .map(|(name, media_type)| Offered::new(name.to_owned(), format!("{first}-{name}"), media_type));
-    let handed_out = report.and_then(|report| match report.handed_out() {
-        (HandedOut::Model, format) => format.map(|format| {
+        .map(|(name, media_type)| ArtifactSource::new(name.to_owned(), format!("{first}-{name}"), media_type));
+    let offered_file = report.and_then(|report| match report.offered_file() {
+        (OfferedFile::Model, format) => format.map(|format| {
             let filename = format!("{first}-repaired.{}", format.extension());
-            Offered::new(Task::MODEL.to_owned(), filename, media_type(format))
+            ArtifactSource::new(Task::MODEL.to_owned(), filename, media_type(format))
         }),
-        (HandedOut::Original, _) => inputs.first().map(|input| Offered {
+        (OfferedFile::Original, _) => inputs.first().map(|input| ArtifactSource {
             name: Task::ORIGINAL.to_owned(),
             source: Task::input(0),
             filename: input.name.clone(),
             media_type: media_type(input.format).to_owned(),
         }),
-        (HandedOut::None, _) => None,
+        (OfferedFile::None, _) => None,
     });
-    once.chain(handed_out).collect()
+    once.chain(offered_file).collect()
 }
 
-impl Offered {
-    /// A file that the child leaves under the artifact's name.
+impl ArtifactSource {
+    /// A file with the artifact's name in the scratch folder.
     fn new(name: String, filename: String, media_type: &str) -> Self {
         Self { source: name.clone(), name, filename, media_type: media_type.to_owned() }
     }
@@ -270,7 +282,10 @@ fn media_type(format: Format) -> &'static str {
 }
 
 impl WorkerContext {
-    /// Copies a job's files into the scratch folder.
+    /// Copies a job's input files into the scratch folder.
+    ///
+    /// # Errors
+    /// When a file is missing or damaged, or the file store stays unavailable.
     pub(super) async fn fetch_inputs(&self, job: &Job, folder: &Path) -> Result<(), BlobError> {
         for (number, input) in job.inputs.iter().enumerate() {
             let path = folder.join(Task::input(number));
@@ -280,57 +295,61 @@ impl WorkerContext {
         Ok(())
     }
 
-    /// Stores those files that are there under the hold's own keys, where nobody sees them yet.
+    /// Stores the existing ones of `files` under keys of this claim. Nobody sees them until the store publishes them.
+    ///
+    /// # Errors
+    /// When a file can't be read or stored.
     pub(super) async fn store_files(
         &self,
         held: &Lease,
         folder: &Path,
-        files: Vec<Offered>,
-        over: &CancellationToken,
+        files: Vec<ArtifactSource>,
+        stop: &CancellationToken,
     ) -> Result<Artifacts, BlobError> {
         let key = |name: &str| Blobs::artifact_key(held.id, &held.token, name);
-        let places: Vec<_> = files.iter().map(|file| (key(&file.name), folder.join(&file.source))).collect();
-        let stored = retry_with_backoff(Some(over), || self.blobs.put_files(&places)).await?;
-        let artifact = |(Offered { name, filename, media_type, .. }, stored): (Offered, Option<Stored>)| {
-            let Stored { bytes, sha256, .. } = stored?;
-            let file = Some(StoredFile { key: key(&name), bytes, sha256 });
-            Some((name, Artifact { filename, media_type, file }))
-        };
+        let sources: Vec<_> = files.iter().map(|file| (key(&file.name), folder.join(&file.source))).collect();
+        let stored = retry_with_backoff(Some(stop), || self.blobs.put_files(&sources)).await?;
+        let artifact =
+            |(ArtifactSource { name, filename, media_type, .. }, stored): (ArtifactSource, Option<Stored>)| {
+                let Stored { bytes, sha256, .. } = stored?;
+                let file = Some(StoredFile { key: key(&name), bytes, sha256 });
+                Some((name, Artifact { filename, media_type, file }))
+            };
         Ok(files.into_iter().zip(stored).filter_map(artifact).collect())
     }
 
-    /// Removes what was stored under a hold that was lost.
+    /// Deletes the files that were stored under a lost claim.
     pub(super) async fn drop_files(&self, held: &Lease) {
         if let Err(error) = self.blobs.delete_claim(held.id, &held.token).await {
-            tracing::warn!(%error, "files of a lost hold were left");
+            tracing::warn!(%error, "could not delete files of a lost claim");
         }
     }
 }
 
-/// How long to try again what an attempt needs to begin or to end.
+/// How long to retry an operation that an attempt needs to start or to end.
 const RETRY_TIME: Duration = Duration::from_secs(600);
 
-/// An error of something that may be away for a while.
+/// An error that may be transient.
 pub(super) trait Transient: Display {
-    /// Whether the same may succeed in a while.
+    /// Whether a retry may succeed.
     fn is_transient(&self) -> bool;
 }
 
 impl Transient for StoreError {
     fn is_transient(&self) -> bool {
-        self.may_pass()
+        self.is_transient()
     }
 }
 
 impl Transient for BlobError {
     fn is_transient(&self) -> bool {
-        self.may_pass()
+        self.is_transient()
     }
 }
 
-/// Retries with backoff while the database or the file store is unavailable: the work is done, or could not be begun elsewhere either.
-/// Between two tries it gives up when `over` is cancelled.
-pub(super) async fn retry_with_backoff<T, E, F>(over: Option<&CancellationToken>, work: impl Fn() -> F) -> Result<T, E>
+/// Runs `work`, and retries with backoff while its error is transient, for ten minutes at most. Failing earlier would waste
+/// the work that is already done. Stops between two tries when `stop` is cancelled.
+pub(super) async fn retry_with_backoff<T, E, F>(stop: Option<&CancellationToken>, work: impl Fn() -> F) -> Result<T, E>
 where
     E: Transient,
     F: Future<Output = Result<T, E>>,
@@ -342,9 +361,9 @@ where
             Err(error)
                 if error.is_transient()
                     && Instant::now() < until
-                    && !over.is_some_and(CancellationToken::is_cancelled) =>
+                    && !stop.is_some_and(CancellationToken::is_cancelled) =>
             {
-                tracing::warn!(%error, "trying again");
+                tracing::warn!(%error, "transient failure; retrying");
                 tokio::time::sleep(pause).await;
                 pause = (pause * 2).min(Duration::from_secs(5));
             }

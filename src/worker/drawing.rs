@@ -1,4 +1,4 @@
-//! Pictures of ended jobs, drawn when somebody asks for them.
+//! Pictures of ended jobs, drawn at the first request.
 
 use std::convert::Infallible;
 use std::io;
@@ -8,56 +8,56 @@ use tokio::io::{copy, sink};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::context::{AttemptError, Shutdown, WorkerContext, retry_with_backoff, undrawn};
+use super::context::{AttemptError, Shutdown, WorkerContext, retry_with_backoff, undrawn_files};
 use super::process::JobProcess;
 use super::scratch::sanitize;
 use super::task::{JOB, Task};
 use crate::jobs::{Artifacts, Claim, Job, Lease, StoreError};
-use crate::repair::HandedOut;
+use crate::repair::OfferedFile;
 
-/// Times that it is tried before the job is left without pictures.
-const TRIES: u32 = 3;
+/// How many attempts at drawing a job gets before it is left without pictures.
+const MAX_ATTEMPTS: u32 = 3;
 
-/// Draws the pictures of a job under a hold on them, and publishes those that could be drawn.
+/// Draws a job's pictures under a lease on its drawings, and publishes those that could be drawn.
 pub(super) async fn draw(context: &WorkerContext, claim: Claim, shutdown: &Shutdown) {
     let Claim { lease, job } = claim;
-    let (started, over) = (Instant::now(), shutdown.now.child_token());
-    let drawn = if lease.attempt > TRIES {
+    let (started, stop) = (Instant::now(), shutdown.now.child_token());
+    let drawn = if lease.attempt > MAX_ATTEMPTS {
         Ok(Artifacts::new())
     } else {
         tokio::select! {
-            drawn = try_draw(context, &lease, &job, &over) => drawn,
-            never = keep_hold(context, &lease, &over) => match never {},
-        }
+        drawn = try_draw(context, &lease, &job, &stop) => drawn,
+        never = keep_hold(context, &lease, &stop) => match never {},
+                }
     };
     let published = match drawn {
         Ok(drawn) => {
             retry_with_backoff(None, || context.store.finish_drawings(&lease, drawn.clone())).await.map(|_| drawn.len())
         }
         Err(error) => {
-            tracing::warn!(%error, "the pictures were not drawn");
+            tracing::warn!(%error, "could not draw pictures");
             context.drop_files(&lease).await;
-            // For another worker, or this one, to try again; where that fails the hold runs out.
+            // Ends the hold, so that a worker can retry at once. If the store fails, the hold expires later.
             let _ = context.store.hold_drawings(&lease, Duration::ZERO).await;
             return;
         }
     };
     let milliseconds = u64::try_from(started.elapsed().as_millis()).unwrap_or(u64::MAX);
     match published {
-        Ok(pictures) => tracing::info!(pictures, milliseconds, "drawn"),
+        Ok(pictures) => tracing::info!(pictures, milliseconds, "pictures drawn"),
         Err(error) => {
-            tracing::warn!(%error, milliseconds, "the pictures are dropped");
+            tracing::warn!(%error, milliseconds, "could not publish pictures; pictures dropped");
             context.drop_files(&lease).await;
         }
     }
 }
 
-/// Has a child process draw, and stores what it left. One that ends otherwise than it should leaves the pictures that it had drawn.
+/// Draws in a child process and stores the pictures that it left. A child that fails midway keeps the pictures drawn before.
 async fn try_draw(
     context: &WorkerContext,
     held: &Lease,
     job: &Job,
-    over: &CancellationToken,
+    stop: &CancellationToken,
 ) -> Result<Artifacts, AttemptError> {
     let scratch = context.scratch.attempt()?;
     let folder = scratch.path();
@@ -65,49 +65,49 @@ async fn try_draw(
     let model = job.artifacts.get(Task::MODEL).and_then(|model| model.file.as_ref());
     if let Some(file) = model {
         let path = folder.join(Task::MODEL);
-        retry_with_backoff(Some(over), || context.blobs.fetch(&file.key, &file.sha256, &path)).await?;
+        retry_with_backoff(Some(stop), || context.blobs.fetch(&file.key, &file.sha256, &path)).await?;
     }
-    let handed_out = match model {
-        Some(_) => HandedOut::Model,
-        None if job.artifacts.contains_key(Task::ORIGINAL) => HandedOut::Original,
-        None => HandedOut::None,
+    let offered_file = match model {
+        Some(_) => OfferedFile::Model,
+        None if job.artifacts.contains_key(Task::ORIGINAL) => OfferedFile::Original,
+        None => OfferedFile::None,
     };
-    let task = context.task(job, Some(handed_out));
+    let task = context.task(job, Some(offered_file));
     let mut process = JobProcess::start(&context.config.program, JOB, folder, held.attempt == 1, &task)?;
-    // Nobody hears how far it is, but it must be able to say so.
+    // The progress is not used, but the pipe must not fill up.
     if let Some(mut progress) = process.stdout() {
         tokio::spawn(async move { copy(&mut progress, &mut sink()).await });
     }
     let group = process.group();
-    let ended = tokio::select! {
+    let result = tokio::select! {
         status = process.wait() => status.map(drop),
-        excess = context.overrun(job, folder, group) => excess.map(drop),
-        () = over.cancelled() => Ok(()),
+        excess = context.wait_for_excess(job, folder, group) => excess.map(drop),
+        () = stop.cancelled() => Ok(()),
     };
-    let (status, said) = process.end(context.loose()).await?;
-    ended?;
-    if over.is_cancelled() {
+    let (status, stderr) = process.end(context.may_leave_group()).await?;
+    result?;
+    if stop.is_cancelled() {
         return Err(StoreError::LeaseLost.into());
     }
-    let left = folder.to_owned();
-    tokio::task::spawn_blocking(move || sanitize(&left)).await.map_err(io::Error::from)?;
-    let drawn = context.store_files(held, folder, undrawn(job), over).await?;
+    let scratch_path = folder.to_owned();
+    tokio::task::spawn_blocking(move || sanitize(&scratch_path)).await.map_err(io::Error::from)?;
+    let drawn = context.store_files(held, folder, undrawn_files(job), stop).await?;
     if !status.success() {
-        tracing::warn!(%status, said, pictures = drawn.len(), "drawing ended early");
+        tracing::warn!(%status, stderr, pictures = drawn.len(), "drawing process failed");
         if drawn.is_empty() {
-            return Err(io::Error::other(format!("the process ended: {status}")).into());
+            return Err(io::Error::other(format!("the drawing process ended: {status}")).into());
         }
     }
     Ok(drawn)
 }
 
-/// Extends the hold until it is lost, and then waits for the drawing to end itself.
-async fn keep_hold(context: &WorkerContext, held: &Lease, over: &CancellationToken) -> Infallible {
+/// Extends the hold on the drawings. When the hold is lost, it cancels `stop` and never completes: the drawing ends itself.
+async fn keep_hold(context: &WorkerContext, held: &Lease, stop: &CancellationToken) -> Infallible {
     let lease = context.config.lease;
     loop {
         tokio::time::sleep(lease / 3).await;
         if let Err(StoreError::LeaseLost) = context.store.hold_drawings(held, lease).await {
-            over.cancel();
+            stop.cancel();
             return std::future::pending().await;
         }
     }

@@ -1,7 +1,7 @@
-//! Workers: claim a job, run it in a child process under limits, keep the lease alive, publish the result.
+//! Workers: claim a job, run it in a child process under limits, extend the lease, publish the result.
 //!
 //! ```text
-//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (sandbox, then work: the engine, in there)
+//! pool (slots) -> attempt (one claim) -> process (the child and its group) -> child (enters the sandbox and runs the engine)
 //! ```
 
 mod attempt;
@@ -18,20 +18,21 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
 
-use child::run_child;
+use child::run_job;
 use child_request::{run_trial, run_warm_up};
 pub use context::{Retention, Shutdown, WorkerConfig};
 pub use pool::{Pool, PoolError};
 use task::{JOB, TRIAL, WARM_UP};
 
-/// Does what a worker started this process for, by the arguments after the program's name; none where nobody's worker did. To be
-/// called before anything else: there must be one thread, and a process that lives for a few milliseconds has none to spare.
+/// Runs as a worker's child process if `arguments` (without the program's name) say so; `None` otherwise.
+///
+/// Call it first in `main`: entering the sandbox requires a single thread, and the child must start within milliseconds.
 #[must_use]
-pub fn run_inside(arguments: impl IntoIterator<Item = OsString>) -> Option<ExitCode> {
+pub fn run_child(arguments: impl IntoIterator<Item = OsString>) -> Option<ExitCode> {
     let mut arguments = arguments.into_iter();
     let (verb, folder) = (arguments.next()?, arguments.next()?);
     let run: fn(&Path) -> ExitCode = match verb.to_str()? {
-        JOB => run_child,
+        JOB => run_job,
         TRIAL => run_trial,
         WARM_UP => run_warm_up,
         _ => return None,

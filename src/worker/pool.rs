@@ -1,4 +1,5 @@
-//! A number of workers in one process: their slots, the requeuing of lost jobs, and the removal of what has expired.
+//! The workers of one process: the slots that claim jobs, the requeuing of jobs with expired leases, and the removal of expired
+//! data.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,7 +12,7 @@ use tracing::{Instrument, Span};
 
 use super::attempt::Attempt;
 use super::child_request::{try_sandbox, warm_blender_up};
-use super::context::{COUNTED_HERE, Retention, Shutdown, WorkerConfig, WorkerContext};
+use super::context::{Retention, Shutdown, WORKER_COUNT, WorkerConfig, WorkerContext};
 use super::drawing::draw;
 use super::scratch::Scratch;
 use crate::blender::installation;
@@ -20,30 +21,30 @@ use crate::jobs::{Claim, IdSource, Job, Status, Store, StoreError, SystemIds, UP
 use crate::sandbox::{Protection, Sandbox, SandboxStatus};
 use crate::telemetry;
 
-/// Why there is no pool.
+/// Why the pool could not be created.
 #[derive(Debug, thiserror::Error)]
 pub enum PoolError {
     /// The scratch folder can't be used.
-    #[error("the scratch folder: {0}")]
+    #[error("could not prepare the scratch folder: {0}")]
     Scratch(#[from] std::io::Error),
-    /// The sandbox can't be had.
-    #[error("the sandbox for jobs: {0}")]
+    /// The sandbox trial failed.
+    #[error("could not set up the sandbox for jobs: {0}")]
     Sandbox(std::io::Error),
 }
 
-/// A number of workers in one process that share a store.
+/// The worker slots of one process, which share a store.
 pub struct Pool {
     context: Arc<WorkerContext>,
 }
 
 impl Pool {
-    /// Makes the scratch folder, removes those of workers that are gone, and tries the sandbox that jobs will run in.
+    /// Creates the scratch folder, removes those of ended workers, and tests the sandbox.
     ///
     /// # Errors
-    /// When the scratch folder can't be made, or when the sandbox is required and can't be had.
+    /// When the scratch folder can't be created, or when the sandbox is required but not available.
     pub async fn new(store: Arc<dyn Store>, blobs: Blobs, config: WorkerConfig) -> Result<Self, PoolError> {
         let name = format!("worker-{}-{}", std::process::id(), &SystemIds.random().simple().to_string()[..8]);
-        // Orphans of a job's process group are to be reaped here, not by an init that a container may not have.
+        // Makes this process the reaper of orphans of a job's process group; a container may have no init that reaps.
         rustix::process::set_child_subreaper(Some(rustix::process::getpid())).map_err(std::io::Error::from)?;
         let scratch = Scratch::open(&config.scratch, &name)?;
         let blender = config.remesher.iter().flat_map(|info| installation(info.program.as_ref(), &config.private));
@@ -56,19 +57,19 @@ impl Pool {
         Ok(Self { context: Arc::new(context) })
     }
 
-    /// What holds this pool's jobs; none where it runs none.
+    /// The sandbox of this pool's jobs; `None` for a pool without slots.
     #[must_use]
     pub fn sandbox(&self) -> Option<&SandboxStatus> {
         self.context.status.as_ref()
     }
 
-    /// Runs until told to stop. Running jobs are finished, or released when `shutdown.now` is reached first.
+    /// Runs until `shutdown.drain` is cancelled. Finishes the running jobs, or releases them when `shutdown.now` is cancelled.
     pub async fn run(self, shutdown: Shutdown) {
         let context = self.context;
-        tracing::info!(worker = context.name, slots = context.config.slots, "workers are ready");
+        tracing::info!(worker = context.name, slots = context.config.slots, "workers ready");
         let mut tasks = JoinSet::new();
         tasks.spawn(requeue_expired(Arc::clone(&context), shutdown.drain.clone()));
-        tasks.spawn(sweep_now_and_then(Arc::clone(&context), shutdown.drain.clone()));
+        tasks.spawn(sweep_periodically(Arc::clone(&context), shutdown.drain.clone()));
         metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "idle").set(context.config.slots as f64);
         metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "busy").set(0);
         if let Some(remesher) =
@@ -81,35 +82,35 @@ impl Pool {
         }
         while let Some(ended) = tasks.join_next().await {
             if let Err(error) = ended {
-                tracing::error!(%error, "a worker slot ended");
+                tracing::error!(%error, "worker task panicked");
             }
         }
-        tracing::info!(worker = context.name, "workers have stopped");
+        tracing::info!(worker = context.name, "workers stopped");
     }
 }
 
-/// Tries the sandbox, and logs what it holds.
+/// Tests the sandbox, and logs each protection.
 async fn sandbox_status(context: &WorkerContext) -> std::io::Result<SandboxStatus> {
     let config = &context.config;
     let outside = context.scratch.attempt()?;
     let confinement = context.confinement(Duration::from_secs(60));
-    let mut walls = try_sandbox(&config.program, outside.path(), confinement).await?;
-    if !walls.processes.in_force {
-        let why = walls.processes.detail.take().unwrap_or_default();
-        let detail = Some(format!("counted now and then; the kernel does not do it: {why}"));
-        walls.processes = Protection { in_force: true, by: vec![COUNTED_HERE.to_owned()], detail };
+    let mut protections = try_sandbox(&config.program, outside.path(), confinement).await?;
+    if !protections.processes.enforced {
+        let reason = protections.processes.detail.take().unwrap_or_default();
+        let detail = Some(format!("the worker counts processes at intervals, because the kernel does not: {reason}"));
+        protections.processes = Protection { enforced: true, mechanisms: vec![WORKER_COUNT.to_owned()], detail };
     }
-    for (wall, Protection { in_force, by, detail }) in walls.named() {
-        let (by, detail) = (by.join(", "), detail.as_deref().unwrap_or_default());
-        if *in_force {
-            tracing::info!(wall, by, detail, "jobs are walled off");
+    for (name, Protection { enforced, mechanisms, detail }) in protections.named() {
+        let (mechanisms, detail) = (mechanisms.join(", "), detail.as_deref().unwrap_or_default());
+        if *enforced {
+            tracing::info!(protection = name, mechanisms, detail, "sandbox protection enforced");
         } else {
-            tracing::warn!(wall, detail, "jobs are not walled off");
+            tracing::warn!(protection = name, detail, "sandbox protection missing");
         }
     }
     Ok(SandboxStatus {
         mode: config.sandbox,
-        walls,
+        protections,
         max_processes: config.job_processes,
         memory_bytes: config.job_memory,
         scratch_bytes: config.job_scratch,
@@ -117,24 +118,24 @@ async fn sandbox_status(context: &WorkerContext) -> std::io::Result<SandboxStatu
     })
 }
 
-/// Claims and runs one job after the other.
+/// Claims and runs one job after the other. After drawing pictures, a slot claims a job before it draws again.
 async fn slot(context: Arc<WorkerContext>, shutdown: Shutdown) {
-    let (mut had_room, mut drew) = (true, false);
+    let (mut had_space, mut drew) = (true, false);
     while !shutdown.drain.is_cancelled() {
-        // What waits stays in the queue, where it is safe, rather than fail for want of room.
-        let room = context.room();
-        if let Err(free) = room
-            && had_room
+        // With too little disk space, jobs stay queued rather than fail.
+        let free_space = context.check_free_space();
+        if let Err(free) = free_space
+            && had_space
         {
             let least = context.config.min_free;
-            tracing::error!(free, least, "too little room on the disk: no job is begun until there is more");
+            tracing::error!(free, least, "too little free disk space; not starting jobs");
         }
-        had_room = room.is_ok();
-        if !had_room {
+        had_space = free_space.is_ok();
+        if !had_space {
             sleep_unless(&shutdown.drain, context.config.poll).await;
             continue;
         }
-        // Somebody waits for pictures; but those who wait for jobs get their turns.
+        // Pictures go first, because a client waits for them, but never twice in a row.
         if !drew && let Some(claim) = claim_drawings(&context).await {
             drew = true;
             let span = attempt_span(&claim);
@@ -151,10 +152,10 @@ async fn slot(context: Arc<WorkerContext>, shutdown: Shutdown) {
             }
             Ok(None) if just_drew => continue,
             Ok(None) => {}
-            Err(error) => tracing::error!(%error, "could not look for work"),
+            Err(error) => tracing::error!(%error, "could not claim a job"),
         }
         tokio::select! {
-            () = context.store.bell().work() => {}
+            () = context.store.notifier().work() => {}
             () = tokio::time::sleep(context.config.poll) => {}
             () = shutdown.drain.cancelled() => {}
         }
@@ -183,14 +184,14 @@ async fn claim_drawings(context: &WorkerContext) -> Option<Claim> {
     match context.store.claim_drawings(context.config.lease).await {
         Ok(claim) => claim,
         Err(error) => {
-            tracing::error!(%error, "could not look for pictures to draw");
+            tracing::error!(%error, "could not claim drawings");
             None
         }
     }
 }
 
-/// What every log line of an attempt has, and where it stands in the trace of the request that made its job. Of the highest
-/// level, so that lines have it whatever level is logged.
+/// The span of an attempt, which continues the trace of the request that submitted the job. Its level is the highest, so that
+/// log lines of every level carry its fields.
 fn attempt_span(claim: &Claim) -> Span {
     let Claim { lease, job } = claim;
     let span = tracing::error_span!(
@@ -205,7 +206,7 @@ fn attempt_span(claim: &Claim) -> Span {
     span
 }
 
-/// A slot at work, in the metrics.
+/// Counts a slot as busy in the metrics until it is dropped.
 struct Busy;
 
 impl Busy {
@@ -226,24 +227,24 @@ impl Drop for Busy {
     }
 }
 
-/// Makes jobs of lost workers claimable again.
+/// Periodically requeues jobs whose lease expired.
 async fn requeue_expired(context: Arc<WorkerContext>, stop: CancellationToken) {
     let pause = context.config.lease / 3;
     let mut overslept = false;
     while !stop.is_cancelled() {
-        // After a stop of the whole process, or of the machine, the leases of its own jobs ran out unseen: their
-        // heartbeats go first.
+        // After this process or the machine was suspended, the leases of its own jobs have expired. Their heartbeats come
+        // first, to extend them.
         if overslept {
             tokio::time::sleep(pause).await;
         }
-        match context.store.rescue().await {
+        match context.store.requeue_expired().await {
             Ok(jobs) => {
                 for job in jobs {
-                    tracing::warn!(job_id = %job.id, status = job.status.as_str(), crashes = job.crashes, "a worker was lost");
+                    tracing::warn!(job_id = %job.id, status = job.status.as_str(), crashes = job.crashes, "lease expired; worker lost");
                     metrics::counter!(telemetry::LEASES_LOST).increment(1);
                 }
             }
-            Err(error) => tracing::error!(%error, "could not look for lost jobs"),
+            Err(error) => tracing::error!(%error, "could not requeue jobs with expired leases"),
         }
         let asleep = Instant::now();
         sleep_unless(&stop, pause).await;
@@ -251,31 +252,31 @@ async fn requeue_expired(context: Arc<WorkerContext>, stop: CancellationToken) {
     }
 }
 
-/// Expires results and removes what nobody owns, at the start and then now and then.
-async fn sweep_now_and_then(context: Arc<WorkerContext>, stop: CancellationToken) {
+/// Removes expired data and orphaned files, at the start and then periodically.
+async fn sweep_periodically(context: Arc<WorkerContext>, stop: CancellationToken) {
     for round in 0.. {
         if stop.is_cancelled() {
             break;
         }
         if let Err(error) = sweep(context.store.as_ref(), &context.blobs, context.config.retention, round).await {
-            tracing::warn!(%error, "could not sweep");
+            tracing::warn!(%error, "could not remove expired data");
         }
         sleep_unless(&stop, SWEEP_EVERY).await;
     }
 }
 
-/// How often to look for what has expired.
+/// How often to remove expired data.
 const SWEEP_EVERY: Duration = Duration::from_secs(60);
-/// How many of those looks go without one for files that nobody owns, which reads every file's name.
+/// Every how many rounds to look for orphaned files, which lists every file.
 const ORPHANS_EVERY: u64 = 60;
-/// Files younger than this may be an upload under way.
+/// The least age of a file that may be removed; a younger one may belong to a running upload.
 const ORPHAN_AGE: Duration = Duration::from_secs(3600);
-/// How long it is kept what webhooks told, and how that went.
+/// How long webhook messages and the results of their deliveries are kept.
 const MESSAGE_LIFE: Duration = Duration::from_secs(30 * 24 * 3600);
-/// Jobs that expire in one statement.
+/// How many jobs expire in one statement.
 const EXPIRE_BATCH: u32 = 100;
 
-/// Why a sweep was not finished.
+/// Why a sweep stopped early.
 #[derive(Debug, thiserror::Error)]
 enum SweepError {
     #[error(transparent)]
@@ -284,7 +285,8 @@ enum SweepError {
     Store(#[from] StoreError),
 }
 
-/// Round number `round`, counted from 0, of those that remove what is not wanted any more. Any number of processes may sweep at once.
+/// Removes expired data; every [`ORPHANS_EVERY`] rounds, starting with round 0, also orphaned files. Any number of processes may
+/// sweep at once.
 async fn sweep(store: &dyn Store, blobs: &Blobs, retention: Retention, round: u64) -> Result<(), SweepError> {
     let started = Instant::now();
     expire(store, blobs, retention).await?;
@@ -295,7 +297,7 @@ async fn sweep(store: &dyn Store, blobs: &Blobs, retention: Retention, round: u6
     Ok(())
 }
 
-/// Expires jobs whose time is over, and forgets keys, tokens, uploads and jobs.
+/// Expires the results of old jobs, and deletes expired keys, tokens, uploads, messages and jobs.
 async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Result<(), SweepError> {
     store.forget_keys().await?;
     store.forget_tokens().await?;
@@ -315,10 +317,10 @@ async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Resul
     Ok(())
 }
 
-/// Removes files that no job owns: of uploads that a killed server left, or of which no job was made, of deletions that were stopped
-/// half way, and of attempts that were lost and whose worker, or its file store, went before they were cleared away.
+/// Deletes files that no job owns: of uploads that never became a job, of interrupted deletions, and of lost attempts whose
+/// files could not be deleted at once.
 async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepError> {
-    blobs.delete_quiet_incoming(UPLOAD_LIFE).await?;
+    blobs.delete_stale_incoming(UPLOAD_LIFE).await?;
     let (mut owners, mut gone) = (blobs.owners(ORPHAN_AGE).await?, None);
     while let Some(Owner { job: id, claim }) = owners.try_next().await? {
         let job = store.get(id).await?.filter(|job| !job.purged && job.status != Status::Expired);
@@ -326,7 +328,7 @@ async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepErr
             (None, _) if gone == Some(id) => false,
             (None, _) => {
                 gone = Some(id);
-                blobs.delete_quiet_job(id, ORPHAN_AGE).await?
+                blobs.delete_stale_job(id, ORPHAN_AGE).await?
             }
             (Some(job), Some(claim)) if is_lost(&job, &claim) => {
                 blobs.delete_claim(id, &claim).await?;
@@ -336,20 +338,21 @@ async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepErr
         };
         if removed {
             count("orphaned", 1);
-            tracing::info!(job_id = %id, "removed files that no job owns");
+            tracing::info!(job_id = %id, "removed orphaned files");
         }
     }
     Ok(())
 }
 
-/// Whether a job ended otherwise than by this claim, so that nobody sees what that made. One that runs may be about to end by it.
+/// Whether the job has ended and no artifact is from this claim, so that the claim's files are useless. A running job may still
+/// end with this claim.
 fn is_lost(job: &Job, claim: &str) -> bool {
     let folder = Blobs::artifact_key(job.id, claim, "");
     let mut files = job.artifacts.values().filter_map(|artifact| artifact.file.as_ref());
     job.finished_at.is_some() && !files.any(|file| file.key.starts_with(&folder))
 }
 
-/// Counts what was swept away.
-fn count(what: &'static str, many: u64) {
-    metrics::counter!(telemetry::SWEPT, "what" => what).increment(many);
+/// Counts removed items in the metrics.
+fn count(kind: &'static str, number: u64) {
+    metrics::counter!(telemetry::SWEPT, "what" => kind).increment(number);
 }

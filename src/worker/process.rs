@@ -1,4 +1,4 @@
-//! A job's child process: how it starts and ends, what it may take, and why it ended.
+//! A job's child process: its start and end, its shared limits, and the reason it ended.
 
 use std::collections::HashSet;
 use std::fs::{read_dir, symlink_metadata};
@@ -20,15 +20,15 @@ use tokio::time::Instant;
 use crate::jobs::{FailureKind, JobProblem, ProblemKind};
 use crate::sandbox::processes::{MARK, count_group, end_descendants, end_strays};
 
-/// Memory in large pages, and none set apart for each thread: most of what a short-lived process waits for is memory that it touches for
-/// the first time. C libraries other than glibc don't know it.
+/// glibc settings for short-lived processes: huge pages, and one arena for all threads. Most of the time of such a process
+/// goes into page faults on fresh memory. Other C libraries ignore the variable.
 const ALLOCATOR: &str = "glibc.malloc.hugetlb=1:glibc.malloc.arena_max=1";
-/// Bytes from the end of a process's standard error that are kept.
+/// How many bytes are kept from the end of a process's standard error.
 const STDERR_BYTES: usize = 16 << 10;
-/// How long to wait for the end of its standard error once it has ended, in case another process holds it open.
-const LAST_WORDS: Duration = Duration::from_millis(500);
+/// How long to read the standard error of an ended process, in case another process keeps the pipe open.
+const STDERR_WAIT: Duration = Duration::from_millis(500);
 
-/// A job's child process and all it starts, as one process group.
+/// A job's child process and all processes it starts, as one process group.
 pub(super) struct JobProcess {
     child: Child,
     group: Pid,
@@ -38,8 +38,11 @@ pub(super) struct JobProcess {
 }
 
 impl JobProcess {
-    /// Starts `program verb folder` with an environment that holds no more than it needs, and tells it what to do: a line of JSON on its
-    /// standard input, which then stays open as its lifeline.
+    /// Starts `program verb folder` with a minimal environment. The child reads its task as one line of JSON from standard
+    /// input. The pipe then stays open as a lifeline: it closes when this process ends.
+    ///
+    /// # Errors
+    /// When the task can't be serialized or the process can't be started.
     pub fn start(
         program: &Path,
         verb: &str,
@@ -75,29 +78,34 @@ impl JobProcess {
         let (Some(stdin), Some(stderr)) = (child.stdin.take(), child.stderr.take()) else {
             return Err(io::Error::other("the child process has no standard input or error"));
         };
-        let (lifeline, stderr) = (tokio::spawn(tell(stdin, task)), tokio::spawn(tail(stderr)));
+        let (lifeline, stderr) = (tokio::spawn(write_task(stdin, task)), tokio::spawn(read_tail(stderr)));
         Ok(Self { child, group, folder: folder.to_owned(), stderr, _lifeline: lifeline })
     }
 
+    /// The id of the child's process group.
     pub fn group(&self) -> Pid {
         self.group
     }
 
+    /// The child's standard output; `None` after the first call.
     pub fn stdout(&mut self) -> Option<ChildStdout> {
         self.child.stdout.take()
     }
 
-    /// Waits for the child itself; what it started may live on until [`end`](Self::end).
+    /// Waits for the child itself. Processes that it started may run until [`end`](Self::end).
     pub async fn wait(&mut self) -> io::Result<ExitStatus> {
         self.child.wait().await
     }
 
-    /// Kills whatever of the group is left and reaps it. Where nothing kept its processes in the group (`loose`), those that left it are
-    /// looked for too. Gives how it ended, and the end of what it wrote to standard error.
-    pub async fn end(mut self, loose: bool) -> io::Result<(ExitStatus, String)> {
+    /// Kills the process group and reaps its processes. With `may_leave_group` it also ends processes that left the group.
+    /// Returns the child's exit status and the end of its standard error.
+    ///
+    /// # Errors
+    /// When the group can't be killed, or the child's status can't be read.
+    pub async fn end(mut self, may_leave_group: bool) -> io::Result<(ExitStatus, String)> {
         let mut strays = HashSet::new();
-        // Before the child is gone, since its children get another parent then.
-        if loose && self.child.id().is_some() {
+        // The search needs a living child: its own children get another parent when it ends.
+        if may_leave_group && self.child.id().is_some() {
             let child = self.group;
             strays = tokio::task::spawn_blocking(move || end_descendants(child)).await?;
         }
@@ -106,32 +114,32 @@ impl JobProcess {
             Err(e) => return Err(e.into()),
         }
         let status = self.child.wait().await?;
-        if loose {
+        if may_leave_group {
             let folder = self.folder;
             strays.extend(tokio::task::spawn_blocking(move || end_strays(folder.as_os_str())).await?);
         }
-        // Grandchildren come to us because the pool made this process their reaper.
+        // The kernel reparents grandchildren to this process: the pool made it their subreaper.
         let group = self.group;
-        reap(group, || waitpgid(group, WaitOptions::NOHANG).map(|it| it.is_some())).await;
+        reap(group, || waitpgid(group, WaitOptions::NOHANG).map(|ended| ended.is_some())).await;
         for stray in strays {
-            reap(stray, || waitpid(Some(stray), WaitOptions::NOHANG).map(|it| it.is_some())).await;
+            reap(stray, || waitpid(Some(stray), WaitOptions::NOHANG).map(|ended| ended.is_some())).await;
         }
-        let stderr = tokio::time::timeout(LAST_WORDS, &mut self.stderr).await;
+        let stderr = tokio::time::timeout(STDERR_WAIT, &mut self.stderr).await;
         self.stderr.abort();
         let stderr = stderr.ok().and_then(Result::ok).unwrap_or_default();
         Ok((status, String::from_utf8_lossy(&stderr).into_owned()))
     }
 }
 
-/// Writes a process's task, as fast as it reads, and gives what it is to keep as long as it is to live.
-async fn tell(mut stdin: ChildStdin, task: Vec<u8>) -> ChildStdin {
-    // A process that has ended before it read its task says why by its exit status.
+/// Writes a process's task to its standard input, and returns the pipe, which the caller keeps as the lifeline.
+async fn write_task(mut stdin: ChildStdin, task: Vec<u8>) -> ChildStdin {
+    // The exit status of a process that ended before it read its task gives the reason.
     let _ = stdin.write_all(&task).await;
     stdin
 }
 
-/// The end of what a process writes until it ends.
-async fn tail(mut stderr: ChildStderr) -> Vec<u8> {
+/// Reads a process's standard error until it closes, and returns its last [`STDERR_BYTES`].
+async fn read_tail(mut stderr: ChildStderr) -> Vec<u8> {
     let mut kept = Vec::new();
     while let Ok(1..) = stderr.read_buf(&mut kept).await {
         if kept.len() > 2 * STDERR_BYTES {
@@ -141,44 +149,46 @@ async fn tail(mut stderr: ChildStderr) -> Vec<u8> {
     kept.split_off(kept.len().saturating_sub(STDERR_BYTES))
 }
 
-/// Waits for killed processes until there are none. A killed process ends within moments, unless it hangs in the kernel, which is
-/// no reason to hold up the worker.
-async fn reap(id: Pid, one: impl Fn() -> Result<bool, Errno>) {
+/// Reaps killed processes with `wait_one` until none is left. Gives up after two seconds: a process that hangs in the kernel
+/// must not block the worker.
+async fn reap(id: Pid, wait_one: impl Fn() -> Result<bool, Errno>) {
     for _ in 0..200 {
-        match one() {
+        match wait_one() {
             Ok(false) => tokio::time::sleep(Duration::from_millis(10)).await,
             Ok(true) => {}
             Err(_) => return,
         }
     }
-    tracing::error!(id = id.as_raw_nonzero(), "a killed process is still there");
+    tracing::error!(id = id.as_raw_nonzero(), "killed process still exists");
 }
 
-/// What a file or folder takes beside its content.
+/// Bytes charged for each file or folder, besides its content.
 const ENTRY_BYTES: u64 = 4096;
-/// How often to look at what a job has taken.
-const LOOK_EVERY: Duration = Duration::from_millis(500);
-/// `st_blocks` counts in these.
+/// How often to measure a job's use.
+const MEASURE_EVERY: Duration = Duration::from_millis(500);
+/// The unit of `st_blocks`, in bytes.
 const BLOCK_BYTES: u64 = 512;
 
-/// What a job's processes may take together, of what the kernel counts for each alone.
+/// Limits on all of a job's processes together; the kernel counts these resources for each process alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Allowance {
+pub(super) struct SharedLimits {
     /// Bytes on disk.
     pub scratch_bytes: u64,
-    /// Processes and threads, where the kernel does not count them.
+    /// Processes and threads; `None` if the kernel counts them.
     pub processes: Option<u64>,
 }
 
-/// What a job took too much of.
+/// The shared limit that a job exceeded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Excess {
+    /// Too many bytes on disk.
     Scratch,
+    /// Too many processes and threads.
     Processes,
 }
 
 impl Excess {
-    /// What it is called in logs and metrics.
+    /// The name in logs and metrics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Scratch => "scratch",
@@ -187,16 +197,16 @@ impl Excess {
     }
 }
 
-impl Allowance {
-    /// Waits until a job's processes are beyond it, and answers what they took too much of; none once `longest` has passed.
+impl SharedLimits {
+    /// Waits until a job's processes exceed a limit, and returns which one; `None` once `longest` has passed.
     ///
     /// # Errors
-    /// When the look at them crashed.
-    pub async fn overrun(self, longest: Duration, folder: &Path, group: Pid) -> io::Result<Option<Excess>> {
+    /// When a measurement panicked.
+    pub async fn wait_for_excess(self, longest: Duration, folder: &Path, group: Pid) -> io::Result<Option<Excess>> {
         let watch = async {
-            let mut looks = tokio::time::interval_at(Instant::now() + LOOK_EVERY, LOOK_EVERY);
+            let mut tick = tokio::time::interval_at(Instant::now() + MEASURE_EVERY, MEASURE_EVERY);
             loop {
-                looks.tick().await;
+                tick.tick().await;
                 let folder = folder.to_owned();
                 if let Some(excess) = tokio::task::spawn_blocking(move || self.exceeded(&folder, group)).await? {
                     return Ok(excess);
@@ -209,103 +219,103 @@ impl Allowance {
         }
     }
 
-    /// Whether the job with this folder and process group is beyond it.
+    /// The limit that the job with this scratch folder and process group exceeds, if any.
     pub fn exceeded(&self, folder: &Path, group: Pid) -> Option<Excess> {
-        if taken(folder, self.scratch_bytes).is_none_or(|bytes| bytes > self.scratch_bytes) {
+        if disk_use(folder, self.scratch_bytes).is_none_or(|bytes| bytes > self.scratch_bytes) {
             return Some(Excess::Scratch);
         }
-        self.processes.is_some_and(|most| count_group(group) > most).then_some(Excess::Processes)
+        self.processes.is_some_and(|max| count_group(group) > max).then_some(Excess::Processes)
     }
 }
 
-/// Bytes on disk of a folder with all in it, counted no further than just above `most`; none where it hides something, since a folder
-/// can be too deep to be named, or closed to its own owner.
-fn taken(folder: &Path, most: u64) -> Option<u64> {
+/// The bytes on disk of a folder and its content. Counting stops just above `max`. Returns `None` if a part can't be read: a
+/// process can nest folders deeper than a path can name, or remove its own access.
+fn disk_use(folder: &Path, max: u64) -> Option<u64> {
     let mut bytes = 0;
-    let mut left = vec![folder.to_owned()];
-    while let Some(folder) = left.pop() {
+    let mut pending = vec![folder.to_owned()];
+    while let Some(folder) = pending.pop() {
         let entries = match read_dir(&folder) {
             Ok(entries) => entries,
-            // It went meanwhile.
+            // A running process may remove the folder during the walk.
             Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
             Err(_) => return None,
         };
         for path in entries.flatten().map(|entry| entry.path()) {
-            let found = match symlink_metadata(&path) {
-                Ok(found) => found,
+            let metadata = match symlink_metadata(&path) {
+                Ok(metadata) => metadata,
                 Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
                 Err(_) => return None,
             };
-            bytes += ENTRY_BYTES + found.blocks() * BLOCK_BYTES;
-            if bytes > most {
+            bytes += ENTRY_BYTES + metadata.blocks() * BLOCK_BYTES;
+            if bytes > max {
                 return Some(bytes);
             }
-            if found.is_dir() {
-                left.push(path);
+            if metadata.is_dir() {
+                pending.push(path);
             }
         }
     }
     Some(bytes)
 }
 
-/// What is said where memory ends: by the allocator, by a read into memory, by the operating system of a mapping and of a
-/// thread's stack.
+/// Messages that mean that memory ran out: from the allocator, from a read into memory, and from the operating system for a
+/// mapping and for a thread's stack.
 const OUT_OF_MEMORY: [&str; 4] =
     ["memory allocation of", "out of memory", "Cannot allocate memory", "Resource temporarily unavailable"];
 
-/// What is said where a disk is full.
-const OUT_OF_ROOM: [&str; 2] = ["No space left on device", "Disk quota exceeded"];
+/// Messages that mean that the disk is full.
+const DISK_FULL: [&str; 2] = ["No space left on device", "Disk quota exceeded"];
 
-/// Why a job's process ended without a result and without saying so in its own words: by its exit status and what it
-/// wrote to standard error. A limit would be met again, so that is final; anything else may be tried again.
+/// Explains a child process that ended without a result and without a problem file, by its exit status and standard error.
+/// A retry would reach the same limit, so an exceeded limit is final. Other failures may be retried.
 pub(super) fn explain_exit(status: ExitStatus, stderr: &str, memory_bytes: u64) -> (FailureKind, JobProblem) {
     const SIGXCPU: i32 = 24;
     const SIGXFSZ: i32 = 25;
     let megabytes = memory_bytes >> 20;
     let (kind, code, detail) = if OUT_OF_MEMORY.iter().any(|words| stderr.contains(words)) {
         let detail = format!(
-            "The job needs more than the {megabytes} MiB of memory that a job may have. Send the model with \
-             fewer faces, or raise the service's --job-memory."
+            "The job needs more memory than a job may use ({megabytes} MiB). Submit a model with fewer faces, or ask the operator to \
+ raise `--job-memory`."
         );
         (FailureKind::Final, ProblemKind::OutOfMemory, detail)
     } else if status.signal() == Some(SIGXCPU) {
-        let detail = "The job used more processor time than a job may have. Send it with fewer faces, or a smaller max_tier \
-                      or level.";
+        let detail = "The job used more processor time than a job may use. Submit a model with fewer faces, or set a smaller \
+              `max_tier` or `level`.";
         (FailureKind::Final, ProblemKind::CpuLimit, detail.to_owned())
     } else if status.signal() == Some(SIGXFSZ) {
-        let detail = "The job wrote a larger file than a job may write. Ask for a coarser result, such as a \
-                      smaller voxel_resolution.";
+        let detail = "The job wrote a larger file than a job may write. Request a coarser result, such as a smaller \
+              `voxel_resolution`.";
         (FailureKind::Final, ProblemKind::FileLimit, detail.to_owned())
-    } else if OUT_OF_ROOM.iter().any(|words| stderr.contains(words)) {
+    } else if DISK_FULL.iter().any(|words| stderr.contains(words)) {
         let detail =
-            "The disk that jobs are done on is full. The operator has to make room; send the model again then.";
-        (FailureKind::Passing, ProblemKind::Internal, detail.to_owned())
+            "The service's disk for running jobs is full. Submit the model again after the operator has freed space.";
+        (FailureKind::Transient, ProblemKind::Internal, detail.to_owned())
     } else {
         let detail = format!(
-            "The job's process ended by itself ({status}). This is a fault of the service, not of the model: \
-             please report it with the job's log."
+            "The job's process ended unexpectedly ({status}). This is a fault of the service, not of the model: please report it \
+ with the job's log."
         );
         (FailureKind::Crash, ProblemKind::Crashed, detail)
     };
     (kind, JobProblem::new(code, detail))
 }
 
-/// Why a job was killed that took too much of what is counted for all its processes together.
+/// Explains a job that was killed because its processes together exceeded a limit.
 pub(super) fn explain_excess(excess: Excess, scratch_bytes: u64, processes: u64) -> JobProblem {
     let (code, detail) = match excess {
         Excess::Scratch => (
             ProblemKind::FileLimit,
             format!(
-                "The job's files took more than the {} MiB of disk that a job may have. Ask for a coarser result, such as a \
-                 smaller voxel_resolution, or raise the service's --job-scratch-mib.",
+                "The job's files used more disk space than a job may use ({} MiB). Request a coarser result, such as a smaller \
+ `voxel_resolution`, or ask the operator to raise `--job-scratch-mib`.",
                 scratch_bytes >> 20
             ),
         ),
         Excess::Processes => (
             ProblemKind::Crashed,
             format!(
-                "The job started more than the {processes} processes that a job may have, and was stopped. This is a fault \
-                 of the service, not of the model: please report it with the job's log, or raise the service's --job-processes."
+                "The job started more processes than a job may have ({processes}) and was stopped. This is a fault of the service, not \
+ of the model: please report it with the job's log, or ask the operator to raise `--job-processes`."
             ),
         ),
     };
@@ -321,29 +331,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_files_count_and_no_more_are_looked_at_than_is_needed() {
+    fn disk_use_counts_all_files_and_stops_above_the_maximum() {
         let folder = tempfile::tempdir().expect("a folder");
         fs::create_dir_all(folder.path().join("a/b")).expect("a folder");
         fs::write(folder.path().join("a/b/file"), vec![1; 100_000]).expect("a file");
-        let all = taken(folder.path(), u64::MAX).expect("nothing is hidden");
+        let all = disk_use(folder.path(), u64::MAX).expect("readable folders");
         assert!((100_000..200_000).contains(&all), "{all}");
         for number in 0..100 {
             fs::write(folder.path().join(number.to_string()), "").expect("a file");
         }
-        let some = taken(folder.path(), 150_000).expect("nothing is hidden");
+        let some = disk_use(folder.path(), 150_000).expect("readable folders");
         assert!((150_001..400_000).contains(&some), "{some}");
     }
 
     #[test]
-    fn a_folder_too_deep_to_be_named_is_not_passed_over() {
+    fn disk_use_is_unknown_for_a_folder_too_deep_for_a_path() {
         let folder = tempfile::tempdir().expect("a folder");
         let name = "n".repeat(200);
-        // As a process does that goes down as it makes them.
-        let mut here = fs::File::open(folder.path()).expect("a folder");
+        // Like a process that descends while it creates folders.
+        let mut current = fs::File::open(folder.path()).expect("a folder");
         for _ in 0..30 {
-            mkdirat(&here, &name, Mode::RWXU).expect("a folder");
-            here = openat(&here, &name, OFlags::RDONLY, Mode::empty()).expect("a folder").into();
+            mkdirat(&current, &name, Mode::RWXU).expect("a folder");
+            current = openat(&current, &name, OFlags::RDONLY, Mode::empty()).expect("a folder").into();
         }
-        assert_eq!(taken(folder.path(), u64::MAX), None);
+        assert_eq!(disk_use(folder.path(), u64::MAX), None);
     }
 }

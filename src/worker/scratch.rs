@@ -1,3 +1,5 @@
+//! Scratch folders: one for each worker process, with one folder for each attempt.
+
 use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
@@ -6,10 +8,10 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{FlockOperation, flock};
 use tempfile::TempDir;
 
-/// A worker process's private folder. Each attempt gets a folder in it, removed when the attempt ends.
+/// A worker process's private folder. Each attempt gets a folder in it, which is removed when the attempt ends.
 ///
-/// The folder is held by a file lock, which the operating system drops however the process ends; so the folders that
-/// killed workers left behind are told from those in use, and are removed when the next worker starts.
+/// The process holds a file lock on the folder. The operating system drops the lock however the process ends. A worker that
+/// starts thus recognizes the folders of killed workers by their free locks, and removes them.
 #[derive(Debug)]
 pub(super) struct Scratch {
     folder: PathBuf,
@@ -19,6 +21,10 @@ pub(super) struct Scratch {
 const LOCK: &str = ".lock";
 
 impl Scratch {
+    /// Creates the folder `worker` in `root`, after removing the folders of ended workers.
+    ///
+    /// # Errors
+    /// When a folder can't be created, listed or locked.
     pub fn open(root: &Path, worker: &str) -> io::Result<Self> {
         fs::create_dir_all(root)?;
         remove_abandoned(root)?;
@@ -29,6 +35,10 @@ impl Scratch {
         Ok(Self { folder, _lock: lock })
     }
 
+    /// Creates a folder for one attempt.
+    ///
+    /// # Errors
+    /// When the folder can't be created.
     pub fn attempt(&self) -> io::Result<TempDir> {
         tempfile::Builder::new().prefix("attempt-").tempdir_in(&self.folder)
     }
@@ -47,12 +57,12 @@ fn remove_abandoned(root: &Path) -> io::Result<()> {
         let folder = entry?.path();
         let Ok(lock) = File::open(folder.join(LOCK)) else { continue };
         if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_ok() {
-            tracing::info!(folder = %folder.display(), "removing the scratch folder of a worker that is gone");
+            tracing::info!(folder = %folder.display(), "removing scratch folder of an ended worker");
             sanitize(&folder);
             match fs::remove_dir_all(&folder) {
-                // Another worker may be clearing away too.
+                // Another worker may remove the same folder.
                 Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                    tracing::warn!(%error, folder = %folder.display(), "could not remove it");
+                    tracing::warn!(%error, folder = %folder.display(), "could not remove the scratch folder of an ended worker");
                 }
                 _ => {}
             }
@@ -61,21 +71,21 @@ fn remove_abandoned(root: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes what a job's processes left in a folder safe to go through, once they have ended: takes away what is neither a file nor a
-/// folder, such as links that lead elsewhere and pipes that never end, and opens folders that they closed.
+/// Makes a folder safe to read after a job's processes have ended. Removes entries that are neither files nor folders, such as
+/// links to other folders and pipes without end. Restores the owner's access to folders that the job closed.
 pub(super) fn sanitize(folder: &Path) {
-    let mut left = vec![folder.to_owned()];
-    while let Some(folder) = left.pop() {
+    let mut pending = vec![folder.to_owned()];
+    while let Some(folder) = pending.pop() {
         let entries = fs::read_dir(&folder).into_iter().flatten().flatten();
         for path in entries.map(|entry| entry.path()) {
-            // What can't be done here is an error to whoever comes for the file.
-            let Ok(found) = fs::symlink_metadata(&path) else { continue };
-            if found.is_dir() {
-                if found.permissions().mode() & 0o700 != 0o700 {
+            // Failures are ignored here: reading the file later reports them.
+            let Ok(metadata) = fs::symlink_metadata(&path) else { continue };
+            if metadata.is_dir() {
+                if metadata.permissions().mode() & 0o700 != 0o700 {
                     let _ = fs::set_permissions(&path, fs::Permissions::from_mode(0o700));
                 }
-                left.push(path);
-            } else if !found.is_file() {
+                pending.push(path);
+            } else if !metadata.is_file() {
                 let _ = fs::remove_file(&path);
             }
         }
@@ -87,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_in_use_stays_and_one_left_behind_is_removed() {
+    fn a_starting_worker_removes_abandoned_folders_and_keeps_locked_ones() {
         let root = tempfile::tempdir().expect("a folder");
         let held = Scratch::open(root.path(), "held").expect("a scratch folder");
         fs::create_dir(root.path().join("left")).expect("a folder");
@@ -100,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn what_leads_out_of_a_folder_is_taken_away_and_what_is_closed_is_opened() {
+    fn sanitize_removes_links_and_reopens_closed_folders() {
         let (outside, folder) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
         let (closed, link) = (folder.path().join("closed"), folder.path().join("closed/model"));
         fs::create_dir(&closed).expect("a folder");
@@ -110,9 +120,9 @@ mod tests {
         std::os::unix::fs::symlink(outside.path(), closed.join("folder")).expect("a link");
         fs::set_permissions(&closed, fs::Permissions::from_mode(0o000)).expect("it is ours");
         sanitize(folder.path());
-        let left: Vec<_> =
+        let names: Vec<_> =
             fs::read_dir(&closed).expect("it is open").flatten().map(|entry| entry.file_name()).collect();
-        assert_eq!(left, ["kept"]);
+        assert_eq!(names, ["kept"]);
         assert!(outside.path().join("secret").exists());
     }
 }

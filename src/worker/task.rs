@@ -1,4 +1,4 @@
-//! What a worker and its child process agree on: the task, its files, and what holds the process.
+//! The protocol between a worker and its child process: the task, its files, and the child's confinement.
 
 use std::io;
 use std::time::Duration;
@@ -9,36 +9,45 @@ use serde::{Deserialize, Serialize};
 use crate::blender::BlenderConfig;
 use crate::format::Limits;
 use crate::jobs::{Input, JobOptions, JobProgress};
-use crate::repair::{HandedOut, RemesherInfo};
+use crate::repair::{OfferedFile, RemesherInfo};
 use crate::sandbox::Sandbox;
 
-/// What a worker starts this program for; each is followed by the scratch folder with what it needs.
+/// The verbs with which a worker starts this program; each is followed by the path of the scratch folder.
 pub(super) const JOB: &str = "job-child";
 pub(super) const TRIAL: &str = "sandbox-trial";
 pub(super) const WARM_UP: &str = "warm-up-child";
 
-/// What a worker tells its child process: a line of JSON on its standard input. That is then a lifeline: when it closes, the worker is
-/// gone, and the child ends its process group.
+/// The task of a child process: one line of JSON on its standard input. The pipe then serves as a lifeline: when it closes, the
+/// worker is gone, and the child ends its process group.
 ///
-/// The [`input`](Self::input) files lie in the scratch folder. The child leaves its files there too: [`MODEL`](Self::MODEL) where there is one, then
-/// [`FULL_REPORT`](Self::FULL_REPORT), which says that the work is done; [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) where
-/// the input is to blame. Where pictures are all that it is to make, [`MODEL`](Self::MODEL) lies there too, and it leaves nothing but them. On standard output it writes one [`JobProgress`] a line.
+/// The [`input`](Self::input) files lie in the scratch folder, and the child writes its files there. It writes
+/// [`MODEL`](Self::MODEL) if it has a result, then [`FULL_REPORT`](Self::FULL_REPORT), whose presence means that the work is done.
+/// It also writes [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) if the job itself is to blame. A task with `draw` finds
+/// [`MODEL`](Self::MODEL) in the folder and writes only pictures. On standard output the child writes one [`JobProgress`] a line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
+    /// The files to work on, in the order they were sent.
     pub inputs: Vec<Input>,
+    /// The mode and its options.
     pub options: JobOptions,
-    /// Where the job was done before and its pictures are to be drawn: the file that it handed out.
-    pub draw: Option<HandedOut>,
+    /// For a job whose pictures are to be drawn: the file that the job offers. `None` for a job to run.
+    pub draw: Option<OfferedFile>,
+    /// Limits of the file readers.
     pub limits: Limits,
+    /// Resource limits and the sandbox.
     pub confinement: Confinement,
+    /// The remesher of tier 3, if there is one.
     pub remesher: Option<RemesherInfo>,
+    /// The settings of tier 3.
     pub blender: BlenderConfig,
 }
 
-/// What holds a process that a worker starts.
+/// The resource limits and the sandbox of a child process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Confinement {
+    /// Limits that the kernel counts for each process.
     pub limits: ProcessLimits,
+    /// The sandbox to enter.
     pub sandbox: Sandbox,
 }
 
@@ -46,50 +55,53 @@ pub(super) struct Confinement {
 pub(super) type ProgressLine = JobProgress;
 
 impl Task {
+    /// The name of the repaired model's file.
     pub const MODEL: &str = "model";
-    /// The upload as it came, where nothing made it better.
+    /// The name of the artifact with the uploaded file, offered if no repair improved the model.
     pub const ORIGINAL: &str = "original";
-    /// The whole report, as the child leaves it.
+    /// The name of the full report, which the child writes.
     pub const FULL_REPORT: &str = "report-full.json";
-    /// The abridged report, which the worker makes of the whole one.
+    /// The name of the abridged report, which the worker derives from the full report.
     pub const REPORT: &str = "report.json";
+    /// The name of the log.
     pub const LOG: &str = "log.txt";
+    /// The name of the file with the [`JobProblem`](crate::jobs::JobProblem) that ended the job.
     pub const PROBLEM: &str = "problem.json";
 
-    /// The child's exit code for a problem with the input, described in [`PROBLEM`](Self::PROBLEM).
+    /// The child's exit code when it wrote [`PROBLEM`](Self::PROBLEM).
     pub const EXIT_PROBLEM: u8 = 2;
 
-    /// Most bytes of a report.
+    /// The largest size of a report, in bytes.
     pub const REPORT_BYTES: usize = 16 << 20;
 
-    /// The name of an uploaded file in the folder.
+    /// The name of uploaded file `number`, counted from 0, in the folder.
     pub fn input(number: usize) -> String {
         format!("input-{number}")
     }
 
-    /// The name of a drawing of the job's file `number`, counted from 0: as it is for the first, `2-defects.png` and so on for the
-    /// others.
+    /// The name of a drawing of the job's file `number`, counted from 0. The first file's drawing keeps `name`; the others get a
+    /// prefix, such as `2-defects.png`.
     pub fn drawing(number: usize, name: &str) -> String {
         if number == 0 { name.to_owned() } else { format!("{}-{name}", number + 1) }
     }
 }
 
-/// Most files that a process may have open.
+/// The most files that a process may have open.
 const OPEN_FILES: u64 = 1024;
 
-/// What one job's child process, and each process it starts, may use.
+/// Limits on a child process and on each process it starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct ProcessLimits {
     /// Address space, in bytes.
     pub memory_bytes: u64,
-    /// Largest file it may write, in bytes.
+    /// Largest file that it may write, in bytes.
     pub file_bytes: u64,
     /// Processor time.
     pub cpu: Duration,
 }
 
 impl ProcessLimits {
-    /// Puts the limits on the calling process; what it starts inherits them.
+    /// Applies the limits to the calling process; processes that it starts inherit them.
     ///
     /// # Errors
     /// When the operating system refuses.
@@ -101,7 +113,7 @@ impl ProcessLimits {
         Self::lower(Resource::CORE, 0)
     }
 
-    /// Sets soft and hard limit, never above the hard limit that is there already.
+    /// Sets the soft and the hard limit, never above the current hard limit.
     fn lower(resource: Resource, value: u64) -> io::Result<()> {
         let (_, hard) = resource.get()?;
         let value = value.min(hard);
@@ -109,8 +121,8 @@ impl ProcessLimits {
     }
 }
 
-/// A named place at which a test can make this process pause, by the variable `FAILPOINTS` of the crate `fail`; nothing
-/// at all unless the feature `failpoints` is on. Beside that crate's own actions, `return(PATH)` waits until there is such a file.
+/// A named point at which a test can pause this process, by the variable `FAILPOINTS` of the crate `fail`. Without the feature
+/// `failpoints` it does nothing. Besides that crate's actions, `return(PATH)` waits until the file PATH exists.
 pub(super) fn pause_at(_name: &str) {
     fail::fail_point!(_name, |gate: Option<String>| {
         while !std::fs::exists(gate.as_deref().unwrap_or_default()).is_ok_and(|is_open| is_open) {
@@ -119,7 +131,7 @@ pub(super) fn pause_at(_name: &str) {
     });
 }
 
-/// The same in the midst of a task of which other parts, such as heartbeats, go on.
+/// The same inside an async task, whose other parts, such as heartbeats, keep running.
 pub(super) async fn pause_alone_at(name: &'static str) {
     if cfg!(feature = "failpoints") {
         let _ = tokio::task::spawn_blocking(move || pause_at(name)).await;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use meshmend::telemetry::{Kind, METRICS, Metric};
+use meshmend::telemetry::{METRICS, Metric, MetricKind};
 use serde_json::Value;
 
 use crate::support::source::{names, text, yaml};
@@ -24,7 +24,7 @@ fn expressions(value: &Value) -> Vec<String> {
 /// The metric that a series belongs to.
 fn metric(series: &str) -> Option<&'static Metric> {
     METRICS.iter().find(|metric| match series.strip_prefix(metric.name) {
-        Some(rest) if metric.kind == Kind::Histogram => ["_bucket", "_sum", "_count"].contains(&rest),
+        Some(rest) if metric.kind == MetricKind::Histogram => ["_bucket", "_sum", "_count"].contains(&rest),
         Some(rest) => rest.is_empty(),
         None => false,
     })

@@ -278,7 +278,7 @@ fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
         .find_map(|looks| reduced(looks).ok().filter(|result| result.0.faces_after < result.0.faces_before))
         .unwrap();
     assert!(done.is_late && surface.faces.len() > 100 && surface.faces.len() < ball.faces.len(), "{done:?}");
-    assert!(done.left.unwrap().contains("time was over"));
+    assert!(done.shortfall.unwrap().contains("time was over"));
     let clock = Clock::default();
     let repaired = run(&surface.to_soup(), &Options::default(), None, &NoProgress, &clock).unwrap();
     assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable, "every intermediate state is valid");

@@ -109,7 +109,7 @@ fn a_ring_keeps_its_hole_however_few_faces_are_asked_for() {
     assert!(measures.printable() && measures.parts == 1, "{measures:?}");
     let (faces, vertices) = (surface.faces.len() as i64, surface.positions.len() as i64);
     assert_eq!(vertices - faces / 2, 0, "the Euler characteristic of a torus");
-    assert!(faces < 100 && done.left.is_some(), "{done:?}");
+    assert!(faces < 100 && done.shortfall.is_some(), "{done:?}");
 }
 
 #[test]

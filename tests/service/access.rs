@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use meshmend::access::{
-    AccessKey, KeyKind, KeyQuery, NewKey, Scope, Secret, TenantChange, TenantClass, TenantLimits, Token,
+    AccessKey, KeyKind, KeyQuery, NewKey, Scope, Secret, SecretHash, TenantChange, TenantClass, TenantLimits,
 };
 use meshmend::jobs::{ClassLoad, ListQuery, Store};
 use reqwest::Method;

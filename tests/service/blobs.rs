@@ -231,7 +231,7 @@ async fn a_damaged_file_is_never_served_completely(bench: Bench) {
     assert!(came < bytes.len());
     let found = sha256(&bytes);
     assert!(matches!(&error, BlobError::Damaged { found: other, .. } if *other == found), "{error}");
-    assert!(!error.may_pass());
+    assert!(!error.is_transient());
     let copy = bench.folder.path().join("copy");
     let fetched = bench.blobs.fetch("uploads/x", &stored.sha256, &copy).await;
     assert!(matches!(fetched, Err(BlobError::Damaged { .. })), "{fetched:?}");
@@ -318,7 +318,7 @@ async fn an_upload_that_waited_too_long_for_its_job_is_deleted(bench: Bench) {
         bench.age(&format!("{old}#1"));
     }
     bench.age(&old);
-    bench.blobs.delete_quiet_incoming(HOUR).await.expect("deleted");
+    bench.blobs.delete_stale_incoming(HOUR).await.expect("deleted");
     assert!(matches!(bench.blobs.bytes(&old).await, Err(BlobError::NotFound)));
     assert!(bench.has(&young).await && !half.exists());
 }
@@ -345,7 +345,7 @@ async fn an_unreachable_bucket_fails_soon_with_a_transient_error_and_works_again
             bench.blobs.probe().await,
         ];
         for (number, result) in away.into_iter().enumerate() {
-            assert!(result.as_ref().is_err_and(BlobError::may_pass), "{number}: {result:?}");
+            assert!(result.as_ref().is_err_and(BlobError::is_transient), "{number}: {result:?}");
         }
     };
     tokio::time::timeout(Duration::from_secs(120), all).await.expect("soon");
@@ -371,7 +371,7 @@ async fn a_bucket_killed_during_an_upload_has_the_whole_file_or_nothing() {
     server.restart();
     match upload.await.expect("no panic") {
         Ok(stored) => assert_eq!(stored.sha256, sha256(&bytes)),
-        Err(error) => assert!(error.may_pass(), "{error}"),
+        Err(error) => assert!(error.is_transient(), "{error}"),
     }
     match bench.get("uploads/x").await {
         Ok(found) => assert!(found == bytes),
@@ -391,5 +391,5 @@ async fn a_misconfigured_bucket_is_distinguished_from_an_unreachable_one() {
     assert!(plain.is_err_and(|error| error.to_string().contains("--s3-allow-http")));
     let strangers = S3Config { credentials: Some(("test-key".into(), "guessed".into())), ..config };
     let probe = Blobs::s3(&strangers).expect("opened").probe().await;
-    assert!(probe.as_ref().is_err_and(|error| !error.may_pass()), "{probe:?}");
+    assert!(probe.as_ref().is_err_and(|error| !error.is_transient()), "{probe:?}");
 }

@@ -33,7 +33,7 @@ async fn changes_in_the_database_notify_every_process() {
     let url = cluster.url();
     let open = || PostgresStore::open(&url, 4, None, RetryPolicy::default());
     let (one, other) = (open().await.expect("a store"), open().await.expect("another"));
-    let mut changes = other.bell().listen();
+    let mut changes = other.notifier().listen();
     let id = JobId::new();
     let input = Input { key: "k".into(), name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
     // The listener may not be ready for the first job; then the next job notifies it.
@@ -50,7 +50,7 @@ async fn changes_in_the_database_notify_every_process() {
     };
     let changed = tokio::time::timeout(Duration::from_secs(30), strategy).await.expect("it rings");
     assert!(all.contains(&changed));
-    tokio::time::timeout(Duration::from_secs(5), other.bell().work()).await.expect("it rings for work");
+    tokio::time::timeout(Duration::from_secs(5), other.notifier().work()).await.expect("it rings for work");
 }
 
 /// The write-ahead log's position, and how far it is flushed to disk.

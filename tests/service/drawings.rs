@@ -45,7 +45,7 @@ async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_
     let id = finished_job(&bench, "shop").await;
     assert!(claimed(&bench).await.is_none(), "no picture was requested");
     for _ in 0..2 {
-        bench.store.ask_for_drawings(id).await.expect("noted");
+        bench.store.request_drawings(id).await.expect("noted");
     }
     let lost = claimed(&bench).await.expect("pictures to draw");
     assert_eq!((lost.job.id, lost.lease.attempt, lost.job.status), (id, 1, Status::Succeeded));
@@ -81,7 +81,7 @@ async fn pictures_of_a_job_that_was_deleted_are_not_drawn(bench: Bench) {
     bench.store.ask_for_drawings(first).await.expect("noted");
     assert!(bench.store.purge(first).await.expect("a result"));
     assert!(claimed(&bench).await.is_none());
-    bench.store.ask_for_drawings(second).await.expect("noted");
+    bench.store.request_drawings(second).await.expect("noted");
     let held = claimed(&bench).await.expect("pictures to draw");
     assert!(bench.store.purge(second).await.expect("a result"));
     let late = bench.store.finish_drawings(&held.lease, Artifacts::new()).await;

@@ -2,7 +2,7 @@
 
 use std::process::{Command, Output};
 
-use meshmend::telemetry::{Kind, METRICS};
+use meshmend::telemetry::{METRICS, MetricKind};
 use serde_json::{Value, json};
 
 use crate::files;
@@ -184,7 +184,7 @@ async fn every_metric_is_in_the_table_and_has_a_description() {
     for line in metrics.lines().filter(|line| !line.starts_with('#') && !line.is_empty()) {
         let series = line.split(['{', ' ']).next().expect("a name");
         let metric = METRICS.iter().find(|metric| match series.strip_prefix(metric.name) {
-            Some(rest) if metric.kind == Kind::Histogram => ["_bucket", "_sum", "_count"].contains(&rest),
+            Some(rest) if metric.kind == MetricKind::Histogram => ["_bucket", "_sum", "_count"].contains(&rest),
             Some(rest) => rest.is_empty(),
             None => false,
         });

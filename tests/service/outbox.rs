@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use meshmend::jobs::{
-    Artifacts, Attempt, Completion, DeliveryQuery, DeliveryStatus, DueDelivery, Endpoint, EndpointChange, FAILING,
-    FailureKind, Job, JobEvent, JobId, NewEndpoint, NewJob, Redelivered, Reused, SigningSecret, Status, Verdict,
+    Artifacts, Completion, DeliveryAttempt, DeliveryQuery, DeliveryResult, DeliveryStatus, DueDelivery, Endpoint,
+    EndpointChange, FAILING, FailureKind, Job, JobEvent, JobId, NewEndpoint, NewJob, RedeliveryResult, Reused,
+    SigningSecret, Status,
 };
 use serde_json::{Value, json};
 use time::OffsetDateTime;
@@ -50,8 +51,8 @@ async fn claim(bench: &Bench) -> Option<DueDelivery> {
     bench.store.claim_delivery(LEASE, MOST).await.expect("a result")
 }
 
-fn attempt(status: u16) -> Attempt {
-    Attempt { at: OffsetDateTime::UNIX_EPOCH, status: Some(status), error: None, milliseconds: 5 }
+fn attempt(status: u16) -> DeliveryAttempt {
+    DeliveryAttempt { at: OffsetDateTime::UNIX_EPOCH, status: Some(status), error: None, milliseconds: 5 }
 }
 
 async fn settle(bench: &Bench, due: &DueDelivery, verdict: Verdict) -> bool {
@@ -215,13 +216,13 @@ async fn concurrent_dispatchers_never_claim_the_same_delivery(bench: Bench) {
         cancel_new_job(&bench, "shop").await;
     }
     let bench = Arc::new(bench);
-    let couriers: Vec<_> = (0..6)
+    let dispatchers: Vec<_> = (0..6)
         .map(|_| {
             let bench = Arc::clone(&bench);
             tokio::spawn(async move {
                 let mut mine = Vec::new();
                 while let Some(due) = claim(&bench).await {
-                    settle(&bench, &due, Verdict::Delivered).await;
+                    settle(&bench, &due, DeliveryResult::Delivered).await;
                     mine.push(due.id);
                 }
                 mine
@@ -229,8 +230,8 @@ async fn concurrent_dispatchers_never_claim_the_same_delivery(bench: Bench) {
         })
         .collect();
     let mut all = Vec::new();
-    for courier in couriers {
-        all.extend(courier.await.expect("no panic"));
+    for dispatcher in dispatchers {
+        all.extend(dispatcher.await.expect("no panic"));
     }
     assert_eq!(all.len(), 40);
     all.sort();
@@ -288,8 +289,8 @@ async fn finished_deliveries_are_sent_again_on_request(bench: Bench) {
         assert_eq!(due.tries, 1);
         settle(&bench, &due, verdict).await;
         assert_eq!(claim(&bench).await, None);
-        assert_eq!(again("rival", &due.id).await, Redelivered::Unknown);
-        assert_eq!(again("shop", &due.id).await, Redelivered::Yes);
+        assert_eq!(again("rival", &due.id).await, RedeliveryResult::Unknown);
+        assert_eq!(again("shop", &due.id).await, RedeliveryResult::Due);
     }
     let late = claim(&bench).await.expect("due");
     assert_eq!(late.tries, 2, "the delivery was still pending, so its attempts continue");
@@ -328,7 +329,7 @@ async fn a_secret_that_was_replaced_is_known_beside_the_new_one(bench: Bench) {
     let new = store.rotate_callback_secret("other", &secret("Yw=="), day).await.expect("secrets");
     assert_eq!((&new.current, new.previous.as_ref().map(|(old, _)| old)), (&secret("Yw=="), Some(&secret("YQ=="))));
     assert_eq!(store.rotate_callback_secret("new", &secret("ZA=="), day).await.expect("secrets").previous, None);
-    settle(&bench, &due, Verdict::Again(Duration::ZERO)).await;
+    settle(&bench, &due, DeliveryResult::RetryAfter(Duration::ZERO)).await;
     assert_eq!(claim(&bench).await.expect("due").secrets, Some(new));
 }
 

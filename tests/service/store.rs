@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use meshmend::context::Stage;
 use meshmend::jobs::{
-    Artifacts, Cancelled, Clock, Completion, Connections, FailureKind, JobId, JobOptions, JobProgress, JobStore,
+    Artifacts, CancelResult, Clock, Completion, Connections, FailureKind, JobId, JobOptions, JobProgress, JobStore,
     KEY_HOLD, KEY_LIFE, KeyState, ListQuery, NewJob, NewUpload, ProblemKind, QueueStore, RequestKey, RetentionStore,
     RetryPolicy, SqliteStore, Status, StoreError, UPLOAD_LIFE, UPLOAD_OPEN, UploadId,
 };
@@ -98,7 +98,7 @@ async fn every_write_of_a_stale_worker_loses(bench: Bench) {
     let before = bench.get(job.id).await;
     let lost = |result: Result<(), StoreError>| assert!(matches!(result, Err(StoreError::LeaseLost)), "{result:?}");
     lost(bench.store.heartbeat(&stale, LEASE, None).await);
-    lost(bench.store.hand_back(&stale).await);
+    lost(bench.store.release(&stale).await);
     lost(bench.store.fail(&stale, Bench::failure(FailureKind::Final)).await.map(drop));
     let mut forged = stale.clone();
     forged.attempt = 2;
@@ -112,7 +112,7 @@ async fn a_passing_failure_waits_longer_each_time_and_is_final_at_the_last_attem
     for attempt in 1..=bench.policy.max_attempts {
         let claim = bench.claim().await.expect("due");
         assert_eq!(claim.lease.attempt, attempt);
-        let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Passing)).await.expect("noted");
+        let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Transient)).await.expect("noted");
         if attempt == bench.policy.max_attempts {
             assert_eq!(after.status, Status::Failed);
             assert_eq!(after.problem.expect("a problem").detail, "why");
@@ -148,7 +148,7 @@ async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
 async fn a_released_job_is_charged_no_attempt(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
-    bench.store.hand_back(&claim.lease).await.expect("held");
+    bench.store.release(&claim.lease).await.expect("held");
     let after = bench.get(job.id).await;
     assert_eq!((after.status, after.attempt, after.crashes), (Status::Queued, 0, 0));
     let again = bench.claim().await.expect("the job again");
@@ -225,7 +225,7 @@ async fn the_longest_wait_counts_due_jobs_and_not_retries_that_are_not_due(bench
     assert_eq!(wait().await, Duration::from_secs(2));
     bench.claim().await.expect("a job");
     assert_eq!(wait().await, Duration::ZERO);
-    bench.store.fail(&first.lease, Bench::failure(FailureKind::Passing)).await.expect("noted");
+    bench.store.fail(&first.lease, Bench::failure(FailureKind::Transient)).await.expect("noted");
     assert_eq!(wait().await, Duration::ZERO);
     let Connections { busy, idle, most } = bench.store.connections();
     assert!(busy + idle >= 1 && busy + idle <= most, "{busy} {idle} {most}");
@@ -247,8 +247,8 @@ async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not(bench: Ben
 async fn a_completion_whose_response_was_lost_may_be_repeated(bench: Bench) {
     let job = bench.submit().await;
     let first = bench.claim().await.expect("a job").lease;
-    let failed = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted");
-    let again = bench.store.fail(&first, Bench::failure(FailureKind::Passing)).await.expect("noted before");
+    let failed = bench.store.fail(&first, Bench::failure(FailureKind::Transient)).await.expect("noted");
+    let again = bench.store.fail(&first, Bench::failure(FailureKind::Transient)).await.expect("noted before");
     assert_eq!((failed.status, again), (Status::Queued, failed.clone()));
     bench.advance(Duration::from_secs(600));
     let second = bench.claim().await.expect("the job again").lease;

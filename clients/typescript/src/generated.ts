@@ -599,11 +599,36 @@ export interface webhooks {
 }
 export interface components {
     schemas: {
+        /** @description A part that is not in the result, and why it is not missed. */
+        AccountedPart: {
+            /**
+             * Format: int64
+             * @description Its faces.
+             */
+            faces: number;
+            /**
+             * Format: int32
+             * @description Its first face, by index in the file from 0.
+             */
+            first_face: number;
+            /**
+             * Format: int32
+             * @description The part, by number from 0 in the order of the parts' first faces.
+             */
+            part: number;
+            /** @description Why it is not missed. */
+            reason: components["schemas"]["PartReason"];
+            /**
+             * Format: int32
+             * @description Points on it that were looked at; 0 where its faces alone tell.
+             */
+            samples: number;
+        };
         /**
          * @description One thing a plan does.
          * @enum {string}
          */
-        Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "mend" | "mend_conservative" | "make_manifold" | "clean_and_patch" | "close_sheets" | "resolve" | "separate" | "simplify" | "drop_small_parts" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
+        Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "full_repair" | "conservative_repair" | "make_manifold" | "clean_and_patch" | "close_sheets" | "self_union" | "perturb" | "simplify" | "drop_small_parts" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
         /** @description The account of one analysis. */
         AnalysisReport: {
             /** @description Whether lists are shortened to their first items, and statistics and histograms are left out. Counts are always of everything. */
@@ -842,9 +867,9 @@ export interface components {
             red_flags: components["schemas"]["RedFlag"][];
             /**
              * Format: int32
-             * @description Index of the rung that made it; none for the input itself.
+             * @description Index of the strategy that made it; none for the input itself.
              */
-            rung: number | null;
+            strategy: number | null;
         };
         /** @description What this service can do right now. */
         Capabilities: {
@@ -875,11 +900,6 @@ export interface components {
          * @enum {string}
          */
         Category: "clean" | "holes" | "many_small_holes" | "non_manifold" | "self_intersecting" | "fragmented" | "multiple_components" | "orientation" | "degenerate" | "open_sheet" | "complex";
-        /**
-         * @description Why an input part of which nothing is in the result is not missed.
-         * @enum {string}
-         */
-        Certificate: "duplicate" | "no_volume" | "inside_another" | "debris" | "dropped";
         /** @description One kind of change that an operator made, such as 12 `duplicate_faces_removed`. */
         Change: {
             /**
@@ -888,13 +908,14 @@ export interface components {
              */
             count: number;
             /** @description What was changed, as a name for programs. */
-            what: string;
+            kind: string;
         };
         /**
          * @description How one mesh, the result, differs from another, the input. Percentages are of the input's value; none where the input's
          *     value is zero or not reliable.
          */
         Changes: {
+            added?: components["schemas"]["Deviation"] | null;
             /**
              * Format: double
              * @description Change of the surface area.
@@ -904,7 +925,13 @@ export interface components {
              * Format: double
              * @description Largest move of a side of the box around all faces with an area, over its diagonal before.
              */
-            box_change_pct?: number | null;
+            bounding_box_change_pct?: number | null;
+            /**
+             * Format: double
+             * @description Of the input's faces that the result has not, the share with the result's material on both sides, in percent: walls inside
+             *     parts that were united. None where the result has no fewer faces, or is not closed.
+             */
+            enclosed_faces_pct?: number | null;
             /**
              * Format: double
              * @description Share of the faces lost; negative where faces were added.
@@ -917,24 +944,10 @@ export interface components {
             faces: number;
             /**
              * Format: double
-             * @description Of the input's faces that the result has not, the share with the result's material on both sides, in percent: walls inside
-             *     parts that were united. None where the result has no fewer faces, or is not closed.
-             */
-            faces_buried_pct?: number | null;
-            /**
-             * Format: double
              * @description Faces of the input that stand in the result at the same three positions, in percent.
              */
             faces_kept_pct: number;
-            /**
-             * Format: double
-             * @description Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
-             *     where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
-             *     input, the share of what is inside it that is inside the result.
-             */
-            inside_overlap_pct?: number | null;
             lost?: components["schemas"]["Deviation"] | null;
-            made?: components["schemas"]["Deviation"] | null;
             moved?: components["schemas"]["Deviation"] | null;
             /**
              * Format: int64
@@ -959,6 +972,13 @@ export interface components {
              *     than rounding.
              */
             volume_change_pct?: number | null;
+            /**
+             * Format: double
+             * @description Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
+             *     where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
+             *     input, the share of what is inside it that is inside the result.
+             */
+            volume_overlap_pct?: number | null;
         };
         /** @description What meshalyzer reports of a mesh (seed 004) beyond [`Measures`]. */
         Characteristics: {
@@ -1211,18 +1231,13 @@ export interface components {
             /** @description Sides of the build volume, in millimetres. */
             build_volume: number[];
             /** @description Whether it fits in some order of its axes. */
-            turned: boolean;
+            rotated: boolean;
         };
         /**
          * @description A file format that is both read and written.
          * @enum {string}
          */
         Format: "stl" | "obj" | "ply" | "off" | "mesh" | "glb" | "3mf" | "zip";
-        /**
-         * @description The file that a repair hands out.
-         * @enum {string}
-         */
-        HandedOut: "model" | "original" | "none";
         /** @description How many values there are in each of a row of bins, usually 16. */
         Histogram: {
             /** @description The values in each bin. */
@@ -1263,11 +1278,6 @@ export interface components {
             /** @description The unit that the report and the result are in. */
             used: components["schemas"]["Unit"];
         };
-        /**
-         * @description What is solid, by how many times the surface winds around it.
-         * @enum {string}
-         */
-        InsideRule: "auto" | "positive" | "nonzero" | "odd";
         /** @description What to look for, and how. Every field has a default. */
         InspectOptions: {
             /**
@@ -1452,76 +1462,6 @@ export interface components {
         };
         /** @description The account that a job leaves; its `mode` tells which. */
         JobReport: components["schemas"]["RepairReport"] | components["schemas"]["AnalyzeReport"];
-        /**
-         * @description What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
-         *     a certificate, or is lost.
-         */
-        Ledger: {
-            /** @description The parts with a certificate, the first 1000. */
-            certificates: components["schemas"]["PartCertificate"][];
-            /**
-             * Format: int64
-             * @description Parts of which some stands, whole, cut or moved.
-             */
-            changed: number;
-            /**
-             * Format: int64
-             * @description Parts with the certificate `debris`.
-             */
-            debris: number;
-            /**
-             * Format: int64
-             * @description Parts with the certificate `dropped`.
-             */
-            dropped?: number;
-            /**
-             * Format: int64
-             * @description Parts with the certificate `duplicate`.
-             */
-            duplicate: number;
-            /**
-             * Format: int64
-             * @description Parts with the certificate `inside_another`.
-             */
-            inside_another: number;
-            /**
-             * Format: int64
-             * @description Parts of which every face with an area stands in the result.
-             */
-            kept: number;
-            /**
-             * Format: int64
-             * @description Parts with neither: an error of the program.
-             */
-            lost: number;
-            /** @description The parts that were lost, the first 1000. */
-            lost_parts: components["schemas"]["LostPart"][];
-            /**
-             * Format: int64
-             * @description Parts with the certificate `no_volume`.
-             */
-            no_volume: number;
-            /**
-             * Format: int64
-             * @description Parts of the input.
-             */
-            parts: number;
-            /**
-             * Format: int64
-             * @description Of the parts that were kept or changed, those that share a part of the result with another.
-             */
-            united: number;
-            /**
-             * Format: int64
-             * @description Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else.
-             */
-            unknown: number;
-        };
-        /**
-         * @description Work that the deadline left no time for.
-         * @enum {string}
-         */
-        LeftOut: "input_verification" | "input_details" | "repair" | "verification" | "attributes" | "result_details" | "surface_changes";
         /** @description What lengths are in. */
         LengthUnit: {
             /** @description What to know of it, in words. */
@@ -1636,22 +1576,22 @@ export interface components {
              * @description Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
              *     or to 1e-7 of the diagonal where that is finer.
              */
-            near_coincident_faults?: number;
+            near_coincident_defects?: number;
             /**
              * Format: int64
              * @description Faces with a corner that is not a finite number; they are left out of every other count.
              */
-            nonfinite_faces: number;
+            non_finite_faces: number;
             /**
              * Format: int64
              * @description Edges that more than two faces use.
              */
-            nonmanifold_edges: number;
+            non_manifold_edges: number;
             /**
              * Format: int64
              * @description Vertices whose faces form more than one fan.
              */
-            nonmanifold_vertices: number;
+            non_manifold_vertices: number;
             /** @description Closed, manifold, consistent, and no part is inside out. */
             outward: boolean;
             /**
@@ -1804,7 +1744,7 @@ export interface components {
          * @description Why no wall was measured.
          * @enum {string}
          */
-        NoWall: "no_surface" | "open_surface" | "no_opposite_sides" | "not_printable";
+        NoWallReason: "no_surface" | "open_surface" | "no_opposite_sides" | "not_printable";
         /**
          * @description The kinds of reason why an option was not applied.
          * @enum {string}
@@ -1820,9 +1760,6 @@ export interface components {
             /** @description Every result that was judged; the chosen one is marked. */
             candidates: components["schemas"]["Candidate"][];
             changes?: components["schemas"]["Changes"] | null;
-            ledger?: components["schemas"]["Ledger"] | null;
-            /** @description What the deadline left no time for, in the order of a repair. */
-            left_out?: components["schemas"]["LeftOut"][];
             /**
              * Format: double
              * @description Time that it took, in milliseconds.
@@ -1835,10 +1772,13 @@ export interface components {
              * @description Its number among the file's objects, from 1.
              */
             number: number;
+            /** @description What the deadline left no time for, in the order of a repair. */
+            omitted?: components["schemas"]["OmittedSection"][];
             /** @description Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do. */
             options_not_applied?: components["schemas"]["OptionNotApplied"][];
             /** @description What became of it. */
             outcome: components["schemas"]["Outcome"];
+            part_accounting?: components["schemas"]["PartAccounting"] | null;
             /**
              * Format: int64
              * @description In how many places it stands.
@@ -1856,6 +1796,16 @@ export interface components {
             warnings: string[];
         };
         /**
+         * @description The file that a repair hands out.
+         * @enum {string}
+         */
+        OfferedFile: "model" | "original" | "none";
+        /**
+         * @description Work that the deadline left no time for.
+         * @enum {string}
+         */
+        OmittedSection: "input_verification" | "input_details" | "repair" | "verification" | "attributes" | "result_details" | "surface_changes";
+        /**
          * @description What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall.
          * @enum {string}
          */
@@ -1864,7 +1814,7 @@ export interface components {
          * @description The operators by name: what a plan lists, what the options switch on and off, and what the report accounts for.
          * @enum {string}
          */
-        Operator: "round_coordinates" | "remove_collapsed_faces" | "merge_vertices" | "weld" | "remove_duplicates" | "remove_caps" | "remove_slivers" | "orient" | "split_t_junctions" | "sew" | "stitch" | "unfold_foldovers" | "remove_overlapping_neighbours" | "remove_sheets_within" | "remove_membranes" | "cut_one_sided" | "cut_apart" | "free_fins" | "join_parts" | "fill_holes" | "clean_and_patch" | "thicken_sheets" | "add_base" | "resolve" | "remesh" | "remove_debris" | "separate" | "drop_small_parts" | "simplify";
+        Operator: "round_coordinates" | "remove_collapsed_faces" | "merge_vertices" | "weld" | "remove_duplicates" | "remove_caps" | "remove_slivers" | "orient" | "split_t_junctions" | "sew" | "stitch" | "unfold_foldovers" | "remove_overlapping_neighbours" | "remove_internal_sheets" | "remove_internal_faces" | "cut_non_orientable" | "split_non_manifold" | "detach_fins" | "join_parts" | "fill_holes" | "clean_and_patch" | "thicken_sheets" | "add_base" | "self_union" | "remesh" | "remove_debris" | "perturb" | "drop_small_parts" | "simplify";
         /** @description An option that was set and that the result does not follow, or only in part. */
         OptionNotApplied: {
             /** @description What kind of reason it is. */
@@ -1883,7 +1833,7 @@ export interface components {
             /**
              * Format: double
              * @description Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
-             *     fails where there was not even time to inspect the input; `left_out` in the report says what there was no time for.
+             *     fails where there was not even time to inspect the input; `omitted` in the report says what there was no time for.
              * @default 300
              */
             deadline_s?: number;
@@ -1905,16 +1855,11 @@ export interface components {
              */
             hole_filling?: components["schemas"]["HoleFilling"];
             /**
-             * @description What is solid where faces intersect.
-             * @default auto
-             */
-            inside?: components["schemas"]["InsideRule"];
-            /**
              * Format: double
              * @description Red flag: change of the bounding box's diagonal, in percent.
              * @default 30
              */
-            max_box_change_pct?: number;
+            max_bounding_box_change_pct?: number;
             /**
              * Format: double
              * @description The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
@@ -2131,6 +2076,11 @@ export interface components {
              */
             weld_tolerance?: number;
             /**
+             * @description What is solid where faces intersect.
+             * @default auto
+             */
+            winding_rule?: components["schemas"]["WindingRuleChoice"];
+            /**
              * @description Operators that run although they are left out by default.
              * @default []
              */
@@ -2154,7 +2104,7 @@ export interface components {
         /** @description Surface that faces down and may need support. */
         Overhang: {
             /** @description The area that hangs over by more than each of some angles, by rising angle. What lies on the build plate is left out. */
-            beyond: components["schemas"]["OverhangArea"][];
+            areas: components["schemas"]["OverhangArea"][];
             /** @description The direction in which the model is built, of length 1. */
             up: number[];
         };
@@ -2181,31 +2131,76 @@ export interface components {
          * @enum {string}
          */
         Overlaps: "union" | "keep";
-        /** @description A part that is not in the result, and why it is not missed. */
-        PartCertificate: {
-            /** @description Why it is not missed. */
-            certificate: components["schemas"]["Certificate"];
+        /**
+         * @description What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
+         *     a reason, or is lost.
+         */
+        PartAccounting: {
             /**
              * Format: int64
-             * @description Its faces.
+             * @description Parts of which some stands, whole, cut or moved.
              */
-            faces: number;
+            changed: number;
             /**
-             * Format: int32
-             * @description Its first face, by index in the file from 0.
+             * Format: int64
+             * @description Parts with the reason `debris`.
              */
-            first_face: number;
+            debris: number;
             /**
-             * Format: int32
-             * @description The part, by number from 0 in the order of the parts' first faces.
+             * Format: int64
+             * @description Parts with the reason `dropped`.
              */
-            part: number;
+            dropped?: number;
             /**
-             * Format: int32
-             * @description Points on it that were looked at; 0 where its faces alone tell.
+             * Format: int64
+             * @description Parts with the reason `duplicate`.
              */
-            samples: number;
+            duplicate: number;
+            /**
+             * Format: int64
+             * @description Parts with the reason `inside_another`.
+             */
+            inside_another: number;
+            /**
+             * Format: int64
+             * @description Parts of which every face with an area stands in the result.
+             */
+            kept: number;
+            /**
+             * Format: int64
+             * @description Parts with neither: an error of the program.
+             */
+            lost: number;
+            /** @description The parts that were lost, the first 1000. */
+            lost_parts: components["schemas"]["LostPart"][];
+            /**
+             * Format: int64
+             * @description Parts with the reason `no_volume`.
+             */
+            no_volume: number;
+            /**
+             * Format: int64
+             * @description Parts of the input.
+             */
+            parts: number;
+            /** @description The parts with a reason, the first 1000. */
+            reasons: components["schemas"]["AccountedPart"][];
+            /**
+             * Format: int64
+             * @description Of the parts that were kept or changed, those that share a part of the result with another.
+             */
+            united: number;
+            /**
+             * Format: int64
+             * @description Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else.
+             */
+            unknown: number;
         };
+        /**
+         * @description Why an input part of which nothing is in the result is not missed.
+         * @enum {string}
+         */
+        PartReason: "duplicate" | "no_volume" | "inside_another" | "debris" | "dropped";
         /** @description Where in a file something was found. */
         Place: {
             /**
@@ -2228,8 +2223,8 @@ export interface components {
             preset: components["schemas"]["Preset"];
             /** @description Why this preset. */
             reason: string;
-            /** @description The rungs in order; each starts from the input, and the next runs only if the one before was not good enough. */
-            rungs: components["schemas"]["Rung"][];
+            /** @description The strategies in order; each starts from the input, and the next runs only if the one before was not good enough. */
+            strategies: components["schemas"]["Strategy"][];
         };
         /** @description An action and what it comes to with the options in force. */
         PlannedAction: {
@@ -2253,7 +2248,7 @@ export interface components {
             /** @description Centre of mass of the enclosed volume; none where that is not reliable or zero. */
             centre_of_mass?: number[] | null;
             fit?: components["schemas"]["Fit"] | null;
-            no_wall?: components["schemas"]["NoWall"] | null;
+            no_wall_reason?: components["schemas"]["NoWallReason"] | null;
             /** @description Surface that faces down. */
             overhang: components["schemas"]["Overhang"];
             /** @description Sides of the bounding box. */
@@ -2348,12 +2343,25 @@ export interface components {
         Property: "closed" | "manifold" | "outward" | "no_intersections";
         /** @description One wall. */
         Protection: {
-            /** @description What it is made of. */
-            by: string[];
             /** @description What is missing and what would give it, or what a person should know. */
             detail?: string | null;
             /** @description Whether it held when the service started and tried it. */
-            in_force: boolean;
+            enforced: boolean;
+            /** @description What it is made of. */
+            mechanisms: string[];
+        };
+        /** @description The walls around each job's processes, as they were tried. */
+        Protections: {
+            /** @description Files outside the job's own folder can't be written, and only those of programs can be read. */
+            files: components["schemas"]["Protection"];
+            /** @description No connection leads out, not even to this machine. */
+            network: components["schemas"]["Protection"];
+            /** @description No more processes and threads than `max_processes`. */
+            processes: components["schemas"]["Protection"];
+            /** @description Processes outside can't be signalled. */
+            signals: components["schemas"]["Protection"];
+            /** @description Calls that no job needs are refused, leaving the process group among them. */
+            system_calls: components["schemas"]["Protection"];
         };
         /**
          * @description What a shop needs to price a model: the figures of the file that the job hands out, or of an analysed file. Lengths are in
@@ -2435,7 +2443,7 @@ export interface components {
          * @description The kinds of red flag.
          * @enum {string}
          */
-        RedFlagCode: "face_loss" | "box_change" | "volume_change" | "surface_lost" | "deviation" | "parts_merged" | "part_lost" | "surface_invented" | "objects_intersect" | "vertex_loss";
+        RedFlagCode: "face_loss" | "bounding_box_change" | "volume_change" | "surface_lost" | "deviation" | "parts_merged" | "part_lost" | "surface_invented" | "objects_intersect" | "vertex_loss";
         /** @description A program that tier 3 runs. */
         RemesherInfo: {
             /** @description `blender` or `bpy`. */
@@ -2474,9 +2482,6 @@ export interface components {
             engine: string;
             /** @description The input file. */
             input: components["schemas"]["FileSummary"];
-            ledger?: components["schemas"]["Ledger"] | null;
-            /** @description What the deadline left no time for, in the order of a repair; empty where there was time for everything. */
-            left_out?: components["schemas"]["LeftOut"][];
             /**
              * Format: double
              * @description Time from first byte read to last byte written, in milliseconds.
@@ -2484,6 +2489,8 @@ export interface components {
             milliseconds: number;
             /** @description Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order. */
             objects?: components["schemas"]["ObjectReport"][];
+            /** @description What the deadline left no time for, in the order of a repair; empty where there was time for everything. */
+            omitted?: components["schemas"]["OmittedSection"][];
             /** @description The options that were in force; in an abridged report those that differ from their defaults. */
             options: components["schemas"]["Options"];
             /** @description Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do. */
@@ -2491,6 +2498,7 @@ export interface components {
             /** @description What became of the model. */
             outcome: components["schemas"]["Outcome"];
             output: components["schemas"]["FileSummary"] | null;
+            part_accounting?: components["schemas"]["PartAccounting"] | null;
             /** @description What was going to be done, and why. */
             plan: components["schemas"]["Plan"];
             /** @description Signs that the repair destroyed something, on the chosen result. */
@@ -2518,27 +2526,13 @@ export interface components {
          * @enum {string}
          */
         Require: "any" | "printable";
-        /** @description One try of a plan. */
-        Rung: {
-            /** @description Its actions in order. */
-            actions: components["schemas"]["PlannedAction"][];
-            /** @description The preset it comes from. */
-            preset: components["schemas"]["Preset"];
-            /**
-             * Format: int32
-             * @description The highest tier it uses.
-             */
-            tier: number;
-            /** @description When it runs. */
-            when?: components["schemas"]["When"];
-        };
         /**
          * @description What to do where the kernel can't give every wall.
          * @enum {string}
          */
         SandboxMode: "auto" | "require" | "off";
         /** @description What holds each job's processes, and what they may use. */
-        SandboxStatus: components["schemas"]["Walls"] & {
+        SandboxStatus: components["schemas"]["Protections"] & {
             /**
              * Format: int64
              * @description Largest file, in bytes.
@@ -2828,16 +2822,16 @@ export interface components {
             program?: components["schemas"]["RemesherInfo"] | null;
             /**
              * Format: int32
-             * @description Index of the rung in the plan.
-             */
-            rung: number;
-            /**
-             * Format: int32
              * @description For tier 3: how often the program was started, more than once where it crashed.
              */
             runs?: number;
             /** @description How it ended. */
             status: components["schemas"]["StepStatus"];
+            /**
+             * Format: int32
+             * @description Index of the strategy in the plan.
+             */
+            strategy: number;
             /**
              * Format: int32
              * @description The tier, 1 to 3; 0 for validation.
@@ -2854,12 +2848,26 @@ export interface components {
          * @description How a step ended.
          * @enum {string}
          */
-        StepStatus: "done" | "failed" | "undone" | "skipped";
+        StepStatus: "done" | "failed" | "reverted" | "skipped";
         /**
          * @description Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it.
          * @enum {string}
          */
         StitchPosition: "kept" | "average";
+        /** @description One try of a plan. */
+        Strategy: {
+            /** @description Its actions in order. */
+            actions: components["schemas"]["PlannedAction"][];
+            /** @description The preset it comes from. */
+            preset: components["schemas"]["Preset"];
+            /**
+             * Format: int32
+             * @description The highest tier it uses.
+             */
+            tier: number;
+            /** @description When it runs. */
+            when?: components["schemas"]["When"];
+        };
         /** @description One event of a job's stream. */
         StreamEvent: {
             /** @description JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the job. */
@@ -2908,7 +2916,7 @@ export interface components {
             /** @description Where the file is. */
             source: components["schemas"]["Source"];
         };
-        /** @description How much surface had one fate. */
+        /** @description How much surface had one provenance. */
         SurfaceShare: {
             /**
              * Format: double
@@ -3220,7 +3228,7 @@ export interface components {
          */
         Verdict: {
             /** @description The file that is handed out. */
-            file: components["schemas"]["HandedOut"];
+            file: components["schemas"]["OfferedFile"];
             /**
              * @description Whether the file's mesh passes every check, as `meshmend inspect` finds on it. With a red flag up a mesh may pass and not be
              *     `printable`.
@@ -3240,19 +3248,6 @@ export interface components {
              * @description Cubic units; negative for a mesh that is inside out.
              */
             value: number;
-        };
-        /** @description The walls around each job's processes, as they were tried. */
-        Walls: {
-            /** @description Files outside the job's own folder can't be written, and only those of programs can be read. */
-            files: components["schemas"]["Protection"];
-            /** @description No connection leads out, not even to this machine. */
-            network: components["schemas"]["Protection"];
-            /** @description No more processes and threads than `max_processes`. */
-            processes: components["schemas"]["Protection"];
-            /** @description Processes outside can't be signalled. */
-            signals: components["schemas"]["Protection"];
-            /** @description Calls that no job needs are refused, leaving the process group among them. */
-            system_calls: components["schemas"]["Protection"];
         };
         /** @description A file to download as receivers are told of it. */
         WebhookArtifact: {
@@ -3438,10 +3433,15 @@ export interface components {
             secret: string;
         };
         /**
-         * @description When a rung runs, given that none before it was good.
+         * @description When a strategy runs, given that none before it was good.
          * @enum {string}
          */
-        When: "nothing_good" | "sheets_left" | "nothing_whole";
+        When: "nothing_acceptable" | "open_sheets_remain" | "nothing_closed";
+        /**
+         * @description What is solid, by how many times the surface winds around it.
+         * @enum {string}
+         */
+        WindingRuleChoice: "auto" | "positive" | "nonzero" | "odd";
     };
     responses: never;
     parameters: never;
@@ -3449,6 +3449,7 @@ export interface components {
     headers: never;
     pathItems: never;
 }
+export type AccountedPart = components['schemas']['AccountedPart'];
 export type Action = components['schemas']['Action'];
 export type AnalysisReport = components['schemas']['AnalysisReport'];
 export type AnalyzeJobOptions = components['schemas']['AnalyzeJobOptions'];
@@ -3468,7 +3469,6 @@ export type BrowserToken = components['schemas']['BrowserToken'];
 export type Candidate = components['schemas']['Candidate'];
 export type Capabilities = components['schemas']['Capabilities'];
 export type Category = components['schemas']['Category'];
-export type Certificate = components['schemas']['Certificate'];
 export type Change = components['schemas']['Change'];
 export type Changes = components['schemas']['Changes'];
 export type Characteristics = components['schemas']['Characteristics'];
@@ -3488,12 +3488,10 @@ export type FileAnalysis = components['schemas']['FileAnalysis'];
 export type FileSummary = components['schemas']['FileSummary'];
 export type Fit = components['schemas']['Fit'];
 export type Format = components['schemas']['Format'];
-export type HandedOut = components['schemas']['HandedOut'];
 export type Histogram = components['schemas']['Histogram'];
 export type HoleFilling = components['schemas']['HoleFilling'];
 export type Input = components['schemas']['Input'];
 export type InputUnit = components['schemas']['InputUnit'];
-export type InsideRule = components['schemas']['InsideRule'];
 export type InspectOptions = components['schemas']['InspectOptions'];
 export type Inspection = components['schemas']['Inspection'];
 export type Job = components['schemas']['Job'];
@@ -3504,8 +3502,6 @@ export type JobOutcome = components['schemas']['JobOutcome'];
 export type JobPage = components['schemas']['JobPage'];
 export type JobProblem = components['schemas']['JobProblem'];
 export type JobReport = components['schemas']['JobReport'];
-export type Ledger = components['schemas']['Ledger'];
-export type LeftOut = components['schemas']['LeftOut'];
 export type LengthUnit = components['schemas']['LengthUnit'];
 export type Level = components['schemas']['Level'];
 export type LostPart = components['schemas']['LostPart'];
@@ -3520,9 +3516,11 @@ export type Nested = components['schemas']['Nested'];
 export type NewApiKey = components['schemas']['NewApiKey'];
 export type NewBrowserToken = components['schemas']['NewBrowserToken'];
 export type NewWebhookEndpoint = components['schemas']['NewWebhookEndpoint'];
-export type NoWall = components['schemas']['NoWall'];
+export type NoWallReason = components['schemas']['NoWallReason'];
 export type NotAppliedCause = components['schemas']['NotAppliedCause'];
 export type ObjectReport = components['schemas']['ObjectReport'];
+export type OfferedFile = components['schemas']['OfferedFile'];
+export type OmittedSection = components['schemas']['OmittedSection'];
 export type OpenSheets = components['schemas']['OpenSheets'];
 export type Operator = components['schemas']['Operator'];
 export type OptionNotApplied = components['schemas']['OptionNotApplied'];
@@ -3532,7 +3530,8 @@ export type OutputFormat = components['schemas']['OutputFormat'];
 export type Overhang = components['schemas']['Overhang'];
 export type OverhangArea = components['schemas']['OverhangArea'];
 export type Overlaps = components['schemas']['Overlaps'];
-export type PartCertificate = components['schemas']['PartCertificate'];
+export type PartAccounting = components['schemas']['PartAccounting'];
+export type PartReason = components['schemas']['PartReason'];
 export type Place = components['schemas']['Place'];
 export type Plan = components['schemas']['Plan'];
 export type PlannedAction = components['schemas']['PlannedAction'];
@@ -3545,6 +3544,7 @@ export type ProblemKind = components['schemas']['ProblemKind'];
 export type Progress = components['schemas']['Progress'];
 export type Property = components['schemas']['Property'];
 export type Protection = components['schemas']['Protection'];
+export type Protections = components['schemas']['Protections'];
 export type Quote = components['schemas']['Quote'];
 export type RawModel = components['schemas']['RawModel'];
 export type Readiness = components['schemas']['Readiness'];
@@ -3555,7 +3555,6 @@ export type RepairJobOptions = components['schemas']['RepairJobOptions'];
 export type RepairReport = components['schemas']['RepairReport'];
 export type Report = components['schemas']['Report'];
 export type Require = components['schemas']['Require'];
-export type Rung = components['schemas']['Rung'];
 export type SandboxMode = components['schemas']['SandboxMode'];
 export type SandboxStatus = components['schemas']['SandboxStatus'];
 export type Scope = components['schemas']['Scope'];
@@ -3574,6 +3573,7 @@ export type Status = components['schemas']['Status'];
 export type Step = components['schemas']['Step'];
 export type StepStatus = components['schemas']['StepStatus'];
 export type StitchPosition = components['schemas']['StitchPosition'];
+export type Strategy = components['schemas']['Strategy'];
 export type StreamEvent = components['schemas']['StreamEvent'];
 export type SubmitForm = components['schemas']['SubmitForm'];
 export type SubmitUpload = components['schemas']['SubmitUpload'];
@@ -3598,7 +3598,6 @@ export type UploadPut = components['schemas']['UploadPut'];
 export type UploadRequest = components['schemas']['UploadRequest'];
 export type Verdict = components['schemas']['Verdict'];
 export type Volume = components['schemas']['Volume'];
-export type Walls = components['schemas']['Walls'];
 export type WebhookArtifact = components['schemas']['WebhookArtifact'];
 export type WebhookDeliveries = components['schemas']['WebhookDeliveries'];
 export type WebhookDelivery = components['schemas']['WebhookDelivery'];
@@ -3611,6 +3610,7 @@ export type WebhookMessage = components['schemas']['WebhookMessage'];
 export type WebhookProblem = components['schemas']['WebhookProblem'];
 export type WebhookSecret = components['schemas']['WebhookSecret'];
 export type When = components['schemas']['When'];
+export type WindingRuleChoice = components['schemas']['WindingRuleChoice'];
 export type $defs = Record<string, never>;
 export interface operations {
     livez: {
@@ -4101,7 +4101,7 @@ export interface operations {
                 max_tier?: number;
                 /**
                  * @description Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
-                 *     fails where there was not even time to inspect the input; `left_out` in the report says what there was no time for.
+                 *     fails where there was not even time to inspect the input; `omitted` in the report says what there was no time for.
                  */
                 deadline_s?: number;
                 /** @description Red flag: share of the faces lost, in percent. */
@@ -4109,7 +4109,7 @@ export interface operations {
                 /** @description Red flag: share of the vertices lost, in percent. A vertex is lost where no face at it is left, whole or cut. */
                 max_vertex_loss_pct?: number;
                 /** @description Red flag: change of the bounding box's diagonal, in percent. */
-                max_box_change_pct?: number;
+                max_bounding_box_change_pct?: number;
                 /** @description Red flag: change of the volume, in percent; judged only where the input's volume is reliable. */
                 max_volume_change_pct?: number;
                 /** @description Red flag: share of the surface seen from outside that has no counterpart in the result, in percent. */
@@ -4166,7 +4166,7 @@ export interface operations {
                 /** @description What becomes of parts that overlap. */
                 overlaps?: components["schemas"]["Overlaps"];
                 /** @description What is solid where faces intersect. */
-                inside?: components["schemas"]["InsideRule"];
+                winding_rule?: components["schemas"]["WindingRuleChoice"];
                 /** @description What becomes of open sheets. */
                 open_sheets?: components["schemas"]["OpenSheets"];
                 /**

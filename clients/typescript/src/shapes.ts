@@ -9,7 +9,7 @@ export type {
   JobPage,
   JobProblem,
   JobReport,
-  Ledger,
+  PartAccounting,
   NewBrowserToken,
   NewWebhookEndpoint,
   ObjectReport,

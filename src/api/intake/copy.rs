@@ -1,190 +1,201 @@
-//! A submission of a file that is here already, which is copied: of an upload that was sent before, or of an earlier job.
+//! Reads a submission whose file is already stored: an upload, or a file of an earlier job. The file is copied to the new job.
 
 use axum::extract::Request;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use super::submission::{File, Intake, Notes, Submission, clean_name, inputs, job_options};
-use super::upload::{find_upload, no_upload, sent_bytes};
+use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs, job_options};
+use super::upload::{find_upload, sent_bytes, upload_not_found};
 use crate::access::Scope;
 use crate::api::extract::{UploadBudget, object, parse, read_small, too_large};
-use crate::api::idempotency::{self, KeyUse};
+use crate::api::idempotency::{self, IdempotencyState};
 use crate::api::job::{find_job, job_id};
 use crate::api::problem::{Problem, ProblemCode};
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode, Status, UploadId};
 
-/// A job to make of a file that is here already.
+/// A job to create from a file that is already stored.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SubmitUpload {
-    /// Where the file is.
+    /// The stored file to use.
     #[serde(deserialize_with = "object")]
     source: Source,
-    /// What to do. Where `mode` is left out it is `repair`.
+    /// The job's options. `mode` defaults to `repair`.
     #[schema(value_type = Option<JobOptions>)]
     options: Option<Map<String, Value>>,
-    /// The file's name; without it that of the upload.
+    /// The file's name. Defaults to the name of the upload or of the earlier job's file.
     name: Option<String>,
-    /// Your own notes on the job, at most 50 texts and 8 KiB.
+    /// Your own metadata for the job: at most 50 text values and 8 KiB.
     #[serde(default)]
     #[schema(value_type = BTreeMap<String, String>)]
     metadata: Metadata,
-    /// An address to tell of the job's end.
+    /// An https URL to notify when the job ends.
     #[schema(format = "uri", max_length = 2048)]
     callback_url: Option<String>,
 }
 
-/// Where a job's file is: an upload or an earlier job, one of them.
+/// The stored file to use: exactly one of `upload_id` and `job_id`.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Source {
-    /// An upload that was announced with `POST /v1/uploads`, and sent.
+    /// An upload created with `POST /v1/uploads` whose file has been sent.
     #[schema(example = "upl_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     upload_id: Option<String>,
-    /// An earlier job of yours whose files are still kept.
+    /// An earlier job of yours whose files have not expired.
     #[schema(example = "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     job_id: Option<String>,
-    /// Of an earlier job, which file.
+    /// The file of the earlier job to use. Defaults to `input`. Valid with `job_id` only.
     file: Option<JobFile>,
 }
 
-/// A file of an earlier job.
+/// Which file of an earlier job to use.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum JobFile {
-    /// What it was sent; for an analysis all its files.
+    /// The submitted file; for an analysis, all submitted files.
     #[default]
     Input,
-    /// Its result.
+    /// The repaired model.
     Model,
 }
 
-/// Reads it, and copies the files to where the new job keeps them.
-pub async fn read(intake: Intake<'_>, request: Request, key: &KeyUse) -> Result<Submission, Problem> {
-    let text = read_small(intake.state, request).await?;
+/// Reads the JSON body, and copies the files to the new job's keys.
+pub async fn read(
+    context: SubmissionContext<'_>,
+    request: Request,
+    key: &IdempotencyState,
+) -> Result<Submission, Problem> {
+    let text = read_small(context.state, request).await?;
     let SubmitUpload { source, options, name, metadata, callback_url } = parse(&text)?;
     let options = job_options(options.unwrap_or_default())?;
-    let mut notes = Notes::default();
-    let reach = intake.state.config.webhook_reach;
-    notes.take("metadata", &serde_json::to_string(&metadata).unwrap_or_default(), reach)?;
+    let mut extras = Extras::default();
+    let targets = context.state.config.webhook_targets;
+    extras.set("metadata", &serde_json::to_string(&metadata).unwrap_or_default(), targets)?;
     if let Some(address) = &callback_url {
-        notes.take("callback_url", address, reach)?;
+        extras.set("callback_url", address, targets)?;
     }
     let name = name.as_deref();
     let (inputs, upload) = match source {
-        Source { upload_id: Some(upload), job_id: None, file: None } => from_upload(intake, &upload, name, key).await?,
+        Source { upload_id: Some(upload), job_id: None, file: None } => {
+            from_upload(context, &upload, name, key).await?
+        }
         Source { upload_id: None, job_id: Some(job), file } => {
-            (from_job(intake, &job, file.unwrap_or_default(), name, options.mode()).await?, None)
+            (from_job(context, &job, file.unwrap_or_default(), name, options.mode()).await?, None)
         }
         _ => {
-            let message = "`source` must have either `upload_id`, or `job_id` and perhaps `file`.";
+            let message =
+                "`source` must have exactly one of `upload_id` and `job_id`; `file` is valid with `job_id` only.";
             return Err(Problem::invalid_field("source", message));
         }
     };
-    Ok(Submission { inputs, options, notes, upload })
+    Ok(Submission { inputs, options, extras, upload })
 }
 
-/// Copies the file of an upload. Of one that a job was made of by the same request before, gives what that job has.
+/// Copies the file of an upload. If this request is a retry that already used the upload, returns the inputs of its job.
 async fn from_upload(
-    intake: Intake<'_>,
+    context: SubmissionContext<'_>,
     upload: &str,
     name: Option<&str>,
-    key: &KeyUse,
+    key: &IdempotencyState,
 ) -> Result<(Vec<Input>, Option<UploadId>), Problem> {
-    let Intake { state, caller, id } = intake;
+    let SubmissionContext { state, caller, id } = context;
     let found = find_upload(state, upload).await?;
     if found.upload.tenant != caller.tenant.as_str() {
-        return Err(no_upload(upload));
+        return Err(upload_not_found(upload));
     }
     let name = clean_name(name.or(found.upload.name.as_deref()));
     if let Some(job) = found.job {
-        // The same request may come again because its answer was lost. The upload is gone then, and its job knows what it was.
+        // A client retries when the response was lost. The upload is gone by then, but its job still knows the inputs.
         return match key {
-            KeyUse::Before { job: before, .. } if *before == job => {
+            IdempotencyState::Used { job: before, .. } if *before == job => {
                 let job = idempotency::job_of_key(state.store.as_ref(), job).await?;
                 Ok((job.inputs.into_iter().map(|input| Input { name: name.clone(), ..input }).collect(), None))
             }
             _ => {
                 let detail =
-                    format!("The job '{job}' was made of this upload. Announce another one and send the file again.");
+                    format!("The job '{job}' already used this upload. Create a new upload and send the file again.");
                 Err(Problem::new(ProblemCode::UploadUsed, detail))
             }
         };
     }
     let key = Blobs::incoming_key(found.upload.id);
     let limit = caller.max_bytes(state.config.limits.max_bytes);
-    let bytes = sent_bytes(state, &key).await?.ok_or_else(nothing_sent)?;
+    let bytes = sent_bytes(state, &key).await?.ok_or_else(file_not_sent)?;
     if bytes > limit {
         return Err(too_large(limit));
     }
     let sent = state.blobs.get(&key, None).await.map_err(|error| match error {
-        BlobError::NotFound => nothing_sent(),
+        BlobError::NotFound => file_not_sent(),
         error => error.into(),
     })?;
     let stored = UploadBudget::new(limit).store(&state.blobs, &Blobs::input_key(id, 0), sent).await?;
-    Ok((inputs(id, vec![File { name, stored }])?, Some(found.upload.id)))
+    Ok((inputs(id, vec![ReceivedFile { name, stored }])?, Some(found.upload.id)))
 }
 
-fn nothing_sent() -> Problem {
+fn file_not_sent() -> Problem {
     Problem::new(
         ProblemCode::UploadMissing,
-        "The upload's file was not sent yet. Send it as its 'put' says, then ask again.",
+        "The upload's file has not been sent yet. Send it as `put` describes, then repeat this request.",
     )
 }
 
-/// Copies the files of an earlier job, which are still kept: to try other options, or to have the result in another format.
+/// Copies the files of an earlier job, for example to try other options or another output format.
 async fn from_job(
-    intake: Intake<'_>,
+    context: SubmissionContext<'_>,
     earlier: &str,
     file: JobFile,
     name: Option<&str>,
     mode: Mode,
 ) -> Result<Vec<Input>, Problem> {
-    let Intake { state, caller, id } = intake;
-    if !caller.may(Scope::JobsRead) {
+    let SubmissionContext { state, caller, id } = context;
+    if !caller.has_scope(Scope::JobsRead) {
         return Err(Problem::new(
             ProblemCode::Forbidden,
-            "The key can't read jobs, so it can't make one of another's files.",
+            "The key lacks the scope 'jobs:read', so it can't submit another job's files.",
         ));
     }
     let job = find_job(state, caller, job_id(earlier)?).await?;
     if job.status == Status::Expired {
-        return Err(gone(&job.id));
+        return Err(files_expired(&job.id));
     }
-    let given = |own: &str| clean_name(name.or(Some(own)));
+    let new_name = |own: &str| clean_name(name.or(Some(own)));
     let files: Vec<(String, String, String)> = match file {
         JobFile::Input => {
-            let one = job.inputs.len() == 1;
-            job.inputs.into_iter().map(|it| (it.key, it.sha256, if one { given(&it.name) } else { it.name })).collect()
+            let is_single = job.inputs.len() == 1;
+            let parts = |input: Input| {
+                let name = if is_single { new_name(&input.name) } else { input.name };
+                (input.key, input.sha256, name)
+            };
+            job.inputs.into_iter().map(parts).collect()
         }
         JobFile::Model => {
             let model = job.artifacts.get("model").and_then(|model| Some((model.file.as_ref()?, &model.filename)));
             let (file, filename) = model.ok_or_else(|| {
-                let detail = format!("The job '{}' has no result to make a job of.", job.id);
+                let detail = format!("The job '{}' has no result to submit.", job.id);
                 Problem::new(ProblemCode::ArtifactNotFound, detail)
             })?;
-            vec![(file.key.clone(), file.sha256.clone(), given(filename))]
+            vec![(file.key.clone(), file.sha256.clone(), new_name(filename))]
         }
     };
     if mode == Mode::Repair && files.len() > 1 {
-        let detail = format!("A repair takes one file, and the job '{}' has {}.", job.id, files.len());
+        let detail = format!("A repair takes one file, but the job '{}' has {}.", job.id, files.len());
         return Err(Problem::new(ProblemCode::TooManyFiles, detail));
     }
-    let mut budget = intake.budget();
+    let mut budget = context.budget();
     let mut copies = Vec::with_capacity(files.len());
     for (number, (key, sha256, name)) in files.into_iter().enumerate() {
         let bytes = state.blobs.get_whole(&key, &sha256).await.map_err(|error| match error {
-            BlobError::NotFound => gone(&job.id),
+            BlobError::NotFound => files_expired(&job.id),
             error => error.into(),
         })?;
         let stored = budget.store(&state.blobs, &Blobs::input_key(id, number), bytes).await?;
-        copies.push(File { name, stored });
+        copies.push(ReceivedFile { name, stored });
     }
     inputs(id, copies)
 }
 
-fn gone(job: &JobId) -> Problem {
-    Problem::new(ProblemCode::JobExpired, format!("The files of the job '{job}' were kept as long as they are."))
+fn files_expired(job: &JobId) -> Problem {
+    Problem::new(ProblemCode::JobExpired, format!("The files of the job '{job}' have expired."))
 }

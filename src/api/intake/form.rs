@@ -1,4 +1,4 @@
-//! A submission as a form, whose parts are read as they come.
+//! Reads a submission from a multipart form, part by part as the bytes arrive.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,53 +12,58 @@ use axum::http::header;
 use futures::{Stream, StreamExt};
 use utoipa::ToSchema;
 
-use super::submission::{File, Intake, Notes, Submission, clean_name, inputs, job_options};
+use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs, job_options};
 use crate::api::extract::{RawModel, SourceError, UploadBudget, json_object, source_problem, with_idle_limit};
-use crate::api::problem::{Problem, ProblemCode, shown};
+use crate::api::problem::{Problem, ProblemCode, truncated};
 use crate::blobs::Blobs;
 use crate::jobs::{JobOptions, Metadata, Mode};
 
-/// Largest `options` part of a form.
-const OPTIONS_BYTES: usize = 64 << 10;
-/// Most bytes of a form between its parts: headers, boundaries, what comes before the first part, and what of a part
-/// comes in the same chunk.
+/// Largest text part of a form, such as `options`, in bytes.
+const TEXT_PART_BYTES: usize = 64 << 10;
+/// Most bytes of a form between two files: headers, boundaries, the preamble, and the part of a file that arrives in the
+/// same chunk as its headers.
 pub const FORM_BYTES: u64 = 1 << 20;
 
-/// The form that a job is submitted with.
+/// The form that submits a job.
 #[derive(ToSchema)]
-#[expect(dead_code, reason = "it describes the form in the OpenAPI document; the parts are read as they come")]
+#[expect(dead_code, reason = "it describes the form in the OpenAPI document; the parts are read one by one")]
 pub struct SubmitForm {
-    /// The model, in a format that the capabilities list. A repair takes one; an analysis as many parts `file` as their `limits.max_files`
-    /// says.
+    /// The model, in a format that `GET /v1/capabilities` lists. A repair takes one file. An analysis takes one part `file` for each
+    /// file, at most `limits.max_files`.
     #[schema(min_items = 1)]
     file: Vec<RawModel>,
-    /// What to do, as JSON. Where `mode` is left out it is `repair`.
+    /// The job's options as JSON. `mode` defaults to `repair`.
     options: Option<JobOptions>,
-    /// Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job.
+    /// Your own metadata as JSON: an object of at most 50 text values and 8 KiB. The job returns it unchanged.
     #[schema(value_type = Option<BTreeMap<String, String>>)]
     metadata: Option<Metadata>,
-    /// An https address to tell of the job's end, beside the webhook endpoints. What comes there is signed with the secret of
+    /// An https URL to notify when the job ends, in addition to the webhook endpoints. Messages are signed with the secret from
     /// `GET /v1/webhook-secret`.
     #[schema(format = "uri", max_length = 2048)]
     callback_url: Option<String>,
 }
 
-/// The parts that have come.
-struct Parts<'a> {
-    intake: Intake<'a>,
+/// The parts received so far.
+struct ReceivedParts<'a> {
+    context: SubmissionContext<'a>,
     budget: UploadBudget,
-    files: Vec<File>,
+    files: Vec<ReceivedFile>,
     options: Option<JobOptions>,
-    notes: Notes,
+    extras: Extras,
 }
 
-/// Reads it.
-pub async fn read(intake: Intake<'_>, request: Request) -> Result<Submission, Problem> {
-    // A reader of forms keeps all bytes before the next part in memory, so those are counted here.
+/// Reads all parts of the form, and stores the files.
+pub async fn read(context: SubmissionContext<'_>, request: Request) -> Result<Submission, Problem> {
+    // The form parser buffers all bytes before the next part, so their number is limited here.
     let allowance = Arc::new(AtomicU64::new(FORM_BYTES));
-    let mut form = open(request, Arc::clone(&allowance), intake.state.config.upload_idle).await?;
-    let mut parts =
-        Parts { intake, budget: intake.budget(), files: Vec::new(), options: None, notes: Notes::default() };
+    let mut form = open(request, Arc::clone(&allowance), context.state.config.upload_idle).await?;
+    let mut parts = ReceivedParts {
+        context,
+        budget: context.budget(),
+        files: Vec::new(),
+        options: None,
+        extras: Extras::default(),
+    };
     loop {
         allowance.store(FORM_BYTES, Ordering::Relaxed);
         let Some(field) = form.next_field().await.map_err(|e| source_problem(&e))? else { break };
@@ -67,9 +72,9 @@ pub async fn read(intake: Intake<'_>, request: Request) -> Result<Submission, Pr
     parts.finish()
 }
 
-async fn open(request: Request, allowance: Arc<AtomicU64>, longest: Duration) -> Result<Multipart, Problem> {
+async fn open(request: Request, allowance: Arc<AtomicU64>, idle_limit: Duration) -> Result<Multipart, Problem> {
     let (parts, body) = request.into_parts();
-    let body = with_idle_limit(body.into_data_stream(), longest).map(move |chunk| {
+    let body = with_idle_limit(body.into_data_stream(), idle_limit).map(move |chunk| {
         let chunk = chunk?;
         let bytes = chunk.len() as u64;
         allowance
@@ -77,26 +82,24 @@ async fn open(request: Request, allowance: Arc<AtomicU64>, longest: Duration) ->
             .map_err(|_| SourceError::Form)?;
         Ok::<Bytes, SourceError>(chunk)
     });
-    let request = Request::from_parts(parts, Body::from_stream(one_at_a_time(body)));
+    let request = Request::from_parts(parts, Body::from_stream(with_pauses(body)));
     Multipart::from_request(request, &()).await.map_err(|_| {
-        Problem::invalid_request(
-            "The form can't be read: its `Content-Type` must name the `boundary` between its parts.",
-        )
+        Problem::invalid_request("The form is invalid: its `Content-Type` must give the `boundary` between its parts.")
     })
 }
 
-impl Parts<'_> {
+impl ReceivedParts<'_> {
     async fn take(&mut self, field: Field<'_>, allowance: &AtomicU64) -> Result<(), Problem> {
-        let Intake { state, id, .. } = self.intake;
+        let SubmissionContext { state, id, .. } = self.context;
         match field.name() {
             Some("file") => {
-                // Where the options came first, a file too many is refused before its bytes are read.
-                may_have(self.files.len() + 1, self.options.as_ref(), state.config.max_files)?;
+                // With the options first, a surplus file is rejected before its bytes are read.
+                check_file_count(self.files.len() + 1, self.options.as_ref(), state.config.max_files)?;
                 let name = clean_name(field.file_name());
                 allowance.store(u64::MAX, Ordering::Relaxed);
                 let key = Blobs::input_key(id, self.files.len());
                 let stored = self.budget.store(&state.blobs, &key, field).await?;
-                self.files.push(File { name, stored });
+                self.files.push(ReceivedFile { name, stored });
             }
             Some("options") if self.options.is_none() => {
                 let text = read_text(field, "options").await?;
@@ -104,19 +107,19 @@ impl Parts<'_> {
                     .map_err(|problem| Problem::invalid_field("options", problem.detail))?;
                 self.options = Some(job_options(fields)?);
             }
-            Some(name) if Notes::NAMES.contains(&name) => {
+            Some(name) if Extras::NAMES.contains(&name) => {
                 let name = name.to_owned();
                 let text = read_text(field, &name).await?;
-                self.notes.take(&name, &String::from_utf8_lossy(&text), state.config.webhook_reach)?;
+                self.extras.set(&name, &String::from_utf8_lossy(&text), state.config.webhook_targets)?;
             }
             Some("options") => {
-                let detail = "The form has two parts `options`. Send one for all files.";
+                let detail = "The form has two parts `options`; send one, which applies to all files.";
                 return Err(Problem::invalid_request(detail));
             }
             name => {
-                let name = shown(name.unwrap_or_default());
+                let name = truncated(name.unwrap_or_default());
                 return Err(Problem::invalid_request(format!(
-                    "The form has a part `{name}`. Its parts must be `file`, `options`, `metadata` or `callback_url`."
+                    "The form has an unknown part `{name}`; its parts must be `file`, `options`, `metadata` or `callback_url`."
                 )));
             }
         }
@@ -124,20 +127,20 @@ impl Parts<'_> {
     }
 
     fn finish(self) -> Result<Submission, Problem> {
-        let Self { intake, files, options, notes, .. } = self;
+        let Self { context, files, options, extras, .. } = self;
         if files.is_empty() {
-            let detail = "The form has no part `file`. Send the model as that part.";
+            let detail = "The form has no part `file`; send the model as that part.";
             return Err(Problem::new(ProblemCode::MissingFile, detail));
         }
         let options = options.unwrap_or_default();
-        may_have(files.len(), Some(&options), intake.state.config.max_files)?;
-        Ok(Submission { inputs: inputs(intake.id, files)?, options, notes, upload: None })
+        check_file_count(files.len(), Some(&options), context.state.config.max_files)?;
+        Ok(Submission { inputs: inputs(context.id, files)?, options, extras, upload: None })
     }
 }
 
-/// The stream, but never two chunks without a pause between: a reader of forms takes in all that is ready before it
-/// looks at any of it, which from a fast sender would be the whole file.
-fn one_at_a_time<T>(source: impl Stream<Item = T> + Send + 'static) -> impl Stream<Item = T> + Send + 'static {
+/// Pauses after each chunk. Without the pauses the form parser buffers every chunk that is ready before parsing, which could
+/// be the whole file of a fast sender.
+fn with_pauses<T>(source: impl Stream<Item = T> + Send + 'static) -> impl Stream<Item = T> + Send + 'static {
     let mut source = Box::pin(source);
     let mut pause = false;
     futures::stream::poll_fn(move |context| {
@@ -151,28 +154,28 @@ fn one_at_a_time<T>(source: impl Stream<Item = T> + Send + 'static) -> impl Stre
     })
 }
 
-/// Whether a job may have so many files; as long as its options have not come, as many as any job.
-fn may_have(files: usize, options: Option<&JobOptions>, most: usize) -> Result<(), Problem> {
+/// Checks the number of files against the mode and the limit. Before the options arrive, only the limit applies.
+fn check_file_count(files: usize, options: Option<&JobOptions>, max_files: usize) -> Result<(), Problem> {
     if files > 1 && options.is_some_and(|options| options.mode() == Mode::Repair) {
-        let detail = "The form has two parts `file`, and a repair takes one model. Send one model a job, or set `mode` \
+        let detail = "The form has two parts `file`, but a repair takes one model. Submit one job per model, or set `mode` \
                       to `analyze`.";
         return Err(Problem::invalid_request(detail));
     }
-    if files > most {
+    if files > max_files {
         let detail =
-            format!("The form has more than the {most} files that one job may have. Send the rest as another.");
+            format!("The form exceeds the limit of {max_files} files per job. Submit the rest as another job.");
         return Err(Problem::new(ProblemCode::TooManyFiles, detail).with_header(header::CONNECTION, "close"));
     }
     Ok(())
 }
 
-/// The bytes of a small part.
+/// Reads a text part of at most [`TEXT_PART_BYTES`].
 async fn read_text(mut field: Field<'_>, name: &str) -> Result<Vec<u8>, Problem> {
     let mut text = Vec::new();
     while let Some(chunk) = field.chunk().await.map_err(|e| source_problem(&e))? {
         text.extend_from_slice(&chunk);
-        if text.len() > OPTIONS_BYTES {
-            let message = format!("`{name}` must be at most {} KiB long.", OPTIONS_BYTES >> 10);
+        if text.len() > TEXT_PART_BYTES {
+            let message = format!("`{name}` must be at most {} KiB long.", TEXT_PART_BYTES >> 10);
             return Err(Problem::invalid_field(name, message));
         }
     }

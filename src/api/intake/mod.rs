@@ -1,5 +1,5 @@
-//! How a job's files, options and notes come in: as a form, as one file with the rest in the query, or as JSON that names a file which is
-//! here already. All ways end in a [`Submission`], whose files are stored.
+//! Reads a job's files, options, metadata and callback URL from a request: a form, one file with the rest in the query, or JSON that names
+//! a stored file. All three ways end in a [`Submission`], whose files are stored.
 
 mod body;
 mod copy;
@@ -11,20 +11,27 @@ use axum::extract::Request;
 use axum::http::header;
 
 use super::extract::text_header;
-use super::idempotency::KeyUse;
+use super::idempotency::IdempotencyState;
 use super::problem::Problem;
 
 pub use copy::SubmitUpload;
 pub use form::{FORM_BYTES, SubmitForm};
-pub use submission::{Intake, Submission};
+pub use submission::{Submission, SubmissionContext};
 
-/// Reads a request's files, as many bytes as the caller may send, into the store under the job's keys.
-pub async fn read(intake: Intake<'_>, request: Request, key: &KeyUse) -> Result<Submission, Problem> {
+/// Reads a submission, and stores its files under the new job's keys.
+///
+/// # Errors
+/// A problem if a field or file is invalid, if the files exceed the caller's size limit, or if the upload is interrupted.
+pub async fn read(
+    context: SubmissionContext<'_>,
+    request: Request,
+    key: &IdempotencyState,
+) -> Result<Submission, Problem> {
     let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default().trim().to_owned();
     let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     match essence.as_str() {
-        "multipart/form-data" => form::read(intake, request).await,
-        "application/json" => copy::read(intake, request, key).await,
-        _ => body::read(intake, request).await,
+        "multipart/form-data" => form::read(context, request).await,
+        "application/json" => copy::read(context, request, key).await,
+        _ => body::read(context, request).await,
     }
 }

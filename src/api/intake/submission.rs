@@ -1,4 +1,4 @@
-//! What a submission says, whatever way it comes: its files, its options, and the client's notes.
+//! The contents of a submission, however it was sent: files, options, metadata and callback URL, with their validation.
 
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -7,73 +7,77 @@ use sha2::{Digest, Sha256};
 use crate::api::authenticate::Caller;
 use crate::api::check::{field_schema, unknown_field, value_errors};
 use crate::api::extract::UploadBudget;
-use crate::api::problem::{FieldError, Problem, ProblemCode, shown};
+use crate::api::problem::{FieldError, Problem, ProblemCode, truncated};
 use crate::api::state::ApiState;
 use crate::blobs::{Blobs, Stored};
 use crate::format::{ReadErrorKind, sniff};
 use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode, UploadId};
-use crate::webhooks::Reach;
+use crate::webhooks::TargetPolicy;
 
-/// Largest notes of a client, in bytes, and most of them.
+/// Largest `metadata` as JSON, in bytes.
 const METADATA_BYTES: usize = 8 << 10;
+/// Most entries of `metadata`.
 const METADATA_ENTRIES: usize = 50;
 /// Longest file name that is kept, in characters.
 const NAME_CHARS: usize = 200;
 
-/// Whose request is read, and for which new job.
+/// The context in which a submission is read.
 #[derive(Clone, Copy)]
-pub struct Intake<'a> {
+pub struct SubmissionContext<'a> {
+    /// The API's state.
     pub state: &'a ApiState,
+    /// The caller who submits the job.
     pub caller: &'a Caller,
+    /// The id of the new job.
     pub id: JobId,
 }
 
-impl Intake<'_> {
-    /// As many bytes as the caller may send.
+impl SubmissionContext<'_> {
+    /// Returns the size budget of the caller's upload.
     pub fn budget(&self) -> UploadBudget {
         UploadBudget::new(self.caller.max_bytes(self.state.config.limits.max_bytes))
     }
 }
 
-/// What came with a request, its files stored already.
+/// A validated submission with its files stored.
 pub struct Submission {
-    /// Its files, models all of them.
+    /// The submitted model files.
     pub inputs: Vec<Input>,
-    /// What to do.
+    /// The job's options.
     pub options: JobOptions,
-    /// What else the client said.
-    pub notes: Notes,
-    /// The upload that was copied, where the file was sent before the request.
+    /// The job's metadata and callback URL.
+    pub extras: Extras,
+    /// The upload that was copied, if the file was uploaded before this request.
     pub upload: Option<UploadId>,
 }
 
 impl Submission {
-    /// What tells one request from another: its files, its options, and what else it says.
+    /// Returns a hash that identifies the request: its files, options, metadata and callback URL.
     pub fn fingerprint(&self) -> String {
         let files: Vec<_> = self.inputs.iter().map(|input| (&input.name, input.bytes, &input.sha256)).collect();
-        let bytes = serde_json::to_vec(&(files, &self.options, &self.notes)).unwrap_or_default();
+        let bytes = serde_json::to_vec(&(files, &self.options, &self.extras)).unwrap_or_default();
         hex::encode(Sha256::digest(&bytes))
     }
 }
 
-/// What a client says of a job beside its options.
+/// The fields of a submission besides files and options.
 #[derive(Default, Serialize)]
-pub struct Notes {
-    /// Its own notes.
+pub struct Extras {
+    /// The client's own metadata.
     pub metadata: Metadata,
-    /// Where to tell of the job's end.
+    /// The URL to notify when the job ends.
     pub callback_url: Option<String>,
 }
 
-impl Notes {
-    /// The names of the parts, or fields of a query, that they come as.
+impl Extras {
+    /// The names of these fields, as form parts and as query parameters.
     pub const NAMES: [&str; 2] = ["metadata", "callback_url"];
 
-    /// Reads one of them.
-    pub fn take(&mut self, name: &str, text: &str, reach: Reach) -> Result<(), Problem> {
+    /// Validates one field and sets its value.
+    pub fn set(&mut self, name: &str, text: &str, targets: TargetPolicy) -> Result<(), Problem> {
         if name == "callback_url" {
             let url =
-                reach.read(text).map_err(|error| Problem::invalid_field(name, format!("`callback_url` {error}.")))?;
+                targets.read(text).map_err(|error| Problem::invalid_field(name, format!("`callback_url` {error}.")))?;
             self.callback_url = Some(url.into());
             return Ok(());
         }
@@ -83,25 +87,27 @@ impl Notes {
         self.metadata = metadata.ok_or_else(|| {
             let kib = METADATA_BYTES >> 10;
             let message =
-                format!("`metadata` must be a JSON object of at most {METADATA_ENTRIES} texts and {kib} KiB.");
+                format!("`metadata` must be a JSON object of at most {METADATA_ENTRIES} text values and {kib} KiB.");
             Problem::invalid_field(name, message)
         })?;
         Ok(())
     }
 }
 
-/// A file of a submission.
-pub struct File {
+/// A stored file of a submission.
+pub struct ReceivedFile {
+    /// The cleaned file name.
     pub name: String,
+    /// Where and how the file is stored.
     pub stored: Stored,
 }
 
-/// Sees whether every file is a model by its first bytes. Of several, each that is none is named.
-pub fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
-    let of = files.len();
-    let mut inputs = Vec::with_capacity(of);
+/// Detects each file's format by its first bytes. With several files, the error names every unrecognised file.
+pub fn inputs(id: JobId, files: Vec<ReceivedFile>) -> Result<Vec<Input>, Problem> {
+    let count = files.len();
+    let mut inputs = Vec::with_capacity(count);
     let (mut problems, mut errors): (Vec<Problem>, Vec<FieldError>) = Default::default();
-    for (number, File { name, stored }) in files.into_iter().enumerate() {
+    for (number, ReceivedFile { name, stored }) in files.into_iter().enumerate() {
         match sniff(&stored.head, Some(stored.bytes)) {
             Ok(format) => {
                 let Stored { bytes, sha256, .. } = stored;
@@ -115,11 +121,15 @@ pub fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
                     ReadErrorKind::Empty => (ProblemCode::MissingFile, error.to_string()),
                     _ => (ProblemCode::UnsupportedModel, error.to_string()),
                 };
-                let which = if of > 1 { format!("file {} of {of}, '{name}': ", number + 1) } else { String::new() };
-                if of > 1 {
-                    errors.push(FieldError::new(&format!("file[{number}]"), format!("{which}{detail}")));
+                let subject = if count > 1 {
+                    format!("ReceivedFile {} of {count}, '{name}': ", number + 1)
+                } else {
+                    String::new()
+                };
+                if count > 1 {
+                    errors.push(FieldError::new(&format!("file[{number}]"), format!("{subject}{detail}")));
                 }
-                problems.push(Problem::new(code, format!("{which}{detail}")));
+                problems.push(Problem::new(code, format!("{subject}{detail}")));
             }
         }
     }
@@ -129,7 +139,7 @@ pub fn inputs(id: JobId, files: Vec<File>) -> Result<Vec<Input>, Problem> {
     }
 }
 
-/// Reads the options of a job. Every option that is wrong is named.
+/// Parses the options of a job. The error names every invalid option.
 pub fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
     let mode = match fields.get("mode") {
         None => Mode::default(),
@@ -150,9 +160,10 @@ pub fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
 
 fn unknown_mode(given: &Value) -> FieldError {
     let names = Mode::ALL.map(|mode| format!("`{}`", mode.as_str())).join(" or ");
-    FieldError::new("mode", format!("`mode` must be {names}; got {}.", shown(&given.to_string())))
+    FieldError::new("mode", format!("`mode` must be {names}; got {}.", truncated(&given.to_string())))
 }
 
+/// Validates one option against the documented schema of its mode.
 fn option_errors(mode: Mode, option: &str, value: &Value) -> Vec<FieldError> {
     let schema = match mode {
         Mode::Repair => "Options",
@@ -164,18 +175,18 @@ fn option_errors(mode: Mode, option: &str, value: &Value) -> Vec<FieldError> {
     if let Some(schema) = field_schema(schema, option) {
         return value_errors(option, schema, value);
     }
-    let other = Mode::ALL.into_iter().find(|of| of.option_names().iter().any(|name| name == option));
-    vec![match other {
-        Some(of) => {
-            let (of, mode) = (of.as_str(), mode.as_str());
-            let message = format!("`{option}` is an option of mode `{of}`; this job's mode is `{mode}`.");
+    let other_mode = Mode::ALL.into_iter().find(|other| other.option_names().iter().any(|name| name == option));
+    vec![match other_mode {
+        Some(other) => {
+            let (other, mode) = (other.as_str(), mode.as_str());
+            let message = format!("`{option}` is an option of mode `{other}`; this job's mode is `{mode}`.");
             FieldError::new(option, message)
         }
         None => unknown_field(option, mode.option_names().iter().map(String::as_str), "option"),
     }]
 }
 
-/// A file name without folders and control characters; it is shown and handed back, never opened.
+/// Removes folders and control characters from a file name. The name is only displayed, never opened.
 pub fn clean_name(name: Option<&str>) -> String {
     let name = name.unwrap_or_default();
     let name = name.rsplit(['/', '\\']).next().unwrap_or_default();
@@ -189,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_name_keeps_nothing_that_could_lead_elsewhere() {
+    fn a_file_name_loses_folders_and_control_characters() {
         for (given, kept) in [
             (Some("bracket.stl"), "bracket.stl"),
             (Some("../../etc/passwd"), "passwd"),

@@ -1,4 +1,4 @@
-//! Uploads that come before their job: announced here, sent to an address that is good for a while, and taken by `POST /v1/jobs`.
+//! Uploads that precede their job: `POST /v1/uploads` creates one, a PUT to its URL sends the file, and `POST /v1/jobs` uses it.
 
 use std::collections::BTreeMap;
 
@@ -11,98 +11,100 @@ use time::OffsetDateTime;
 use utoipa::{IntoParams, ToSchema};
 
 use super::submission::clean_name;
-use crate::access::{Token, random_hex};
-use crate::api::authenticate::MayWrite;
+use crate::access::{SecretHash, random_hex};
+use crate::api::authenticate::RequireJobsWrite;
 use crate::api::extract::{
     ApiPath, ApiQuery, RawModel, UploadBudget, parse, read_small, text_header, too_large, whole, with_idle_limit,
 };
-use crate::api::problem::{Problem, ProblemCode, shown};
+use crate::api::problem::{Problem, ProblemCode, truncated};
 use crate::api::state::{ApiState, busy};
 use crate::blobs::{BlobError, Blobs};
 use crate::jobs::{NewUpload, PendingUpload, UPLOAD_LIFE, UPLOAD_OPEN, UploadId};
 
-/// What is known of a file before it is sent.
+/// A file that is going to be uploaded.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct UploadRequest {
     /// The file's name.
     #[schema(example = "bracket.stl")]
     name: Option<String>,
-    /// Its size. One that is too large is refused before it is sent.
+    /// The file's size in bytes. A size above the limit is rejected before any bytes are sent.
     #[serde(deserialize_with = "whole")]
     bytes: Option<u64>,
 }
 
-/// Where to send a file.
+/// An upload: where to send its file, and until when.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = Upload)]
 pub struct UploadView {
-    /// The upload's name, for the `source` of a job.
+    /// The upload's id, for the `source` of a job.
     #[schema(example = "upl_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     id: String,
     /// The request that sends the file.
     put: PutView,
-    /// Most bytes that it may have.
+    /// The largest file that this upload accepts, in bytes.
     max_bytes: u64,
-    /// Until when a job may be made of it.
+    /// When the upload expires. A job must use it before then.
     #[serde(with = "crate::jobs::timestamp")]
     expires_at: OffsetDateTime,
 }
 
-/// A request to send.
+/// An HTTP request to send.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = UploadPut)]
 pub struct PutView {
-    /// Its method.
+    /// The HTTP method.
     #[schema(example = "PUT")]
     method: &'static str,
-    /// Its address; one without a host is of this service. Whoever has it may send the file, so keep it from others.
+    /// The URL. A URL without a host is relative to this service. Keep it secret: anyone who has it can send the file.
     url: String,
+    /// The headers that the request must have.
     /// Headers that it must have.
     headers: BTreeMap<String, String>,
-    /// Until when it may begin.
+    /// When the URL expires. The request must begin before then.
     #[serde(with = "crate::jobs::timestamp")]
     expires_at: OffsetDateTime,
 }
 
-/// Announce a file, and learn where to send it.
+/// Create an upload.
 ///
-/// For large files and for browsers: the bytes go straight to the store where there is one, and a job is made of them afterwards, by
-/// `POST /v1/jobs` with JSON. Send the file as the whole body of the request that `put` describes.
+/// For large files and for browsers. The file goes directly to the file store if the operator allows it. Send the file as the whole body
+/// of the request that `put` describes. Then create a job from the upload with `POST /v1/jobs` and a JSON body.
 #[utoipa::path(
     post, path = "/v1/uploads", tag = "uploads",
     request_body(content = Option<UploadRequest>, content_type = "application/json"),
     responses(
-        (status = 201, description = "Where to send it", body = UploadView),
-        (status = 400, description = "A body that can't be understood", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "The body stopped coming", body = Problem, content_type = "application/problem+json"),
+        (status = 201, description = "The created upload", body = UploadView),
+        (status = 400, description = "The body is malformed", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "The body timed out", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The file is too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "A body that is not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "As many uploads wait for a job as may", body = Problem, content_type = "application/problem+json",
-            headers(("Retry-After" = u32, description = "Seconds to wait before sending it again"))),
-        (status = 503, description = "The database or the file store does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "The body is not JSON", body = Problem, content_type = "application/problem+json"),
+        (status = 429, description = "The maximum number of uploads wait for a job", body = Problem, content_type = "application/problem+json",
+            headers(("Retry-After" = u32, description = "Seconds to wait before retrying"))),
+        (status = 503, description = "The database or the file store is unavailable, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn announce_upload(
     State(state): State<ApiState>,
-    MayWrite(caller): MayWrite,
+    RequireJobsWrite(caller): RequireJobsWrite,
     request: Request,
 ) -> Result<Response, Problem> {
     let media_type = text_header(request.headers(), &header::CONTENT_TYPE).unwrap_or_default();
-    let is_json = media_type.split(';').next().is_some_and(|it| it.trim().eq_ignore_ascii_case("application/json"));
-    let asked: UploadRequest = match read_small(&state, request).await?.as_slice() {
+    let is_json =
+        media_type.split(';').next().is_some_and(|essence| essence.trim().eq_ignore_ascii_case("application/json"));
+    let requested: UploadRequest = match read_small(&state, request).await?.as_slice() {
         [] => UploadRequest::default(),
         text if is_json => parse(text)?,
         _ => {
-            let detail = "Send JSON, as application/json. The file itself goes to the address that the answer names.";
+            let detail = "`Content-Type` must be application/json. Send the file itself to the URL in the response.";
             return Err(Problem::new(ProblemCode::UnsupportedMediaType, detail));
         }
     };
     let max_bytes = caller.max_bytes(state.config.limits.max_bytes);
-    if asked.bytes.is_some_and(|bytes| bytes > max_bytes) {
+    if requested.bytes.is_some_and(|bytes| bytes > max_bytes) {
         return Err(too_large(max_bytes));
     }
-    state.check_free_space(asked.bytes.unwrap_or(0))?;
+    state.check_free_space(requested.bytes.unwrap_or(0))?;
     let id = UploadId::new();
     let signed = match state.config.presigned_uploads {
         true => state.blobs.presigned_put(&Blobs::incoming_key(id), UPLOAD_OPEN).await?,
@@ -112,51 +114,50 @@ pub async fn announce_upload(
     let upload = NewUpload {
         id,
         tenant: caller.tenant.to_string(),
-        name: asked.name.map(|name| clean_name(Some(&name))),
-        token_sha256: signed.is_none().then(|| Token::of(&token).into()),
+        name: requested.name.map(|name| clean_name(Some(&name))),
+        token_sha256: signed.is_none().then(|| SecretHash::of(&token).into()),
     };
-    let Some(noted) = state.store.add_upload(upload, state.config.max_queued).await? else {
-        let detail = format!(
-            "{} uploads wait for a job to be made of them, which is as many as may. Send this again later.",
-            state.config.max_queued
-        );
+    let Some(recorded) = state.store.add_upload(upload, state.config.max_queued).await? else {
+        let detail = format!("{} uploads wait for a job, the maximum. Retry later.", state.config.max_queued);
         return Err(busy(ProblemCode::QueueFull, detail));
     };
     let put = PutView {
         method: "PUT",
         url: signed.unwrap_or_else(|| format!("/v1/uploads/{id}/content?token={token}")),
         headers: BTreeMap::new(),
-        expires_at: noted.created_at + UPLOAD_OPEN,
+        expires_at: recorded.created_at + UPLOAD_OPEN,
     };
-    let expires_at = noted.created_at + UPLOAD_LIFE;
+    let expires_at = recorded.created_at + UPLOAD_LIFE;
     let view = UploadView { id: id.to_string(), put, max_bytes, expires_at };
     Ok((StatusCode::CREATED, [(header::CACHE_CONTROL, "no-store")], Json(view)).into_response())
 }
 
+/// Query parameters of an upload's URL.
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub struct TokenQuery {
-    /// As the upload's address has it.
+    /// The token in the upload's URL.
     token: String,
 }
 
-/// Send an announced file.
+/// Send the file of an upload.
 ///
-/// The address is in the answer to `POST /v1/uploads`, and takes one file, for an hour. One that broke off may be sent again.
+/// The response to `POST /v1/uploads` contains this URL. The URL accepts one file, for one hour. After an interrupted upload, send the file
+/// again.
 #[utoipa::path(
     put, path = "/v1/uploads/{id}/content", tag = "uploads",
     params(("id" = String, Path, description = "The upload's id"), TokenQuery),
     request_body(content = RawModel, content_type = "application/octet-stream"),
     responses(
         (status = 204, description = "The file is stored"),
-        (status = 400, description = "An address that can't be understood, or an upload that broke off", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such upload, or its time is over", body = Problem, content_type = "application/problem+json"),
-        (status = 408, description = "The upload stopped coming", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The file was sent before", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The request is malformed, or the upload was interrupted", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "Upload not found or expired", body = Problem, content_type = "application/problem+json"),
+        (status = 408, description = "The upload timed out", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The file has already been sent", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The file is too large", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "A fault of the service", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "The database or the file store does not answer now, or the disk is full", body = Problem, content_type = "application/problem+json"),
+        (status = 500, description = "Internal error", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "The database or the file store is unavailable, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn put_upload(
@@ -167,15 +168,15 @@ pub async fn put_upload(
 ) -> Result<Response, Problem> {
     state.accept_work()?;
     let PendingUpload { upload, is_open, job, .. } = find_upload(&state, &id).await?;
-    if upload.token_sha256.as_deref() != Some(Token::of(&query.token).as_str()) {
-        return Err(no_upload(&id));
+    if upload.token_sha256.as_deref() != Some(SecretHash::of(&query.token).as_str()) {
+        return Err(upload_not_found(&id));
     }
     let key = Blobs::incoming_key(upload.id);
     if job.is_some() || sent_bytes(&state, &key).await?.is_some() {
-        return Err(Problem::new(ProblemCode::UploadUsed, "This upload has its file already. Announce another one."));
+        return Err(Problem::new(ProblemCode::UploadUsed, "This upload already has a file. Create a new upload."));
     }
     if !is_open {
-        return Err(no_upload(&id));
+        return Err(upload_not_found(&id));
     }
     let limit = state.config.limits.max_bytes;
     let declared = text_header(request.headers(), &header::CONTENT_LENGTH).and_then(|length| length.parse().ok());
@@ -188,17 +189,21 @@ pub async fn put_upload(
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 
-/// The upload of that id, if it is there and may still be used.
+/// Returns the upload with this id.
+///
+/// # Errors
+/// `upload_not_found` if no upload has this id, or if it has expired.
 pub async fn find_upload(state: &ApiState, id: &str) -> Result<PendingUpload, Problem> {
-    let known: UploadId = id.parse().map_err(|_| no_upload(id))?;
-    state.store.upload(known).await?.ok_or_else(|| no_upload(id))
+    let known: UploadId = id.parse().map_err(|_| upload_not_found(id))?;
+    state.store.upload(known).await?.ok_or_else(|| upload_not_found(id))
 }
 
-pub fn no_upload(id: &str) -> Problem {
-    Problem::new(ProblemCode::UploadNotFound, format!("There is no upload '{}', or its time is over.", shown(id)))
+/// Creates the problem for an upload that does not exist or has expired.
+pub fn upload_not_found(id: &str) -> Problem {
+    Problem::new(ProblemCode::UploadNotFound, format!("There is no upload '{}', or it has expired.", truncated(id)))
 }
 
-/// How many bytes were sent to the address of an upload; none if none were.
+/// Returns the size of the file sent to an upload, in bytes, or `None` if none was sent.
 pub async fn sent_bytes(state: &ApiState, key: &str) -> Result<Option<u64>, Problem> {
     match state.blobs.bytes(key).await {
         Ok(bytes) => Ok(Some(bytes)),

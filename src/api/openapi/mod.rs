@@ -1,3 +1,4 @@
+//! The OpenAPI document, generated from the handlers, and the list of all routes of the API.
 use std::collections::{BTreeMap, BTreeSet};
 
 use axum::middleware::map_response;
@@ -15,7 +16,7 @@ use utoipa_axum::routes;
 
 mod version_3_0;
 
-use super::authenticate::readable;
+use super::authenticate::allow_any_origin;
 use super::intake::upload;
 use super::problem::Problem;
 use super::state::ApiState;
@@ -25,23 +26,23 @@ use super::{artifacts, jobs, keys, service, submit, tenants, webhook_deliveries,
 #[openapi(
     info(
         title = "meshmend",
-        description = "Repairs broken 3D models, proves that the result is printable, and gives an honest account of \
-                       what changed. Or only looks, and tells what is wrong where.",
+        description = "Repairs broken 3D models, proves that the result is printable, and reports exactly what changed. \
+                       Analyses models without changing them.",
         license(name = "MIT OR Apache-2.0", identifier = "MIT OR Apache-2.0"),
     ),
     tags(
-        (name = "jobs", description = "Send a model, follow its job, download the result"),
-        (name = "uploads", description = "Send a large file, or one from a browser, before its job"),
-        (name = "webhooks", description = "Be told of jobs that end, in the form of the Standard Webhooks specification"),
-        (name = "access", description = "Tokens for the pages of a storefront, and the keys and tenants of the service"),
-        (name = "service", description = "What the service can do and how it is"),
+        (name = "jobs", description = "Submit models, follow jobs, download results"),
+        (name = "uploads", description = "Send large files, or files from a browser, before their job"),
+        (name = "webhooks", description = "Receive notifications when jobs end, as the Standard Webhooks specification says"),
+        (name = "access", description = "Manage API keys, browser tokens and tenants"),
+        (name = "service", description = "Capabilities, health and metrics of the service"),
     ),
     components(schemas(Problem, crate::jobs::JobReport, crate::jobs::JobMessage)),
 )]
 struct Document;
 
-/// The addresses that ask who is there.
-pub(super) fn guarded() -> OpenApiRouter<ApiState> {
+/// The routes that need authentication.
+pub(super) fn authenticated_routes() -> OpenApiRouter<ApiState> {
     let mut routes = OpenApiRouter::with_openapi(Document::openapi())
         .routes(routes!(submit::submit_job, jobs::list_jobs))
         .routes(routes!(jobs::get_job, jobs::delete_job))
@@ -69,40 +70,42 @@ pub(super) fn guarded() -> OpenApiRouter<ApiState> {
         .routes(routes!(tenants::get_tenant, tenants::change_tenant))
         .routes(routes!(service::get_capabilities))
         .routes(routes!(service::get_metrics));
-    document_admission(routes.get_openapi_mut());
+    document_authentication(routes.get_openapi_mut());
     document_submission(routes.get_openapi_mut());
     routes
 }
 
-/// The addresses that anybody may ask.
-pub(super) fn open() -> OpenApiRouter<ApiState> {
+/// The routes that need no authentication.
+pub(super) fn public_routes() -> OpenApiRouter<ApiState> {
     OpenApiRouter::new()
-        // Whoever has the address may send the file, from any page.
-        .routes(routes!(upload::put_upload).layer(map_response(readable)))
+        // The URL contains a secret token, so any page that has the URL may send the file.
+        .routes(routes!(upload::put_upload).layer(map_response(allow_any_origin)))
         .routes(routes!(service::livez))
         .routes(routes!(service::readyz))
         .routes(routes!(service::list_problems))
         .routes(routes!(service::get_problem))
 }
 
-/// The OpenAPI document (3.1), as kept in `openapi/openapi.json`.
+/// Returns the OpenAPI 3.1 document, as committed in `openapi/openapi.json`.
 #[must_use]
 pub fn document() -> OpenApiDocument {
-    complete(guarded().merge(open()).into_openapi())
+    finish(authenticated_routes().merge(public_routes()).into_openapi())
 }
 
-/// The OpenAPI document in version 3.0.3, narrowed to what generators of that version take: each body has one media type (a job is
-/// submitted as raw bytes with its options in the query), parameters written as JSON are texts, and redirects and webhooks are left out.
+/// Returns the OpenAPI document converted to version 3.0.3, for code generators without support for 3.1.
+///
+/// Each body has one media type: a job is submitted as raw bytes with its options in the query. Parameters in JSON become texts.
+/// Redirects and webhooks are omitted.
 ///
 /// # Errors
-/// When the document can't be written as JSON.
+/// If the document can't be serialized as JSON.
 pub fn document_3_0() -> serde_json::Result<serde_json::Value> {
     serde_json::to_value(document()).map(version_3_0::narrow)
 }
 
-/// Adds what concerns the document as a whole: the server, the webhooks, the operations without a key, and names for schemas that
+/// Adds the parts that concern the whole document: the server, the webhooks, the operations without a key, and the schema names that
 /// code generators need.
-pub(super) fn complete(mut document: OpenApiDocument) -> OpenApiDocument {
+pub(super) fn finish(mut document: OpenApiDocument) -> OpenApiDocument {
     document.servers = Some(vec![ServerBuilder::new().url("/").description(Some("This service")).build()]);
     document.webhooks = Some(webhooks());
     for operation in operations(&mut document) {
@@ -117,7 +120,7 @@ pub(super) fn complete(mut document: OpenApiDocument) -> OpenApiDocument {
     document
 }
 
-/// The messages that the service sends.
+/// Describes the webhook messages that the service sends.
 fn webhooks() -> Paths {
     let message = ContentBuilder::new().schema(Some(Ref::from_schema_name("WebhookMessage"))).build();
     let ended = OperationBuilder::new()
@@ -125,17 +128,17 @@ fn webhooks() -> Paths {
         .summary(Some("A job has ended"))
         .description(Some(
             "Posted to every webhook endpoint whose events include the message's `type`, and to the job's `callback_url`. \
-             Signed in the form of the Standard Webhooks specification. Sent again until the receiver answers 2xx.",
+             Signed as the Standard Webhooks specification says. Retried until the receiver responds with 2xx.",
         ))
         .tag("webhooks")
         .securities(Some(Vec::<SecurityRequirement>::new()))
         .request_body(Some(RequestBodyBuilder::new().content("application/json", message).required(Some(Required::True)).build()))
-        .response("2XX", ResponseBuilder::new().description("The receiver has the message").build())
-        .response("4XX", ResponseBuilder::new().description("The receiver refuses the message; it is sent again later").build());
+        .response("2XX", ResponseBuilder::new().description("The receiver accepted the message").build())
+        .response("4XX", ResponseBuilder::new().description("The receiver rejected the message; the service retries later").build());
     PathsBuilder::new().path("job_ended", PathItem::new(HttpMethod::Post, ended.build())).build()
 }
 
-/// Makes each titled variant of a union a schema of its own, named by its title: generators need a name for each.
+/// Moves each titled variant of a union to a schema of its own, named by its title. Code generators need a name for each variant.
 fn name_variants(document: &mut OpenApiDocument) {
     let Some(components) = document.components.as_mut() else { return };
     let mut named = Vec::new();
@@ -143,8 +146,8 @@ fn name_variants(document: &mut OpenApiDocument) {
         let RefOr::T(Schema::OneOf(union)) = schema else { continue };
         for variant in &mut union.items {
             let title = match variant {
-                RefOr::T(Schema::AllOf(it)) => it.title.take(),
-                RefOr::T(Schema::Object(it)) => it.title.take(),
+                RefOr::T(Schema::AllOf(schema)) => schema.title.take(),
+                RefOr::T(Schema::Object(schema)) => schema.title.take(),
                 _ => None,
             };
             if let Some(title) = title {
@@ -156,6 +159,7 @@ fn name_variants(document: &mut OpenApiDocument) {
     components.schemas.extend(named);
 }
 
+/// Iterates over all operations of the document.
 fn operations(document: &mut OpenApiDocument) -> impl Iterator<Item = &mut Operation> {
     document.paths.paths.values_mut().flat_map(|path| {
         [&mut path.get, &mut path.post, &mut path.put, &mut path.patch, &mut path.delete]
@@ -164,41 +168,41 @@ fn operations(document: &mut OpenApiDocument) -> impl Iterator<Item = &mut Opera
     })
 }
 
-/// Adds what `authenticate` and any handler may answer, and what is asked for.
-fn document_admission(document: &mut OpenApiDocument) {
+/// Adds the security scheme, and the error responses that authentication and every handler may produce.
+fn document_authentication(document: &mut OpenApiDocument) {
     let scheme = SecurityScheme::Http(
         HttpBuilder::new()
             .scheme(HttpAuthScheme::Bearer)
             .description(Some(
-                "An API key, or a browser token. A service that listens on this machine only asks for none.",
+                "An API key or a browser token. A service that listens on a loopback address only requires no key by default.",
             ))
             .build(),
     );
     document.components.get_or_insert_default().add_security_scheme("key", scheme);
-    let answers = [
-        ("401", "No key, or one that is worth nothing"),
-        ("403", "The key lacks a scope, or the page is of another origin"),
-        ("429", "Too many requests came"),
-        ("500", "A fault of the service"),
-        ("503", "The database does not answer now"),
+    let responses = [
+        ("401", "The API key is missing or invalid"),
+        ("403", "The key lacks a scope, or the page's origin is not allowed"),
+        ("429", "Too many requests"),
+        ("500", "Internal error"),
+        ("503", "The database is unavailable"),
     ];
     for operation in operations(document) {
         operation.security = Some(vec![SecurityRequirement::default(), SecurityRequirement::new("key", [""; 0])]);
-        let of_bodies = [("408", "The body stopped coming"), ("413", "The body is too large")];
+        let of_bodies = [("408", "The body timed out"), ("413", "The body is too large")];
         let of_bodies = of_bodies.into_iter().filter(|_| operation.request_body.is_some());
-        for (status, description) in answers.into_iter().chain(of_bodies) {
+        for (status, description) in responses.into_iter().chain(of_bodies) {
             let content = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
-            let answer = ResponseBuilder::new().description(description).content("application/problem+json", content);
-            operation.responses.responses.entry(status.to_owned()).or_insert_with(|| answer.build().into());
+            let response = ResponseBuilder::new().description(description).content("application/problem+json", content);
+            operation.responses.responses.entry(status.to_owned()).or_insert_with(|| response.build().into());
         }
     }
 }
 
-/// Query fields of `POST /v1/jobs` whose values are written as JSON.
+/// Query parameters of `POST /v1/jobs` whose values are written as JSON.
 const JSON_FIELDS: [&str; 4] = ["metadata", "tolerances", "up", "build_volume"];
 
-/// Says of `POST /v1/jobs` that its form has no other parts, and of each field of its query what is said of it in a body, such as its
-/// range, so that it is said in one place.
+/// Completes the documentation of `POST /v1/jobs`. Closes the form to other parts, and copies each query parameter's schema, such as its
+/// range, from the body's schema, where it is defined.
 fn document_submission(document: &mut OpenApiDocument) {
     let Some(schemas) = document.components.as_mut().map(|components| &mut components.schemas) else { return };
     if let Some(RefOr::T(Schema::Object(form))) = schemas.get_mut("SubmitForm") {
@@ -209,10 +213,10 @@ fn document_submission(document: &mut OpenApiDocument) {
         _ => None,
     });
     let known: BTreeMap<String, RefOr<Schema>> =
-        bodies.flatten().map(|(name, it)| (name.clone(), it.clone())).collect();
+        bodies.flatten().map(|(name, schema)| (name.clone(), schema.clone())).collect();
     let submit = document.paths.paths.get_mut("/v1/jobs").and_then(|path| path.post.as_mut());
     let Some(parameters) = submit.and_then(|submit| submit.parameters.as_mut()) else { return };
-    // Options that both modes have come twice, and a document may name a parameter once.
+    // Options of both modes occur twice, but parameter names must be unique.
     let mut named = BTreeSet::new();
     parameters.retain(|field| matches!(field, RefOr::T(field) if named.insert(field.name.clone())));
     for field in parameters {
@@ -221,7 +225,7 @@ fn document_submission(document: &mut OpenApiDocument) {
         else {
             continue;
         };
-        // Generated clients send every default, and options of both modes stand side by side here; the bodies tell the defaults.
+        // Generated clients send every default, and the query mixes the options of both modes. Only the bodies have defaults.
         remove_default(&mut schema);
         if JSON_FIELDS.contains(&field.name.as_str()) {
             let content = ContentBuilder::new().schema(Some(schema)).build();
@@ -233,37 +237,38 @@ fn document_submission(document: &mut OpenApiDocument) {
     }
 }
 
-/// A parameter that is not required is left out; it can't be null.
+/// Removes `null` from a parameter's schema: an optional parameter is omitted, never null.
 fn remove_null(schema: &mut RefOr<Schema>) {
     match schema {
-        RefOr::T(Schema::Object(it)) => {
-            if let SchemaType::Array(types) = &mut it.schema_type {
+        RefOr::T(Schema::Object(object)) => {
+            if let SchemaType::Array(types) = &mut object.schema_type {
                 types.retain(|kind| *kind != Type::Null);
                 if let [kind] = &types[..] {
-                    it.schema_type = SchemaType::Type(kind.clone());
+                    object.schema_type = SchemaType::Type(kind.clone());
                 }
             }
         }
-        RefOr::T(Schema::OneOf(it)) => {
-            it.items.retain(
-                |item| !matches!(item, RefOr::T(Schema::Object(it)) if it.schema_type == SchemaType::Type(Type::Null)),
+        RefOr::T(Schema::OneOf(union)) => {
+            union.items.retain(
+                |item| !matches!(item, RefOr::T(Schema::Object(object)) if object.schema_type == SchemaType::Type(Type::Null)),
             );
-            if it.items.len() == 1 {
-                *schema = it.items.remove(0);
+            if union.items.len() == 1 {
+                *schema = union.items.remove(0);
             }
         }
         _ => {}
     }
 }
 
+/// Removes the default of a schema.
 fn remove_default(schema: &mut RefOr<Schema>) {
     match schema {
-        RefOr::Ref(it) => it.default = None,
-        RefOr::T(Schema::Object(it)) => it.default = None,
-        RefOr::T(Schema::Array(it)) => it.default = None,
-        RefOr::T(Schema::OneOf(it)) => it.default = None,
-        RefOr::T(Schema::AllOf(it)) => it.default = None,
-        RefOr::T(Schema::AnyOf(it)) => it.default = None,
+        RefOr::Ref(schema) => schema.default = None,
+        RefOr::T(Schema::Object(schema)) => schema.default = None,
+        RefOr::T(Schema::Array(schema)) => schema.default = None,
+        RefOr::T(Schema::OneOf(schema)) => schema.default = None,
+        RefOr::T(Schema::AllOf(schema)) => schema.default = None,
+        RefOr::T(Schema::AnyOf(schema)) => schema.default = None,
         RefOr::T(_) => {}
     }
 }

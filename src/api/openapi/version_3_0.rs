@@ -1,17 +1,18 @@
-//! The document in the terms of OpenAPI 3.0.3, for code generators that do not read 3.1.
+//! Conversion of the OpenAPI document from 3.1 to 3.0.3, for code generators without support for 3.1.
+//!
+//! Source: "OpenAPI Specification v3.0.3", Schema Object and Media Type Object.
 
 use serde_json::{Map, Value, json};
 
-/// The media type that a body keeps where it has several.
+/// The media type that is kept if a body has several.
 const BYTES: &str = "application/octet-stream";
 
-/// Narrows a document of version 3.1.
-/// Source: "OpenAPI Specification v3.0.3", Schema Object and Media Type Object.
+/// Converts a document of version 3.1 to 3.0.3.
 pub(super) fn narrow(mut document: Value) -> Value {
     if let Value::Object(root) = &mut document {
         root.insert("openapi".to_owned(), "3.0.3".into());
         root.remove("webhooks");
-        // A licence has no identifier in 3.0.
+        // In 3.0 a licence has no identifier.
         if let Some(Value::Object(license)) = root.get_mut("info").and_then(|info| info.get_mut("license")) {
             license.remove("identifier");
         }
@@ -50,7 +51,7 @@ fn keep_one_media_type(message: &mut Value) {
     }
 }
 
-/// Rewrites every schema below a value.
+/// Converts every schema below a value.
 fn convert_schemas(value: &mut Value) {
     match value {
         Value::Object(fields) => {
@@ -67,7 +68,7 @@ fn convert_schemas(value: &mut Value) {
     }
 }
 
-/// Rewrites a schema and those within it.
+/// Converts a schema and the schemas nested in it.
 fn convert(schema: &mut Value) {
     let Value::Object(schema) = schema else { return };
     for name in ["items", "additionalProperties", "not"] {
@@ -85,7 +86,7 @@ fn convert(schema: &mut Value) {
     convert_keywords(schema);
 }
 
-/// A tuple is a list of that length, whose items are of any of its types.
+/// Converts a tuple to a list of the same length whose items may have any of the tuple's types.
 fn convert_tuple(schema: &mut Map<String, Value>) {
     let Some(Value::Array(items)) = schema.remove("prefixItems") else { return };
     let count = items.len();
@@ -101,7 +102,7 @@ fn convert_tuple(schema: &mut Map<String, Value>) {
     schema.insert("maxItems".to_owned(), count.into());
 }
 
-/// The type `null` is the keyword `nullable`.
+/// Converts the type `null` to the keyword `nullable`.
 fn convert_null(schema: &mut Map<String, Value>) {
     let mut is_nullable = false;
     if let Some(Value::Array(types)) = schema.get("type") {
@@ -133,7 +134,7 @@ fn convert_null(schema: &mut Map<String, Value>) {
     if is_nullable {
         schema.insert("nullable".to_owned(), true.into());
     }
-    // A default of null, also within an object, is none.
+    // 3.0 generators reject a default that is or contains null.
     if schema.get("default").is_some_and(has_null) {
         schema.remove("default");
     }
@@ -162,7 +163,7 @@ fn convert_keywords(schema: &mut Map<String, Value>) {
             schema.insert(exclusive.to_owned(), true.into());
         }
     }
-    // Nothing may stand beside a reference.
+    // In 3.0 a reference may have no sibling keywords.
     if schema.len() > 1
         && let Some(reference) = schema.remove("$ref")
     {

@@ -1,4 +1,4 @@
-//! Lines that the triangles must not cross, and what they bound.
+//! Constraint segments of a triangulation, and the faces whose boundary they form.
 
 use std::cmp::Ordering;
 use std::collections::VecDeque;
@@ -9,9 +9,9 @@ use super::{Line, NONE, Support, Triangle, Triangulation};
 use crate::math::Sign;
 
 impl Triangulation<'_> {
-    /// For each triangle the faces that cover it, sorted, where the lines that bound faces are all in; a face is entered and left
-    /// across its lines, and nothing covers the outermost triangles.
-    /// None where there would be more than `most` entries in all.
+    /// For each triangle, the sorted faces that cover it, once all bounding segments have been inserted. Crossing a
+    /// bounding segment enters or leaves its face, and no face covers the outermost triangles. None if the lists would
+    /// have more than `most` entries in total.
     pub fn covers(&self, most: usize) -> Option<Vec<SmallVec<[u32; 2]>>> {
         let mut covers: Vec<Option<SmallVec<[u32; 2]>>> = vec![None; self.triangles.len()];
         let mut queue = VecDeque::new();
@@ -48,7 +48,7 @@ impl Triangulation<'_> {
         Some(covers.into_iter().map(Option::unwrap_or_default).collect())
     }
 
-    /// Puts a line in, with its ends.
+    /// Inserts a line and its end points.
     pub fn insert_line(&mut self, line: Line) {
         let [a, b] = line.ends.map(|end| self.insert(end));
         #[expect(clippy::cast_possible_truncation, reason = "fewer than there are pairs of faces")]
@@ -60,11 +60,12 @@ impl Triangulation<'_> {
         }
     }
 
+    /// The lines of a set.
     fn set(&self, set: u32) -> &[u32] {
         self.sets.get(set as usize).map_or(&[], SmallVec::as_slice)
     }
 
-    /// Whether of points on a line `b` lies ahead of `a` as `c` does.
+    /// Whether `b` and `c`, on a line through `a`, lie on the same side of `a`.
     fn is_ahead(&self, a: u32, b: u32, c: u32) -> bool {
         let [a, b, c] = [a, b, c].map(|x| self.ids[x as usize]);
         for k in [(self.axis + 1) % 3, (self.axis + 2) % 3] {
@@ -76,7 +77,7 @@ impl Triangulation<'_> {
         false
     }
 
-    /// Lays the next piece of a line from `a` towards `b`. Answers where it ends.
+    /// Inserts the next piece of a line from `a` towards `b`. Returns the point where the piece ends.
     fn advance(&mut self, a: u32, b: u32, line: u32) -> u32 {
         let (mut t, mut i) = match self.direction(a, b) {
             Direction::Along(x) => {
@@ -85,7 +86,7 @@ impl Triangulation<'_> {
             }
             Direction::Across(t, i) => (t, i),
         };
-        // The edges that lie across, up to the next corner on the line or the next line.
+        // The edges that cross the line, up to the next corner on it or the next constraint.
         let mut across: VecDeque<[u32; 2]> = VecDeque::new();
         let end = loop {
             let corners = self.triangles[t as usize].corners;
@@ -94,8 +95,8 @@ impl Triangulation<'_> {
             if set != NONE {
                 let id = self.crossing(line, self.set(set)[0]);
                 if let Some(&known) = self.local.get(&id) {
-                    // Only where the ends of edges are the same, which no line crosses strictly.
-                    debug_assert!(false, "a line crosses another in a corner");
+                    // Can happen only where edges share an end point, and a line never crosses such edges strictly.
+                    debug_assert!(false, "two lines cross in a corner");
                     break known;
                 }
                 let p = self.name(id);
@@ -107,8 +108,8 @@ impl Triangulation<'_> {
             let far = self.triangles[s as usize].corners[(j + 2) % 3];
             match self.turn(a, b, far) {
                 Sign::Zero => break far,
-                // The line leaves between `far` and the corner on its other side. Edge `j` runs from `y` to `x`, and `x` is right of
-                // the line.
+                // The line leaves between `far` and the corner on its other side. Edge `j` runs from `y` to `x`, and
+                // `x` is right of the line.
                 Sign::Positive => (t, i) = (s, (j + 1) % 3),
                 Sign::Negative => (t, i) = (s, (j + 2) % 3),
             }
@@ -118,7 +119,7 @@ impl Triangulation<'_> {
         end
     }
 
-    /// Where a line from `a` to `b` leaves the triangles around `a`.
+    /// The edge along which, or across which, the line from `a` to `b` leaves the triangles around `a`.
     fn direction(&self, a: u32, b: u32) -> Direction {
         for t in self.triangles_at(a) {
             let corners = self.triangles[t as usize].corners;
@@ -138,10 +139,10 @@ impl Triangulation<'_> {
                 return Direction::Across(t, (k + 1) % 3);
             }
         }
-        unreachable!("a line within the triangulation leaves its end somewhere")
+        unreachable!("a line within the triangulation leaves its end point")
     }
 
-    /// Flips the edges that lie across the way from `a` to `b` until it is an edge.
+    /// Flips the edges that cross the segment from `a` to `b` until the segment is an edge.
     fn clear(&mut self, a: u32, b: u32, mut across: VecDeque<[u32; 2]>) {
         while let Some([x, y]) = across.pop_front() {
             let Some((t, i)) = self.edge(x, y) else { continue };
@@ -161,7 +162,7 @@ impl Triangulation<'_> {
     /// Marks the edge between two corners as part of a line.
     fn mark(&mut self, a: u32, b: u32, line: u32) {
         let Some((t, i)) = self.edge(a, b).or_else(|| self.edge(b, a)) else {
-            debug_assert!(false, "there is an edge where a line was laid");
+            debug_assert!(false, "no edge along an inserted line");
             return;
         };
         let mut set: SmallVec<[u32; 2]> = self.set(self.triangles[t as usize].lines[i]).into();
@@ -179,7 +180,7 @@ impl Triangulation<'_> {
         }
     }
 
-    /// The point where two lines cross.
+    /// The intersection point of two lines.
     fn crossing(&mut self, line: u32, other: u32) -> u32 {
         let [one, two] = [line, other].map(|l| self.lines[l as usize].support);
         match (one, two) {
@@ -193,10 +194,10 @@ impl Triangulation<'_> {
     }
 }
 
-/// The way of a line out of a corner.
+/// How a line leaves a corner.
 enum Direction {
     /// Along the edge to this corner.
     Along(u32),
-    /// Across this edge.
+    /// Across this edge of this triangle.
     Across(u32, usize),
 }

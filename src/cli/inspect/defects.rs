@@ -199,8 +199,7 @@ pub fn offenders(file: &Inspected, analysis: &Analysis<'_>, thresholds: Option<&
     let orphans = (0u32..).zip(&used).filter(|(_, used)| !**used).map(|(v, _)| vertex(v).to_string()).collect();
     let numbers = |list: &[u32]| list.iter().map(u32::to_string).collect::<Vec<_>>();
     let missing = numbering.map_or_else(Vec::new, |it| numbers(&it.missing));
-    let left_out =
-        numbering.map_or_else(Vec::new, |it| it.left_out.iter().map(|face| face.number.to_string()).collect());
+    let omitted = numbering.map_or_else(Vec::new, |it| it.omitted.iter().map(|face| face.number.to_string()).collect());
     let is_thin = |&f: &u32| {
         let is_over = |than: &Thresholds| aspect_ratio(analysis, f).is_some_and(|ratio| ratio >= than.aspect_ratio);
         thresholds.is_some_and(is_over)
@@ -213,7 +212,7 @@ pub fn offenders(file: &Inspected, analysis: &Analysis<'_>, thresholds: Option<&
         ("non-manifold vertices", pinched(analysis, corner_of)),
         ("orphan vertices", orphans),
         ("missing vertices", missing),
-        ("faces that name missing vertices", left_out),
+        ("faces that name missing vertices", omitted),
         ("edges that are too short", short),
         ("faces of too large an aspect ratio", thin),
     ];

@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 
 use clap::ValueEnum;
 use meshmend::inspect::{
-    Answer, CheckRule, CheckVerdict, Fit, Inspection, Level, Measures, NoWall, Overhang, OverhangArea, PrintMeasures,
-    Shell, Side, Statistics, Unmeasurable,
+    Answer, CheckRule, CheckVerdict, Fit, Inspection, Level, Measures, NoWallReason, Overhang, OverhangArea,
+    PrintMeasures, Shell, Side, Statistics, Unmeasurable,
 };
 use meshmend::scene::{Unit, UnitSource};
 
@@ -64,7 +64,7 @@ fn headline(file: &Inspected) -> String {
         None => format!("not known to be printable: {faults}"),
     };
     let mut text = format!("{}: {}\n{verdict}\n", file.name, file.mesh.dialect);
-    for warning in file.mesh.warnings.iter().cloned().chain(measures.left_out()) {
+    for warning in file.mesh.warnings.iter().cloned().chain(measures.omitted()) {
         let _ = writeln!(text, "note: {warning}");
     }
     text
@@ -86,7 +86,7 @@ fn attributes(it: &Inspection, counted: bool) -> Vec<Row> {
     };
     let open = format!("{} boundary edges", m.boundary_edges);
     let pinched =
-        format!("{} non-manifold edges, {} non-manifold vertices", m.nonmanifold_edges, m.nonmanifold_vertices);
+        format!("{} non-manifold edges, {} non-manifold vertices", m.non_manifold_edges, m.non_manifold_vertices);
     let turned = format!("{} edges are crossed twice in one direction", m.misoriented_edges);
     let inward = format!("{} parts are turned the wrong way", it.characteristics.shells.inward);
     let assumed = if !m.closed {
@@ -170,7 +170,7 @@ fn counts(it: &Inspection) -> Vec<Row> {
     if it.level == Level::None {
         let more = [
             (m.duplicate_faces, "duplicate faces"),
-            (m.nonfinite_faces, "faces not finite"),
+            (m.non_finite_faces, "faces not finite"),
             (m.inverted_parts, "parts inside out"),
         ];
         faults.extend(more.map(|(count, name)| (count, name, count.to_string())));
@@ -329,7 +329,7 @@ fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
             point(at.map(|x| if x.abs() > least { x } else { 0.0 }))
         },
     );
-    let wall = match (&it.thinnest_wall, it.no_wall) {
+    let wall = match (&it.thinnest_wall, it.no_wall_reason) {
         (Some(wall), _) => format!(
             "{} at {}, faces {} and {}; the median is {}",
             scale.lengths([wall.thickness]),
@@ -338,10 +338,14 @@ fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
             wall.faces[1],
             figure(wall.median)
         ),
-        (None, Some(NoWall::NoSurface)) => "not measurable: no surface".to_owned(),
-        (None, Some(NoWall::NoOppositeSides)) => "not measurable: no two sides face away from each other".to_owned(),
-        (None, Some(NoWall::NotPrintable)) => "not measured: the mesh is not printable".to_owned(),
-        (None, Some(NoWall::OpenSurface) | None) => "not measurable: too open to have an inside, or a sheet".to_owned(),
+        (None, Some(NoWallReason::NoSurface)) => "not measurable: no surface".to_owned(),
+        (None, Some(NoWallReason::NoOppositeSides)) => {
+            "not measurable: no two sides face away from each other".to_owned()
+        }
+        (None, Some(NoWallReason::NotPrintable)) => "not measured: the mesh is not printable".to_owned(),
+        (None, Some(NoWallReason::OpenSurface) | None) => {
+            "not measurable: too open to have an inside, or a sheet".to_owned()
+        }
     };
     let mut list = vec![row("centre of mass", centre), row("solids", it.solids), row("thinnest wall", wall)];
     list.push(row("overhang", overhang(&it.overhang, scale)));
@@ -350,19 +354,19 @@ fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
 }
 
 fn overhang(it: &Overhang, scale: &Scale) -> String {
-    let list = |number: &dyn Fn(&OverhangArea) -> String| it.beyond.iter().map(number).collect::<Vec<_>>().join(", ");
-    let degrees = list(&|beyond| figure(beyond.degrees));
+    let list = |number: &dyn Fn(&OverhangArea) -> String| it.areas.iter().map(number).collect::<Vec<_>>().join(", ");
+    let degrees = list(&|it| figure(it.degrees));
     let up = point(it.up);
-    if it.beyond.iter().all(|beyond| beyond.area == 0.0) {
+    if it.areas.iter().all(|it| it.area == 0.0) {
         return format!("none beyond {degrees} degrees; up is {up}");
     }
-    let (areas, percent) = (list(&|beyond| figure(beyond.area)), list(&|beyond| format!("{:.1}", beyond.percent)));
+    let (areas, percent) = (list(&|it| figure(it.area)), list(&|it| format!("{:.1}", it.percent)));
     format!("beyond {degrees} degrees: {areas}{} ({percent} %); up is {up}", scale.suffix(2))
 }
 
 fn fits(fit: Fit) -> String {
     let room = format!("{} mm", fit.build_volume.map(figure).join(" x "));
-    match (fit.as_is, fit.turned) {
+    match (fit.as_is, fit.rotated) {
         (true, _) => format!("it fits into {room}"),
         (false, true) => format!("it fits into {room} only when turned"),
         (false, false) => format!("it does not fit into {room}"),

@@ -15,7 +15,7 @@ pub enum RemoteError {
     Unreachable { server: String, what: &'static str, cause: String, advice: &'static str },
     /// It is not known to be who it says it is.
     #[error(
-        "{server} can't be trusted: {cause}. If its authority is your own, name a file with its certificate in SSL_CERT_FILE."
+        "{server} can't be trusted: {cause}. If its authority is your own, name a file with its reason in SSL_CERT_FILE."
     )]
     Untrusted { server: String, cause: String },
     /// It said why not.
@@ -41,7 +41,7 @@ impl RemoteError {
     /// That the service can't be reached, or did not go on.
     pub fn unreachable(server: &str, error: &reqwest::Error) -> Self {
         let (server, cause) = (server.to_owned(), innermost(error));
-        if cause.contains("certificate") || cause.contains("UnknownIssuer") {
+        if cause.contains("reason") || cause.contains("UnknownIssuer") {
             return Self::Untrusted { server, cause };
         }
         let advice = if cause.contains("InvalidContentType") {

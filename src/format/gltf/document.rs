@@ -1,20 +1,14 @@
-//! The JSON of glTF as types: what is read of it, and nothing else.
+//! The JSON of glTF as Rust types, limited to the members that are read.
 //!
-//! Types of our own over serde, not the crate `gltf-json`: unknown members are passed over without being kept, and every list has a
-//! bound, so that the memory for a document follows from its length. Numbers that count or name something fit 32 bits, as all do in a
-//! file that GLB can hold.
-//!
-//! What glTF has no words for stands under the name of the program in `extras`, where the format lets programs keep what is theirs.
+//! These types replace the crate `gltf-json` because they bound memory: unknown members are skipped, and lists have a maximum length. Counts
+//! and indices have 32 bits, which is enough for any file that GLB can hold.
 
-use std::fmt;
-
-use serde::de::{Deserializer, MapAccess, Visitor};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::value::RawValue;
 
-use super::container::{List, Text, Whole};
-use crate::scene::{Note, ObjectKind};
+use super::container::{Integer, List, Text};
 
+/// The root of the JSON document (glTF 2.0, 5.17).
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase", bound(deserialize = "'de: 'a"))]
 pub(super) struct Document<'a> {
@@ -23,7 +17,7 @@ pub(super) struct Document<'a> {
     pub extensions_used: List<String>,
     #[serde(default)]
     pub extensions_required: List<String>,
-    pub scene: Option<Whole>,
+    pub scene: Option<Integer>,
     #[serde(default)]
     pub scenes: List<SceneNodes>,
     #[serde(default)]
@@ -48,6 +42,7 @@ pub(super) struct Document<'a> {
     pub samplers: List<Sampler>,
 }
 
+/// The document's metadata.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase", bound(deserialize = "'de: 'a"))]
 pub(super) struct Asset<'a> {
@@ -58,20 +53,22 @@ pub(super) struct Asset<'a> {
     pub extras: Option<&'a RawValue>,
 }
 
+/// A scene: its root nodes.
 #[derive(Deserialize)]
 pub(super) struct SceneNodes {
     #[serde(default)]
-    pub nodes: List<Whole>,
+    pub nodes: List<Integer>,
 }
 
+/// A node: a mesh or a group, with its transform.
 #[derive(Deserialize)]
 #[serde(bound(deserialize = "'de: 'a"))]
 pub(super) struct Node<'a> {
     pub name: Option<Text<'a>>,
     #[serde(default)]
-    pub children: List<Whole>,
-    pub mesh: Option<Whole>,
-    pub skin: Option<Whole>,
+    pub children: List<Integer>,
+    pub mesh: Option<Integer>,
+    pub skin: Option<Integer>,
     pub matrix: Option<Box<[f64; 16]>>,
     pub translation: Option<Box<[f64; 3]>>,
     pub rotation: Option<Box<[f64; 4]>>,
@@ -81,6 +78,7 @@ pub(super) struct Node<'a> {
     pub extras: Option<&'a RawValue>,
 }
 
+/// A mesh: a list of primitives.
 #[derive(Deserialize)]
 #[serde(bound(deserialize = "'de: 'a"))]
 pub(super) struct Mesh<'a> {
@@ -92,76 +90,82 @@ pub(super) struct Mesh<'a> {
     pub extras: Option<&'a RawValue>,
 }
 
+/// A primitive: faces with one material.
 #[derive(Deserialize)]
 pub(super) struct Primitive {
     pub attributes: Attributes,
-    pub indices: Option<Whole>,
-    pub material: Option<Whole>,
-    pub mode: Option<Whole>,
+    pub indices: Option<Integer>,
+    pub material: Option<Integer>,
+    pub mode: Option<Integer>,
     #[serde(default)]
     pub targets: List<Target>,
     #[serde(default)]
     pub extensions: PrimitiveExtensions,
 }
 
-/// Accessors by what they are for, or within Draco's extension its own numbers.
+/// Accessor indices of the vertex attributes, or attribute ids within the Draco extension.
 #[derive(Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub(super) struct Attributes {
-    pub position: Option<Whole>,
-    pub color_0: Option<Whole>,
-    pub texcoord_0: Option<Whole>,
-    pub texcoord_1: Option<Whole>,
-    pub texcoord_2: Option<Whole>,
-    pub texcoord_3: Option<Whole>,
-    pub joints_0: Option<Whole>,
-    pub joints_1: Option<Whole>,
-    pub weights_0: Option<Whole>,
-    pub weights_1: Option<Whole>,
+    pub position: Option<Integer>,
+    pub color_0: Option<Integer>,
+    pub texcoord_0: Option<Integer>,
+    pub texcoord_1: Option<Integer>,
+    pub texcoord_2: Option<Integer>,
+    pub texcoord_3: Option<Integer>,
+    pub joints_0: Option<Integer>,
+    pub joints_1: Option<Integer>,
+    pub weights_0: Option<Integer>,
+    pub weights_1: Option<Integer>,
 }
 
+/// A morph target.
 #[derive(Deserialize)]
 pub(super) struct Target {
     #[serde(rename = "POSITION")]
-    pub position: Option<Whole>,
+    pub position: Option<Integer>,
 }
 
+/// The extensions of a primitive that are read.
 #[derive(Deserialize, Default)]
 pub(super) struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
     pub draco: Option<Box<Draco>>,
 }
 
+/// The extension `KHR_draco_mesh_compression`.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Draco {
-    pub buffer_view: Whole,
+    pub buffer_view: Integer,
     pub attributes: Attributes,
 }
 
+/// A skin: joints and their inverse bind matrices.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Skin {
-    pub inverse_bind_matrices: Option<Whole>,
-    pub joints: List<Whole>,
+    pub inverse_bind_matrices: Option<Integer>,
+    pub joints: List<Integer>,
 }
 
+/// An accessor as the document declares it.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct AccessorEntry {
-    pub buffer_view: Option<Whole>,
+    pub buffer_view: Option<Integer>,
     #[serde(default)]
-    pub byte_offset: Whole,
-    pub component_type: Whole,
+    pub byte_offset: Integer,
+    pub component_type: Integer,
     #[serde(default)]
     pub normalized: bool,
-    pub count: Whole,
+    pub count: Integer,
     #[serde(rename = "type")]
     pub shape: Shape,
     pub sparse: Option<Box<Sparse>>,
 }
 
-/// How many numbers an element of an accessor has.
+/// The element type of an accessor.
 #[derive(Deserialize, Clone, Copy, PartialEq, Eq, Debug)]
 #[serde(rename_all = "UPPERCASE")]
 pub(super) enum Shape {
@@ -174,59 +178,66 @@ pub(super) enum Shape {
     Mat4,
 }
 
+/// Elements of an accessor that replace others.
 #[derive(Deserialize)]
 pub(super) struct Sparse {
-    pub count: Whole,
+    pub count: Integer,
     pub indices: SparseIndices,
     pub values: SparseValues,
 }
 
+/// Indices of the replaced elements.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparseIndices {
-    pub buffer_view: Whole,
+    pub buffer_view: Integer,
     #[serde(default)]
-    pub byte_offset: Whole,
-    pub component_type: Whole,
+    pub byte_offset: Integer,
+    pub component_type: Integer,
 }
 
+/// Values of the replaced elements.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct SparseValues {
-    pub buffer_view: Whole,
+    pub buffer_view: Integer,
     #[serde(default)]
-    pub byte_offset: Whole,
+    pub byte_offset: Integer,
 }
 
+/// A range of a buffer.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct BufferView {
-    pub buffer: Whole,
+    pub buffer: Integer,
     #[serde(default)]
-    pub byte_offset: Whole,
-    pub byte_length: Whole,
-    pub byte_stride: Option<Whole>,
+    pub byte_offset: Integer,
+    pub byte_length: Integer,
+    pub byte_stride: Option<Integer>,
     #[serde(default)]
     pub extensions: Box<ViewExtensions>,
 }
 
+/// The extensions of a buffer view that are read.
 #[derive(Deserialize, Default)]
 pub(super) struct ViewExtensions {
     #[serde(rename = "EXT_meshopt_compression", alias = "KHR_meshopt_compression")]
     pub meshopt: Option<Meshopt>,
 }
 
-/// That a view is compressed; what is said of how is not read.
+/// Marks a buffer view as compressed with meshopt. Its members are not read.
 #[derive(Deserialize)]
 pub(super) struct Meshopt {}
 
+/// A buffer.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase", bound(deserialize = "'de: 'a"))]
 pub(super) struct Buffer<'a> {
     pub uri: Option<Text<'a>>,
-    pub byte_length: Whole,
+    pub byte_length: Integer,
 }
 
+/// A material.
 #[derive(Deserialize, Default)]
 #[serde(rename_all = "camelCase", bound(deserialize = "'de: 'a"))]
 pub(super) struct Material<'a> {
@@ -242,6 +253,7 @@ pub(super) struct Material<'a> {
     pub extensions: Box<MaterialExtensions>,
 }
 
+/// The colour of a material, in the metallic-roughness or the older specular-glossiness model.
 #[derive(Deserialize, Default)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Surface {
@@ -253,16 +265,18 @@ pub(super) struct Surface {
     pub metallic_roughness_texture: Option<Present>,
 }
 
+/// The extensions of a material that are read.
 #[derive(Deserialize, Default)]
 pub(super) struct MaterialExtensions {
     #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
     pub specular_glossiness: Option<Surface>,
 }
 
-/// Something of which only the being there is of interest.
+/// A member of which only the presence matters.
 #[derive(Deserialize)]
 pub(super) struct Present {}
 
+/// How a material uses alpha.
 #[derive(Deserialize, Default, PartialEq, Eq, Clone, Copy)]
 #[serde(rename_all = "UPPERCASE")]
 pub(super) enum AlphaMode {
@@ -272,22 +286,25 @@ pub(super) enum AlphaMode {
     Blend,
 }
 
+/// A material's reference to a texture.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct TextureUse {
-    pub index: Whole,
+    pub index: Integer,
     #[serde(default)]
-    pub tex_coord: Whole,
+    pub tex_coord: Integer,
     #[serde(default)]
     pub extensions: TextureUseExtensions,
 }
 
+/// The extensions of a texture reference that are read.
 #[derive(Deserialize, Default)]
 pub(super) struct TextureUseExtensions {
     #[serde(rename = "KHR_texture_transform")]
     pub transform: Option<TextureTransform>,
 }
 
+/// The extension `KHR_texture_transform`.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct TextureTransform {
@@ -296,28 +313,31 @@ pub(super) struct TextureTransform {
     #[serde(default)]
     pub rotation: f64,
     pub scale: Option<[f64; 2]>,
-    pub tex_coord: Option<Whole>,
+    pub tex_coord: Option<Integer>,
 }
 
+/// A texture: an image with a sampler.
 #[derive(Deserialize)]
 pub(super) struct Texture {
-    pub sampler: Option<Whole>,
-    pub source: Option<Whole>,
+    pub sampler: Option<Integer>,
+    pub source: Option<Integer>,
 }
 
+/// An image, as a URI or in a buffer view.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase", bound(deserialize = "'de: 'a"))]
 pub(super) struct Image<'a> {
     pub uri: Option<Text<'a>>,
-    pub buffer_view: Option<Whole>,
+    pub buffer_view: Option<Integer>,
 }
 
+/// A sampler.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Sampler {
-    pub mag_filter: Option<Whole>,
-    pub wrap_s: Option<Whole>,
-    pub wrap_t: Option<Whole>,
+    pub mag_filter: Option<Integer>,
+    pub wrap_s: Option<Integer>,
+    pub wrap_t: Option<Integer>,
 }
 
 /// Values of a sampler (glTF 2.0, 5.26).
@@ -327,124 +347,3 @@ pub(super) const LINEAR_MIPMAP_LINEAR: u32 = 9987;
 pub(super) const REPEAT: u32 = 10497;
 pub(super) const CLAMP_TO_EDGE: u32 = 33071;
 pub(super) const MIRRORED_REPEAT: u32 = 33648;
-
-const OWN: &str = "meshmend";
-
-/// What is kept of a scene, an object or an item.
-#[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct Extras {
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub part_number: Option<String>,
-    /// One of [`KINDS`].
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub kind: Option<String>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    notes: Vec<Written>,
-}
-
-/// A note as it is written.
-#[derive(Debug, Serialize, Deserialize)]
-struct Written {
-    name: String,
-    value: String,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    namespace: Option<String>,
-    #[serde(default, rename = "type", skip_serializing_if = "Option::is_none")]
-    kind: Option<String>,
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    preserve: bool,
-}
-
-const KINDS: [(ObjectKind, &str); 5] = [
-    (ObjectKind::Model, "model"),
-    (ObjectKind::SolidSupport, "solidsupport"),
-    (ObjectKind::Support, "support"),
-    (ObjectKind::Surface, "surface"),
-    (ObjectKind::Other, "other"),
-];
-
-impl Extras {
-    /// Of what is kept in `extras`, the program's own; nothing where others wrote them.
-    pub fn read(extras: Option<&RawValue>) -> Self {
-        #[derive(Deserialize)]
-        struct Holder {
-            meshmend: Extras,
-        }
-        // Most have none, and need not be read for that.
-        let own = extras.filter(|extras| extras.get().contains(OWN));
-        own.and_then(|extras| serde_json::from_str::<Holder>(extras.get()).ok())
-            .map_or_else(Self::default, |it| it.meshmend)
-    }
-
-    /// What is to be written; nothing where there is nothing to tell.
-    pub fn written(part_number: Option<&String>, kind: ObjectKind, notes: &[Note]) -> Option<serde_json::Value> {
-        let kind = (kind != ObjectKind::Model).then(|| KINDS.iter().find(|(known, _)| *known == kind)).flatten();
-        let notes: Vec<Written> = notes.iter().cloned().map(Written::from).collect();
-        let it = Self { part_number: part_number.cloned(), kind: kind.map(|(_, name)| (*name).to_owned()), notes };
-        let empty = it.part_number.is_none() && it.kind.is_none() && it.notes.is_empty();
-        (!empty).then(|| serde_json::json!({ OWN: it }))
-    }
-
-    pub fn kind(&self) -> ObjectKind {
-        let found = KINDS.iter().find(|(_, name)| self.kind.as_deref() == Some(name));
-        found.map_or(ObjectKind::Model, |(kind, _)| *kind)
-    }
-
-    pub fn notes(self) -> Vec<Note> {
-        self.notes.into_iter().map(Note::from).collect()
-    }
-}
-
-/// The note that glTF has a word for.
-pub(super) const COPYRIGHT: &str = "Copyright";
-
-/// The notes on a whole file: who has the right to it, what the program wrote, and what others wrote as texts.
-pub(super) fn notes_of(asset: &Asset<'_>) -> Vec<Note> {
-    let copyright = asset.copyright.as_deref().map(|value| plain(COPYRIGHT, value.to_owned()));
-    let texts = asset.extras.and_then(|extras| serde_json::from_str::<Texts>(extras.get()).ok());
-    let own = Extras::read(asset.extras).notes();
-    copyright.into_iter().chain(own).chain(texts.into_iter().flat_map(|texts| texts.0)).collect()
-}
-
-fn plain(name: &str, value: String) -> Note {
-    Note { name: name.to_owned(), namespace: None, value, kind: None, preserve: false }
-}
-
-/// The members of an object that are texts.
-struct Texts(Vec<Note>);
-
-impl<'de> Deserialize<'de> for Texts {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Members;
-        impl<'de> Visitor<'de> for Members {
-            type Value = Texts;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("an object")
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut members: A) -> Result<Texts, A::Error> {
-                let mut notes = Vec::new();
-                while let Some((name, value)) = members.next_entry::<String, &RawValue>()? {
-                    if let Ok(value) = serde_json::from_str::<String>(value.get()) {
-                        notes.push(plain(&name, value));
-                    }
-                }
-                Ok(Texts(notes))
-            }
-        }
-        deserializer.deserialize_map(Members)
-    }
-}
-
-impl From<Note> for Written {
-    fn from(Note { name, namespace, value, kind, preserve }: Note) -> Self {
-        Self { name, value, namespace, kind, preserve }
-    }
-}
-
-impl From<Written> for Note {
-    fn from(Written { name, value, namespace, kind, preserve }: Written) -> Self {
-        Self { name, namespace, value, kind, preserve }
-    }
-}

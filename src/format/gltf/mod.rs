@@ -1,17 +1,19 @@
-//! glTF 2.0 (Khronos, ISO/IEC 12113:2022): GLB and JSON with buffers that are embedded or beside it are read, GLB is written.
+//! glTF 2.0 (Khronos, ISO/IEC 12113:2022). GLB is read and written. JSON is read with buffers that are embedded or sidecar files.
 //!
-//! A mesh of the file is an object of the scene, in its own coordinates; a node with a mesh is an item, so that what stands in several
-//! places stays one object. Groups of nodes are not kept: each item has the transform that its ancestors give it.
+//! Each mesh becomes an object of the scene, in its own coordinates. Each node with a mesh becomes an item, so a mesh with several nodes stays
+//! one object. The node hierarchy is flattened: an item's transform includes those of its ancestors.
 //!
-//! glTF is in metres, with y up. Positions are kept as they are. A scene in which z is up is laid down by the matrices of nodes, and one in
-//! another unit is scaled by them; what says neither is written as if it were in metres with y up.
+//! glTF is in metres with y up, and positions are read unchanged. When a scene is written, node matrices convert its unit and its up axis. A
+//! scene without unit or up axis is written as if it were in metres with y up.
 //!
-//! A mesh whose skin moves it, or that morphs, is read in its rest pose, in the coordinates of the scene where it has a skin.
+//! Skinned meshes and morph targets are read in their rest pose. A skinned mesh is in the coordinates of the scene.
 
+mod accessor;
 mod container;
 mod document;
+mod extras;
 mod file;
-mod looks;
+mod materials;
 mod paint;
 mod pose;
 mod primitive;
@@ -36,15 +38,16 @@ use super::sidecar::Sidecars;
 use super::text::UTF8_MARK;
 use crate::mesh::Soup;
 use crate::scene::{Item, Object, PAINTLESS, PaintedMesh, Scene, Unit, Up};
-use container::Whole;
-use document::{Asset, Document, Extras, Mesh, Primitive};
-use file::{Attached, File, entry, malformed};
+use container::Integer;
+use document::{Asset, Document, Mesh, Primitive};
+use extras::Extras;
+use file::{BufferSources, File, entry, malformed};
 use paint::Painter;
-use pose::{Nodes, Pose, Posed};
-use primitive::{Mode, Source, Used};
+use pose::{Nodes, PosedPositions, RestPose};
+use primitive::{PrimitiveData, Topology, UsedVertices};
 
-/// Extensions without which a model looks or moves otherwise, but is the same.
-const HARMLESS: [&str; 14] = [
+/// Extensions that do not change the shape of a model.
+const IGNORABLE_EXTENSIONS: [&str; 14] = [
     "KHR_animation_pointer",
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
@@ -61,26 +64,26 @@ const HARMLESS: [&str; 14] = [
     "EXT_structural_metadata",
 ];
 
-/// Reads GLB, or JSON with buffers that are embedded or beside it.
+/// Reads GLB, or glTF JSON with buffers that are embedded or sidecar files.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: &Sidecars<'_>) -> Result<ReadScene, ReadError> {
     let mut warnings = Vec::new();
     let (document, binary, dialect) = if bytes.starts_with(MAGIC) {
-        let container = container::open(bytes, &mut warnings)?;
+        let container = container::read_chunks(bytes, &mut warnings)?;
         let (offset, text) = container.json;
-        let marked = marked(text);
-        (container::parse(&text[marked..], Some(offset + marked))?, container.binary, "GLB")
+        let mark_length = mark_length(text);
+        (container::parse(&text[mark_length..], Some(offset + mark_length))?, container.binary, "GLB")
     } else {
-        (container::parse(&bytes[marked(bytes)..], None)?, None, "glTF")
+        (container::parse(&bytes[mark_length(bytes)..], None)?, None, "glTF")
     };
     check_version(&document)?;
     check_extensions(&document, &mut warnings)?;
-    let file = File::new(document, &Attached { binary, sidecars }, options.limits, bytes.len(), &mut warnings)?;
-    let scene = Reading::new(&file)?.scene(&mut warnings)?;
+    let file = File::new(document, &BufferSources { binary, sidecars }, options.limits, bytes.len(), &mut warnings)?;
+    let scene = SceneReader::new(&file)?.scene(&mut warnings)?;
     Ok(ReadScene { scene, format: Format::Glb, dialect: dialect.to_owned(), warnings })
 }
 
-/// The length of a byte order mark, which some put before JSON.
-fn marked(text: &[u8]) -> usize {
+/// The length in bytes of a byte order mark, which some exporters write before the JSON.
+fn mark_length(text: &[u8]) -> usize {
     if text.starts_with(UTF8_MARK) { UTF8_MARK.len() } else { 0 }
 }
 
@@ -90,98 +93,105 @@ fn check_version(document: &Document<'_>) -> Result<(), ReadError> {
     if version.starts_with("2.") && newer.is_none() {
         return Ok(());
     }
-    let shown = super::errors::shown(newer.unwrap_or(version).as_bytes());
+    let shown = super::errors::excerpt(newer.unwrap_or(version).as_bytes());
     let detail = format!(
-        "this is glTF of version {shown}, and only 2.0 is read; convert it to a GLB file of version 2.0, and send that"
+        "this is glTF version {shown}, but only version 2.0 is supported; convert the model to GLB version 2.0 and send that file"
     );
-    Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail))
+    Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail))
 }
 
-/// Refuses what is required and not known, and tells of what is not known and not required.
+/// Rejects unsupported required extensions, and warns about unsupported optional ones.
 fn check_extensions(document: &Document<'_>, warnings: &mut Vec<String>) -> Result<(), ReadError> {
-    let strange = |name: &&String| !HARMLESS.contains(&name.as_str()) && !name.starts_with("KHR_materials_");
-    let shown = |name: &String| super::errors::shown(name.as_bytes());
+    let is_unsupported =
+        |name: &&String| !IGNORABLE_EXTENSIONS.contains(&name.as_str()) && !name.starts_with("KHR_materials_");
+    let shown = |name: &String| super::errors::excerpt(name.as_bytes());
     let compressed = |name: &&String| name.ends_with("_meshopt_compression");
-    if let Some(name) = document.extensions_required.iter().find(strange) {
-        let advice =
-            if compressed(&name) { "export the model without compression" } else { "export the model without it" };
-        let detail = format!("the file requires the glTF extension {}, which is not read; {advice}", shown(name));
-        return Err(ReadError::whole(ReadErrorKind::UnsupportedFormat, detail));
+    if let Some(name) = document.extensions_required.iter().find(is_unsupported) {
+        let advice = if compressed(&name) {
+            "export the model without compression"
+        } else {
+            "export the model without this extension"
+        };
+        let detail = format!("the file requires the glTF extension {}, which is not supported; {advice}", shown(name));
+        return Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail));
     }
-    let used: Vec<String> = document.extensions_used.iter().filter(strange).take(5).map(shown).collect();
+    let used: Vec<String> = document.extensions_used.iter().filter(is_unsupported).take(5).map(shown).collect();
     if !used.is_empty() {
-        warnings
-            .push(format!("what the file says by glTF extensions that are not read was left out: {}", used.join(", ")));
+        warnings.push(format!("the content of unsupported glTF extensions was ignored: {}", used.join(", ")));
     }
     Ok(())
 }
 
-/// A mesh as one of the nodes shows it: two that show it in different poses show different objects.
+/// A mesh with a skin and morph weights. Nodes that show a mesh in different poses give different objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Shown {
-    mesh: Whole,
-    skin: Option<Whole>,
-    /// The node, if it has weights of its own for morph targets.
+struct PosedMesh {
+    mesh: Integer,
+    skin: Option<Integer>,
+    /// The node that sets the morph weights; `None` if the mesh sets them.
     weights_of: Option<usize>,
 }
 
-/// A file whose nodes were walked.
-struct Reading<'f, 'a> {
+/// Builds the scene of a file.
+struct SceneReader<'f, 'a> {
     file: &'f File<'a>,
     nodes: Nodes,
     /// The nodes of the scene that show a mesh, in order.
-    shown: Vec<(usize, Shown)>,
-    /// Whether any of them could move.
-    moves: bool,
+    posed_meshes: Vec<(usize, PosedMesh)>,
+    /// Whether any of these meshes is skinned or has morph targets.
+    is_animated: bool,
 }
 
-impl<'f, 'a> Reading<'f, 'a> {
+impl<'f, 'a> SceneReader<'f, 'a> {
     fn new(file: &'f File<'a>) -> Result<Self, ReadError> {
         let document = &file.document;
-        let nodes = pose::walk(document)?;
-        // A skin moves what hangs on joints, and without such nothing.
-        let hang = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| it.attributes.joints_0.is_some());
-        let morph = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|it| !it.targets.is_empty());
-        let ways: Vec<(bool, bool)> = document.meshes.iter().map(|mesh| (hang(mesh), morph(mesh))).collect();
-        let (mut shown, mut moves) = (Vec::new(), false);
+        let nodes = pose::walk_nodes(document)?;
+        // A skin affects only meshes with joint attributes.
+        let is_skinned =
+            |mesh: &Mesh<'_>| mesh.primitives.iter().any(|primitive| primitive.attributes.joints_0.is_some());
+        let has_targets = |mesh: &Mesh<'_>| mesh.primitives.iter().any(|primitive| !primitive.targets.is_empty());
+        let mesh_traits: Vec<(bool, bool)> =
+            document.meshes.iter().map(|mesh| (is_skinned(mesh), has_targets(mesh))).collect();
+        let (mut posed_meshes, mut is_animated) = (Vec::new(), false);
         for &number in &nodes.order {
             let node = &document.nodes[number];
             let Some(mesh) = node.mesh else { continue };
-            let &(hangs, morphs) = entry(&ways, mesh, "mesh")?;
+            let &(is_skinned, has_targets) = entry(&mesh_traits, mesh, "mesh")?;
             let usual = &document.meshes[mesh.index()].weights;
-            let own_weights = morphs && node.weights.as_deref().is_some_and(|weights| *weights != **usual);
-            let skin = node.skin.filter(|_| hangs);
-            moves |= morphs || skin.is_some();
-            shown.push((number, Shown { mesh, skin, weights_of: own_weights.then_some(number) }));
+            let own_weights = has_targets && node.weights.as_deref().is_some_and(|weights| *weights != **usual);
+            let skin = node.skin.filter(|_| is_skinned);
+            is_animated |= has_targets || skin.is_some();
+            posed_meshes.push((number, PosedMesh { mesh, skin, weights_of: own_weights.then_some(number) }));
         }
-        Ok(Self { file, nodes, shown, moves })
+        Ok(Self { file, nodes, posed_meshes, is_animated })
     }
 
+    /// Builds all objects and items.
     fn scene(&self, warnings: &mut Vec<String>) -> Result<Scene, ReadError> {
         let document = &self.file.document;
-        let mut meshes = Meshes::new(self.file);
-        let mut numbers: BTreeMap<Shown, Option<u32>> = self.shown.iter().map(|&(_, shown)| (shown, None)).collect();
+        let mut meshes = MeshBuilder::new(self.file);
+        let mut numbers: BTreeMap<PosedMesh, Option<u32>> =
+            self.posed_meshes.iter().map(|&(_, posed)| (posed, None)).collect();
         let mut objects = Vec::new();
-        for (shown, number) in &mut numbers {
-            let mesh = entry(&document.meshes, shown.mesh, "mesh")?;
-            let made = meshes.make(mesh, &self.pose(*shown)?)?;
-            if made.soup.faces.is_empty() {
+        for (posed, number) in &mut numbers {
+            let mesh = entry(&document.meshes, posed.mesh, "mesh")?;
+            let built = meshes.build(mesh, &self.pose(*posed)?)?;
+            if built.soup.faces.is_empty() {
                 continue;
             }
             *number = u32::try_from(objects.len()).ok();
             let extras = Extras::read(mesh.extras);
-            let object = Object::of_mesh(mesh.name.as_deref().map(str::to_owned), made);
+            let object = Object::of_mesh(mesh.name.as_deref().map(str::to_owned), built);
             let (part_number, kind) = (extras.part_number.clone(), extras.kind());
             objects.push(Object { part_number, kind, notes: extras.notes(), ..object });
         }
         let mut items = Vec::new();
-        let mut vanished = 0_u64;
-        for (node, shown) in &self.shown {
-            let Some(object) = numbers.get(shown).copied().flatten() else { continue };
-            // A skinned mesh stands where its joints are, wherever its node is.
-            let world = if shown.skin.is_some() { DAffine3::IDENTITY } else { self.nodes.worlds[*node] };
+        let mut zero_scaled = 0_u64;
+        for (node, posed) in &self.posed_meshes {
+            let Some(object) = numbers.get(posed).copied().flatten() else { continue };
+            // A skinned mesh is placed by its joints; its node's transform does not apply.
+            let world = if posed.skin.is_some() { DAffine3::IDENTITY } else { self.nodes.worlds[*node] };
             if world.matrix3 == glam::DMat3::ZERO {
-                vanished += 1;
+                zero_scaled += 1;
                 continue;
             }
             items.push(self.item(*node, object, world, objects[object as usize].name.as_deref()));
@@ -189,159 +199,162 @@ impl<'f, 'a> Reading<'f, 'a> {
         if items.is_empty() {
             return Err(self.no_faces(&meshes));
         }
-        if vanished > 0 {
-            warnings.push(format!("nodes that are scaled to nothing were left out: {vanished}"));
+        if zero_scaled > 0 {
+            warnings.push(format!("nodes with a scale of zero were dropped: {zero_scaled}"));
         }
-        self.tell(&meshes, warnings);
-        let notes = document::notes_of(&document.asset);
+        self.add_warnings(&meshes, warnings);
+        let notes = extras::notes_of(&document.asset);
         let (palettes, textures) = meshes.painter.finish();
         Ok(Scene { unit: Some(Unit::Metre), up: Some(Up::Y), objects, items, palettes, textures, notes })
     }
 
-    fn pose(&self, shown: Shown) -> Result<Pose, ReadError> {
+    /// The rest pose of a mesh.
+    fn pose(&self, posed: PosedMesh) -> Result<RestPose, ReadError> {
         let document = &self.file.document;
-        let mesh = entry(&document.meshes, shown.mesh, "mesh")?;
-        let own = shown.weights_of.and_then(|node| document.nodes[node].weights.as_deref());
+        let mesh = entry(&document.meshes, posed.mesh, "mesh")?;
+        let own = posed.weights_of.and_then(|node| document.nodes[node].weights.as_deref());
         let weights = own.unwrap_or(&mesh.weights).to_vec();
-        let joints = match shown.skin {
-            Some(skin) => pose::joints(self.file, entry(&document.skins, skin, "skin")?, &self.nodes.worlds)?,
+        let joints = match posed.skin {
+            Some(skin) => pose::joint_transforms(self.file, entry(&document.skins, skin, "skin")?, &self.nodes.worlds)?,
             None => Vec::new(),
         };
-        if shown.skin.is_some() && joints.is_empty() {
+        if posed.skin.is_some() && joints.is_empty() {
             return Err(malformed("a skin has no joints"));
         }
-        Ok(Pose { weights, joints })
+        Ok(RestPose { weights, joints })
     }
 
     fn item(&self, node: usize, object: u32, transform: DAffine3, name: Option<&str>) -> Item {
         let node = &self.file.document.nodes[node];
         let extras = Extras::read(node.extras);
-        // A node is often named as its mesh.
+        // A node often has the same name as its mesh.
         let own_name = node.name.as_deref().filter(|own| Some(*own) != name).map(str::to_owned);
         let part_number = extras.part_number.clone();
         Item { object, transform, name: own_name, part_number, notes: extras.notes() }
     }
 
-    fn tell(&self, meshes: &Meshes<'_, '_>, warnings: &mut Vec<String>) {
+    /// Adds warnings about dropped content.
+    fn add_warnings(&self, meshes: &MeshBuilder<'_, '_>, warnings: &mut Vec<String>) {
         let painter = &meshes.painter;
-        if meshes.left_out > 0 {
-            warnings.push(format!("points, lines and primitives without positions were left out: {}", meshes.left_out));
+        if meshes.omitted > 0 {
+            warnings.push(format!("points, lines and primitives without positions were dropped: {}", meshes.omitted));
         }
-        if self.moves {
-            warnings.push("the model can move; it was taken in its rest pose".to_owned());
+        if self.is_animated {
+            warnings.push("the model has animated parts (a skin or morph targets); its rest pose was read".to_owned());
         }
-        if painter.images.left_out > 0 {
+        if painter.images.omitted > 0 {
             warnings.push(format!(
-                "pictures that are not PNG or JPEG within the file were left out: {}; export a GLB file with such to keep them",
-                painter.images.left_out
+                "textures that are not PNG or JPEG inside the file were dropped: {}; to keep them, export a GLB file with PNG or JPEG textures",
+                painter.images.omitted
             ));
         }
-        if painter.both > 0 {
+        if painter.dropped_vertex_colors > 0 {
             warnings.push(format!(
-                "of what has a picture and colours of vertices, the picture was kept: {} primitives",
-                painter.both
+                "primitives with both a texture and vertex colours kept only the texture: {}",
+                painter.dropped_vertex_colors
             ));
         }
-        if painter.other_pictures {
+        if painter.has_other_textures {
             warnings.push(
-                "pictures for roughness, relief, shadow or glow were left out; the picture of the colour is kept"
+                "textures for roughness, normals, occlusion or emission were dropped; colour textures were kept"
                     .to_owned(),
             );
         }
     }
 
-    fn no_faces(&self, meshes: &Meshes<'_, '_>) -> ReadError {
-        let detail = if meshes.left_out > 0 {
-            "the glTF file holds points or lines and no triangles; make a surface first"
+    fn no_faces(&self, meshes: &MeshBuilder<'_, '_>) -> ReadError {
+        let detail = if meshes.omitted > 0 {
+            "the glTF file holds points or lines and no triangles; reconstruct a surface first"
         } else if self.file.document.meshes.is_empty() {
             "the glTF file holds no mesh; export the model again"
         } else {
-            "the glTF file's scene shows no triangles; put the model into its scene and export it again"
+            "the glTF file's scene shows no triangles; add the model to the scene and export it again"
         };
-        ReadError::whole(ReadErrorKind::NoFaces, detail)
+        ReadError::for_file(ReadErrorKind::NoFaces, detail)
     }
 }
 
-/// Makes meshes, and counts what they come to together.
-struct Meshes<'f, 'a> {
+/// Builds the meshes of the scene, and counts their faces and vertices.
+struct MeshBuilder<'f, 'a> {
     file: &'f File<'a>,
     painter: Painter<'f, 'a>,
     faces: u64,
     vertices: u64,
     /// Primitives without triangles or without positions.
-    left_out: u64,
+    omitted: u64,
 }
 
-/// A primitive whose faces were read.
-struct Part<'f, 'a> {
-    source: Source<'f, 'a>,
+/// A primitive whose faces have been read.
+struct PrimitiveFaces<'f, 'a> {
+    source: PrimitiveData<'f, 'a>,
     faces: Vec<[u32; 3]>,
-    /// The number of its first face in the whole.
+    /// Index of its first face in the mesh.
     first_face: usize,
-    /// The vertices that it has, used or not.
+    /// Number of its vertices, used or not.
     vertices: usize,
 }
 
-/// What primitives have in common that have the same vertices.
-type Shared = [Option<Whole>; 5];
+/// The accessors that identify the vertices of a primitive; primitives with equal ones share vertices.
+type VertexAccessors = [Option<Integer>; 5];
 
-impl<'f, 'a> Meshes<'f, 'a> {
+impl<'f, 'a> MeshBuilder<'f, 'a> {
     fn new(file: &'f File<'a>) -> Self {
-        Self { file, painter: Painter::new(file), faces: 0, vertices: 0, left_out: 0 }
+        Self { file, painter: Painter::new(file), faces: 0, vertices: 0, omitted: 0 }
     }
 
-    /// Makes one mesh of all primitives. Those that have their vertices from the same accessors share them, and vertices that no face names
-    /// are left out where most are not named.
-    fn make(&mut self, mesh: &'f Mesh<'a>, pose: &Pose) -> Result<PaintedMesh, ReadError> {
+    /// Builds one mesh from all primitives. Primitives with the same vertex accessors share their vertices. If a primitive uses few of its
+    /// vertices, unused ones are dropped.
+    fn build(&mut self, mesh: &'f Mesh<'a>, pose: &RestPose) -> Result<PaintedMesh, ReadError> {
         let mut parts = Vec::new();
         for primitive in mesh.primitives.iter() {
             match self.part(primitive)? {
                 Some(part) => parts.push(part),
-                None => self.left_out += 1,
+                None => self.omitted += 1,
             }
         }
-        let mut made = PaintedMesh::default();
+        let mut built = PaintedMesh::default();
         for part in &mut parts {
-            part.first_face = made.soup.faces.len();
-            made.soup.faces.extend_from_slice(&part.faces);
-            self.painter.paint(&part.source, &part.faces, part.vertices, &mut made.paint)?;
+            part.first_face = built.soup.faces.len();
+            built.soup.faces.extend_from_slice(&part.faces);
+            self.painter.paint(&part.source, &part.faces, part.vertices, &mut built.paint)?;
         }
-        if made.paint.iter().all(|&paint| paint == PAINTLESS) {
-            made.paint = Vec::new();
+        if built.paint.iter().all(|&paint| paint == PAINTLESS) {
+            built.paint = Vec::new();
         }
-        for group in alike(&parts) {
-            self.place(&parts, &group, pose, &mut made.soup)?;
+        for group in group_by_vertices(&parts) {
+            self.place(&parts, &group, pose, &mut built.soup)?;
         }
-        Ok(made)
+        Ok(built)
     }
 
-    fn part(&mut self, primitive: &'f Primitive) -> Result<Option<Part<'f, 'a>>, ReadError> {
-        let Some(mode) = Mode::of(primitive.mode.map_or(4, |mode| mode.0))? else { return Ok(None) };
-        let source = Source::new(self.file, primitive, self.faces, self.vertices)?;
+    /// Reads a primitive's faces; `None` if it has no triangles or no positions.
+    fn part(&mut self, primitive: &'f Primitive) -> Result<Option<PrimitiveFaces<'f, 'a>>, ReadError> {
+        let Some(mode) = Topology::of(primitive.mode.map_or(4, |mode| mode.0))? else { return Ok(None) };
+        let source = PrimitiveData::new(self.file, primitive, self.faces, self.vertices)?;
         let Some(positions) = source.positions()? else { return Ok(None) };
         let indices = source.indices()?;
-        // What Draco gives is a list, whatever the primitive says.
-        let mode = if primitive.extensions.draco.is_some() { Mode::List } else { mode };
+        // Draco always decodes to a triangle list, whatever the primitive's mode.
+        let mode = if primitive.extensions.draco.is_some() { Topology::List } else { mode };
         let faces = primitive::faces(mode, indices.as_ref(), positions.count, self.faces, &self.file.limits)?;
         self.faces += faces.len() as u64;
-        Ok(Some(Part { source, faces, first_face: 0, vertices: positions.count }))
+        Ok(Some(PrimitiveFaces { source, faces, first_face: 0, vertices: positions.count }))
     }
 
-    /// Adds the vertices of parts that share them, and gives their faces the numbers that these have in the whole.
+    /// Adds the vertices that a group of primitives shares, and renumbers the corners of their faces.
     fn place(
         &mut self,
-        parts: &[Part<'f, 'a>],
+        parts: &[PrimitiveFaces<'f, 'a>],
         group: &[usize],
-        pose: &Pose,
+        pose: &RestPose,
         soup: &mut Soup,
     ) -> Result<(), ReadError> {
         let first = &parts[group[0]];
         let corners = || group.iter().flat_map(|&part| parts[part].faces.iter().flatten().copied());
-        let used = Used::of(corners, first.vertices);
+        let used = UsedVertices::of(corners, first.vertices);
         self.vertices += used.len() as u64;
         self.file.limits.check_vertices(self.vertices)?;
         let Some(positions) = first.source.positions()? else { return Ok(()) };
-        let posed = Posed::new(&first.source, &positions, pose)?;
+        let posed = PosedPositions::new(&first.source, &positions, pose)?;
         #[expect(clippy::cast_possible_truncation, reason = "the vertices were counted")]
         let base = soup.positions.len() as u32;
         soup.positions.reserve(used.len());
@@ -349,7 +362,7 @@ impl<'f, 'a> Meshes<'f, 'a> {
             soup.positions.push(posed.at(vertex as usize)?);
         }
         for &part in group {
-            let Part { first_face, faces, .. } = &parts[part];
+            let PrimitiveFaces { first_face, faces, .. } = &parts[part];
             let faces = &mut soup.faces[*first_face..][..faces.len()];
             faces.as_flattened_mut().iter_mut().for_each(|vertex| *vertex = base + used.rank(*vertex));
         }
@@ -357,10 +370,10 @@ impl<'f, 'a> Meshes<'f, 'a> {
     }
 }
 
-/// The parts that have their vertices in common, in order of their first.
-fn alike(parts: &[Part<'_, '_>]) -> Vec<Vec<usize>> {
+/// Groups primitives that share vertices, in the order of each group's first primitive.
+fn group_by_vertices(parts: &[PrimitiveFaces<'_, '_>]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    let mut known: FxHashMap<Shared, usize> = FxHashMap::default();
+    let mut known: FxHashMap<VertexAccessors, usize> = FxHashMap::default();
     for (number, part) in parts.iter().enumerate() {
         let primitive = part.source.primitive;
         let attributes = &primitive.attributes;

@@ -1,4 +1,4 @@
-//! What the faces of primitives are painted with, as palettes of a scene, and its pictures, kept as the files that they are.
+//! The paint of glTF primitives as palettes of a scene, and textures, whose image files are kept unchanged.
 
 use std::collections::hash_map::Entry;
 use std::sync::Arc;
@@ -6,53 +6,56 @@ use std::sync::Arc;
 use rustc_hash::FxHashMap;
 
 use super::super::errors::{ReadError, ReadErrorKind};
-use super::super::paint::{Palettes, media_type, srgb_of_linear};
-use super::container::Whole;
+use super::super::paint::{PaletteBuilder, media_type, srgb_of_linear};
+use super::accessor::Accessor;
+use super::container::Integer;
 use super::document::{
     AlphaMode, Attributes, CLAMP_TO_EDGE, MIRRORED_REPEAT, Material, NEAREST, Surface, TextureTransform, TextureUse,
 };
-use super::file::{Accessor, File, data, entry, path};
-use super::primitive::{Source, Used};
+use super::file::{File, decode_data_uri, entry, relative_path};
+use super::primitive::{PrimitiveData, UsedVertices};
 use crate::scene::{self, PAINTLESS, Paint, Palette};
 
-/// Makes palettes: one of all materials without a picture, one of all colours of vertices, and one for each material with a picture.
+/// Builds palettes: one of all untextured materials, one of all vertex colours, and one for each textured material.
 pub(super) struct Painter<'f, 'a> {
     file: &'f File<'a>,
-    pub images: Images<'f, 'a>,
-    palettes: Palettes,
-    /// The palette of the material of a number, and where it is in that.
+    /// The textures in use.
+    pub images: TextureTable<'f, 'a>,
+    palettes: PaletteBuilder,
+    /// Palette and entry of each untextured material.
     plain: FxHashMap<u32, (u32, u32)>,
-    /// The palette of a material with a picture; none where the picture can't be had.
+    /// The palette of each textured material; `None` if the texture can't be read.
     textured: FxHashMap<u32, Option<u32>>,
-    /// Primitives with a picture whose colours of vertices were left out.
-    pub both: u64,
-    /// Whether there were pictures for anything but colour.
-    pub other_pictures: bool,
+    /// Number of textured primitives whose vertex colours were dropped.
+    pub dropped_vertex_colors: u64,
+    /// Whether there were textures for other properties than colour.
+    pub has_other_textures: bool,
 }
 
 impl<'f, 'a> Painter<'f, 'a> {
+    /// No palettes yet.
     pub fn new(file: &'f File<'a>) -> Self {
         Self {
             file,
-            images: Images::new(file),
-            palettes: Palettes::default(),
+            images: TextureTable::new(file),
+            palettes: PaletteBuilder::default(),
             plain: FxHashMap::default(),
             textured: FxHashMap::default(),
-            both: 0,
-            other_pictures: false,
+            dropped_vertex_colors: 0,
+            has_other_textures: false,
         }
     }
 
-    /// The palettes with their pictures.
+    /// The palettes and textures.
     pub fn finish(self) -> (Vec<Palette>, Vec<scene::Texture>) {
         (self.palettes.finish(), self.images.textures)
     }
 
-    /// Adds the paint of a primitive's faces, whose corners are numbers of its own `vertices`. A picture goes before colours of vertices, and
-    /// these before the material's colour.
+    /// Appends the paint of a primitive's faces, whose corners index its `vertices` vertices. Textures take precedence over vertex colours,
+    /// and these over the material's colour.
     pub fn paint(
         &mut self,
-        source: &Source<'f, 'a>,
+        source: &PrimitiveData<'f, 'a>,
         faces: &[[u32; 3]],
         vertices: usize,
         paint: &mut Vec<Paint>,
@@ -66,21 +69,23 @@ impl<'f, 'a> Painter<'f, 'a> {
             Some(number) => entry(&self.file.document.materials, number, "material")?,
             None => &standard,
         };
-        self.other_pictures |= has_other_pictures(material);
-        let colors = source.of_vertices("COLOR_0", |it| it.color_0, vertices)?;
+        self.has_other_textures |= uses_other_textures(material);
+        let colors = source.vertex_attribute("COLOR_0", |attributes| attributes.color_0, vertices)?;
         if let Some(number) = number
             && let Some((palette, places)) = self.picture(source, number, material, vertices)?
         {
-            self.both += u64::from(colors.is_some());
-            let used = Used::of(|| faces.iter().flatten().copied(), vertices);
-            let transform = texture(material).and_then(|it| it.extensions.transform.as_ref());
-            let base = self.palettes.places(palette, used.iter().map(|v| place(&places, v, transform)));
+            self.dropped_vertex_colors += u64::from(colors.is_some());
+            let used = UsedVertices::of(|| faces.iter().flatten().copied(), vertices);
+            let transform = texture(material).and_then(|texture| texture.extensions.transform.as_ref());
+            let base = self
+                .palettes
+                .add_texture_coordinates(palette, used.iter().map(|v| texture_coordinate(&places, v, transform)));
             paint.extend(faces.iter().map(|face| Paint { palette, at: face.map(|v| base + used.rank(v)) }));
         } else if let Some(colors) = colors {
-            let used = Used::of(|| faces.iter().flatten().copied(), vertices);
+            let used = UsedVertices::of(|| faces.iter().flatten().copied(), vertices);
             let palette = self.palettes.colors();
             let entries: Vec<u32> =
-                used.iter().map(|v| self.palettes.color(of_vertex(&colors, v, material)).1).collect();
+                used.iter().map(|v| self.palettes.color(vertex_color(&colors, v, material)).1).collect();
             paint.extend(faces.iter().map(|face| Paint { palette, at: face.map(|v| entries[used.rank(v) as usize]) }));
         } else if let Some(number) = number {
             let (palette, at) = self.material_entry(number, material);
@@ -91,24 +96,29 @@ impl<'f, 'a> Painter<'f, 'a> {
         Ok(())
     }
 
-    /// The palette of a material's picture, and the places of vertices in it; none where there is not both.
+    /// The palette of a material's texture and the texture coordinates of vertices; `None` unless both exist.
     fn picture(
         &mut self,
-        source: &Source<'f, 'a>,
-        number: Whole,
+        source: &PrimitiveData<'f, 'a>,
+        number: Integer,
         material: &Material<'_>,
         vertices: usize,
     ) -> Result<Option<(u32, Accessor<'f>)>, ReadError> {
         let Some(texture) = texture(material) else { return Ok(None) };
-        let set = texture.extensions.transform.as_ref().and_then(|it| it.tex_coord).unwrap_or(texture.tex_coord);
-        let of_set = |it: &Attributes| match set.0 {
-            0 => it.texcoord_0,
-            1 => it.texcoord_1,
-            2 => it.texcoord_2,
-            3 => it.texcoord_3,
+        let set = texture
+            .extensions
+            .transform
+            .as_ref()
+            .and_then(|transform| transform.tex_coord)
+            .unwrap_or(texture.tex_coord);
+        let of_set = |attributes: &Attributes| match set.0 {
+            0 => attributes.texcoord_0,
+            1 => attributes.texcoord_1,
+            2 => attributes.texcoord_2,
+            3 => attributes.texcoord_3,
             _ => None,
         };
-        let Some(places) = source.of_vertices("TEXCOORD", of_set, vertices)? else { return Ok(None) };
+        let Some(places) = source.vertex_attribute("TEXCOORD", of_set, vertices)? else { return Ok(None) };
         let palette = match self.textured.entry(number.0) {
             Entry::Occupied(known) => *known.get(),
             Entry::Vacant(new) => {
@@ -120,7 +130,7 @@ impl<'f, 'a> Painter<'f, 'a> {
         Ok(palette.map(|palette| (palette, places)))
     }
 
-    fn material_entry(&mut self, number: Whole, material: &Material<'_>) -> (u32, u32) {
+    fn material_entry(&mut self, number: Integer, material: &Material<'_>) -> (u32, u32) {
         *self.plain.entry(number.0).or_insert_with(|| {
             let name = material.name.as_deref().unwrap_or_default().to_owned();
             self.palettes.material(scene::Material { name, color: color(material) })
@@ -128,7 +138,7 @@ impl<'f, 'a> Painter<'f, 'a> {
     }
 }
 
-/// What a material says of its colour, in the old way where it says nothing in the usual one.
+/// The colour model of a material: specular-glossiness if present, else metallic-roughness.
 fn surface<'m>(material: &'m Material<'_>) -> &'m Surface {
     material.extensions.specular_glossiness.as_ref().unwrap_or(&material.pbr_metallic_roughness)
 }
@@ -137,24 +147,24 @@ fn texture<'m>(material: &'m Material<'_>) -> Option<&'m TextureUse> {
     surface(material).base_color_texture.as_deref()
 }
 
-fn has_other_pictures(material: &Material<'_>) -> bool {
+fn uses_other_textures(material: &Material<'_>) -> bool {
     material.normal_texture.is_some()
         || material.occlusion_texture.is_some()
         || material.emissive_texture.is_some()
         || surface(material).metallic_roughness_texture.is_some()
 }
 
-/// The colour of a material. One that is said to be opaque is, whatever its alpha.
+/// The colour of a material. Alpha is ignored if the material is declared opaque.
 fn color(material: &Material<'_>) -> [u8; 4] {
-    seen(material, surface(material).base_color_factor.as_deref().copied().unwrap_or([1.0; 4]))
+    to_srgb(material, surface(material).base_color_factor.as_deref().copied().unwrap_or([1.0; 4]))
 }
 
-fn seen(material: &Material<'_>, [r, g, b, alpha]: [f64; 4]) -> [u8; 4] {
+fn to_srgb(material: &Material<'_>, [r, g, b, alpha]: [f64; 4]) -> [u8; 4] {
     let alpha = if material.alpha_mode == AlphaMode::Opaque { 1.0 } else { alpha };
     srgb_of_linear([r, g, b, alpha])
 }
 
-fn of_vertex(colors: &Accessor<'_>, vertex: u32, material: &Material<'_>) -> [u8; 4] {
+fn vertex_color(colors: &Accessor<'_>, vertex: u32, material: &Material<'_>) -> [u8; 4] {
     let mut color = colors.fractions::<4>(vertex as usize).map(f64::from);
     if colors.width < 4 {
         color[3] = 1.0;
@@ -162,12 +172,12 @@ fn of_vertex(colors: &Accessor<'_>, vertex: u32, material: &Material<'_>) -> [u8
     if let Some(factor) = surface(material).base_color_factor.as_deref() {
         color.iter_mut().zip(factor).for_each(|(part, factor)| *part *= factor);
     }
-    seen(material, color)
+    to_srgb(material, color)
 }
 
-/// The place of a vertex in a picture whose lower left corner is (0, 0); glTF counts from the upper left one. The transform is that of
-/// `KHR_texture_transform`.
-fn place(places: &Accessor<'_>, vertex: u32, transform: Option<&TextureTransform>) -> [f64; 2] {
+/// The texture coordinate of a vertex, with the origin in the lower left corner; glTF's origin is the upper left corner. `transform` is
+/// that of `KHR_texture_transform`.
+fn texture_coordinate(places: &Accessor<'_>, vertex: u32, transform: Option<&TextureTransform>) -> [f64; 2] {
     let [u, v] = places.floats::<2>(vertex as usize).map(f64::from);
     let [u, v] = match transform {
         None => [u, v],
@@ -181,50 +191,52 @@ fn place(places: &Accessor<'_>, vertex: u32, transform: Option<&TextureTransform
     [u, 1.0 - v].map(|x| if x.is_finite() { x } else { 0.0 })
 }
 
-/// A picture file and its media type.
-type Picture = (Arc<[u8]>, &'static str);
+/// An image file and its media type.
+type ImageFile = (Arc<[u8]>, &'static str);
 
-/// The pictures that faces are painted with.
-pub(super) struct Images<'f, 'a> {
+/// The textures that faces use.
+pub(super) struct TextureTable<'f, 'a> {
     file: &'f File<'a>,
+    /// The scene's textures.
     pub textures: Vec<scene::Texture>,
-    /// Textures of the file by number; none where there is no picture that can be kept.
+    /// Index in `textures` of each texture of the file; `None` if its image can't be kept.
     known: FxHashMap<u32, Option<u32>>,
-    /// Places in `textures` by the number of their image and how it is shown.
-    shown: FxHashMap<(Whole, u8, u8, bool), usize>,
-    /// Picture files by the number of their image.
-    files: FxHashMap<u32, Option<Picture>>,
-    /// The bytes of all picture files.
+    /// Index in `textures` by image, wrap modes and filter.
+    excerpt: FxHashMap<(Integer, u8, u8, bool), usize>,
+    /// Image files by the index of their image.
+    files: FxHashMap<u32, Option<ImageFile>>,
+    /// Total bytes of all image files.
     bytes: usize,
-    /// Pictures that were left out.
-    pub left_out: u64,
+    /// Number of textures that were dropped.
+    pub omitted: u64,
 }
 
-impl<'f, 'a> Images<'f, 'a> {
+impl<'f, 'a> TextureTable<'f, 'a> {
+    /// No textures yet.
     pub fn new(file: &'f File<'a>) -> Self {
-        let (known, shown, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
-        Self { file, textures: Vec::new(), known, shown, files, bytes: 0, left_out: 0 }
+        let (known, excerpt, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
+        Self { file, textures: Vec::new(), known, excerpt, files, bytes: 0, omitted: 0 }
     }
 
-    /// The place in [`Self::textures`] of a texture of the file; none where its picture can't be kept.
-    pub fn texture(&mut self, number: Whole) -> Result<Option<u32>, ReadError> {
+    /// The index in [`Self::textures`] of a texture of the file; `None` if its image can't be kept.
+    pub fn texture(&mut self, number: Integer) -> Result<Option<u32>, ReadError> {
         if let Some(known) = self.known.get(&number.0) {
             return Ok(*known);
         }
         let document = &self.file.document;
         let texture = entry(&document.textures, number, "texture")?;
         let sampler = texture.sampler.map(|number| entry(&document.samplers, number, "sampler")).transpose()?;
-        // Where there is no source, the picture is in a format that only an extension knows.
+        // Without a source, the image is in a format that only an extension defines.
         let picture = match texture.source {
             Some(source) => self.picture(source)?.map(|picture| (source, picture)),
             None => None,
         };
         let added = match picture {
             Some((source, (bytes, media_type))) => {
-                let wrap_u = wrap(sampler.and_then(|it| it.wrap_s));
-                let wrap_v = wrap(sampler.and_then(|it| it.wrap_t));
-                let nearest = sampler.and_then(|it| it.mag_filter) == Some(Whole(NEAREST));
-                let at = *self.shown.entry((source, wrap_u as u8, wrap_v as u8, nearest)).or_insert_with(|| {
+                let wrap_u = wrap(sampler.and_then(|sampler| sampler.wrap_s));
+                let wrap_v = wrap(sampler.and_then(|sampler| sampler.wrap_t));
+                let nearest = sampler.and_then(|sampler| sampler.mag_filter) == Some(Integer(NEAREST));
+                let at = *self.excerpt.entry((source, wrap_u as u8, wrap_v as u8, nearest)).or_insert_with(|| {
                     self.textures.push(scene::Texture {
                         bytes,
                         media_type: media_type.to_owned(),
@@ -237,7 +249,7 @@ impl<'f, 'a> Images<'f, 'a> {
                 u32::try_from(at).ok()
             }
             None => {
-                self.left_out += 1;
+                self.omitted += 1;
                 None
             }
         };
@@ -245,20 +257,20 @@ impl<'f, 'a> Images<'f, 'a> {
         Ok(added)
     }
 
-    fn picture(&mut self, number: Whole) -> Result<Option<Picture>, ReadError> {
+    fn picture(&mut self, number: Integer) -> Result<Option<ImageFile>, ReadError> {
         if let Some(known) = self.files.get(&number.0) {
             return Ok(known.clone());
         }
         let image = entry(&self.file.document.images, number, "image")?;
         let (copied, view);
         let bytes = match (&image.uri, image.buffer_view) {
-            (Some(uri), _) => match data(uri) {
+            (Some(uri), _) => match decode_data_uri(uri) {
                 Some(data) => {
                     copied = data.unwrap_or_default();
                     &copied[..]
                 }
                 None => {
-                    let picture = path(uri).and_then(|path| self.file.sidecars.picture(&path));
+                    let picture = relative_path(uri).and_then(|path| self.file.sidecars.read_texture(&path));
                     self.files.insert(number.0, picture.clone());
                     return Ok(picture);
                 }
@@ -272,10 +284,10 @@ impl<'f, 'a> Images<'f, 'a> {
         let picture = match media_type(bytes) {
             Some(media_type) => {
                 self.bytes += bytes.len();
-                // Only pictures that lie over each other come to more than the file.
+                // The total exceeds the file's size only if images overlap.
                 if self.bytes > self.file.length {
-                    let detail = "the file's pictures come to more bytes than the file; export the model again";
-                    return Err(ReadError::whole(ReadErrorKind::TooLarge, detail));
+                    let detail = "the file's images have more bytes in total than the file, so they overlap; export the model again";
+                    return Err(ReadError::for_file(ReadErrorKind::TooLarge, detail));
                 }
                 Some((Arc::from(bytes), media_type))
             }
@@ -286,10 +298,10 @@ impl<'f, 'a> Images<'f, 'a> {
     }
 }
 
-fn wrap(code: Option<Whole>) -> scene::Wrap {
+fn wrap(code: Option<Integer>) -> scene::Wrap {
     match code {
-        Some(Whole(CLAMP_TO_EDGE)) => scene::Wrap::Clamp,
-        Some(Whole(MIRRORED_REPEAT)) => scene::Wrap::Mirror,
+        Some(Integer(CLAMP_TO_EDGE)) => scene::Wrap::Clamp,
+        Some(Integer(MIRRORED_REPEAT)) => scene::Wrap::Mirror,
         _ => scene::Wrap::Repeat,
     }
 }

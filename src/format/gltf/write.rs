@@ -1,8 +1,8 @@
-//! Scenes as GLB. The same scene gives the same bytes, and what is read from them is written alike.
+//! Writing a scene as GLB. The same scene always gives the same bytes, and reading and writing a file again reproduces it.
 //!
-//! Each object with faces that stands somewhere is a mesh, and each of its places a node with a matrix; one that is made of others stands in the
-//! places of these. Positions are rounded to f32, which is all that glTF has. Faces that look alike are one primitive; a vertex between faces of
-//! different colours, or in different places of a picture, is written once for each.
+//! Each placed object with faces becomes a mesh, and each of its instances a node with a matrix. Objects made of components become nodes for
+//! their parts. Positions are rounded to f32. Faces with the same appearance form one primitive. A vertex between faces of different colours
+//! or texture coordinates is written once for each.
 
 use glam::{DAffine3, DVec3};
 use rustc_hash::FxHashMap;
@@ -10,12 +10,12 @@ use serde_json::{Value, json};
 
 use super::super::errors::WriteError;
 use super::super::paint::{linear_vertex, media_type};
-use super::container::{MOST_ENTRIES, assemble};
-use super::document::{COPYRIGHT, Extras};
-use super::looks::{Look, Looks};
+use super::container::{MAX_ENTRIES, assemble};
+use super::extras::{COPYRIGHT, Extras};
+use super::materials::{Appearance, MaterialTable};
 use crate::scene::{Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Scene, Shape, Unit, Up};
 
-/// Values of enumerations (glTF 2.0, 5.1 and 5.11).
+/// Values of glTF enumerations (glTF 2.0, 5.1 and 5.11).
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const FLOAT: u32 = 5126;
@@ -23,38 +23,46 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Writes a scene as GLB.
+///
+/// # Errors
+/// [`WriteError`] if a coordinate exceeds f32, or if there are too many instances or bytes.
 pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
-    let places = places(scene)?;
-    let mut stands = vec![false; scene.objects.len()];
-    places.iter().for_each(|place| stands[place.object] = true);
-    let mut writer = Writer { looks: Looks::new(scene), bytes: Vec::new(), views: Vec::new(), accessors: Vec::new() };
+    let instances = instances(scene)?;
+    let mut is_placed = vec![false; scene.objects.len()];
+    instances.iter().for_each(|instance| is_placed[instance.object] = true);
+    let mut writer =
+        Writer { table: MaterialTable::new(scene), bytes: Vec::new(), views: Vec::new(), accessors: Vec::new() };
     let mut numbers: FxHashMap<usize, usize> = FxHashMap::default();
     let mut meshes = Vec::new();
-    for (number, object) in scene.objects.iter().enumerate().filter(|(number, _)| stands[*number]) {
+    for (number, object) in scene.objects.iter().enumerate().filter(|(number, _)| is_placed[*number]) {
         if let Some(mesh) = object.mesh() {
             numbers.insert(number, meshes.len());
             meshes.push(writer.mesh(object, mesh)?);
         }
     }
     let metres = scene.unit.map_or(1.0, |unit| unit.to(Unit::Metre));
-    let nodes =
-        places.iter().map(|place| place.node(scene, metres, numbers[&place.object])).collect::<Result<Vec<_>, _>>()?;
+    let nodes = instances
+        .iter()
+        .map(|instance| instance.node(scene, metres, numbers[&instance.object]))
+        .collect::<Result<Vec<_>, _>>()?;
     let too_large = WriteError::TooManyFaces { faces: scene.placed_faces(), most: u64::from(u32::MAX / 12) };
     writer.finish(scene, &nodes, &meshes).ok_or(too_large)
 }
 
-/// A place of an object of triangles.
-struct Place {
+/// An instance of an object with triangles.
+struct ObjectInstance {
+    /// Index of the object.
     object: usize,
+    /// Index of the item.
     item: usize,
-    /// Whether the item is of this very object, and not of one that is made of it.
-    direct: bool,
+    /// Whether the item refers to the object directly, not through components.
+    is_item: bool,
     transform: DAffine3,
 }
 
-/// Where objects of triangles stand. What has no faces is left out, and what is scaled to nothing.
-fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
-    // How often each object of triangles stands in each object; counted first, as objects of objects can be any number.
+/// All instances of objects with triangles. Objects without faces, and instances scaled to zero, are dropped.
+fn instances(scene: &Scene) -> Result<Vec<ObjectInstance>, WriteError> {
+    // Count the instances first, because nested components can multiply to any number.
     let mut counts: Vec<u64> = Vec::with_capacity(scene.objects.len());
     for object in &scene.objects {
         let count = match &object.shape {
@@ -68,10 +76,10 @@ fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
     }
     let count = |object: u32| counts.get(object as usize).copied().unwrap_or(0);
     let parts = scene.items.iter().fold(0, |sum: u64, item| sum.saturating_add(count(item.object)));
-    if parts > MOST_ENTRIES as u64 {
-        return Err(WriteError::TooManyParts { parts, most: MOST_ENTRIES as u64 });
+    if parts > MAX_ENTRIES as u64 {
+        return Err(WriteError::TooManyParts { parts, most: MAX_ENTRIES as u64 });
     }
-    let mut places = Vec::new();
+    let mut instances = Vec::new();
     let mut stack = Vec::new();
     for (number, item) in scene.items.iter().enumerate().filter(|(_, item)| count(item.object) > 0) {
         stack.push((item.object as usize, item.transform));
@@ -79,11 +87,11 @@ fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
             match &scene.objects[object].shape {
                 Shape::Mesh(_) if transform.matrix3 == glam::DMat3::ZERO => {}
                 Shape::Mesh(_) => {
-                    let direct = object == item.object as usize;
-                    places.push(Place { object, item: number, direct, transform });
+                    let is_item = object == item.object as usize;
+                    instances.push(ObjectInstance { object, item: number, is_item, transform });
                 }
                 Shape::Components(parts) => {
-                    // Those before it only, as everywhere, so that this ends.
+                    // Components refer only to earlier objects, so this loop ends.
                     let below =
                         parts.iter().rev().filter(|part| (part.object as usize) < object && count(part.object) > 0);
                     stack.extend(below.map(|part| (part.object as usize, transform * part.transform)));
@@ -91,10 +99,11 @@ fn places(scene: &Scene) -> Result<Vec<Place>, WriteError> {
             }
         }
     }
-    Ok(places)
+    Ok(instances)
 }
 
-impl Place {
+impl ObjectInstance {
+    /// The instance as a glTF node. `metres` is the length of the scene's unit.
     fn node(&self, scene: &Scene, metres: f64, mesh: usize) -> Result<Value, WriteError> {
         let (item, object) = (&scene.items[self.item], &scene.objects[self.object]);
         let scaled = |v: DVec3| v * metres;
@@ -116,12 +125,12 @@ impl Place {
             ];
             node["matrix"] = json!(columns.concat());
         }
-        let own_name = item.name.as_ref().filter(|_| self.direct);
+        let own_name = item.name.as_ref().filter(|_| self.is_item);
         if let Some(name) = own_name.or(object.name.as_ref()).or(item.name.as_ref()) {
             node["name"] = name.as_str().into();
         }
-        if self.direct
-            && let Some(extras) = Extras::written(item.part_number.as_ref(), ObjectKind::Model, &item.notes)
+        if self.is_item
+            && let Some(extras) = Extras::to_json(item.part_number.as_ref(), ObjectKind::Model, &item.notes)
         {
             node["extras"] = extras;
         }
@@ -129,30 +138,32 @@ impl Place {
     }
 }
 
+/// The content of the GLB file written so far.
 struct Writer<'s> {
-    looks: Looks<'s>,
+    table: MaterialTable<'s>,
     bytes: Vec<u8>,
     views: Vec<Value>,
     accessors: Vec<Value>,
 }
 
-/// The faces of an object that look alike.
+/// The faces of an object with one appearance.
 struct Group {
-    look: Look,
+    appearance: Appearance,
     faces: Vec<usize>,
 }
 
 impl Writer<'_> {
+    /// Writes an object's mesh: one primitive for each appearance.
     fn mesh(&mut self, object: &Object, mesh: &PaintedMesh) -> Result<Value, WriteError> {
         let mut groups: Vec<Group> = Vec::new();
-        let mut known: FxHashMap<Look, usize> = FxHashMap::default();
+        let mut known: FxHashMap<Appearance, usize> = FxHashMap::default();
         for face in 0..mesh.soup.faces.len() {
-            let look = self.looks.of(paint_of(mesh, face));
+            let appearance = self.table.appearance_of(paint_of(mesh, face));
             let next = groups.len();
-            let group = *known.entry(look).or_insert(next);
+            let group = *known.entry(appearance).or_insert(next);
             match groups.get_mut(group) {
                 Some(group) => group.faces.push(face),
-                None => groups.push(Group { look, faces: vec![face] }),
+                None => groups.push(Group { appearance, faces: vec![face] }),
             }
         }
         let primitives = groups.iter().map(|group| self.primitive(mesh, group)).collect::<Result<Vec<_>, _>>()?;
@@ -160,43 +171,46 @@ impl Writer<'_> {
         if let Some(name) = &object.name {
             written["name"] = name.as_str().into();
         }
-        if let Some(extras) = Extras::written(object.part_number.as_ref(), object.kind, &object.notes) {
+        if let Some(extras) = Extras::to_json(object.part_number.as_ref(), object.kind, &object.notes) {
             written["extras"] = extras;
         }
         Ok(written)
     }
 
     fn primitive(&mut self, mesh: &PaintedMesh, group: &Group) -> Result<Value, WriteError> {
-        let look = group.look;
+        let appearance = group.appearance;
         let mut known: FxHashMap<(u32, u64), u32> = FxHashMap::default();
         let mut vertices: Vec<(u32, u64)> = Vec::new();
         let mut indices: Vec<u32> = Vec::with_capacity(3 * group.faces.len());
         for &face in &group.faces {
             let paint = paint_of(mesh, face);
             for (corner, &vertex) in mesh.soup.faces[face].iter().enumerate() {
-                let it = (vertex, self.looks.of_corner(look, paint, corner));
-                #[expect(clippy::cast_possible_truncation, reason = "no more than corners, which 32 bits number")]
+                let corner_key = (vertex, self.table.corner_bits(appearance, paint, corner));
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    reason = "at most the number of corners, which fits 32 bits"
+                )]
                 let next = vertices.len() as u32;
-                let index = *known.entry(it).or_insert(next);
+                let index = *known.entry(corner_key).or_insert(next);
                 if index == next {
-                    vertices.push(it);
+                    vertices.push(corner_key);
                 }
                 indices.push(index);
             }
         }
         drop(known);
         let mut attributes = json!({ "POSITION": self.positions(mesh, &vertices)? });
-        match look {
-            Look::Bare | Look::Plain(_) => {}
-            Look::Colored(_) => {
+        match appearance {
+            Appearance::Unpainted | Appearance::Material(_) => {}
+            Appearance::VertexColors(_) => {
                 #[expect(clippy::cast_possible_truncation, reason = "a colour has 32 bits")]
                 let colors = vertices.iter().flat_map(|(_, bits)| linear_vertex((*bits as u32).to_le_bytes()));
                 let bytes = colors.flat_map(u16::to_le_bytes).collect::<Vec<_>>();
                 let entry = json!({ "componentType": UNSIGNED_SHORT, "normalized": true, "type": "VEC4", "count": vertices.len() });
                 attributes["COLOR_0"] = self.accessor(&bytes, ARRAY_BUFFER, entry).into();
             }
-            Look::Pictured(_) => {
-                #[expect(clippy::cast_possible_truncation, reason = "two halves")]
+            Appearance::Textured(_) => {
+                #[expect(clippy::cast_possible_truncation, reason = "splits the u64 into two halves")]
                 let places = vertices.iter().flat_map(|(_, bits)| [(*bits >> 32) as u32, *bits as u32]);
                 let bytes = places.flat_map(u32::to_le_bytes).collect::<Vec<_>>();
                 let entry = json!({ "componentType": FLOAT, "type": "VEC2", "count": vertices.len() });
@@ -204,7 +218,7 @@ impl Writer<'_> {
             }
         }
         let mut primitive = json!({ "attributes": attributes, "indices": self.indices(&indices, vertices.len()) });
-        if let Some(material) = look.material() {
+        if let Some(material) = appearance.material() {
             primitive["material"] = material.into();
         }
         Ok(primitive)
@@ -230,7 +244,7 @@ impl Writer<'_> {
         Ok(self.accessor(&bytes, ARRAY_BUFFER, entry))
     }
 
-    /// In 16 bits where they suffice. The largest number of a type is no index.
+    /// Writes indices, in 16 bits if possible. The largest value of each type is reserved.
     fn indices(&mut self, indices: &[u32], vertices: usize) -> usize {
         let narrow = vertices <= usize::from(u16::MAX);
         #[expect(clippy::cast_possible_truncation, reason = "less than there are vertices")]
@@ -252,16 +266,16 @@ impl Writer<'_> {
     }
 
     fn view(&mut self, bytes: &[u8]) -> usize {
-        // Every number begins at a multiple of its size (glTF 2.0, 3.6.2.4).
+        // glTF requires alignment to the component size (glTF 2.0, 3.6.2.4).
         self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
         self.views.push(json!({ "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len() }));
         self.bytes.extend_from_slice(bytes);
         self.views.len() - 1
     }
 
-    /// The file; none where it is longer than the format can say.
+    /// Assembles the file; `None` if it is longer than GLB allows.
     fn finish(mut self, scene: &Scene, nodes: &[Value], meshes: &[Value]) -> Option<Vec<u8>> {
-        let pictures = std::mem::take(&mut self.looks.images);
+        let pictures = std::mem::take(&mut self.table.images);
         let image = |bytes: &&[u8]| json!({ "bufferView": self.view(bytes), "mimeType": media_type(bytes) });
         let images: Vec<Value> = pictures.iter().map(image).collect();
         let mut document = json!({ "asset": asset(scene), "scene": 0, "scenes": [{}] });
@@ -275,15 +289,15 @@ impl Writer<'_> {
         let lists: [(&str, &[Value]); 9] = [
             ("nodes", nodes),
             ("meshes", meshes),
-            ("materials", &self.looks.materials),
-            ("textures", &self.looks.textures),
-            ("samplers", &self.looks.samplers),
+            ("materials", &self.table.materials),
+            ("textures", &self.table.textures),
+            ("samplers", &self.table.samplers),
             ("images", &images),
             ("accessors", &self.accessors),
             ("bufferViews", &self.views),
             ("buffers", &buffers),
         ];
-        // Lists without entries are forbidden.
+        // glTF forbids empty lists.
         for (name, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {
             document[name] = list.into();
         }
@@ -294,18 +308,19 @@ impl Writer<'_> {
 fn asset(scene: &Scene) -> Value {
     let mut asset = json!({ "version": "2.0", "generator": crate::ENGINE });
     let mut notes = scene.notes.clone();
-    let plain =
-        notes.iter().position(|it| it.name == COPYRIGHT && it.namespace.is_none() && it.kind.is_none() && !it.preserve);
+    let plain = notes
+        .iter()
+        .position(|note| note.name == COPYRIGHT && note.namespace.is_none() && note.kind.is_none() && !note.preserve);
     if let Some(at) = plain {
         asset["copyright"] = notes.remove(at).value.into();
     }
-    if let Some(extras) = Extras::written(None, ObjectKind::Model, &notes) {
+    if let Some(extras) = Extras::to_json(None, ObjectKind::Model, &notes) {
         asset["extras"] = extras;
     }
     asset
 }
 
-/// The paint of a face; none where the mesh is not painted.
+/// The paint of a face; [`PAINTLESS`] if the mesh has no paint.
 fn paint_of(mesh: &PaintedMesh, face: usize) -> Paint {
     mesh.paint.get(face).copied().unwrap_or(PAINTLESS)
 }

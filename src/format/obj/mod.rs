@@ -1,7 +1,6 @@
-//! Wavefront OBJ: polygons as lines of text ("Advanced Visualizer Manual", appendix B1). Vertices, faces, normals, and where they are asked
-//! for colours are read.
+//! Wavefront OBJ: polygons as text ("Advanced Visualizer Manual", appendix B1). Vertices, faces and normals are read, and optionally colours.
 //!
-//! Objects (`o`) and groups (`g`) stay one mesh: they are names for faces that share vertices with one another, and no bodies of their own.
+//! Objects (`o`) and groups (`g`) are read as one mesh, because they often share vertices and are rarely separate bodies.
 
 mod mtl;
 mod paint;
@@ -9,22 +8,22 @@ mod write;
 
 use glam::DVec3;
 
-use super::content::{Painted, ReadMesh};
-use super::errors::{ReadError, ReadErrorKind, shown};
-use super::faces::{Faces, Finished, NONE};
+use super::content::{MeshAndPaint, ReadMesh};
+use super::errors::{ReadError, ReadErrorKind, excerpt};
+use super::faces::{CollectedFaces, FaceCollector, NO_INDEX};
 use super::formats::Format;
 use super::limits::{Limits, ReadOptions};
-use super::paint::Paints;
+use super::paint::MeshPaint;
 use super::sidecar::Sidecars;
 use super::text::{Text, Word, integer, number};
 use crate::mesh::{CornerNormals, Soup};
 use paint::{PaintStatements, field_index};
 pub(super) use write::{write, write_painted};
 
-/// Statements whose line ends where it ends: the names in them may end in a backslash.
+/// Statements without line continuation, because the names in them may end in a backslash.
 const NAMES: [&str; 5] = ["o", "g", "usemap", "maplib", "shadow_obj"];
 
-/// Statements that say nothing about the surface, or that belong to free-form surfaces.
+/// Statements that do not affect the surface, or that belong to free-form surfaces.
 const IGNORED: [&str; 27] = [
     "s",
     "mg",
@@ -55,22 +54,23 @@ const IGNORED: [&str; 27] = [
     "call",
 ];
 
+/// Reader of OBJ.
 struct Reader<'a> {
     text: Text<'a>,
     limits: Limits,
     positions: Vec<DVec3>,
-    faces: Faces,
+    faces: FaceCollector,
     corners: Vec<u32>,
-    /// What `vn` gives; one that is no normal has zeros.
+    /// Normals of `vn` statements; zeros if malformed.
     normals: Vec<[f32; 3]>,
-    /// The normals at `corners`.
+    /// Normal indices of `corners`.
     corner_normals: Vec<u32>,
-    /// What is said of paint, where somebody wants to know.
+    /// Paint statements read so far; `None` if colours are not requested.
     statements: Option<PaintStatements<'a>>,
-    /// The places in pictures at `corners`.
-    corner_places: Vec<u32>,
-    /// The largest index that was named before its vertex, and where.
-    ahead: Option<(u32, usize)>,
+    /// Texture coordinate indices of `corners`.
+    corner_coordinates: Vec<u32>,
+    /// The largest vertex index used before its vertex was read, and the byte offset of its face.
+    max_forward: Option<(u32, usize)>,
     face_statements: u64,
     lines: u64,
     points: u64,
@@ -79,19 +79,23 @@ struct Reader<'a> {
     first_unknown: Option<Word<'a>>,
 }
 
-/// Reads OBJ, with its colours where files `beside` it are given.
-pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: Option<&Sidecars<'_>>) -> Result<Painted, ReadError> {
+/// Reads OBJ. Colours are read if `sidecars` is given.
+pub(super) fn read(
+    bytes: &[u8],
+    options: &ReadOptions,
+    sidecars: Option<&Sidecars<'_>>,
+) -> Result<MeshAndPaint, ReadError> {
     let mut reader = Reader {
         text: Text::new(bytes).with_comments().with_continued_lines(),
         limits: options.limits,
         positions: Vec::new(),
-        faces: Faces::new(options, 0),
+        faces: FaceCollector::new(options, 0),
         corners: Vec::new(),
         normals: Vec::new(),
         corner_normals: Vec::new(),
-        statements: sidecars.map(|sidecars| PaintStatements::new(options.limits, sidecars.is_something())),
-        corner_places: Vec::new(),
-        ahead: None,
+        statements: sidecars.map(|sidecars| PaintStatements::new(options.limits, sidecars.has_archive())),
+        corner_coordinates: Vec::new(),
+        max_forward: None,
         face_statements: 0,
         lines: 0,
         points: 0,
@@ -106,6 +110,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: Option<&Sideca
 }
 
 impl<'a> Reader<'a> {
+    /// Reads one statement.
     fn statement(&mut self, word: Word<'a>) -> Result<(), ReadError> {
         match word.bytes {
             b"v" => return self.vertex(word),
@@ -113,7 +118,7 @@ impl<'a> Reader<'a> {
             b"vn" => self.normal(),
             b"vt" => {
                 if let Some(statements) = &mut self.statements {
-                    statements.place(&mut self.text);
+                    statements.texture_coordinate(&mut self.text);
                 }
             }
             b"usemtl" | b"mtllib" => {
@@ -152,7 +157,7 @@ impl<'a> Reader<'a> {
                 return Err(self.text.error(
                     ReadErrorKind::Malformed,
                     keyword.at,
-                    format!("a vertex has {k} coordinates where 3 were expected; export the model again"),
+                    format!("a vertex has {k} coordinates, but needs 3; export the model again"),
                 ));
             };
             *value = self.text.number(word, "a coordinate of a vertex")?;
@@ -165,8 +170,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Reads a normal. Nothing in it is an error, since the surface is whole without; those beyond the limit of vertices are
-    /// passed over.
+    /// Reads a normal. A malformed normal is no error, because the surface does not need normals. Normals over the vertex limit are ignored.
     fn normal(&mut self) {
         if self.limits.check_vertices(self.normals.len() as u64 + 1).is_err() {
             return;
@@ -188,39 +192,41 @@ impl<'a> Reader<'a> {
     fn face(&mut self, keyword: Word<'a>) -> Result<(), ReadError> {
         self.corners.clear();
         self.corner_normals.clear();
-        self.corner_places.clear();
+        self.corner_coordinates.clear();
         self.face_statements += 1;
         while let Some(word) = self.text.word_on_line() {
             let index = self.vertex_index(word)?;
             self.corners.push(index);
             if let Some(normal) = self.normal_index(word) {
-                self.corner_normals.resize(self.corners.len() - 1, NONE);
+                self.corner_normals.resize(self.corners.len() - 1, NO_INDEX);
                 self.corner_normals.push(normal);
             }
-            if let Some(place) = self.statements.as_ref().and_then(|statements| statements.place_index(word)) {
-                self.corner_places.resize(self.corners.len() - 1, NONE);
-                self.corner_places.push(place);
+            if let Some(place) =
+                self.statements.as_ref().and_then(|statements| statements.texture_coordinate_index(word))
+            {
+                self.corner_coordinates.resize(self.corners.len() - 1, NO_INDEX);
+                self.corner_coordinates.push(place);
             }
-            // Before the list of one face grows over what all faces may be.
+            // Checked here so that one face can't exceed the limit for all faces.
             self.limits.check_faces((self.corners.len() as u64).saturating_sub(2))?;
-            if index as usize >= self.positions.len() && self.ahead.is_none_or(|(most, _)| index > most) {
-                self.ahead = Some((index, keyword.at));
+            if index as usize >= self.positions.len() && self.max_forward.is_none_or(|(most, _)| index > most) {
+                self.max_forward = Some((index, keyword.at));
             }
         }
-        for numbers in [&mut self.corner_normals, &mut self.corner_places] {
+        for numbers in [&mut self.corner_normals, &mut self.corner_coordinates] {
             if !numbers.is_empty() {
-                numbers.resize(self.corners.len(), NONE);
+                numbers.resize(self.corners.len(), NO_INDEX);
             }
         }
-        self.faces.polygon_with(&self.positions, &self.corners, [&self.corner_normals, &self.corner_places])
+        self.faces.polygon_with(&self.positions, &self.corners, [&self.corner_normals, &self.corner_coordinates])
     }
 
-    /// The normal of a corner `v//vn` or `v/vt/vn`, if it has one. It may be read later, or never.
+    /// The normal index of a corner `v//vn` or `v/vt/vn`; `None` if it has none. The normal may come later in the file or not at all.
     fn normal_index(&self, word: Word<'_>) -> Option<u32> {
         field_index(word, 2, self.normals.len())
     }
 
-    /// The vertex of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 0.
+    /// The vertex index of a corner `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 0.
     fn vertex_index(&self, word: Word<'_>) -> Result<u32, ReadError> {
         let end = word.bytes.iter().position(|&b| b == b'/').unwrap_or(word.bytes.len());
         let Some(number) = integer(&word.bytes[..end]) else {
@@ -229,7 +235,7 @@ impl<'a> Reader<'a> {
                 word.at,
                 format!(
                     "found '{}' in a face where a vertex number such as 7, 7/1 or 7/1/3 was expected; export the model again",
-                    shown(word.bytes)
+                    excerpt(word.bytes)
                 ),
             ));
         };
@@ -238,24 +244,24 @@ impl<'a> Reader<'a> {
         if number == 0 || index < 0 || index >= i64::from(u32::MAX) {
             return Err(self.out_of_range(number, have, word.at));
         }
-        // Just checked to be in range.
+        // The range was checked above.
         Ok(u32::try_from(index).unwrap_or(u32::MAX))
     }
 
     fn out_of_range(&self, number: i64, have: i64, at: usize) -> ReadError {
         let detail = match number {
-            0 => "a face names vertex 0, but OBJ counts vertices from 1; export the model again".to_owned(),
+            0 => "a face refers to vertex 0, but OBJ counts vertices from 1; export the model again".to_owned(),
             ..0 => format!(
-                "a face names vertex {number}, counted back, where {have} vertices have been read; export the model again"
+                "a face refers to vertex {number}, counted backwards, but only {have} vertices come before it; export the model again"
             ),
-            _ => format!("a face names vertex {number}, but the file has {have} vertices; export the model again"),
+            _ => format!("a face refers to vertex {number}, but the file has {have} vertices; export the model again"),
         };
         self.text.error(ReadErrorKind::IndexOutOfRange, at, detail)
     }
 
-    fn finish(self, sidecars: Option<&Sidecars<'_>>) -> Result<Painted, ReadError> {
+    fn finish(self, sidecars: Option<&Sidecars<'_>>) -> Result<MeshAndPaint, ReadError> {
         let have = self.positions.len();
-        if let Some((most, at)) = self.ahead
+        if let Some((most, at)) = self.max_forward
             && most as usize >= have
         {
             return Err(self.out_of_range(i64::from(most) + 1, have as i64, at));
@@ -264,55 +270,60 @@ impl<'a> Reader<'a> {
             return Err(self.no_faces());
         }
         let mut warnings = Vec::new();
-        let Finished { faces, normals: corner_normals, places, polygons } =
+        let CollectedFaces { faces, normals: corner_normals, texture_coordinates, polygons } =
             self.faces.finish_with_all(&self.positions, &mut warnings);
         let has_normals = !self.normals.is_empty() && !corner_normals.is_empty();
         let normals = has_normals.then_some(CornerNormals::OfCorners { normals: self.normals, faces: corner_normals });
         if self.lines + self.points > 0 {
-            warnings.push(format!("lines and points are no surface and were left out: {}", self.lines + self.points));
+            warnings
+                .push(format!("lines and points, which form no surface, were dropped: {}", self.lines + self.points));
         }
         if self.free_form > 0 {
             warnings.push(format!(
-                "free-form curves and surfaces were left out: {}; convert them to polygons if they belong to the model",
+                "free-form curves and surfaces were dropped: {}; convert them to polygons if they belong to the model",
                 self.free_form
             ));
         }
         if let Some(first) = self.first_unknown {
             warnings.push(format!(
-                "lines that are no part of OBJ were passed over: {} in all, the first beginning with '{}'",
+                "lines that do not belong to OBJ were ignored: {}, the first begins with '{}'",
                 self.unknown,
-                shown(first.bytes)
+                excerpt(first.bytes)
             ));
         }
         let paints = match (self.statements, sidecars) {
-            (Some(statements), Some(sidecars)) => statements.paint(&faces, &places, sidecars, &mut warnings),
-            _ => Paints::default(),
+            (Some(statements), Some(sidecars)) => {
+                statements.paint(&faces, &texture_coordinates, sidecars, &mut warnings)
+            }
+            _ => MeshPaint::default(),
         };
         let soup = Soup { positions: self.positions, faces };
         let dialect = "OBJ".to_owned();
         let mesh = ReadMesh { normals, polygons, warnings, ..ReadMesh::of(soup, Format::Obj, dialect) };
-        Ok(Painted { mesh, paints })
+        Ok(MeshAndPaint { mesh, paints })
     }
 
     fn no_faces(&self) -> ReadError {
         let vertices = self.positions.len();
         let detail = if self.free_form > 0 {
             format!(
-                "the OBJ file holds {} free-form curves or surfaces and no polygons; convert them to polygons in the program that made it",
+                "the OBJ file holds {} free-form curves or surfaces and no polygons; convert them to polygons in the program that made the file",
                 self.free_form
             )
         } else if self.face_statements > 0 {
-            format!("none of the OBJ file's {} faces has three corners; export the model again", self.face_statements)
+            format!(
+                "none of the OBJ file's {} faces has three or more corners; export the model again",
+                self.face_statements
+            )
         } else if self.lines + self.points > 0 {
-            "the OBJ file holds lines or points and no faces; a surface is needed, so export the model as polygons"
-                .to_owned()
+            "the OBJ file holds lines or points and no faces; export the model as polygons".to_owned()
         } else if vertices > 0 {
             format!(
-                "the OBJ file holds {vertices} vertices and no faces: it is a point cloud; make a surface from it first"
+                "the OBJ file holds {vertices} vertices and no faces, so it is a point cloud; reconstruct a surface from it first"
             )
         } else {
             "the OBJ file holds no vertices and no faces; export the model again".to_owned()
         };
-        ReadError::whole(ReadErrorKind::NoFaces, detail)
+        ReadError::for_file(ReadErrorKind::NoFaces, detail)
     }
 }

@@ -1,73 +1,75 @@
-//! What an OBJ file says of paint: materials by name, places in pictures, and the extension `v x y z r g b` for colours of vertices; and the
-//! palettes that are made of it.
+//! Paint of OBJ files: material names, texture coordinates, and vertex colours (the extension `v x y z r g b`); and the palettes built from
+//! them.
 
 use rustc_hash::FxHashMap;
 
-use super::super::errors::shown;
-use super::super::faces::NONE;
+use super::super::errors::excerpt;
+use super::super::faces::NO_INDEX;
 use super::super::limits::Limits;
-use super::super::paint::{Paints, Palettes, byte};
+use super::super::paint::{MeshPaint, PaletteBuilder, byte};
 use super::super::sidecar::Sidecars;
 use super::super::text::{Text, Word, integer, number};
-use super::mtl::{self, Definitions, Picture, UNPAINTED, color_name};
+use super::mtl::{self, ColorTexture, MaterialDefinitions, UNPAINTED, color_name};
 use crate::scene::{Material, PAINTLESS, Paint, Palette, Texture, Wrap};
 
-/// Most libraries of materials that a file may name.
-const LIBRARIES: usize = 100;
+/// Maximum number of `mtllib` statements that are read.
+const MAX_LIBRARIES: usize = 100;
 
-/// What has been said so far.
+/// The paint statements read so far.
 pub(super) struct PaintStatements<'a> {
     limits: Limits,
-    /// Whether there may be pictures, for which alone places in them are of use.
-    pictures: bool,
+    /// Whether textures can be read; texture coordinates are kept only then.
+    keep_coordinates: bool,
     places: Vec<[f64; 2]>,
     libraries: Vec<&'a [u8]>,
-    /// The materials that faces name, and their numbers.
+    /// The material names in use, and the index of each.
     names: Vec<&'a [u8]>,
     numbers: FxHashMap<&'a [u8], u32>,
-    /// From which triangle on which material is used.
+    /// The triangle from which each material applies, and the material's index.
     uses: Vec<(usize, u32)>,
-    /// Of the first vertices, up to the last that has one; not a number for one that has none.
+    /// Colours of the first vertices, up to the last vertex that has one; not-a-number for vertices without.
     colors: Vec<[f32; 3]>,
 }
 
 impl<'a> PaintStatements<'a> {
-    pub fn new(limits: Limits, pictures: bool) -> Self {
+    /// No statements yet. `keep_coordinates` tells whether textures can be read.
+    pub fn new(limits: Limits, keep_coordinates: bool) -> Self {
         let (places, libraries, names, numbers) = (Vec::new(), Vec::new(), Vec::new(), FxHashMap::default());
-        Self { limits, pictures, places, libraries, names, numbers, uses: Vec::new(), colors: Vec::new() }
+        Self { limits, keep_coordinates, places, libraries, names, numbers, uses: Vec::new(), colors: Vec::new() }
     }
 
-    /// A place in a picture. Those beyond the limit of vertices are passed over.
-    pub fn place(&mut self, text: &mut Text<'_>) {
-        if !self.pictures || self.limits.check_vertices(self.places.len() as u64 + 1).is_err() {
+    /// Reads a texture coordinate. Those over the vertex limit are ignored.
+    pub fn texture_coordinate(&mut self, text: &mut Text<'_>) {
+        if !self.keep_coordinates || self.limits.check_vertices(self.places.len() as u64 + 1).is_err() {
             return;
         }
-        let mut next = || text.word_on_line().and_then(|word| number(word.bytes)).filter(|it| it.is_finite());
+        let mut next = || text.word_on_line().and_then(|word| number(word.bytes)).filter(|value| value.is_finite());
         self.places.push([next().unwrap_or(0.0), next().unwrap_or(0.0)]);
     }
 
-    /// The place of a corner `v/vt` or `v/vt/vn`, if it has one. It may be read later, or never.
-    pub fn place_index(&self, word: Word<'_>) -> Option<u32> {
-        if self.pictures { field_index(word, 1, self.places.len()) } else { None }
+    /// The texture coordinate index of a corner `v/vt` or `v/vt/vn`; `None` if it has none. The coordinate may come later or not at all.
+    pub fn texture_coordinate_index(&self, word: Word<'_>) -> Option<u32> {
+        if self.keep_coordinates { field_index(word, 1, self.places.len()) } else { None }
     }
 
+    /// Records an MTL file.
     pub fn library(&mut self, name: &'a [u8]) {
-        if self.libraries.len() < LIBRARIES && !self.libraries.contains(&name) {
+        if self.libraries.len() < MAX_LIBRARIES && !self.libraries.contains(&name) {
             self.libraries.push(name);
         }
     }
 
-    /// The material of what follows after so many triangles.
+    /// Records the material of the triangles after the first `triangles`.
     pub fn material(&mut self, name: &'a [u8], triangles: usize) {
         let number = match self.numbers.get(name) {
             Some(number) => *number,
-            None if self.names.len() < mtl::MOST => {
-                let number = u32::try_from(self.names.len()).unwrap_or(NONE);
+            None if self.names.len() < mtl::MAX_MATERIALS => {
+                let number = u32::try_from(self.names.len()).unwrap_or(NO_INDEX);
                 self.names.push(name);
                 self.numbers.insert(name, number);
                 number
             }
-            None => NONE,
+            None => NO_INDEX,
         };
         match self.uses.last_mut() {
             Some(last) if last.1 == number => {}
@@ -76,7 +78,7 @@ impl<'a> PaintStatements<'a> {
         }
     }
 
-    /// What may follow a vertex's position: its weight, or its colour.
+    /// Reads the numbers after a vertex's position: a colour if there are three, else a weight, which is ignored.
     #[inline]
     pub fn color(&mut self, vertex: usize, text: &mut Text<'_>) {
         let Some(first) = text.word_on_line() else { return };
@@ -84,22 +86,22 @@ impl<'a> PaintStatements<'a> {
         let color = [first, second, third].map(|word| number(word.bytes).unwrap_or(f64::NAN));
         if color.iter().all(|part| part.is_finite()) {
             self.colors.resize(vertex, [f32::NAN; 3]);
-            #[expect(clippy::cast_possible_truncation, reason = "far more exact than a colour")]
+            #[expect(clippy::cast_possible_truncation, reason = "f32 is more precise than a colour needs")]
             self.colors.push(color.map(|part| part as f32));
         }
     }
 
-    /// The paint of all triangles. A picture goes before colours of vertices; these before a material that is a shade of grey, which is what
-    /// programs say where they have to say something; and any other material before colours of vertices.
+    /// The paint of all triangles. Textures take precedence, then materials, then vertex colours. Vertex colours take precedence over grey
+    /// materials, because exporters write a grey material where they need any.
     pub fn paint(
         self,
         triangles: &[[u32; 3]],
         places_of_triangles: &[[u32; 3]],
         sidecars: &Sidecars<'_>,
         warnings: &mut Vec<String>,
-    ) -> Paints {
+    ) -> MeshPaint {
         if self.uses.is_empty() && self.colors.is_empty() {
-            return Paints::default();
+            return MeshPaint::default();
         }
         let colors = self.colors_of_vertices();
         let mut materials = Materials::new(&self.names, &self.libraries, &self.places, sidecars);
@@ -110,25 +112,25 @@ impl<'a> PaintStatements<'a> {
             while let Some((_, next)) = uses.next_if(|(begin, _)| *begin <= number) {
                 material = Some(*next);
             }
-            let named = material.map_or(Named::Nothing, |material| materials.named(material));
-            let places = places_of_triangles.get(number).copied().unwrap_or([NONE; 3]);
-            of_faces.push(match materials.pictured(named, places) {
+            let named = material.map_or(MaterialReference::None, |material| materials.named(material));
+            let places = places_of_triangles.get(number).copied().unwrap_or([NO_INDEX; 3]);
+            of_faces.push(match materials.textured_paint(named, places) {
                 Some(paint) => paint,
                 None => {
                     let colors = corners.map(|v| colors.get(v as usize).copied().flatten());
-                    materials.plain(named, colors)
+                    materials.plain_paint(named, colors)
                 }
             });
         }
-        materials.tell(warnings);
+        materials.add_warnings(warnings);
         if of_faces.iter().all(|paint: &Paint| *paint == PAINTLESS) {
-            return Paints::default();
+            return MeshPaint::default();
         }
         let (palettes, textures) = materials.finish();
-        Paints { of_faces, palettes, textures }
+        MeshPaint { of_faces, palettes, textures }
     }
 
-    /// Colours are from 0 to 1, or from 0 to 255 where any is above 1.
+    /// The colours of vertices as bytes. Components range from 0 to 1, or from 0 to 255 if any is above 1.
     fn colors_of_vertices(&self) -> Vec<Option<[u8; 3]>> {
         let most = self.colors.iter().flatten().copied().fold(0.0, f32::max);
         let scale = if most > 1.0 { 1.0 / 255.0 } else { 1.0 };
@@ -137,58 +139,58 @@ impl<'a> PaintStatements<'a> {
     }
 }
 
-/// The index, counted from 0, in a field of a corner `v/vt/vn`, where `have` are there to count back from.
+/// The index, counted from 0, in a field of a corner `v/vt/vn`. Negative numbers count backwards from `have`.
 pub(super) fn field_index(word: Word<'_>, field: usize, have: usize) -> Option<u32> {
     let number = integer(word.bytes.split(|&b| b == b'/').nth(field)?)?;
     let index = if number > 0 { number - 1 } else { (have as i64).saturating_add(number) };
     u32::try_from(index).ok().filter(|_| number != 0)
 }
 
-/// Most libraries in one statement.
-const LIBRARIES_OF_STATEMENT: usize = 100;
+/// Maximum number of MTL files in one statement.
+const MAX_LIBRARIES_PER_STATEMENT: usize = 100;
 
-/// What a name stands for.
+/// What a material name refers to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Named {
-    /// No name was said.
-    Nothing,
-    /// Said to be not painted.
+enum MaterialReference {
+    /// No material was named.
+    None,
+    /// The name that marks faces as unpainted.
     Unpainted,
-    /// A material that no library has.
-    Unknown,
-    /// The material of a number.
-    Known {
+    /// A material that no MTL file defines.
+    Undefined,
+    /// A defined material.
+    Defined {
         number: u32,
         color: [u8; 4],
-        has_picture: bool,
-        /// Whether the name says no more than the colour.
+        has_texture: bool,
+        /// Whether the name only describes the colour.
         is_color: bool,
     },
 }
 
-/// Materials in use.
+/// The materials in use, and the palettes built from them.
 struct Materials<'m> {
     names: &'m [&'m [u8]],
     places: &'m [[f64; 2]],
     sidecars: &'m Sidecars<'m>,
-    /// A library that is not there, of a model that came alone.
-    alone: Option<&'m [u8]>,
-    definitions: Definitions,
-    /// What each name stands for.
-    named: Vec<Named>,
-    /// The paint of a material without its picture.
+    /// An MTL file that was not sent, for a model without an archive.
+    unsent_library: Option<&'m [u8]>,
+    definitions: MaterialDefinitions,
+    /// What each material name refers to.
+    named: Vec<MaterialReference>,
+    /// The untextured paint of each material.
     plain: FxHashMap<u32, Paint>,
-    /// The palette of a material with a picture; none where that can't be had.
+    /// The palette of each textured material; `None` if its texture can't be read.
     textured: FxHashMap<u32, Option<u32>>,
-    pictures: FxHashMap<Picture, Option<u32>>,
-    /// Where a place is in a palette.
-    placed: FxHashMap<(u32, u32), u32>,
-    palettes: Palettes,
+    pictures: FxHashMap<ColorTexture, Option<u32>>,
+    /// Palette index of each texture coordinate, by palette and coordinate.
+    coordinate_entries: FxHashMap<(u32, u32), u32>,
+    palettes: PaletteBuilder,
     textures: Vec<Texture>,
-    /// Triangles whose material no library has, and the first such material.
-    unknown: (u64, Option<u32>),
-    /// Triangles that name a place in a picture that is not there.
-    displaced: u64,
+    /// Number of triangles with undefined materials, and the first such material.
+    undefined: (u64, Option<u32>),
+    /// Number of triangles that refer to missing texture coordinates.
+    missing_coordinates: u64,
 }
 
 impl<'m> Materials<'m> {
@@ -198,7 +200,7 @@ impl<'m> Materials<'m> {
         places: &'m [[f64; 2]],
         sidecars: &'m Sidecars<'m>,
     ) -> Self {
-        let mut definitions = Definitions::default();
+        let mut definitions = MaterialDefinitions::default();
         if !names.is_empty() {
             libraries.iter().for_each(|names| read_libraries(names, sidecars, &mut definitions));
         }
@@ -206,44 +208,44 @@ impl<'m> Materials<'m> {
             Some(definition) => {
                 let color = definition.color();
                 let is_color = *name == color_name(color).as_bytes();
-                Named::Known { number, color, has_picture: definition.picture.is_some(), is_color }
+                MaterialReference::Defined { number, color, has_texture: definition.texture.is_some(), is_color }
             }
-            None if name.is_empty() || *name == UNPAINTED.as_bytes() => Named::Unpainted,
-            None => Named::Unknown,
+            None if name.is_empty() || *name == UNPAINTED.as_bytes() => MaterialReference::Unpainted,
+            None => MaterialReference::Undefined,
         };
         let named = (0..).zip(names).map(stands_for).collect();
         Self {
             names,
             places,
             sidecars,
-            alone: if sidecars.is_something() { None } else { libraries.first().copied() },
+            unsent_library: if sidecars.has_archive() { None } else { libraries.first().copied() },
             definitions,
             named,
             plain: FxHashMap::default(),
             textured: FxHashMap::default(),
             pictures: FxHashMap::default(),
-            placed: FxHashMap::default(),
-            palettes: Palettes::default(),
+            coordinate_entries: FxHashMap::default(),
+            palettes: PaletteBuilder::default(),
             textures: Vec::new(),
-            unknown: (0, None),
-            displaced: 0,
+            undefined: (0, None),
+            missing_coordinates: 0,
         }
     }
 
-    /// What the name of a number stands for, which one more triangle has.
-    fn named(&mut self, number: u32) -> Named {
-        let named = self.named.get(number as usize).copied().unwrap_or(Named::Unknown);
-        if named == Named::Unknown {
-            self.unknown.0 += 1;
-            self.unknown.1.get_or_insert(number);
+    /// What the material of one more triangle refers to.
+    fn named(&mut self, number: u32) -> MaterialReference {
+        let named = self.named.get(number as usize).copied().unwrap_or(MaterialReference::Undefined);
+        if named == MaterialReference::Undefined {
+            self.undefined.0 += 1;
+            self.undefined.1.get_or_insert(number);
         }
         named
     }
 
-    /// The paint of a triangle in places of its material's picture; none where it has no picture or no places.
-    fn pictured(&mut self, named: Named, places: [u32; 3]) -> Option<Paint> {
-        let Named::Known { number, color, has_picture: true, .. } = named else { return None };
-        if places.contains(&NONE) {
+    /// The textured paint of a triangle; `None` if its material has no texture or the triangle has no texture coordinates.
+    fn textured_paint(&mut self, named: MaterialReference, places: [u32; 3]) -> Option<Paint> {
+        let MaterialReference::Defined { number, color, has_texture: true, .. } = named else { return None };
+        if places.contains(&NO_INDEX) {
             return None;
         }
         let palette = match self.textured.get(&number) {
@@ -255,28 +257,30 @@ impl<'m> Materials<'m> {
             }
         }?;
         if places.iter().any(|&place| place as usize >= self.places.len()) {
-            self.displaced += 1;
+            self.missing_coordinates += 1;
             return None;
         }
         let at = places.map(|place| {
-            let new = || self.palettes.places(palette, std::iter::once(self.places[place as usize]));
-            *self.placed.entry((palette, place)).or_insert_with(new)
+            let new = || self.palettes.add_texture_coordinates(palette, std::iter::once(self.places[place as usize]));
+            *self.coordinate_entries.entry((palette, place)).or_insert_with(new)
         });
         Some(Paint { palette, at })
     }
 
-    /// The paint of a triangle without a picture, whose corners may have colours.
-    fn plain(&mut self, named: Named, colors: [Option<[u8; 3]>; 3]) -> Paint {
+    /// The untextured paint of a triangle, whose corners may have colours.
+    fn plain_paint(&mut self, named: MaterialReference, colors: [Option<[u8; 3]>; 3]) -> Paint {
         let alpha = match named {
-            Named::Unpainted => return PAINTLESS,
-            Named::Nothing | Named::Unknown => Some(255),
-            Named::Known { color: [r, g, b, alpha], is_color, .. } => (r == g && g == b && !is_color).then_some(alpha),
+            MaterialReference::Unpainted => return PAINTLESS,
+            MaterialReference::None | MaterialReference::Undefined => Some(255),
+            MaterialReference::Defined { color: [r, g, b, alpha], is_color, .. } => {
+                (r == g && g == b && !is_color).then_some(alpha)
+            }
         };
         if let (Some(alpha), [Some(a), Some(b), Some(c)]) = (alpha, colors) {
             let at = [a, b, c].map(|[r, g, b]| self.palettes.color([r, g, b, alpha]).1);
             return Paint { palette: self.palettes.colors(), at };
         }
-        let Named::Known { number, color, is_color, .. } = named else { return PAINTLESS };
+        let MaterialReference::Defined { number, color, is_color, .. } = named else { return PAINTLESS };
         *self.plain.entry(number).or_insert_with(|| {
             let name = || String::from_utf8_lossy(self.names[number as usize]).into_owned();
             let (palette, entry) = match is_color {
@@ -287,25 +291,25 @@ impl<'m> Materials<'m> {
         })
     }
 
-    /// What there is to tell, but for files that are missing.
-    fn tell(&self, warnings: &mut Vec<String>) {
-        if let (count, Some(first)) = self.unknown {
+    /// Adds warnings, except those about missing files.
+    fn add_warnings(&self, warnings: &mut Vec<String>) {
+        if let (count, Some(first)) = self.undefined {
             let name = self.names.get(first as usize).copied().unwrap_or_default();
-            warnings.push(match self.alone {
+            warnings.push(match self.unsent_library {
                 Some(library) => format!(
-                    "the model's colours are in the file '{}', which was not sent; to keep them, send it and the model in one ZIP archive",
-                    shown(library)
+                    "the model's colours are in the file '{}', which was not sent; to keep them, send both files in one ZIP archive",
+                    excerpt(library)
                 ),
                 None => format!(
-                    "triangles whose material is not defined were left without colour: {count}, the first of '{}'",
-                    shown(name)
+                    "triangles with an undefined material were left without colour: {count}, the first has the material '{}'",
+                    excerpt(name)
                 ),
             });
         }
-        if self.displaced > 0 {
+        if self.missing_coordinates > 0 {
             warnings.push(format!(
-                "triangles that name a place in a picture that is not there are in their material's colour: {}",
-                self.displaced
+                "triangles that refer to missing texture coordinates have their material's plain colour: {}",
+                self.missing_coordinates
             ));
         }
     }
@@ -315,7 +319,7 @@ impl<'m> Materials<'m> {
     }
 
     fn textured_palette(&mut self, number: u32, color: [u8; 4]) -> Option<u32> {
-        let picture = self.definitions.get(self.names[number as usize])?.picture.clone()?;
+        let picture = self.definitions.get(self.names[number as usize])?.texture.clone()?;
         let texture = match self.pictures.get(&picture) {
             Some(texture) => *texture,
             None => {
@@ -328,8 +332,8 @@ impl<'m> Materials<'m> {
         Some(self.palettes.textured(texture, Some(name).filter(|name| !name.is_empty()), color))
     }
 
-    fn texture(&mut self, picture: &Picture) -> Option<u32> {
-        let (bytes, media_type) = self.sidecars.picture(&picture.file)?;
+    fn texture(&mut self, picture: &ColorTexture) -> Option<u32> {
+        let (bytes, media_type) = self.sidecars.read_texture(&picture.file)?;
         let wrap = if picture.clamp { Wrap::Clamp } else { Wrap::Repeat };
         let media_type = media_type.to_owned();
         self.textures.push(Texture { bytes, media_type, wrap_u: wrap, wrap_v: wrap, nearest: false });
@@ -337,18 +341,18 @@ impl<'m> Materials<'m> {
     }
 }
 
-/// Reads the libraries of a statement: one whose name may have blanks, or several.
-fn read_libraries(names: &[u8], sidecars: &Sidecars<'_>, definitions: &mut Definitions) {
+/// Reads the MTL files of a statement: one file whose name may contain blanks, or several files.
+fn read_libraries(names: &[u8], sidecars: &Sidecars<'_>, definitions: &mut MaterialDefinitions) {
     let whole = String::from_utf8_lossy(names);
     let whole = whole.trim_matches('"');
     let mut read = |name: &str| {
-        if let Some(bytes) = sidecars.file(name, mtl::MOST_BYTES) {
+        if let Some(bytes) = sidecars.read_file(name, mtl::MAX_LIBRARY_BYTES) {
             mtl::read(&bytes, definitions);
         }
     };
-    let words: Vec<&str> = whole.split_ascii_whitespace().take(LIBRARIES_OF_STATEMENT).collect();
+    let words: Vec<&str> = whole.split_ascii_whitespace().take(MAX_LIBRARIES_PER_STATEMENT).collect();
     match words[..] {
-        // A name with blanks that is not there is told as it stands.
+        // If no interpretation matches a file, the whole name is reported as missing.
         [_, _, ..] if !sidecars.has(whole) && words.iter().any(|name| sidecars.has(name)) => {
             words.iter().for_each(|name| read(name));
         }

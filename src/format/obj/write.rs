@@ -1,4 +1,4 @@
-//! OBJ as it is written, and how faces look in it: in a material, with its picture, or in the colours of their vertices.
+//! Writing OBJ and its materials: each face has a material, a textured material, or the colours of its vertices.
 
 use std::fmt::Write as _;
 use std::sync::Arc;
@@ -7,14 +7,14 @@ use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::super::paint::{extension, media_type};
-use super::super::sidecar::Files;
+use super::super::sidecar::ObjZipFiles;
 use super::mtl::{self, UNPAINTED, color_name};
 use crate::mesh::Soup;
 use crate::scene::{PAINTLESS, Paint, PaintedMesh, Palette, Scene, Texture, Wrap};
 
-// Writing to a string can't fail, so that what `writeln!` answers says nothing.
+// Writing to a String can't fail, so the results of `writeln!` are ignored.
 
-/// Writes OBJ; every f64 as the shortest decimal that reads back the same.
+/// Writes OBJ without paint. Each f64 is the shortest decimal that parses to the same value.
 pub(crate) fn write(soup: &Soup) -> Vec<u8> {
     let mut text = String::with_capacity(48 * soup.positions.len() + 24 * soup.faces.len());
     for &p in &soup.positions {
@@ -28,30 +28,30 @@ pub(crate) fn write(soup: &Soup) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Writes a mesh with its paint, and the materials to a file of the name `library`.
+/// Writes a mesh with its paint; the OBJ refers to the MTL file as `library`.
 ///
-/// What OBJ has no words for is left out: the opacity of colours that run over a face; colours of a vertex in one face where it has others in
-/// another (see [`Looks`]); blanks in names.
-pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) -> Files {
+/// Dropped, because OBJ can't store them: the alpha of colour gradients, a vertex colour that differs between faces (see [`MaterialTable`]), and
+/// blanks in names.
+pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) -> ObjZipFiles {
     let soup = &mesh.soup;
-    let mut looks = Looks::new(scene, mesh);
-    let mut places = Places::new(scene);
+    let mut table = MaterialTable::new(scene, mesh);
+    let mut places = TextureCoordinates::new(scene);
     let mut faces = String::with_capacity(24 * soup.faces.len());
     let mut last = None;
     for (number, face) in soup.faces.iter().enumerate() {
-        let look = looks.of_face(number);
-        let material = match look {
-            Look::Bare => None,
-            Look::Material(material, _) => Some(material),
+        let face_material = table.face_material(number);
+        let material = match face_material {
+            FaceMaterial::Unpainted => None,
+            FaceMaterial::Material(material, _) => Some(material),
         };
         if last != Some(material) {
-            let name = material.map_or(UNPAINTED, |material| looks.materials[material].name.as_str());
+            let name = material.map_or(UNPAINTED, |material| table.materials[material].name.as_str());
             let _ = writeln!(faces, "usemtl {name}");
             last = Some(material);
         }
         let [a, b, c] = face.map(|v| u64::from(v) + 1);
-        match look {
-            Look::Material(_, Some(paint)) => {
+        match face_material {
+            FaceMaterial::Material(_, Some(paint)) => {
                 let [p, q, r] = places.of(paint);
                 let _ = writeln!(faces, "f {a}/{p} {b}/{q} {c}/{r}");
             }
@@ -60,68 +60,68 @@ pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) ->
             }
         }
     }
-    if looks.materials.is_empty() {
-        return Files { obj: write(soup), mtl: None, pictures: Vec::new() };
+    if table.materials.is_empty() {
+        return ObjZipFiles { obj: write(soup), mtl: None, textures: Vec::new() };
     }
     let mut text = String::with_capacity(48 * soup.positions.len() + places.text.len() + faces.len());
     let _ = writeln!(text, "mtllib {library}");
     for (number, &p) in soup.positions.iter().enumerate() {
         vertex(&mut text, p);
-        if let Some(color) = looks.of_vertex(number) {
-            let [r, g, b] = color.map(fraction);
+        if let Some(color) = table.vertex_color(number) {
+            let [r, g, b] = color.map(decimal);
             let _ = write!(text, " {r} {g} {b}");
         }
         text.push('\n');
     }
     text.push_str(&places.text);
     text.push_str(&faces);
-    Files { obj: text.into_bytes(), mtl: Some(materials(&looks)), pictures: looks.pictures }
+    ObjZipFiles { obj: text.into_bytes(), mtl: Some(materials(&table)), textures: table.textures }
 }
 
 fn vertex(text: &mut String, p: DVec3) {
     let _ = write!(text, "v {} {} {}", p.x, p.y, p.z);
 }
 
-fn materials(looks: &Looks<'_>) -> Vec<u8> {
+fn materials(table: &MaterialTable<'_>) -> Vec<u8> {
     let mut text = String::new();
-    for material in &looks.materials {
-        let [r, g, b, alpha] = material.color.map(fraction);
+    for material in &table.materials {
+        let [r, g, b, alpha] = material.color.map(decimal);
         let _ = writeln!(text, "newmtl {}\nKd {r} {g} {b}", material.name);
         if alpha < 1.0 {
             let _ = writeln!(text, "d {alpha}");
         }
         if let Some((picture, clamp)) = material.picture {
             let option = if clamp { "-clamp on " } else { "" };
-            let _ = writeln!(text, "map_Kd {option}{}", looks.pictures[picture].0);
+            let _ = writeln!(text, "map_Kd {option}{}", table.textures[picture].0);
         }
     }
     text.into_bytes()
 }
 
-/// A part of a colour, to three places, from which it is read again.
-fn fraction(part: u8) -> f64 {
+/// A colour component from 0 to 1 with three decimals, which are enough to restore the byte.
+fn decimal(part: u8) -> f64 {
     (f64::from(part) / 255.0 * 1000.0).round() / 1000.0
 }
 
-/// The places in pictures that faces name, each once, in that order.
-struct Places<'s> {
+/// Texture coordinates in the order of first use, each written once.
+struct TextureCoordinates<'s> {
     scene: &'s Scene,
     known: FxHashMap<[u64; 2], u64>,
     text: String,
 }
 
-impl<'s> Places<'s> {
+impl<'s> TextureCoordinates<'s> {
     fn new(scene: &'s Scene) -> Self {
         Self { scene, known: FxHashMap::default(), text: String::new() }
     }
 
-    /// The numbers, counted from 1, of the places of a face.
+    /// The numbers, counted from 1, of the texture coordinates of a face.
     fn of(&mut self, paint: Paint) -> [u64; 3] {
         let Some(Palette::Textured { places, .. }) = self.scene.palettes.get(paint.palette as usize) else {
             return [0; 3];
         };
         paint.at.map(|at| {
-            let [u, v] = places[at as usize].map(|it| if it.is_finite() { it } else { 0.0 });
+            let [u, v] = places[at as usize].map(|x| if x.is_finite() { x } else { 0.0 });
             let next = self.known.len() as u64 + 1;
             *self.known.entry([u.to_bits(), v.to_bits()]).or_insert_with(|| {
                 let _ = writeln!(self.text, "vt {u} {v}");
@@ -131,12 +131,12 @@ impl<'s> Places<'s> {
     }
 }
 
-/// The white material of faces in the colours of their vertices.
+/// The name of the white material of faces that have the colours of their vertices.
 const VERTEX_COLORS: &str = "vertex_colors";
 
-/// A name as it is written, and not like that of a colour.
-fn own_name(name: &str) -> String {
-    let mut name = sayable(name);
+/// A material's name as it is written, changed if it looks like the name of a plain colour.
+fn written_name(name: &str) -> String {
+    let mut name = safe_name(name);
     let hex = name.strip_prefix("color_").filter(|hex| matches!(hex.len(), 6 | 8));
     if hex.is_some_and(|hex| hex.bytes().all(|digit| digit.is_ascii_hexdigit())) {
         name.push('_');
@@ -144,141 +144,145 @@ fn own_name(name: &str) -> String {
     name
 }
 
-/// Whether a name, as it is written, says no more than a colour.
+/// Whether a material's name only describes its colour.
 fn is_color_name(name: &str, color: [u8; 4]) -> bool {
-    name.starts_with("color") && sayable(name) == color_name(color)
+    name.starts_with("color") && safe_name(name) == color_name(color)
 }
 
-/// What a face is painted with, as far as OBJ can say it.
+/// The paint of a face, reduced to what OBJ can store.
 #[derive(Clone, Copy)]
-enum Seen<'s> {
-    Nothing,
+enum FacePaint<'s> {
+    Unpainted,
     Named(&'s str, [u8; 4]),
-    Pictured { name: &'s str, tint: [u8; 4], texture: &'s Texture },
+    Textured { name: &'s str, tint: [u8; 4], texture: &'s Texture },
     Colored([[u8; 4]; 3]),
 }
 
-/// What tells materials apart.
+/// What identifies a material in the MTL file.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-enum Key<'s> {
+enum MaterialKey<'s> {
     Vertices,
     Color([u8; 4]),
     Named(&'s str, [u8; 4]),
-    Pictured { name: &'s str, tint: [u8; 4], picture: usize, clamp: bool },
+    Textured { name: &'s str, tint: [u8; 4], picture: usize, clamp: bool },
 }
 
-/// A material as it is written.
-struct Written {
+/// A material of the MTL file.
+struct WrittenMaterial {
     name: String,
     color: [u8; 4],
-    /// The place of its picture in [`Looks::pictures`], and whether that ends at its border.
+    /// Index of its texture in [`MaterialTable::textures`], and whether the texture is clamped.
     picture: Option<(usize, bool)>,
 }
 
 /// How a face is written.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Look {
-    Bare,
-    /// In the material of this number; in the places of a picture where there are some.
+enum FaceMaterial {
+    /// No material.
+    Unpainted,
+    /// The index of its material, and its paint if it has texture coordinates.
     Material(usize, Option<Paint>),
 }
 
-/// What a vertex's colour is.
+/// The colour of a vertex.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Claim {
-    Free,
-    /// To have none, since a material would be taken for less than it.
-    Closed,
+enum VertexColor {
+    /// Not yet decided.
+    Undecided,
+    /// No colour, because readers would prefer it over the grey material of a face at the vertex.
+    Blocked,
+    /// This colour.
     Color([u8; 3]),
 }
 
-/// The materials that were asked for, in that order.
-struct Looks<'s> {
+/// The materials in the order of first use, and the colours of the vertices.
+struct MaterialTable<'s> {
     scene: &'s Scene,
     mesh: &'s PaintedMesh,
-    materials: Vec<Written>,
-    known: FxHashMap<Key<'s>, usize>,
+    materials: Vec<WrittenMaterial>,
+    known: FxHashMap<MaterialKey<'s>, usize>,
     names: FxHashSet<String>,
-    /// How often a name was wanted.
+    /// How often each name was requested, to number duplicates.
     wanted: FxHashMap<String, usize>,
-    /// Picture files with their names.
-    pictures: Vec<(String, Arc<[u8]>)>,
-    known_pictures: FxHashMap<&'s [u8], usize>,
-    claims: Vec<Claim>,
+    /// Texture files with their names.
+    textures: Vec<(String, Arc<[u8]>)>,
+    known_textures: FxHashMap<&'s [u8], usize>,
+    vertex_colors: Vec<VertexColor>,
 }
 
-impl<'s> Looks<'s> {
+impl<'s> MaterialTable<'s> {
     fn new(scene: &'s Scene, mesh: &'s PaintedMesh) -> Self {
-        let mut looks = Self {
+        let mut table = Self {
             scene,
             mesh,
             materials: Vec::new(),
             known: FxHashMap::default(),
             names: FxHashSet::from_iter([UNPAINTED.to_owned()]),
             wanted: FxHashMap::default(),
-            pictures: Vec::new(),
-            known_pictures: FxHashMap::default(),
-            claims: Vec::new(),
+            textures: Vec::new(),
+            known_textures: FxHashMap::default(),
+            vertex_colors: Vec::new(),
         };
-        looks.claims = looks.claims();
-        looks
+        table.vertex_colors = table.vertex_colors();
+        table
     }
 
-    /// The colour of a vertex, where it is written.
-    fn of_vertex(&self, vertex: usize) -> Option<[u8; 3]> {
-        match self.claims.get(vertex) {
-            Some(Claim::Color(color)) => Some(*color),
+    /// The colour of a vertex; `None` if none is written.
+    fn vertex_color(&self, vertex: usize) -> Option<[u8; 3]> {
+        match self.vertex_colors.get(vertex) {
+            Some(VertexColor::Color(color)) => Some(*color),
             _ => None,
         }
     }
 
-    /// How a face looks.
-    fn of_face(&mut self, face: usize) -> Look {
+    /// How a face is written.
+    fn face_material(&mut self, face: usize) -> FaceMaterial {
         let paint = self.mesh.paint.get(face).copied().unwrap_or(PAINTLESS);
-        let (key, places) = match self.seen(paint) {
-            Seen::Nothing => return Look::Bare,
-            Seen::Named(name, color) => (Key::Named(name, color), None),
-            Seen::Pictured { name, tint, texture } => (self.pictured(name, tint, texture), Some(paint)),
-            Seen::Colored(colors) => {
-                let of_vertices = |colors| is_claimed(&self.claims, self.mesh.soup.faces[face], colors);
+        let (key, places) = match self.face_paint(paint) {
+            FacePaint::Unpainted => return FaceMaterial::Unpainted,
+            FacePaint::Named(name, color) => (MaterialKey::Named(name, color), None),
+            FacePaint::Textured { name, tint, texture } => (self.textured_key(name, tint, texture), Some(paint)),
+            FacePaint::Colored(colors) => {
+                let of_vertices = |colors| has_vertex_colors(&self.vertex_colors, self.mesh.soup.faces[face], colors);
                 let key = match of_vertices(colors) || of_vertices([colors[0]; 3]) {
-                    true => Key::Vertices,
-                    false => Key::Color(colors[0]),
+                    true => MaterialKey::Vertices,
+                    false => MaterialKey::Color(colors[0]),
                 };
                 (key, None)
             }
         };
-        self.material(key).map_or(Look::Bare, |material| Look::Material(material, places))
+        self.material(key).map_or(FaceMaterial::Unpainted, |material| FaceMaterial::Material(material, places))
     }
 
-    fn pictured(&mut self, name: &'s str, tint: [u8; 4], texture: &'s Texture) -> Key<'s> {
-        let next = self.pictures.len();
-        let picture = *self.known_pictures.entry(&texture.bytes).or_insert(next);
+    /// The key of a textured material.
+    fn textured_key(&mut self, name: &'s str, tint: [u8; 4], texture: &'s Texture) -> MaterialKey<'s> {
+        let next = self.textures.len();
+        let picture = *self.known_textures.entry(&texture.bytes).or_insert(next);
         if picture == next {
             let ending = extension(&texture.bytes).unwrap_or_default();
-            self.pictures.push((format!("texture_{picture}.{ending}"), Arc::clone(&texture.bytes)));
+            self.textures.push((format!("texture_{picture}.{ending}"), Arc::clone(&texture.bytes)));
         }
-        // MTL has one word for both sides, and none for mirrors; what has nothing beyond it is nearest to its last pixels.
+        // MTL has one clamp option for both axes, and no mirroring. Clamping is nearest to a texture without continuation.
         let ends = |wrap| matches!(wrap, Wrap::Clamp | Wrap::None);
-        Key::Pictured { name, tint, picture, clamp: ends(texture.wrap_u) && ends(texture.wrap_v) }
+        MaterialKey::Textured { name, tint, picture, clamp: ends(texture.wrap_u) && ends(texture.wrap_v) }
     }
 
-    /// The number of a material, by a name that no other has; none where there are more than are read again.
-    fn material(&mut self, key: Key<'s>) -> Option<usize> {
+    /// The index of a material with a unique name; `None` if the MTL file has the maximum number of materials already.
+    fn material(&mut self, key: MaterialKey<'s>) -> Option<usize> {
         if let Some(known) = self.known.get(&key) {
             return Some(*known);
         }
-        if self.materials.len() >= mtl::MOST {
+        if self.materials.len() >= mtl::MAX_MATERIALS {
             return None;
         }
         let (name, color, picture) = match key {
-            Key::Vertices => (VERTEX_COLORS.to_owned(), [255; 4], None),
-            Key::Color(color) => (color_name(color), color, None),
-            Key::Named(name, color) => (own_name(name), color, None),
-            Key::Pictured { name: "", tint, picture, clamp } => {
+            MaterialKey::Vertices => (VERTEX_COLORS.to_owned(), [255; 4], None),
+            MaterialKey::Color(color) => (color_name(color), color, None),
+            MaterialKey::Named(name, color) => (written_name(name), color, None),
+            MaterialKey::Textured { name: "", tint, picture, clamp } => {
                 (format!("texture_{picture}"), tint, Some((picture, clamp)))
             }
-            Key::Pictured { name, tint, picture, clamp } => (own_name(name), tint, Some((picture, clamp))),
+            MaterialKey::Textured { name, tint, picture, clamp } => (written_name(name), tint, Some((picture, clamp))),
         };
         let mut own = name.clone();
         while !self.names.insert(own.clone()) {
@@ -287,35 +291,36 @@ impl<'s> Looks<'s> {
             own = format!("{name}_{wanted}");
         }
         self.known.insert(key, self.materials.len());
-        self.materials.push(Written { name: own, color, picture });
+        self.materials.push(WrittenMaterial { name: own, color, picture });
         Some(self.materials.len() - 1)
     }
 
-    fn seen(&self, paint: Paint) -> Seen<'s> {
-        let Some(palette) = self.scene.palettes.get(paint.palette as usize) else { return Seen::Nothing };
+    /// The paint of a face, reduced to what OBJ can store.
+    fn face_paint(&self, paint: Paint) -> FacePaint<'s> {
+        let Some(palette) = self.scene.palettes.get(paint.palette as usize) else { return FacePaint::Unpainted };
         if paint.at.iter().any(|&at| at as usize >= palette.len()) {
-            return Seen::Nothing;
+            return FacePaint::Unpainted;
         }
         let named = |name: &'s str, color| match name.is_empty() || is_color_name(name, color) {
-            true => Seen::Colored([color; 3]),
-            false => Seen::Named(name, color),
+            true => FacePaint::Colored([color; 3]),
+            false => FacePaint::Named(name, color),
         };
         match palette {
             Palette::Materials(materials) => {
                 let material = &materials[paint.at[0] as usize];
                 named(&material.name, material.color)
             }
-            // Vertices have no opacity, and a face that does not have the same colour all over is in those of its vertices.
+            // Vertex colours have no alpha; only faces with one colour keep it.
             Palette::Colors(colors) => match paint.at.map(|at| colors[at as usize]) {
-                [a, b, c] if a == b && b == c => Seen::Colored([a; 3]),
-                running => Seen::Colored(running.map(|[r, g, b, _]| [r, g, b, 255])),
+                [a, b, c] if a == b && b == c => FacePaint::Colored([a; 3]),
+                running => FacePaint::Colored(running.map(|[r, g, b, _]| [r, g, b, 255])),
             },
             Palette::Textured { texture, name, tint, .. } => {
                 let (name, tint) = (name.as_deref().unwrap_or_default(), *tint);
                 match self.scene.textures.get(*texture as usize) {
-                    // A picture in black is black.
+                    // A black tint makes the texture black.
                     Some(texture) if media_type(&texture.bytes).is_some() && tint[..3] != [0; 3] => {
-                        Seen::Pictured { name, tint, texture }
+                        FacePaint::Textured { name, tint, texture }
                     }
                     _ => named(name, tint),
                 }
@@ -323,72 +328,73 @@ impl<'s> Looks<'s> {
         }
     }
 
-    /// The colours of vertices, if there is any need of them. Faces whose colours run over them are first; then those of one colour take the
-    /// colours of their vertices where these are theirs. A face that can't have its vertices' colours, since another one has them already, has
-    /// the colour of its first corner all over.
-    fn claims(&self) -> Vec<Claim> {
-        let faces = || self.mesh.soup.faces.iter().copied().zip(self.mesh.paint.iter().map(|&paint| self.seen(paint)));
-        let runs = |colors: [[u8; 4]; 3]| colors[0] != colors[1] || colors[1] != colors[2];
-        if !faces().any(|(_, seen)| matches!(seen, Seen::Colored(colors) if runs(colors))) {
+    /// Decides the colours of vertices; empty if no face has a colour gradient.
+    ///
+    /// Faces with gradients come first. Faces with one colour then use vertex colours if their vertices allow it. A face with a gradient whose
+    /// vertices already have other colours is written in the colour of its first corner.
+    fn vertex_colors(&self) -> Vec<VertexColor> {
+        let faces =
+            || self.mesh.soup.faces.iter().copied().zip(self.mesh.paint.iter().map(|&paint| self.face_paint(paint)));
+        let is_gradient = |colors: [[u8; 4]; 3]| colors[0] != colors[1] || colors[1] != colors[2];
+        if !faces().any(|(_, face_paint)| matches!(face_paint, FacePaint::Colored(colors) if is_gradient(colors))) {
             return Vec::new();
         }
-        let mut claims = vec![Claim::Free; self.mesh.soup.positions.len()];
-        for (face, seen) in faces() {
-            // Whoever reads takes a shade of grey for less than colours of vertices.
-            if matches!(seen, Seen::Named(_, [r, g, b, _]) if r == g && g == b) {
-                face.iter().for_each(|&v| claims[v as usize] = Claim::Closed);
+        let mut vertex_colors = vec![VertexColor::Undecided; self.mesh.soup.positions.len()];
+        for (face, face_paint) in faces() {
+            // Readers prefer vertex colours over grey materials.
+            if matches!(face_paint, FacePaint::Named(_, [r, g, b, _]) if r == g && g == b) {
+                face.iter().for_each(|&v| vertex_colors[v as usize] = VertexColor::Blocked);
             }
         }
         let mut any = false;
-        for (face, seen) in faces() {
-            if let Seen::Colored(colors) = seen
-                && runs(colors)
+        for (face, face_paint) in faces() {
+            if let FacePaint::Colored(colors) = face_paint
+                && is_gradient(colors)
             {
-                any |= claim(&mut claims, face, colors);
+                any |= assign_vertex_colors(&mut vertex_colors, face, colors);
             }
         }
         if !any {
             return Vec::new();
         }
-        for (face, seen) in faces() {
-            if let Seen::Colored(colors) = seen
+        for (face, face_paint) in faces() {
+            if let FacePaint::Colored(colors) = face_paint
                 && colors[0][3] == 255
-                && !is_claimed(&claims, face, colors)
+                && !has_vertex_colors(&vertex_colors, face, colors)
             {
-                claim(&mut claims, face, [colors[0]; 3]);
+                assign_vertex_colors(&mut vertex_colors, face, [colors[0]; 3]);
             }
         }
-        claims
+        vertex_colors
     }
 }
 
-/// Gives the vertices of a face these colours, unless one of them has another one.
-fn claim(claims: &mut [Claim], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
+/// Gives the vertices of a face these colours; `false` if one of them has another colour already.
+fn assign_vertex_colors(vertex_colors: &mut [VertexColor], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
     let wanted = colors.map(|[r, g, b, _]| [r, g, b]);
     let differ = |i: usize, j: usize| face[i] == face[j] && wanted[i] != wanted[j];
-    let free = |(&v, color): (&u32, &[u8; 3])| match claims[v as usize] {
-        Claim::Free => true,
-        Claim::Closed => false,
-        Claim::Color(other) => other == *color,
+    let free = |(&v, color): (&u32, &[u8; 3])| match vertex_colors[v as usize] {
+        VertexColor::Undecided => true,
+        VertexColor::Blocked => false,
+        VertexColor::Color(other) => other == *color,
     };
     if differ(0, 1) || differ(1, 2) || differ(2, 0) || !face.iter().zip(&wanted).all(free) {
         return false;
     }
-    face.iter().zip(wanted).for_each(|(&v, color)| claims[v as usize] = Claim::Color(color));
+    face.iter().zip(wanted).for_each(|(&v, color)| vertex_colors[v as usize] = VertexColor::Color(color));
     true
 }
 
-/// Whether the vertices of a face have its colours.
-fn is_claimed(claims: &[Claim], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
-    !claims.is_empty()
-        && face
-            .iter()
-            .zip(colors)
-            .all(|(&v, [r, g, b, alpha])| alpha == 255 && claims.get(v as usize) == Some(&Claim::Color([r, g, b])))
+/// Whether the vertices of a face have exactly its colours.
+fn has_vertex_colors(vertex_colors: &[VertexColor], face: [u32; 3], colors: [[u8; 4]; 3]) -> bool {
+    !vertex_colors.is_empty()
+        && face.iter().zip(colors).all(|(&v, [r, g, b, alpha])| {
+            alpha == 255 && vertex_colors.get(v as usize) == Some(&VertexColor::Color([r, g, b]))
+        })
 }
 
-/// A name as readers of OBJ take it for one: without blanks, marks of comments and of lines that go on.
-fn sayable(name: &str) -> String {
+/// A name without characters that OBJ readers would misread: blanks, control characters, `#` and backslashes.
+fn safe_name(name: &str) -> String {
     name.chars().map(|c| if c.is_whitespace() || c.is_control() || matches!(c, '#' | '\\') { '_' } else { c }).collect()
 }
 
@@ -398,15 +404,15 @@ mod tests {
     use crate::format::paint::byte;
 
     #[test]
-    fn every_part_of_a_colour_is_read_again() {
+    fn every_colour_component_survives_writing_and_reading() {
         for part in 0..=255 {
-            assert_eq!(byte(fraction(part)), part);
-            assert_eq!(byte(f64::from(fraction(part) as f32)), part);
+            assert_eq!(byte(decimal(part)), part);
+            assert_eq!(byte(f64::from(decimal(part) as f32)), part);
         }
     }
 
     #[test]
-    fn a_name_is_one_word() {
-        assert_eq!(sayable("a b\t#1\\\n\u{a0}ü"), "a_b__1___ü");
+    fn a_written_name_is_one_word() {
+        assert_eq!(safe_name("a b\t#1\\\n\u{a0}ü"), "a_b__1___ü");
     }
 }

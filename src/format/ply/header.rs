@@ -1,10 +1,10 @@
-//! The header of PLY: what elements there are, and what their properties are to a mesh.
+//! The PLY header: the declared elements and properties, and their meaning for a mesh.
 
-use super::super::errors::{ReadError, ReadErrorKind, shown};
+use super::super::errors::{ReadError, ReadErrorKind, excerpt};
 use super::super::limits::Limits;
 use super::super::text::{Text, Word, integer};
 
-/// How the elements are written.
+/// The encoding of the elements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -13,6 +13,7 @@ pub(super) enum Encoding {
 }
 
 impl Encoding {
+    /// The dialect's name for reports.
     pub fn dialect(self) -> &'static str {
         match self {
             Self::Ascii => "ASCII PLY",
@@ -50,7 +51,7 @@ impl Scalar {
         })
     }
 
-    /// Its size in bytes.
+    /// Size in bytes.
     pub fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -60,99 +61,117 @@ impl Scalar {
         }
     }
 
+    /// Whether this is an integer type.
     pub fn is_integer(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
     }
 }
 
-/// What a property holds.
+/// The value type of a property.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum PropertyType {
+    /// One number.
     Scalar(Scalar),
+    /// A length of type `count`, then that many numbers of type `item`.
     List { count: Scalar, item: Scalar },
 }
 
-/// What a property is to a mesh.
+/// The meaning of a property for a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Meaning {
-    /// x, y or z of a vertex, as 0, 1 or 2.
+    /// Coordinate of a vertex: 0, 1 or 2 for x, y or z.
     Coordinate(usize),
-    /// x, y or z of the normal at a vertex, as 0, 1 or 2.
+    /// Component of a vertex normal: 0, 1 or 2 for x, y or z.
     Normal(usize),
-    /// Red, green, blue or opacity of a vertex or a face, as 0 to 3.
+    /// Colour component of a vertex or face: 0 to 3 for red, green, blue or alpha.
     Color(usize),
-    /// The vertices of a face or a strip.
+    /// Vertex indices of a face or a strip.
     Indices,
-    /// The places of a face's corners in a picture.
-    Places,
-    /// Nothing that is read.
+    /// Texture coordinates of a face's corners.
+    TextureCoordinates,
+    /// A property that is skipped.
     Other,
 }
 
+/// A property of an element.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Property {
-    pub kind: Kind,
+    pub value_type: PropertyType,
     pub meaning: Meaning,
 }
 
-/// What an element is to a mesh.
+/// The meaning of an element for a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
+    /// Vertices.
     Vertices,
+    /// Polygons.
     Faces,
-    /// Triangle strips, as range scanners write them.
+    /// Triangle strips, which some range scanners write.
     Strips,
+    /// An element that is skipped.
     Other,
 }
 
+/// An element declared by the header.
 #[derive(Debug, Clone)]
 pub(super) struct Element {
+    /// The element's name in the header.
     pub name: String,
+    /// Its meaning.
     pub role: Role,
+    /// Number of rows.
     pub count: u64,
+    /// The properties of each row, in order.
     pub properties: Vec<Property>,
-    /// Where it is declared.
+    /// Byte offset of the declaration.
     at: usize,
 }
 
-/// A row of an element.
+/// A row of an element, for error messages.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row<'e> {
+    /// The element.
     pub element: &'e Element,
+    /// Number of the row, counted from 0.
     pub number: u64,
 }
 
 impl Element {
+    /// The element's rows.
     pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
         (0..self.count).map(|number| Row { element: self, number })
     }
 
-    /// The bytes of a row of scalars; none if there is a list.
+    /// Size of a binary row in bytes; `None` if the element has a list.
     pub fn fixed_size(&self) -> Option<usize> {
-        self.properties.iter().map(|p| if let Kind::Scalar(s) = p.kind { Some(s.size()) } else { None }).sum()
+        self.properties
+            .iter()
+            .map(|p| if let PropertyType::Scalar(s) = p.value_type { Some(s.size()) } else { None })
+            .sum()
     }
 
-    /// The least bytes that a row takes.
-    fn least_size(&self, encoding: Encoding) -> u64 {
+    /// Minimum size of a row in bytes.
+    fn min_size(&self, encoding: Encoding) -> u64 {
         match encoding {
-            // A digit and what parts it from the next.
+            // One digit and one separator for each property.
             Encoding::Ascii => 2 * self.properties.len() as u64,
             _ => self
                 .properties
                 .iter()
-                .map(|p| match p.kind {
-                    Kind::Scalar(s) | Kind::List { count: s, .. } => s.size() as u64,
+                .map(|p| match p.value_type {
+                    PropertyType::Scalar(s) | PropertyType::List { count: s, .. } => s.size() as u64,
                 })
                 .sum(),
         }
     }
 
-    /// Whether vertices have normals.
+    /// Whether all three normal components are declared.
     pub fn has_normals(&self) -> bool {
         (0..3).all(|k| self.has(Meaning::Normal(k)))
     }
 
-    /// Whether it has a colour, opaque or not.
+    /// Whether red, green and blue are declared.
     pub fn has_colors(&self) -> bool {
         (0..3).all(|k| self.has(Meaning::Color(k)))
     }
@@ -162,49 +181,55 @@ impl Element {
     }
 }
 
-/// What stands before `end_header`.
+/// The parsed header.
 #[derive(Debug, Clone)]
 pub(super) struct Header {
+    /// The encoding of the elements.
     pub encoding: Encoding,
+    /// The elements, in file order.
     pub elements: Vec<Element>,
-    /// Whether it names a picture.
-    pub has_picture: bool,
-    /// Oddities that were read past.
+    /// Whether the header refers to a texture.
+    pub has_texture: bool,
+    /// Oddities that did not prevent reading.
     pub warnings: Vec<String>,
-    /// Offset of the first byte after it.
+    /// Byte offset of the first byte after the header.
     pub body: usize,
 }
 
 impl Header {
+    /// Parses the header.
+    ///
+    /// # Errors
+    /// A [`ReadError`] at the line that is malformed, or if the elements do not describe a mesh.
     pub fn read(bytes: &[u8]) -> Result<Self, ReadError> {
         let mut text = Text::new(bytes);
-        // Sniffed to be `ply`.
+        // The sniffer has checked that the first word is `ply`.
         let _ = text.word();
         text.skip_line();
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
-        let mut strange = None;
-        let mut has_picture = false;
+        let mut unknown = None;
+        let mut has_texture = false;
         loop {
             let Some(word) = text.word() else { return Err(text.ended("the header's 'end_header'")) };
             match word.bytes {
                 b"comment" | b"obj_info" => {
-                    has_picture |= text.word_on_line().is_some_and(|word| word.is("texturefile"));
+                    has_texture |= text.word_on_line().is_some_and(|word| word.is("texturefile"));
                     text.skip_line();
                 }
                 b"format" => encoding = Some(read_format(&mut text, word)?),
                 b"element" => elements.push(read_element(&mut text, word)?),
                 b"property" => {
                     let Some(element) = elements.last_mut() else {
-                        return Err(malformed(&text, word, "an element before this property"));
+                        return Err(malformed(&text, word, "an 'element' line before this property"));
                     };
                     let property = read_property(&mut text, word, element.role)?;
                     element.properties.push(property);
                 }
                 b"end_header" => break,
-                // Some exporters forget the word `comment`.
+                // Some exporters omit the word `comment`.
                 _ => {
-                    strange.get_or_insert(word);
+                    unknown.get_or_insert(word);
                     text.skip_line();
                 }
             }
@@ -216,42 +241,43 @@ impl Header {
                 "the header has no line such as 'format binary_little_endian 1.0'; export the model again",
             ));
         };
-        let warnings = strange
+        let warnings = unknown
             .map(|word: Word<'_>| {
                 format!(
-                    "lines that are no part of a PLY header were passed over, the first beginning with '{}'",
-                    shown(word.bytes)
+                    "lines that do not belong to a PLY header were ignored, the first begins with '{}'",
+                    excerpt(word.bytes)
                 )
             })
             .into_iter()
             .collect();
-        has_picture |= elements.iter().any(|element| element.has(Meaning::Places));
-        let header = Self { encoding, elements, has_picture, warnings, body: body_start(bytes, text.at()) };
+        has_texture |= elements.iter().any(|element| element.has(Meaning::TextureCoordinates));
+        let header = Self { encoding, elements, has_texture, warnings, body: body_start(bytes, text.at()) };
         header.check_elements(&text)?;
         Ok(header)
     }
 
+    /// Checks that the elements describe a mesh.
     fn check_elements(&self, text: &Text<'_>) -> Result<(), ReadError> {
-        let mut seen = false;
+        let mut has_vertices = false;
         for element in &self.elements {
-            let refuse = |detail: String| Err(text.error(ReadErrorKind::Malformed, element.at, detail));
+            let error = |detail: String| Err(text.error(ReadErrorKind::Malformed, element.at, detail));
             match element.role {
-                Role::Vertices if seen => {
-                    return refuse("the header has a second element 'vertex'; export the model again".to_owned());
+                Role::Vertices if has_vertices => {
+                    return error("the header has a second element 'vertex'; export the model again".to_owned());
                 }
                 Role::Vertices => {
-                    seen = true;
+                    has_vertices = true;
                     if let Some(k) = (0..3).find(|&k| !element.has(Meaning::Coordinate(k))) {
-                        return refuse(format!(
-                            "the element 'vertex' has no property '{}'; x, y and z were expected",
+                        return error(format!(
+                            "the element 'vertex' has no property '{}', but needs x, y and z; export the model again",
                             ["x", "y", "z"][k]
                         ));
                     }
                 }
                 Role::Faces | Role::Strips if element.count > 0 && !element.has(Meaning::Indices) => {
-                    return refuse(format!(
+                    return error(format!(
                         "the element '{}' has no list of whole numbers named 'vertex_indices' or 'vertex_index'; export the model again",
-                        shown(element.name.as_bytes())
+                        excerpt(element.name.as_bytes())
                     ));
                 }
                 _ => {}
@@ -260,21 +286,21 @@ impl Header {
         Ok(())
     }
 
-    /// Holds every count to the bytes that are there, and to the limits.
+    /// Checks all counts against the file's size of `length` bytes, and against the limits.
     pub fn check_counts(&self, length: usize, limits: &Limits) -> Result<(), ReadError> {
         let available = (length - self.body) as u64;
-        let mut least = 0_u64;
+        let mut min_bytes = 0_u64;
         for element in &self.elements {
-            least = least.saturating_add(element.count.saturating_mul(element.least_size(self.encoding)));
-            // The last word of a text needs nothing after it.
-            if least > available + 1 {
+            min_bytes = min_bytes.saturating_add(element.count.saturating_mul(element.min_size(self.encoding)));
+            // The last word of a text file needs no separator.
+            if min_bytes > available + 1 {
                 return Err(ReadError::at_byte(
                     ReadErrorKind::Truncated,
                     length,
                     format!(
-                        "the header counts {} of the element '{}', but the {available} bytes after the header can't hold them; the file was cut off or its counts are wrong",
+                        "the header counts {} rows of the element '{}', but the {available} bytes after the header can't hold them; the file was cut off or its counts are wrong, so send it again",
                         element.count,
-                        shown(element.name.as_bytes())
+                        excerpt(element.name.as_bytes())
                     ),
                 ));
             }
@@ -296,7 +322,7 @@ fn malformed(text: &Text<'_>, word: Word<'_>, expected: &str) -> ReadError {
         word.at,
         format!(
             "found '{}' in the PLY header where {expected} was expected; export the model again",
-            shown(word.bytes)
+            excerpt(word.bytes)
         ),
     )
 }
@@ -315,7 +341,7 @@ fn read_format(text: &mut Text<'_>, keyword: Word<'_>) -> Result<Encoding, ReadE
 
 fn read_element(text: &mut Text<'_>, keyword: Word<'_>) -> Result<Element, ReadError> {
     let name = text.word_on_line().ok_or_else(|| malformed(text, keyword, "an element's name"))?;
-    let count = text.word_on_line().ok_or_else(|| malformed(text, name, "a name and a count"))?;
+    let count = text.word_on_line().ok_or_else(|| malformed(text, name, "an element's name and count"))?;
     let Some(count) = integer(count.bytes).and_then(|n| u64::try_from(n).ok()) else {
         return Err(malformed(text, count, "an element's count"));
     };
@@ -336,42 +362,42 @@ fn read_property(text: &mut Text<'_>, keyword: Word<'_>, role: Role) -> Result<P
         Scalar::named(word).ok_or_else(|| malformed(text, word, "a number type such as 'float' or 'int'"))
     };
     let ahead = text.clone().word_on_line();
-    let kind = if ahead.is_some_and(|word| word.bytes == b"list") {
+    let value_type = if ahead.is_some_and(|word| word.bytes == b"list") {
         let list = text.word_on_line().unwrap_or(keyword);
         let count = scalar(text, list)?;
         if !count.is_integer() {
             return Err(malformed(text, list, "a list whose count is a whole number"));
         }
-        Kind::List { count, item: scalar(text, list)? }
+        PropertyType::List { count, item: scalar(text, list)? }
     } else {
-        Kind::Scalar(scalar(text, keyword)?)
+        PropertyType::Scalar(scalar(text, keyword)?)
     };
     let name = text.word_on_line().ok_or_else(|| malformed(text, keyword, "a property's type and name"))?;
     text.skip_line();
-    let meaning = match (role, kind, name.bytes) {
-        (Role::Vertices, Kind::Scalar(_), b"x") => Meaning::Coordinate(0),
-        (Role::Vertices, Kind::Scalar(_), b"y") => Meaning::Coordinate(1),
-        (Role::Vertices, Kind::Scalar(_), b"z") => Meaning::Coordinate(2),
-        (Role::Vertices, Kind::Scalar(_), b"nx") => Meaning::Normal(0),
-        (Role::Vertices, Kind::Scalar(_), b"ny") => Meaning::Normal(1),
-        (Role::Vertices, Kind::Scalar(_), b"nz") => Meaning::Normal(2),
-        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"red" | b"diffuse_red") => Meaning::Color(0),
-        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"green" | b"diffuse_green") => Meaning::Color(1),
-        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"blue" | b"diffuse_blue") => Meaning::Color(2),
-        (Role::Vertices | Role::Faces, Kind::Scalar(_), b"alpha") => Meaning::Color(3),
-        (Role::Faces, Kind::List { .. }, b"texcoord") => Meaning::Places,
-        (Role::Faces | Role::Strips, Kind::List { item, .. }, b"vertex_indices" | b"vertex_index")
+    let meaning = match (role, value_type, name.bytes) {
+        (Role::Vertices, PropertyType::Scalar(_), b"x") => Meaning::Coordinate(0),
+        (Role::Vertices, PropertyType::Scalar(_), b"y") => Meaning::Coordinate(1),
+        (Role::Vertices, PropertyType::Scalar(_), b"z") => Meaning::Coordinate(2),
+        (Role::Vertices, PropertyType::Scalar(_), b"nx") => Meaning::Normal(0),
+        (Role::Vertices, PropertyType::Scalar(_), b"ny") => Meaning::Normal(1),
+        (Role::Vertices, PropertyType::Scalar(_), b"nz") => Meaning::Normal(2),
+        (Role::Vertices | Role::Faces, PropertyType::Scalar(_), b"red" | b"diffuse_red") => Meaning::Color(0),
+        (Role::Vertices | Role::Faces, PropertyType::Scalar(_), b"green" | b"diffuse_green") => Meaning::Color(1),
+        (Role::Vertices | Role::Faces, PropertyType::Scalar(_), b"blue" | b"diffuse_blue") => Meaning::Color(2),
+        (Role::Vertices | Role::Faces, PropertyType::Scalar(_), b"alpha") => Meaning::Color(3),
+        (Role::Faces, PropertyType::List { .. }, b"texcoord") => Meaning::TextureCoordinates,
+        (Role::Faces | Role::Strips, PropertyType::List { item, .. }, b"vertex_indices" | b"vertex_index")
             if item.is_integer() =>
         {
             Meaning::Indices
         }
         _ => Meaning::Other,
     };
-    Ok(Property { kind, meaning })
+    Ok(Property { value_type, meaning })
 }
 
-/// Where the elements begin: after one line end of the kind that the file's first line has, since what follows may be a
-/// binary number that looks like one.
+/// The byte offset of the elements: after one line end of the kind that the first line has. A binary number may follow that looks like a
+/// line end.
 fn body_start(bytes: &[u8], after_word: usize) -> usize {
     let rest = &bytes[after_word..];
     let blank = rest.iter().take_while(|b| matches!(b, b' ' | b'\t')).count();

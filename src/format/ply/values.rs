@@ -1,48 +1,48 @@
-//! The numbers of a PLY file's elements, one after the other: as binary of either byte order or as words.
+//! Reading the numbers of PLY elements in sequence: from binary of either byte order, or from text.
 
-use super::super::errors::{ReadError, ReadErrorKind, shown};
+use super::super::errors::{ReadError, ReadErrorKind, excerpt};
 use super::super::text::{Text, number};
-use super::header::{Element, Kind, Row, Scalar};
+use super::header::{Element, PropertyType, Row, Scalar};
 
-/// Where the elements' numbers come from, one after the other.
+/// A source of the elements' numbers, read in sequence.
 pub(super) trait Values {
-    /// A number as f64. `row` is for the words of an error.
-    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError>;
+    /// Reads a number as f64. `row` is named in errors.
+    fn read_number(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError>;
 
-    /// A number that the mesh can do without: what is none is read as not-a-number.
-    fn real_or_nothing(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
-        self.real(scalar, row)
+    /// Reads an optional number, such as a normal's; malformed text gives not-a-number.
+    fn read_optional(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+        self.read_number(scalar, row)
     }
 
-    /// A whole number.
-    fn whole(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError>;
+    /// Reads a whole number.
+    fn read_integer(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError>;
 
-    /// Goes past some numbers.
+    /// Skips `count` numbers.
     fn skip(&mut self, scalar: Scalar, count: u64, row: Row<'_>) -> Result<(), ReadError>;
 
-    /// Goes past all rows of an element.
+    /// Skips all rows of an element.
     fn skip_element(&mut self, element: &Element) -> Result<(), ReadError>;
 
-    /// How many numbers there can be in what is left, at most.
-    fn most_left(&self, scalar: Scalar) -> u64;
+    /// An upper bound of the numbers left in the file.
+    fn max_left(&self, scalar: Scalar) -> u64;
 
-    /// An error about the number that was read last.
-    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError;
+    /// An error at the number that was read last.
+    fn error(&self, kind: ReadErrorKind, detail: String) -> ReadError;
 
-    /// What stands after the last element, as a warning.
-    fn left_over(&mut self) -> Option<String>;
+    /// A warning about bytes after the last element; `None` if there are none.
+    fn trailing_warning(&mut self) -> Option<String>;
 }
 
-/// Goes past the rows of an element one number at a time.
+/// Skips the rows of an element number by number, for elements with lists and for text.
 fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadError> {
     if element.properties.is_empty() {
         return Ok(());
     }
     for row in element.rows() {
         for property in &element.properties {
-            match property.kind {
-                Kind::Scalar(scalar) => values.skip(scalar, 1, row)?,
-                Kind::List { count, item } => {
+            match property.value_type {
+                PropertyType::Scalar(scalar) => values.skip(scalar, 1, row)?,
+                PropertyType::List { count, item } => {
                     let length = list_length(values, count, row)?;
                     values.skip(item, length, row)?;
                 }
@@ -52,33 +52,37 @@ fn skip_rows<V: Values>(values: &mut V, element: &Element) -> Result<(), ReadErr
     Ok(())
 }
 
-/// The length of a list, which stands before it.
+/// Reads the length of a list.
 pub(super) fn list_length<V: Values>(values: &mut V, count: Scalar, row: Row<'_>) -> Result<u64, ReadError> {
-    let length = values.whole(count, row)?;
+    let length = values.read_integer(count, row)?;
     u64::try_from(length).map_err(|_| {
-        values.refuse(
+        values.error(
             ReadErrorKind::Malformed,
             format!(
-                "a list in {row_name} has the length {length}, below zero; export the model again",
-                row_name = name(row)
+                "a list in {row_name} has the length {length}; a length can't be below zero, so export the model again",
+                row_name = row_name(row)
             ),
         )
     })
 }
 
-fn name(row: Row<'_>) -> String {
+/// A row for an error message, such as `'vertex' 7 of 100`.
+fn row_name(row: Row<'_>) -> String {
     let Row { element, number } = row;
-    format!("'{}' {number} of {}", shown(element.name.as_bytes()), element.count)
+    format!("'{}' {number} of {}", excerpt(element.name.as_bytes()), element.count)
 }
 
-/// Binary numbers; `LITTLE` for little-endian.
+/// Binary numbers; little-endian if `LITTLE` is true.
 pub(super) struct BinaryValues<'a, const LITTLE: bool> {
     bytes: &'a [u8],
+    /// Offset of the next number.
     at: usize,
+    /// Offset of the number that was read last.
     last: usize,
 }
 
 impl<'a, const LITTLE: bool> BinaryValues<'a, LITTLE> {
+    /// Starts at the byte offset `at`.
     pub fn new(bytes: &'a [u8], at: usize) -> Self {
         Self { bytes, at, last: at }
     }
@@ -100,7 +104,7 @@ impl<'a, const LITTLE: bool> BinaryValues<'a, LITTLE> {
         ReadError::at_byte(
             ReadErrorKind::Truncated,
             self.bytes.len(),
-            format!("the file ends within {}; it was cut off, or its counts are wrong, so send it again", name(row)),
+            format!("the file ends within {}; it was cut off or its counts are wrong, so send it again", row_name(row)),
         )
     }
 }
@@ -115,7 +119,7 @@ macro_rules! number {
 
 impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
     #[inline]
-    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+    fn read_number(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
         Ok(match scalar {
             Scalar::F32 => f64::from(number!(self, f32, row)),
             Scalar::F64 => number!(self, f64, row),
@@ -129,7 +133,7 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
     }
 
     #[inline]
-    fn whole(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
+    fn read_integer(&mut self, scalar: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
         Ok(match scalar {
             Scalar::U8 => i64::from(number!(self, u8, row)),
             Scalar::I32 => i64::from(number!(self, i32, row)),
@@ -137,7 +141,7 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
             Scalar::I8 => i64::from(number!(self, i8, row)),
             Scalar::I16 => i64::from(number!(self, i16, row)),
             Scalar::U16 => i64::from(number!(self, u16, row)),
-            // The header has been checked to ask for whole numbers here.
+            // Not reachable: the header allows only integer types here.
             Scalar::F32 | Scalar::F64 => -1,
         })
     }
@@ -156,65 +160,67 @@ impl<const LITTLE: bool> Values for BinaryValues<'_, LITTLE> {
 
     fn skip_element(&mut self, element: &Element) -> Result<(), ReadError> {
         match element.fixed_size() {
-            // In whole rows, of which the counts have been held to the bytes.
+            // `Header::check_counts` has checked the total size.
             Some(size) => self.skip(Scalar::U8, element.count.saturating_mul(size as u64), Row { element, number: 0 }),
             None => skip_rows(self, element),
         }
     }
 
-    fn most_left(&self, scalar: Scalar) -> u64 {
+    fn max_left(&self, scalar: Scalar) -> u64 {
         ((self.bytes.len() - self.at) / scalar.size()) as u64
     }
 
-    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError {
+    fn error(&self, kind: ReadErrorKind, detail: String) -> ReadError {
         ReadError::at_byte(kind, self.last, detail)
     }
 
-    fn left_over(&mut self) -> Option<String> {
+    fn trailing_warning(&mut self) -> Option<String> {
         let rest = &self.bytes[self.at..];
-        // A line end after the last element is an editor's habit.
-        let bare = rest.trim_ascii().is_empty() && rest.len() <= 2;
-        (!bare).then(|| format!("{} bytes after the last element were left out", rest.len()))
+        // Editors may add a line end after the last element.
+        let is_line_end = rest.trim_ascii().is_empty() && rest.len() <= 2;
+        (!is_line_end).then(|| format!("{} bytes after the last element were ignored", rest.len()))
     }
 }
 
-/// Numbers as words.
+/// Numbers as text.
 pub(super) struct AsciiValues<'a> {
     text: Text<'a>,
+    /// Offset of the word that was read last.
     last: usize,
 }
 
 impl<'a> AsciiValues<'a> {
+    /// Starts at the byte offset `at`.
     pub fn new(bytes: &'a [u8], at: usize) -> Self {
         Self { text: Text::starting_at(bytes, at), last: at }
     }
 
     #[cold]
     fn ended(&self, row: Row<'_>) -> ReadError {
-        self.text.ended(&name(row))
+        self.text.ended(&row_name(row))
     }
 }
 
 impl Values for AsciiValues<'_> {
     #[inline]
-    fn real(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+    fn read_number(&mut self, scalar: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
         let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         self.last = word.at;
         let value = self.text.number(word, "a number")?;
-        // What the header calls a float is one, however many digits are written; so it is to every other reader.
+        // A property declared as float is rounded to f32, as other readers do, however many digits the text has.
         #[expect(clippy::cast_possible_truncation, reason = "rounding is the purpose")]
         let narrow = value as f32;
         Ok(if scalar == Scalar::F32 && narrow.is_finite() { f64::from(narrow) } else { value })
     }
 
     #[inline]
-    fn real_or_nothing(&mut self, _: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
+    fn read_optional(&mut self, _: Scalar, row: Row<'_>) -> Result<f64, ReadError> {
         let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         Ok(number(word.bytes).unwrap_or(f64::NAN))
     }
 
     #[inline]
-    fn whole(&mut self, _: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
+    fn read_integer(&mut self, _: Scalar, row: Row<'_>) -> Result<i64, ReadError> {
         let Some(word) = self.text.word() else { return Err(self.ended(row)) };
         self.last = word.at;
         self.text.integer(word, "a whole number")
@@ -233,15 +239,15 @@ impl Values for AsciiValues<'_> {
         skip_rows(self, element)
     }
 
-    fn most_left(&self, _: Scalar) -> u64 {
+    fn max_left(&self, _: Scalar) -> u64 {
         self.text.remaining() as u64 / 2 + 1
     }
 
-    fn refuse(&self, kind: ReadErrorKind, detail: String) -> ReadError {
+    fn error(&self, kind: ReadErrorKind, detail: String) -> ReadError {
         self.text.error(kind, self.last, detail)
     }
 
-    fn left_over(&mut self) -> Option<String> {
-        self.text.word().map(|_| "text after the last element was left out".to_owned())
+    fn trailing_warning(&mut self) -> Option<String> {
+        self.text.word().map(|_| "text after the last element was ignored".to_owned())
     }
 }

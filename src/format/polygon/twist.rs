@@ -1,16 +1,16 @@
-//! Polygons that are not flat: how much, and triangles with the least fold for them.
+//! Twisted polygons: measuring the twist, and triangulating with the least fold.
 
 use glam::DVec3;
 
-/// Folds are compared in steps of this many degrees; what is equal then goes by area.
+/// Folds are compared in steps of this many degrees; equal folds are then compared by area.
 const STEP_DEGREES: f64 = 1.0;
-/// The step of a triangle without area: worse than any fold.
+/// The fold of a triangle without area, larger than any real fold.
 const NO_AREA: f64 = 1000.0;
-/// A fold must be less by this many degrees for a quad to be cut another way than a flat one.
+/// How much smaller a fold must be, in degrees, for a quad_start to be split along the other diagonal.
 const ROUNDING_DEGREES: f64 = 1e-6;
 
-/// The square of the sine of the twist: of the largest angle between the plane across `normal` through the corners' middle
-/// and the way from that middle to a corner.
+/// The squared sine of a polygon's twist. The twist is the largest angle between the plane across `normal` through the corners' centroid and
+/// the line from the centroid to a corner. `scale` keeps the products in range.
 pub(super) fn squared_sine(positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) -> f64 {
     let origin = positions[corners[0] as usize];
     let at = |v: u32| (positions[v as usize] - origin) * scale;
@@ -24,8 +24,8 @@ pub(super) fn squared_sine(positions: &[DVec3], corners: &[u32], normal: DVec3, 
     })
 }
 
-/// The corner from which a quad is cut with the lesser fold; `flat` is the one that a flat quad would be cut from.
-pub(super) fn quad(corners: [DVec3; 4], flat: usize) -> usize {
+/// The corner from which to split a quad_start with the smaller fold. `flat` is the corner for a flat quad_start.
+pub(super) fn quad_start(corners: [DVec3; 4], flat: usize) -> usize {
     let fold = |from: usize| {
         let at = |k: usize| corners[(from + k) % 4];
         between(normal([at(0), at(1), at(2)]), normal([at(0), at(2), at(3)]))
@@ -34,11 +34,13 @@ pub(super) fn quad(corners: [DVec3; 4], flat: usize) -> usize {
     if fold(other) < fold(flat) - ROUNDING_DEGREES { other } else { flat }
 }
 
-/// The triangulation with the least worst fold, then the least area, as places of corners. O(n^3). The recurrence keeps the best
-/// triangulation of each stretch whatever it is joined to, so that the whole is a very good one and not always the best.
+/// Triangulates a polygon with the smallest maximum fold, then the smallest area. The result is corner indices in `triangles`; time O(n³).
 ///
-/// Liepa 2003, "Filling Holes in Meshes", section 3; the recurrence is that of Barequet and Sharir 1995.
-pub(super) fn least_fold(points: &[DVec3], triangles: &mut Vec<u32>) {
+/// The recurrence keeps one best triangulation of each range of corners, independent of its neighbours. The result is therefore very good,
+/// but not always optimal.
+///
+/// Liepa, "Filling Holes in Meshes" (2003), section 3, with the recurrence of Barequet and Sharir (1995).
+pub(super) fn triangulate_with_least_fold(points: &[DVec3], triangles: &mut Vec<u32>) {
     let n = points.len();
     let at = |i: usize, j: usize| i * n + j;
     let mut weight = vec![(0.0f64, 0.0f64); n * n];
@@ -56,9 +58,9 @@ pub(super) fn least_fold(points: &[DVec3], triangles: &mut Vec<u32>) {
                 let alone = if own.is_some() { 0.0 } else { NO_AREA };
                 let worst = folds.fold(alone, f64::max).max(left.0).max(right.0);
                 let area = (points[k] - points[i]).cross(points[j] - points[i]).length();
-                let it = (worst, left.1 + right.1 + area);
-                if k == i + 1 || it < best {
-                    best = it;
+                let candidate = (worst, left.1 + right.1 + area);
+                if k == i + 1 || candidate < best {
+                    best = candidate;
                     apex[at(i, j)] = k;
                     normals[at(i, j)] = own;
                 }
@@ -80,11 +82,12 @@ pub(super) fn least_fold(points: &[DVec3], triangles: &mut Vec<u32>) {
     }
 }
 
+/// The unit normal of a triangle; `None` if the triangle has no area.
 fn normal([a, b, c]: [DVec3; 3]) -> Option<DVec3> {
     (b - a).cross(c - a).try_normalize()
 }
 
-/// The angle in degrees by which two triangles fold.
+/// The angle in degrees between two triangles with these unit normals.
 fn between(a: Option<DVec3>, b: Option<DVec3>) -> f64 {
     match (a, b) {
         (Some(a), Some(b)) => a.cross(b).length().atan2(a.dot(b)).to_degrees(),

@@ -1,15 +1,15 @@
-//! The element `mesh` (core specification, 4.1), of which a file has up to millions of children: nothing is made for any of them.
+//! The element `mesh` (core specification, 4.1). Files have millions of its child elements, so reading one allocates nothing.
 
 use glam::DVec3;
 
-use super::part::{ModelReader, PaintedBy, Part, ShapeResource, index_in, not_a};
-use super::schema::{Space, number};
+use super::part::{ModelReader, Part, ShapeResource, UsedGroups, parse_index, unexpected_value};
+use super::schema::{Namespace, number};
 use super::xml::{Attribute, Tag, Xml};
-use crate::format::errors::{ReadError, ReadErrorKind, shown};
+use crate::format::errors::{ReadError, ReadErrorKind, excerpt};
 use crate::mesh::Soup;
 use crate::scene::{PAINTLESS, Paint};
 
-/// Reads a mesh; triangles without a property of their own have `default`: a group and an entry of it.
+/// Reads a mesh. `default` is the property group and entry of triangles without their own.
 pub(super) fn read(
     reader: &mut ModelReader,
     xml: &mut Xml<'_>,
@@ -17,31 +17,31 @@ pub(super) fn read(
     default: Option<(u32, u32)>,
     part: &mut Part,
 ) -> Result<ShapeResource, ReadError> {
-    xml.attributes(tag, |attribute| reader.passed(xml, &attribute, false))?;
+    xml.attributes(tag, |attribute| reader.ignore_attribute(xml, &attribute, false))?;
     let mut soup = Soup::default();
-    let mut painter = Painter::new(default, &mut part.painted_by);
+    let mut painter = Painter::new(default, &mut part.used_groups);
     xml.children(tag, |xml, tag| match tag.name() {
         b"vertices" if tag.space.is_core() => {
-            xml.attributes(tag, |attribute| reader.passed(xml, &attribute, false))?;
+            xml.attributes(tag, |attribute| reader.ignore_attribute(xml, &attribute, false))?;
             xml.children(tag, |xml, tag| match tag.name() {
                 b"vertex" if tag.space.is_core() => {
                     reader.budget.vertex()?;
                     soup.positions.push(vertex(reader, xml, tag)?);
                     Ok(())
                 }
-                _ => reader.unknown(xml, tag),
+                _ => reader.ignore_element(xml, tag),
             })
         }
         b"triangles" if tag.space.is_core() => {
-            xml.attributes(tag, |attribute| reader.passed(xml, &attribute, false))?;
-            let colored = tag.space == Space::Core;
+            xml.attributes(tag, |attribute| reader.ignore_attribute(xml, &attribute, false))?;
+            let colored = tag.space == Namespace::Core;
             xml.children(tag, |xml, tag| match tag.name() {
                 b"triangle" if tag.space.is_core() => {
                     reader.budget.face()?;
                     let triangle = triangle(reader, xml, tag)?;
                     let have = soup.positions.len();
                     if let Some(v) = triangle.corners.into_iter().find(|&v| v as usize >= have) {
-                        let detail = format!("a triangle names vertex {v}, and its mesh has {have}, counted from 0; export the model again");
+                        let detail = format!("a triangle refers to vertex {v}, but its mesh has {have} vertices, counted from 0; export the model again");
                         return Err(xml.error(ReadErrorKind::IndexOutOfRange, detail));
                     }
                     if colored {
@@ -50,10 +50,10 @@ pub(super) fn read(
                     soup.faces.push(triangle.corners);
                     Ok(())
                 }
-                _ => reader.unknown(xml, tag),
+                _ => reader.ignore_element(xml, tag),
             })
         }
-        _ => reader.unknown(xml, tag),
+        _ => reader.ignore_element(xml, tag),
     })?;
     let paint = painter.finish(soup.faces.len());
     Ok(ShapeResource::Mesh { soup, paint })
@@ -83,7 +83,7 @@ fn vertex(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<DVec
     }
 }
 
-/// A triangle as it stands in the file.
+/// A triangle element.
 struct Triangle {
     corners: [u32; 3],
     group: Option<u32>,
@@ -109,7 +109,7 @@ fn triangle(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Tr
                 continue;
             }
         };
-        if slot.replace(index_in(xml, &attribute.value)?).is_some() {
+        if slot.replace(parse_index(xml, &attribute.value)?).is_some() {
             return Err(twice(xml, attribute.key.into_inner()));
         }
     }
@@ -119,44 +119,45 @@ fn triangle(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Tr
     }
 }
 
-/// An attribute that vertices and triangles of the core specification don't have.
+/// Handles an attribute that the core specification does not define for vertices and triangles.
 #[cold]
 fn other(reader: &mut ModelReader, xml: &Xml<'_>, key: &[u8], value: &[u8]) -> Result<(), ReadError> {
     let (space, name) = match key.iter().position(|&b| b == b':') {
         Some(colon) if &key[..colon] != b"xmlns" => (xml.space(&key[..colon])?, &key[colon + 1..]),
-        None if key != b"xmlns" => (Space::None, key),
+        None if key != b"xmlns" => (Namespace::None, key),
         _ => return Ok(()),
     };
-    reader.passed(xml, &Attribute { space, name, value }, true)
+    reader.ignore_attribute(xml, &Attribute { space, name, value }, true)
 }
 
 #[cold]
 fn twice(xml: &Xml<'_>, name: &[u8]) -> ReadError {
-    xml.malformed(format_args!("an element has the attribute '{}' twice; export the model again", shown(name)))
+    xml.malformed(format_args!("an element has the attribute '{}' twice; export the model again", excerpt(name)))
 }
 
 #[cold]
 fn not_a_number(xml: &Xml<'_>, value: &[u8]) -> ReadError {
     match value.contains(&b',') {
         true => xml.malformed("a coordinate has a decimal comma; export the model with decimal points"),
-        false => not_a(xml, "a coordinate of a vertex", value),
+        false => unexpected_value(xml, "a coordinate of a vertex", value),
     }
 }
 
-/// Gives triangles their paint, in which a palette is an index into the part's list of groups.
+/// Collects the paint of triangles. Until the palettes are built, `palette` is an index into [`UsedGroups::groups`].
 struct Painter<'p> {
     default: Option<(u32, u32)>,
-    groups: &'p mut PaintedBy,
-    /// The group that was named last, and its index.
+    groups: &'p mut UsedGroups,
+    /// The property group that was used last, and its index.
     last: Option<(u32, u32)>,
     paint: Vec<Paint>,
 }
 
 impl<'p> Painter<'p> {
-    fn new(default: Option<(u32, u32)>, groups: &'p mut PaintedBy) -> Self {
+    fn new(default: Option<(u32, u32)>, groups: &'p mut UsedGroups) -> Self {
         Self { default, groups, last: None, paint: Vec::new() }
     }
 
+    /// The index of a property group.
     fn palette(&mut self, group: u32) -> u32 {
         match self.last {
             Some((last, palette)) if last == group => palette,
@@ -168,6 +169,7 @@ impl<'p> Painter<'p> {
         }
     }
 
+    /// The paint of triangles without their own.
     fn of_default(&mut self) -> Paint {
         match self.default {
             Some((group, entry)) => Paint { palette: self.palette(group), at: [entry; 3] },
@@ -175,6 +177,7 @@ impl<'p> Painter<'p> {
         }
     }
 
+    /// Adds the paint of the triangle with the index `face`.
     fn paint(&mut self, xml: &Xml<'_>, triangle: &Triangle, face: usize) -> Result<(), ReadError> {
         let [Some(p1), p2, p3] = triangle.entries else {
             if !self.paint.is_empty() {
@@ -184,9 +187,9 @@ impl<'p> Painter<'p> {
             return Ok(());
         };
         let Some(group) = triangle.group.or(self.default.map(|(group, _)| group)) else {
-            return Err(
-                xml.malformed("a triangle has a p1, and neither it nor its object has a pid; export the model again")
-            );
+            return Err(xml.malformed(
+                "a triangle has a p1, but neither the triangle nor its object has a pid; export the model again",
+            ));
         };
         if self.paint.is_empty() {
             let default = self.of_default();
@@ -197,6 +200,7 @@ impl<'p> Painter<'p> {
         Ok(())
     }
 
+    /// The paint of all triangles; empty if none is painted.
     fn finish(mut self, faces: usize) -> Vec<Paint> {
         let default = self.of_default();
         if !self.paint.is_empty() || default != PAINTLESS {

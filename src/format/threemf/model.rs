@@ -1,17 +1,19 @@
-//! The element `model`: its unit, notes, resources and build (core specification, 3.4).
+//! The element `model`: unit, metadata, resources and build (core specification, 3.4).
 
 use std::collections::HashSet;
 
-use super::part::{Group, ModelReader, ObjectResource, Part, Placed, ShapeResource, index_in, not_a};
-use super::schema::{self, Space, boolean, can_be_passed, matrix, resolve, subject, words};
+use super::part::{
+    Group, ModelReader, ObjectReference, ObjectResource, Part, ShapeResource, parse_index, unexpected_value,
+};
+use super::schema::{self, Namespace, boolean, is_optional_extension, matrix, resolve, subject, words};
 use super::xml::{Tag, Xml};
 use super::{mesh, properties};
-use crate::format::errors::{ReadError, ReadErrorKind, shown};
+use crate::format::errors::{ReadError, ReadErrorKind, excerpt};
 use crate::mesh::Soup;
 use crate::scene::{Note, ObjectKind, Unit};
 
 impl ModelReader {
-    /// Reads one part.
+    /// Reads one model part.
     pub fn read(&mut self, xml: &mut Xml<'_>) -> Result<Part, ReadError> {
         self.budget.part(xml)?;
         let mut part = Part { name: xml.part().to_owned(), ..Part::default() };
@@ -19,8 +21,8 @@ impl ModelReader {
             b"model" if root.space.is_core() => self.model(xml, root, &mut part),
             name => {
                 let detail = format!(
-                    "its root is <{}>, where a <model> of 3MF was expected; export the model again",
-                    shown(name)
+                    "the root element is <{}>, but must be the <model> of 3MF; export the model again",
+                    excerpt(name)
                 );
                 Err(xml.malformed(detail))
             }
@@ -32,15 +34,15 @@ impl ModelReader {
         part.unit = Some(Unit::Millimetre);
         xml.attributes(root, |attribute| {
             match (attribute.space, attribute.name) {
-                (Space::None, b"unit") => part.unit = Some(unit(xml, attribute.value)?),
-                (Space::None, b"requiredextensions") => required(xml, attribute.value)?,
-                (Space::None, b"recommendedextensions") | (Space::Xml, b"lang") => {}
-                _ => self.passed(xml, &attribute, true)?,
+                (Namespace::None, b"unit") => part.unit = Some(unit(xml, attribute.value)?),
+                (Namespace::None, b"requiredextensions") => required(xml, attribute.value)?,
+                (Namespace::None, b"recommendedextensions") | (Namespace::Xml, b"lang") => {}
+                _ => self.ignore_attribute(xml, &attribute, true)?,
             }
             Ok(())
         })?;
-        if root.space == Space::Draft {
-            self.warnings.tell("the file is after a draft of 3MF; its shapes were read, and its colours left out");
+        if root.space == Namespace::Draft {
+            self.warnings.add("the file follows a draft of 3MF; its shapes were read, but its colours were ignored");
         }
         let (mut resources, mut builds) = (0, 0);
         let mut ids = HashSet::new();
@@ -54,12 +56,13 @@ impl ModelReader {
                 builds += 1;
                 self.build(xml, tag, part)
             }
-            _ => self.unknown(xml, tag),
+            _ => self.ignore_element(xml, tag),
         })?;
         for (name, count) in [("resources", resources), ("build", builds)] {
             if count != 1 {
-                let detail =
-                    format!("the model has {count} elements <{name}>, where 3MF asks for one; export the model again");
+                let detail = format!(
+                    "the model has {count} elements <{name}>, but 3MF requires exactly one; export the model again"
+                );
                 return Err(xml.malformed(detail));
             }
         }
@@ -73,12 +76,12 @@ impl ModelReader {
         ids: &mut HashSet<u32>,
         part: &mut Part,
     ) -> Result<(), ReadError> {
-        xml.attributes(tag, |attribute| self.passed(xml, &attribute, true))?;
+        xml.attributes(tag, |attribute| self.ignore_attribute(xml, &attribute, true))?;
         xml.children(tag, |xml, tag| {
-            let known = tag.space.is_core() || tag.space == Space::Material;
-            let draft = tag.space == Space::Draft && tag.name() != b"object";
+            let known = tag.space.is_core() || tag.space == Namespace::Material;
+            let draft = tag.space == Namespace::Draft && tag.name() != b"object";
             if !known || draft {
-                return self.unknown(xml, tag);
+                return self.ignore_element(xml, tag);
             }
             let id = properties::id(xml, tag)?;
             if !ids.insert(id) {
@@ -89,20 +92,20 @@ impl ModelReader {
             }
             self.budget.resource(xml)?;
             let kind = match (tag.space, tag.name()) {
-                (Space::Core, b"basematerials") => properties::materials(self, xml, tag)?,
-                (Space::Material, b"colorgroup") => properties::colors(self, xml, tag)?,
-                (Space::Material, b"texture2dgroup") => properties::places(self, xml, tag)?,
-                (Space::Material, b"compositematerials") => properties::composites(self, xml, tag)?,
-                (Space::Material, b"multiproperties") => properties::layers(self, xml, tag)?,
-                (Space::Material, b"texture2d") => {
+                (Namespace::Core, b"basematerials") => properties::materials(self, xml, tag)?,
+                (Namespace::Material, b"colorgroup") => properties::colors(self, xml, tag)?,
+                (Namespace::Material, b"texture2dgroup") => properties::texture_coordinates(self, xml, tag)?,
+                (Namespace::Material, b"compositematerials") => properties::composites(self, xml, tag)?,
+                (Namespace::Material, b"multiproperties") => properties::multiproperties(self, xml, tag)?,
+                (Namespace::Material, b"texture2d") => {
                     part.textures.push(properties::texture(self, xml, tag, id)?);
                     return Ok(());
                 }
-                (Space::Material, _) => {
-                    self.warnings.tell("how materials shine (display properties) was left out");
+                (Namespace::Material, _) => {
+                    self.warnings.add("display properties of materials, such as shininess, were ignored");
                     return Ok(());
                 }
-                _ => return self.unknown(xml, tag),
+                _ => return self.ignore_element(xml, tag),
             };
             part.groups.push(Group { id, kind });
             Ok(())
@@ -115,13 +118,13 @@ impl ModelReader {
         let (mut pid, mut pindex) = (None, None);
         xml.attributes(tag, |attribute| {
             match (attribute.space, attribute.name) {
-                (Space::None, b"id" | b"thumbnail") => {}
-                (Space::None, b"name") => name = Some(self.text(xml, attribute.value)?),
-                (Space::None, b"partnumber") => part_number = Some(self.text(xml, attribute.value)?),
-                (Space::None, b"type") => kind = object_kind(xml, attribute.value)?,
-                (Space::None, b"pid") => pid = Some(index_in(xml, attribute.value)?),
-                (Space::None, b"pindex") => pindex = Some(index_in(xml, attribute.value)?),
-                _ => self.passed(xml, &attribute, true)?,
+                (Namespace::None, b"id" | b"thumbnail") => {}
+                (Namespace::None, b"name") => name = Some(self.text(xml, attribute.value)?),
+                (Namespace::None, b"partnumber") => part_number = Some(self.text(xml, attribute.value)?),
+                (Namespace::None, b"type") => kind = object_kind(xml, attribute.value)?,
+                (Namespace::None, b"pid") => pid = Some(parse_index(xml, attribute.value)?),
+                (Namespace::None, b"pindex") => pindex = Some(parse_index(xml, attribute.value)?),
+                _ => self.ignore_attribute(xml, &attribute, true)?,
             }
             Ok(())
         })?;
@@ -130,104 +133,105 @@ impl ModelReader {
             (None, None) => None,
             (None, Some(_)) => {
                 return Err(
-                    xml.malformed(format_args!("the object {id} has a pindex and no pid; export the model again"))
+                    xml.malformed(format_args!("the object {id} has a pindex but no pid; export the model again"))
                 );
             }
         };
         let mut notes = Vec::new();
         let mut shape = None;
         xml.children(tag, |xml, tag| {
-            let found = match tag.name() {
+            let new_shape = match tag.name() {
                 b"metadatagroup" if tag.space.is_core() => return self.notes(xml, tag, &mut notes),
                 b"mesh" if tag.space.is_core() => mesh::read(self, xml, tag, default, part)?,
                 b"components" if tag.space.is_core() => self.components(xml, tag)?,
-                _ => return self.unknown(xml, tag),
+                _ => return self.ignore_element(xml, tag),
             };
-            match shape.replace(found) {
+            match shape.replace(new_shape) {
                 None => Ok(()),
-                Some(_) => {
-                    Err(xml.malformed(format_args!("the object {id} has more than one shape; export the model again")))
-                }
+                Some(_) => Err(xml.malformed(format_args!(
+                    "the object {id} has more than one mesh or list of components; export the model again"
+                ))),
             }
         })?;
-        // What an extension that was passed over describes.
+        // The shape may be described by an extension that was ignored.
         let shape = shape.unwrap_or_else(|| ShapeResource::Mesh { soup: Soup::default(), paint: Vec::new() });
         part.objects.push(ObjectResource { id, name, part_number, kind, notes, shape });
         Ok(())
     }
 
     fn components(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<ShapeResource, ReadError> {
-        xml.attributes(tag, |attribute| self.passed(xml, &attribute, false))?;
+        xml.attributes(tag, |attribute| self.ignore_attribute(xml, &attribute, false))?;
         let mut components = Vec::new();
         xml.children(tag, |xml, tag| {
             if tag.name() != b"component" || !tag.space.is_core() {
-                return self.unknown(xml, tag);
+                return self.ignore_element(xml, tag);
             }
-            components.push(self.placed(xml, tag)?);
+            components.push(self.object_reference(xml, tag)?);
             Ok(())
         })?;
         Ok(ShapeResource::Components(components))
     }
 
     fn build(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, part: &mut Part) -> Result<(), ReadError> {
-        xml.attributes(tag, |attribute| self.passed(xml, &attribute, true))?;
+        xml.attributes(tag, |attribute| self.ignore_attribute(xml, &attribute, true))?;
         xml.children(tag, |xml, tag| {
             if tag.name() != b"item" || !tag.space.is_core() {
-                return self.unknown(xml, tag);
+                return self.ignore_element(xml, tag);
             }
-            let mut item = self.placed(xml, tag)?;
+            let mut item = self.object_reference(xml, tag)?;
             xml.children(tag, |xml, tag| match tag.name() {
                 b"metadatagroup" if tag.space.is_core() => self.notes(xml, tag, &mut item.notes),
-                _ => self.unknown(xml, tag),
+                _ => self.ignore_element(xml, tag),
             })?;
             part.items.push(item);
             Ok(())
         })
     }
 
-    /// A component or a build item.
-    fn placed(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<Placed, ReadError> {
+    /// Reads a component or a build item.
+    fn object_reference(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>) -> Result<ObjectReference, ReadError> {
         self.budget.placed(xml)?;
         let (mut path, mut id, mut part_number) = (None, None, None);
         let mut transform = glam::DAffine3::IDENTITY;
         xml.attributes(tag, |attribute| {
             match (attribute.space, attribute.name) {
-                (Space::None, b"objectid") => id = Some(index_in(xml, attribute.value)?),
-                (Space::None, b"partnumber") => part_number = Some(self.text(xml, attribute.value)?),
-                (Space::None, b"transform") => {
+                (Namespace::None, b"objectid") => id = Some(parse_index(xml, attribute.value)?),
+                (Namespace::None, b"partnumber") => part_number = Some(self.text(xml, attribute.value)?),
+                (Namespace::None, b"transform") => {
                     transform = matrix(attribute.value).ok_or_else(|| not_a_matrix(xml, attribute.value))?;
                     if transform.matrix3.determinant() == 0.0 {
-                        let detail = "a transform has no volume: it makes its object flat; export the model again";
+                        let detail =
+                            "a transform flattens its object, because its determinant is zero; export the model again";
                         return Err(xml.malformed(detail));
                     }
                 }
-                (Space::Production, b"path") => {
+                (Namespace::Production, b"path") => {
                     let reference = self.text(xml, attribute.value)?;
-                    let found = resolve("", &reference).filter(|_| reference.starts_with('/'));
-                    path = Some(found.ok_or_else(|| {
+                    let resolved = resolve("", &reference).filter(|_| reference.starts_with('/'));
+                    path = Some(resolved.ok_or_else(|| {
                         xml.malformed(format_args!(
-                            "'{}' is the name of no part; export the model again",
-                            shown(reference.as_bytes())
+                            "'{}' is not the absolute path of a part; export the model again",
+                            excerpt(reference.as_bytes())
                         ))
                     })?);
                 }
-                _ => self.passed(xml, &attribute, true)?,
+                _ => self.ignore_attribute(xml, &attribute, true)?,
             }
             Ok(())
         })?;
         let Some(id) = id else {
             return Err(
-                xml.malformed(format_args!("a <{}> names no object; export the model again", shown(tag.name())))
+                xml.malformed(format_args!("a <{}> has no objectid; export the model again", excerpt(tag.name())))
             );
         };
-        Ok(Placed { path, id, transform, part_number, notes: Vec::new() })
+        Ok(ObjectReference { path, id, transform, part_number, notes: Vec::new() })
     }
 
     fn notes(&mut self, xml: &mut Xml<'_>, tag: &Tag<'_>, notes: &mut Vec<Note>) -> Result<(), ReadError> {
-        xml.attributes(tag, |attribute| self.passed(xml, &attribute, false))?;
+        xml.attributes(tag, |attribute| self.ignore_attribute(xml, &attribute, false))?;
         xml.children(tag, |xml, tag| match tag.name() {
             b"metadata" if tag.space.is_core() => self.note(xml, tag, notes),
-            _ => self.unknown(xml, tag),
+            _ => self.ignore_element(xml, tag),
         })
     }
 
@@ -236,23 +240,24 @@ impl ModelReader {
         let (mut name, mut kind, mut preserve) = (None, None, false);
         xml.attributes(tag, |attribute| {
             match (attribute.space, attribute.name) {
-                (Space::None, b"name") => name = Some(self.text(xml, attribute.value)?),
-                (Space::None, b"type") => kind = Some(self.text(xml, attribute.value)?),
-                (Space::None, b"preserve") => {
-                    preserve = boolean(attribute.value).ok_or_else(|| not_a(xml, "0 or 1", attribute.value))?;
+                (Namespace::None, b"name") => name = Some(self.text(xml, attribute.value)?),
+                (Namespace::None, b"type") => kind = Some(self.text(xml, attribute.value)?),
+                (Namespace::None, b"preserve") => {
+                    preserve =
+                        boolean(attribute.value).ok_or_else(|| unexpected_value(xml, "0 or 1", attribute.value))?;
                 }
-                _ => self.passed(xml, &attribute, false)?,
+                _ => self.ignore_attribute(xml, &attribute, false)?,
             }
             Ok(())
         })?;
         let Some(mut name) = name.filter(|name| !name.trim().is_empty()) else {
-            return Err(xml.malformed("a note (<metadata>) has no name; export the model again"));
+            return Err(xml.malformed("a <metadata> element has no name; export the model again"));
         };
         let mut namespace = match name.split_once(':') {
-            Some((prefix, _)) => Some(xml.address(prefix.as_bytes())?),
+            Some((prefix, _)) => Some(xml.uri_of_prefix(prefix.as_bytes())?),
             None => None,
         };
-        if namespace.as_deref() == Some(schema::OWN_NOTES) {
+        if namespace.as_deref() == Some(schema::OWN_NOTES_URI) {
             namespace = None;
             name = name.split_off(name.find(':').map_or(0, |colon| colon + 1));
         } else if namespace.is_none() && !schema::is_known_note(&name) {
@@ -260,7 +265,7 @@ impl ModelReader {
         }
         if all.iter().any(|note| note.name == name && note.namespace == namespace) {
             let detail =
-                format!("two notes (<metadata>) are called '{}'; export the model again", shown(name.as_bytes()));
+                format!("two <metadata> elements have the name '{}'; export the model again", excerpt(name.as_bytes()));
             return Err(xml.malformed(detail));
         }
         let value = xml.text(tag)?;
@@ -278,7 +283,7 @@ fn unit(xml: &Xml<'_>, value: &[u8]) -> Result<Unit, ReadError> {
         b"inch" => Unit::Inch,
         b"foot" => Unit::Foot,
         b"meter" => Unit::Metre,
-        _ => return Err(not_a(xml, "a unit (micron, millimeter, centimeter, inch, foot, meter)", value)),
+        _ => return Err(unexpected_value(xml, "a unit (micron, millimeter, centimeter, inch, foot, meter)", value)),
     })
 }
 
@@ -289,17 +294,17 @@ fn object_kind(xml: &Xml<'_>, value: &[u8]) -> Result<ObjectKind, ReadError> {
         b"support" => ObjectKind::Support,
         b"surface" => ObjectKind::Surface,
         b"other" => ObjectKind::Other,
-        _ => return Err(not_a(xml, "a type of objects (model, solidsupport, support, surface, other)", value)),
+        _ => return Err(unexpected_value(xml, "an object type (model, solidsupport, support, surface, other)", value)),
     })
 }
 
-/// Refuses a model that means nothing without an extension that is not read.
+/// Rejects a model that requires an extension without which it is incomplete.
 fn required(xml: &Xml<'_>, value: &[u8]) -> Result<(), ReadError> {
     for prefix in words(value) {
-        let address = xml.address(prefix)?;
-        if !can_be_passed(&address) {
+        let address = xml.uri_of_prefix(prefix)?;
+        if !is_optional_extension(&address) {
             let detail = format!(
-                "the model requires an extension of 3MF that is not read here: {}; export it as triangles without",
+                "the model requires a 3MF extension that is not supported: {}; export the model as plain triangles",
                 subject(&address)
             );
             return Err(xml.error(ReadErrorKind::UnsupportedFormat, detail));
@@ -311,6 +316,6 @@ fn required(xml: &Xml<'_>, value: &[u8]) -> Result<(), ReadError> {
 fn not_a_matrix(xml: &Xml<'_>, value: &[u8]) -> ReadError {
     match value.contains(&b',') {
         true => xml.malformed("a transform has decimal commas; export the model with decimal points"),
-        false => not_a(xml, "a transform of twelve numbers", value),
+        false => unexpected_value(xml, "a transform of 12 numbers", value),
     }
 }

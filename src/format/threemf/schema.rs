@@ -1,5 +1,4 @@
-//! What 3MF's schema knows by name, and how it spells values: namespaces, extensions that can be read past, notes, parts and attributes; and
-//! text as XML can hold it.
+//! Names and values of the 3MF schema: namespaces, extensions, metadata names, part names and attribute values; and escaping of XML text.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -8,38 +7,43 @@ use std::str::FromStr;
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::format::archive;
-use crate::format::errors::shown_up_to;
+use crate::format::errors::excerpt_up_to;
 use crate::scene::{Note, Scene};
 
-/// Of the core specification.
+/// Namespace of the core specification.
 pub(super) const CORE: &str = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02";
-/// Of the materials and properties extension.
+/// Namespace of the materials and properties extension.
 pub(super) const MATERIAL: &str = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02";
-/// Of the drafts before the core specification; meshes and build items are said as there, colours otherwise.
+/// Namespace of drafts before the core specification. Meshes and build items are the same as in the final version, colours differ.
 const DRAFT: &str = "http://schemas.microsoft.com/3dmanufacturing/2013/01";
 const PRODUCTION: &str = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06";
 const SCHEMA_INSTANCE: &str = "http://www.w3.org/2001/XMLSchema-instance";
 const XML: &str = "http://www.w3.org/XML/1998/namespace";
 
-/// What a name belongs to.
+/// The namespace of a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Space {
-    /// To no namespace.
+pub(super) enum Namespace {
+    /// No namespace.
     None,
+    /// The core specification.
     Core,
+    /// A draft of the core specification.
     Draft,
+    /// The materials extension.
     Material,
+    /// The production extension.
     Production,
+    /// XML itself, as in `xml:lang`.
     /// To XML itself, as `xml:lang`.
     Xml,
-    /// To XML Schema, as `xsi:type`.
+    /// XML Schema, as in `xsi:type`.
     SchemaInstance,
-    /// To something else, by its place in the reader's list.
+    /// An unknown namespace, by its index in the reader's list.
     Other(u16),
 }
 
-impl Space {
-    /// The namespace of this address, if it is one that is read.
+impl Namespace {
+    /// The namespace with this URI; `None` if it is unknown.
     pub fn known(uri: &str) -> Option<Self> {
         Some(match uri {
             "" => Self::None,
@@ -53,13 +57,13 @@ impl Space {
         })
     }
 
-    /// Whether the core specification's elements are in it.
+    /// Whether the namespace has the elements of the core specification.
     pub fn is_core(self) -> bool {
         matches!(self, Self::Core | Self::Draft)
     }
 }
 
-/// Extensions that are not read, what they are about, and whether a model that requires them can do without.
+/// Unsupported extensions: namespace, subject, and whether a model that requires the extension is complete without it.
 const EXTENSIONS: [(&str, &str, bool); 13] = [
     ("http://schemas.microsoft.com/3dmanufacturing/slice/2015/07", "slices", true),
     ("http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07", "triangle sets", true),
@@ -76,23 +80,23 @@ const EXTENSIONS: [(&str, &str, bool); 13] = [
     ("http://schemas.3mf.io/3dmanufacturing/toolpath/2019/05", "tool paths", false),
 ];
 
-/// What an extension is about, in words; its address where that is not known.
+/// The subject of an extension; its URI if the extension is unknown.
 pub(super) fn subject(uri: &str) -> String {
     let known = EXTENSIONS.iter().find(|(address, ..)| *address == uri);
-    known.map_or_else(|| format!("'{}'", shown_up_to(100, uri.as_bytes())), |(_, subject, _)| (*subject).to_owned())
+    known.map_or_else(|| format!("'{}'", excerpt_up_to(100, uri.as_bytes())), |(_, subject, _)| (*subject).to_owned())
 }
 
-/// Whether a model is whole without what an extension says, which may be required.
-pub(super) fn can_be_passed(uri: &str) -> bool {
-    Space::known(uri).is_some() || EXTENSIONS.iter().any(|&(address, _, passed)| address == uri && passed)
+/// Whether a model that requires this extension is complete without it.
+pub(super) fn is_optional_extension(uri: &str) -> bool {
+    Namespace::known(uri).is_some() || EXTENSIONS.iter().any(|&(address, _, is_optional)| address == uri && is_optional)
 }
 
-/// The relationship of the part that is the model, or of a part that it takes objects from.
+/// Type of the relationship to the root model, or to a part with objects that it uses.
 pub(super) const MODEL_RELATIONSHIP: &str = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel";
-/// The relationship of a picture that a model is painted with.
+/// Type of the relationship to a texture.
 pub(super) const TEXTURE_RELATIONSHIP: &str = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dtexture";
 
-/// Names that need no namespace (core specification, 3.4.1).
+/// Metadata names that need no namespace (core specification, 3.4.1).
 const NOTES: [&str; 9] = [
     "Title",
     "Designer",
@@ -105,32 +109,32 @@ const NOTES: [&str; 9] = [
     "Application",
 ];
 
-/// The namespace in which notes are written that have none and need one.
-pub(super) const OWN_NOTES: &str = "urn:meshmend:notes";
+/// Namespace for metadata that needs one and has none.
+pub(super) const OWN_NOTES_URI: &str = "urn:meshmend:notes";
 
-/// Whether a name needs no namespace.
+/// Whether a metadata name needs no namespace.
 pub(super) fn is_known_note(name: &str) -> bool {
     NOTES.contains(&name)
 }
 
-/// Namespaces that may not be bound to any prefix but their own.
-const UNBOUND: [&str; 2] = ["http://www.w3.org/XML/1998/namespace", "http://www.w3.org/2000/xmlns/"];
+/// Namespaces that XML reserves for their own prefixes.
+const RESERVED_NAMESPACES: [&str; 2] = ["http://www.w3.org/XML/1998/namespace", "http://www.w3.org/2000/xmlns/"];
 
-/// The namespace that a note is written with, if it needs one.
+/// The namespace with which a note is written; `None` if it needs none.
 fn note_namespace(note: &Note) -> Option<&str> {
-    match note.namespace.as_deref().filter(|uri| !uri.is_empty() && !UNBOUND.contains(uri)) {
+    match note.namespace.as_deref().filter(|uri| !uri.is_empty() && !RESERVED_NAMESPACES.contains(uri)) {
         None if is_known_note(&note.name) => None,
-        None => Some(OWN_NOTES),
+        None => Some(OWN_NOTES_URI),
         uri => uri,
     }
 }
 
-// Names of parts in a package (ISO/IEC 29500-2, "Open Packaging Conventions").
+// Part names in a package (ISO/IEC 29500-2, "Open Packaging Conventions").
 
-/// The part that a reference in `source` is for; none where it leads out of the package.
+/// The part that a reference in `source` refers to; `None` if it points outside the package.
 pub(super) fn resolve(source: &str, reference: &str) -> Option<String> {
-    let path = archive::percent_decoded(reference).filter(|it| !it.is_empty())?;
-    archive::resolve(source, &path).filter(|it| !it.contains(':'))
+    let path = archive::percent_decoded(reference).filter(|path| !path.is_empty())?;
+    archive::resolve(source, &path).filter(|path| !path.contains(':'))
 }
 
 // Values of attributes.
@@ -143,7 +147,7 @@ pub(super) fn index(value: &[u8]) -> Option<u32> {
         return None;
     }
     digits.iter().try_fold(0_u32, |sum, &digit| match digit {
-        b'0'..=b'9' => sum.checked_mul(10)?.checked_add(u32::from(digit - b'0')).filter(|&it| it < 1 << 31),
+        b'0'..=b'9' => sum.checked_mul(10)?.checked_add(u32::from(digit - b'0')).filter(|&sum| sum < 1 << 31),
         _ => None,
     })
 }
@@ -152,11 +156,11 @@ pub(super) fn index(value: &[u8]) -> Option<u32> {
 #[inline]
 pub(super) fn number(value: &[u8]) -> Option<f64> {
     let word = value.trim_ascii();
-    // What else Rust takes for a number is words: `inf`, `NaN`.
+    // Rust also parses words such as `inf` and `NaN`, which 3MF does not allow.
     if !word.iter().all(|b| matches!(b, b'0'..=b'9' | b'.' | b'-' | b'+' | b'e' | b'E')) {
         return None;
     }
-    f64::from_str(std::str::from_utf8(word).ok()?).ok().filter(|it| it.is_finite())
+    f64::from_str(std::str::from_utf8(word).ok()?).ok().filter(|number| number.is_finite())
 }
 
 /// Words between white space.
@@ -164,7 +168,7 @@ pub(super) fn words(value: &[u8]) -> impl Iterator<Item = &[u8]> {
     value.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
-/// Twelve numbers, a point's coordinates standing before the matrix as a row: `ST_Matrix3D`.
+/// Twelve numbers of a row-major matrix that multiplies row vectors from the right: `ST_Matrix3D`.
 pub(super) fn matrix(value: &[u8]) -> Option<DAffine3> {
     let mut numbers = [0.0; 12];
     let mut all = words(value);
@@ -200,18 +204,19 @@ pub(super) fn boolean(value: &[u8]) -> Option<bool> {
     }
 }
 
-/// What XML has no way to say is left out.
-fn sayable(text: &str) -> impl Iterator<Item = char> {
+/// The text without characters that XML forbids.
+fn without_forbidden(text: &str) -> impl Iterator<Item = char> {
     text.chars().filter(|&c| c >= ' ' && !matches!(c, '\u{FFFE}' | '\u{FFFF}') || matches!(c, '\t' | '\n' | '\r'))
 }
 
+/// Replaces characters by references, and drops characters that XML forbids.
 fn escaped<'t>(text: &'t str, escape: impl Fn(char) -> Option<&'static str>) -> Cow<'t, str> {
     let plain = |c: char| (' '..'\u{FFFE}').contains(&c) && escape(c).is_none();
     if text.chars().all(plain) {
         return Cow::Borrowed(text);
     }
     let mut whole = String::with_capacity(text.len() + 16);
-    for c in sayable(text) {
+    for c in without_forbidden(text) {
         match escape(c) {
             Some(reference) => whole.push_str(reference),
             None => whole.push(c),
@@ -220,7 +225,7 @@ fn escaped<'t>(text: &'t str, escape: impl Fn(char) -> Option<&'static str>) -> 
     Cow::Owned(whole)
 }
 
-/// The value of an attribute, between double quotes.
+/// Escapes the value of an attribute in double quotes.
 pub(super) fn attribute(text: &str) -> Cow<'_, str> {
     escaped(text, |c| match c {
         '&' => Some("&amp;"),
@@ -234,7 +239,7 @@ pub(super) fn attribute(text: &str) -> Cow<'_, str> {
     })
 }
 
-/// The text of an element.
+/// Escapes the text of an element.
 fn content(text: &str) -> Cow<'_, str> {
     escaped(text, |c| match c {
         '&' => Some("&amp;"),
@@ -245,7 +250,7 @@ fn content(text: &str) -> Cow<'_, str> {
     })
 }
 
-/// The text as a name without a prefix (`NCName`), a `_` for what no name may have.
+/// A valid XML name without a prefix (`NCName`); invalid characters become `_`.
 fn name(text: &str) -> String {
     let in_name =
         |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.') || (c > '\u{FF}' && c.is_alphabetic());
@@ -256,22 +261,23 @@ fn name(text: &str) -> String {
     name
 }
 
-/// Prefixes that are taken by others.
-const TAKEN: [&str; 3] = ["m", "xml", "xmlns"];
+/// Prefixes that are not available for metadata.
+const RESERVED_PREFIXES: [&str; 3] = ["m", "xml", "xmlns"];
 
-/// The prefixes of all notes' namespaces, and the namespaces, in the order of their first use.
+/// The prefix of each metadata namespace, in the order of first use.
 pub(super) struct Prefixes<'s> {
     all: Vec<(String, &'s str)>,
 }
 
 impl<'s> Prefixes<'s> {
+    /// Chooses prefixes for all metadata of a scene.
     pub fn of(scene: &'s Scene) -> Self {
         let mut prefixes = Self { all: Vec::new() };
         let of_objects = scene.objects.iter().flat_map(|object| &object.notes);
         let of_items = scene.items.iter().flat_map(|item| &item.notes);
         for note in scene.notes.iter().chain(of_objects).chain(of_items) {
             match note_namespace(note) {
-                Some(OWN_NOTES) => prefixes.add(Some("note"), OWN_NOTES),
+                Some(OWN_NOTES_URI) => prefixes.add(Some("note"), OWN_NOTES_URI),
                 Some(namespace) => prefixes.add(note.name.split_once(':').map(|(prefix, _)| prefix), namespace),
                 None => {}
             }
@@ -283,19 +289,20 @@ impl<'s> Prefixes<'s> {
         if self.all.iter().any(|(_, known)| *known == namespace) {
             return;
         }
-        let free =
-            |prefix: &String| !TAKEN.contains(&prefix.as_str()) && self.all.iter().all(|(taken, _)| taken != prefix);
+        let free = |prefix: &String| {
+            !RESERVED_PREFIXES.contains(&prefix.as_str()) && self.all.iter().all(|(taken, _)| taken != prefix)
+        };
         let wanted = wanted.map(name).filter(free);
         let prefix = wanted.or_else(|| (1..).map(|number| format!("n{number}")).find(free));
         self.all.extend(prefix.map(|prefix| (prefix, namespace)));
     }
 
-    /// The declarations, as attributes of the root.
+    /// The namespace declarations, as attributes of the root element.
     pub fn declarations(&self) -> String {
         self.all.iter().map(|(prefix, uri)| format!(" xmlns:{prefix}=\"{}\"", attribute(uri))).collect()
     }
 
-    /// Writes notes, the first of each name.
+    /// Writes notes as `metadata` elements. Of several with one name, only the first is written.
     pub fn write<'n>(&self, notes: impl Iterator<Item = &'n Note>, text: &mut String) {
         let mut written: Vec<String> = Vec::new();
         for note in notes {
@@ -313,14 +320,14 @@ impl<'s> Prefixes<'s> {
             }
             let preserve = if note.preserve { " preserve=\"1\"" } else { "" };
             let kind = note.kind.as_ref().map_or_else(String::new, |kind| format!(" type=\"{}\"", attribute(kind)));
-            // Writing to a string can't fail.
+            // Writing to a String can't fail.
             let _ = writeln!(text, "<metadata name=\"{name}\"{preserve}{kind}>{}</metadata>", content(&note.value));
             written.push(name);
         }
     }
 }
 
-/// A name after a prefix. That some of those in use begin with a digit harms nobody.
+/// A name after a prefix. A leading digit is kept, because names in use have one and readers accept it.
 fn qualified(local: &str) -> String {
     let clean = name(local);
     match local.starts_with(|c: char| c.is_ascii_digit()) {
@@ -334,7 +341,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reference_is_absolute_or_from_the_folder_of_its_source() {
+    fn a_reference_resolves_from_the_root_or_from_its_source_folder() {
         let resolve = |reference| resolve("3D/a.model", reference);
         assert_eq!(resolve("/3D/b.model").as_deref(), Some("3D/b.model"));
         assert_eq!(resolve("Textures/./c%20d.png").as_deref(), Some("3D/Textures/c d.png"));
@@ -354,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_are_whole_and_below_two_to_the_31() {
+    fn indices_are_whole_numbers_below_two_to_the_31() {
         assert_eq!(index(b" 07 "), Some(7));
         assert_eq!(index(b"2147483647"), Some(i32::MAX as u32));
         for refused in [&b"2147483648"[..], b"99999999999999999999", b"-1", b"+1", b"1.0", b""] {
@@ -381,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn what_xml_uses_itself_is_escaped_and_what_it_forbids_left_out() {
+    fn xml_text_is_escaped_and_forbidden_characters_are_dropped() {
         assert_eq!(attribute("a \"b\" <c> & d\n\u{1}\u{FFFF}"), "a &quot;b&quot; &lt;c&gt; &amp; d&#10;");
         assert_eq!(content("]]>\r\n\u{8}\u{1F600}"), "]]&gt;&#13;\n\u{1F600}");
         assert!(matches!(attribute("plain"), Cow::Borrowed("plain")));

@@ -1,5 +1,5 @@
-//! 3MF as it is written: a package of parts, what they are and how they belong together, and the model part with its resources, objects and
-//! build. The same scene gives the same bytes.
+//! Writing 3MF: the package with content types and relationships, and the model part with resources, objects and build. The same scene always
+//! gives the same bytes.
 
 use std::fmt::Write as _;
 use std::io::{self, Cursor, Write};
@@ -9,7 +9,7 @@ use zip::ZipWriter;
 use zip::result::ZipResult;
 
 use super::schema::{CORE, MATERIAL, MODEL_RELATIONSHIP, Prefixes, TEXTURE_RELATIONSHIP, attribute};
-use crate::format::archive::{compressed, stored};
+use crate::format::archive::{deflate_options, store_options};
 use crate::format::errors::WriteError;
 use crate::scene::{
     Item, Note, Object, ObjectKind, PAINTLESS, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit, Up, Wrap,
@@ -17,40 +17,43 @@ use crate::scene::{
 
 const ROOT: &str = "3D/3dmodel.model";
 
-/// Writes 3MF. What it has no words for is left out: a palette's tint and name, textures that are neither PNG nor JPEG.
+/// Writes 3MF. Tints and names of textured palettes, and textures that are neither PNG nor JPEG, are dropped.
+///
+/// # Errors
+/// [`WriteError::NotFinite`] for infinite or not-a-number values, [`WriteError::TooLarge`] if the package exceeds ZIP's limits.
 pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
     match package(scene) {
         Ok((true, archive)) => Ok(archive),
         Ok((false, _)) => Err(WriteError::NotFinite),
-        // To memory nothing else can fail.
+        // Writing to memory fails only if a size is too large.
         Err(_) => Err(WriteError::TooLarge),
     }
 }
 
-/// The archive, and whether all numbers in it are finite.
+/// Writes the package. The flag tells whether all numbers are finite.
 fn package(scene: &Scene) -> ZipResult<(bool, Vec<u8>)> {
-    let pictures = Pictures::of(&scene.textures);
-    let packed = compressed(false);
+    let texture_parts = TextureParts::of(&scene.textures);
+    let packed = deflate_options(false);
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     zip.start_file("[Content_Types].xml", packed)?;
-    zip.write_all(content_types(&pictures).as_bytes())?;
+    zip.write_all(content_types(&texture_parts).as_bytes())?;
     zip.start_file("_rels/.rels", packed)?;
     zip.write_all(relationships([(MODEL_RELATIONSHIP, ROOT)].into_iter()).as_bytes())?;
-    zip.start_file(ROOT, compressed(is_long(scene)))?;
-    let finite = ModelWriter::new(scene, &pictures.of_textures).write(&mut zip)?;
-    if !pictures.files.is_empty() {
+    zip.start_file(ROOT, deflate_options(is_long(scene)))?;
+    let finite = ModelWriter::new(scene, &texture_parts.of_textures).write(&mut zip)?;
+    if !texture_parts.files.is_empty() {
         zip.start_file("3D/_rels/3dmodel.model.rels", packed)?;
-        let targets = pictures.files.iter().map(|(path, _)| (TEXTURE_RELATIONSHIP, path.as_str()));
+        let targets = texture_parts.files.iter().map(|(path, _)| (TEXTURE_RELATIONSHIP, path.as_str()));
         zip.write_all(relationships(targets).as_bytes())?;
     }
-    for (path, texture) in &pictures.files {
-        zip.start_file(path.as_str(), stored())?;
+    for (path, texture) in &texture_parts.files {
+        zip.start_file(path.as_str(), store_options())?;
         zip.write_all(&texture.bytes)?;
     }
     Ok((finite, zip.finish()?.into_inner()))
 }
 
-/// Whether the model's text may be too long for the sizes of a ZIP entry, which have 32 bits unless they are given 64.
+/// Whether the model part may need ZIP64, which entries over 4 GiB do.
 fn is_long(scene: &Scene) -> bool {
     let lengths = scene
         .objects
@@ -60,50 +63,51 @@ fn is_long(scene: &Scene) -> bool {
     lengths.sum::<u64>() > u64::from(u32::MAX) / 2
 }
 
-/// The parts of pictures.
-struct Pictures<'s> {
+/// The texture parts of the package.
+struct TextureParts<'s> {
     files: Vec<(String, &'s Texture)>,
-    /// For each texture its part; none where 3MF does not take it.
+    /// The part of each texture; `None` if it is neither PNG nor JPEG.
     of_textures: Vec<Option<String>>,
 }
 
-impl<'s> Pictures<'s> {
+impl<'s> TextureParts<'s> {
     fn of(textures: &'s [Texture]) -> Self {
-        let mut pictures = Self { files: Vec::new(), of_textures: Vec::new() };
+        let mut texture_parts = Self { files: Vec::new(), of_textures: Vec::new() };
         for texture in textures {
             let ending = match texture.media_type.as_str() {
                 "image/png" => "png",
                 "image/jpeg" => "jpg",
                 _ => {
-                    pictures.of_textures.push(None);
+                    texture_parts.of_textures.push(None);
                     continue;
                 }
             };
             let same = |other: &&(String, &Texture)| {
                 other.1.bytes == texture.bytes && other.1.media_type == texture.media_type
             };
-            let path = match pictures.files.iter().find(same) {
+            let path = match texture_parts.files.iter().find(same) {
                 Some((path, _)) => path.clone(),
                 None => {
-                    let path = format!("3D/Textures/texture{}.{ending}", pictures.files.len() + 1);
-                    pictures.files.push((path.clone(), texture));
+                    let path = format!("3D/Textures/texture{}.{ending}", texture_parts.files.len() + 1);
+                    texture_parts.files.push((path.clone(), texture));
                     path
                 }
             };
-            pictures.of_textures.push(Some(path));
+            texture_parts.of_textures.push(Some(path));
         }
-        pictures
+        texture_parts
     }
 }
 
 const DECLARATION: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
 
-fn content_types(pictures: &Pictures<'_>) -> String {
+/// The content types part.
+fn content_types(texture_parts: &TextureParts<'_>) -> String {
     let mut text =
         format!("{DECLARATION}<Types xmlns=\"http://schemas.openxmlformats.org/package/2006/content-types\">\n");
     let of_pictures = [("png", "image/png"), ("jpg", "image/jpeg")]
         .into_iter()
-        .filter(|(_, media_type)| pictures.files.iter().any(|(_, texture)| texture.media_type == *media_type));
+        .filter(|(_, media_type)| texture_parts.files.iter().any(|(_, texture)| texture.media_type == *media_type));
     let types = [
         ("rels", "application/vnd.openxmlformats-package.relationships+xml"),
         ("model", "application/vnd.ms-package.3dmanufacturing-3dmodel+xml"),
@@ -114,6 +118,7 @@ fn content_types(pictures: &Pictures<'_>) -> String {
     text + "</Types>\n"
 }
 
+/// A relationships part, from pairs of type and target.
 fn relationships<'t>(all: impl Iterator<Item = (&'t str, &'t str)>) -> String {
     let mut text = format!(
         "{DECLARATION}<Relationships xmlns=\"http://schemas.openxmlformats.org/package/2006/relationships\">\n"
@@ -124,35 +129,35 @@ fn relationships<'t>(all: impl Iterator<Item = (&'t str, &'t str)>) -> String {
     text + "</Relationships>\n"
 }
 
-/// How much text is collected before it is packed.
-const CHUNK: usize = 64 << 10;
+/// Size in bytes at which collected text is compressed.
+const CHUNK_BYTES: usize = 64 << 10;
 
 /// Writes the model part of a scene.
 struct ModelWriter<'s> {
     scene: &'s Scene,
-    /// The part of each texture, where it has one.
-    pictures: &'s [Option<String>],
+    /// The part of each texture; `None` if it is not written.
+    texture_parts: &'s [Option<String>],
     prefixes: Prefixes<'s>,
-    /// The ids of resources, where they are written.
+    /// Resource ids of textures and palettes; `None` if they are not written.
     textures: Vec<Option<u32>>,
     palettes: Vec<Option<u32>>,
     first_object: u32,
-    /// Whether an object is an item of the build.
+    /// Whether each object is a build item.
     built: Vec<bool>,
     text: String,
     /// Whether all numbers so far were finite.
     finite: bool,
 }
 
-// Writing to a string can't fail, so that what `write!` answers says nothing.
+// Writing to a String can't fail, so the results of `write!` are ignored.
 impl<'s> ModelWriter<'s> {
-    fn new(scene: &'s Scene, pictures: &'s [Option<String>]) -> Self {
+    fn new(scene: &'s Scene, texture_parts: &'s [Option<String>]) -> Self {
         let mut next = 0;
         let mut number = |is_written: bool| {
             next += u32::from(is_written);
             is_written.then_some(next)
         };
-        let textures: Vec<_> = pictures.iter().map(|picture| number(picture.is_some())).collect();
+        let textures: Vec<_> = texture_parts.iter().map(|picture| number(picture.is_some())).collect();
         let is_written = |palette: &Palette| match palette {
             Palette::Textured { texture, .. } => textures.get(*texture as usize).is_some_and(Option::is_some),
             _ => true,
@@ -167,10 +172,10 @@ impl<'s> ModelWriter<'s> {
             }
         }
         let (first_object, text) = (next + 1, String::new());
-        Self { scene, pictures, prefixes, textures, palettes, first_object, built, text, finite: true }
+        Self { scene, texture_parts, prefixes, textures, palettes, first_object, built, text, finite: true }
     }
 
-    /// Writes it. Answers whether all its numbers are finite, as they have to be.
+    /// Writes the model part. Returns whether all numbers are finite, as 3MF requires.
     fn write(mut self, target: &mut impl Write) -> io::Result<bool> {
         let _ = write!(
             self.text,
@@ -199,22 +204,23 @@ impl<'s> ModelWriter<'s> {
         Ok(self.finite)
     }
 
-    /// Hands on what has been collected.
+    /// Compresses the collected text once it is long enough.
     fn pack(&mut self, target: &mut impl Write) -> io::Result<()> {
-        if self.text.len() >= CHUNK {
+        if self.text.len() >= CHUNK_BYTES {
             target.write_all(self.text.as_bytes())?;
             self.text.clear();
         }
         Ok(())
     }
 
+    /// Writes a number, and records whether it is finite.
     fn number(&mut self, number: f64) {
         self.finite &= number.is_finite();
         let _ = write!(self.text, "{number}");
     }
 
     fn textures(&mut self) {
-        for ((texture, path), id) in self.scene.textures.iter().zip(self.pictures).zip(&self.textures) {
+        for ((texture, path), id) in self.scene.textures.iter().zip(self.texture_parts).zip(&self.textures) {
             let (Some(path), Some(id)) = (path, id) else { continue };
             let media_type = attribute(&texture.media_type);
             let _ = write!(self.text, "<m:texture2d id=\"{id}\" path=\"/{path}\" contenttype=\"{media_type}\"");
@@ -240,8 +246,8 @@ impl<'s> ModelWriter<'s> {
             }
             Palette::Colors(colors) => {
                 let _ = writeln!(self.text, "<m:colorgroup id=\"{id}\">");
-                for &it in colors {
-                    let _ = writeln!(self.text, "<m:color color=\"{}\"/>", color(it));
+                for &entry in colors {
+                    let _ = writeln!(self.text, "<m:color color=\"{}\"/>", color(entry));
                     self.pack(target)?;
                 }
                 "m:colorgroup"
@@ -250,8 +256,8 @@ impl<'s> ModelWriter<'s> {
                 let texture = self.textures.get(*texture as usize).copied().flatten().unwrap_or_default();
                 let _ = writeln!(self.text, "<m:texture2dgroup id=\"{id}\" texid=\"{texture}\">");
                 for place in places {
-                    // A place that is none spoils no shape.
-                    let [u, v] = place.map(|it| if it.is_finite() { it } else { 0.0 });
+                    // Texture coordinates that are not finite must not make writing fail.
+                    let [u, v] = place.map(|x| if x.is_finite() { x } else { 0.0 });
                     let _ = writeln!(self.text, "<m:tex2coord u=\"{u}\" v=\"{v}\"/>");
                     self.pack(target)?;
                 }
@@ -268,8 +274,8 @@ impl<'s> ModelWriter<'s> {
         if let Some(kind) = self.kind(number, object.kind) {
             let _ = write!(self.text, " type=\"{kind}\"");
         }
-        self.words("name", object.name.as_deref());
-        self.words("partnumber", object.part_number.as_deref());
+        self.nonempty_attribute("name", object.name.as_deref());
+        self.nonempty_attribute("partnumber", object.part_number.as_deref());
         let default = object.mesh().and_then(|mesh| self.default_paint(mesh));
         if let Some((palette, entry)) = default {
             let _ = write!(self.text, " pid=\"{palette}\" pindex=\"{entry}\"");
@@ -294,7 +300,7 @@ impl<'s> ModelWriter<'s> {
         Ok(())
     }
 
-    /// The type of an object, which is not `other` where it is to be built, as the specification forbids.
+    /// The type of an object; `None` stands for `model`. Build items may not have the type `other`.
     fn kind(&self, number: usize, kind: ObjectKind) -> Option<&'static str> {
         Some(match kind {
             ObjectKind::Model => return None,
@@ -306,13 +312,15 @@ impl<'s> ModelWriter<'s> {
         })
     }
 
-    fn words(&mut self, name: &str, value: Option<&str>) {
+    /// Writes an attribute unless its value is empty.
+    fn nonempty_attribute(&mut self, name: &str, value: Option<&str>) {
         let value = attribute(value.unwrap_or_default());
         if !value.is_empty() {
             let _ = write!(self.text, " {name}=\"{value}\"");
         }
     }
 
+    /// Writes a metadata group unless it would be empty.
     fn notes<'n>(&mut self, notes: impl Iterator<Item = &'n Note>) {
         let before = self.text.len();
         self.text.push_str("<metadatagroup>\n");
@@ -324,7 +332,7 @@ impl<'s> ModelWriter<'s> {
         }
     }
 
-    /// A face's paint with the id of its group, if it is written.
+    /// The resource id and entries of a face's paint; `None` if it is not painted or its palette is not written.
     fn paint(&self, paint: Paint) -> Option<(u32, [u32; 3])> {
         if paint == PAINTLESS {
             return None;
@@ -338,7 +346,7 @@ impl<'s> ModelWriter<'s> {
         at.iter().all(|&entry| (entry as usize) < palette.len()).then_some((id, at))
     }
 
-    /// What an object's faces have if they have nothing of their own: only where all are painted.
+    /// The default property of an object: that of its first face, if all faces are painted.
     fn default_paint(&self, mesh: &PaintedMesh) -> Option<(u32, u32)> {
         let all =
             mesh.paint.len() == mesh.soup.faces.len() && mesh.paint.iter().all(|&paint| self.paint(paint).is_some());
@@ -396,9 +404,9 @@ impl<'s> ModelWriter<'s> {
         let id = u64::from(self.first_object) + u64::from(item.object);
         let _ = write!(self.text, "<item objectid=\"{id}\"");
         self.transform(self.scene.stood(Up::Z, item.transform));
-        self.words("partnumber", item.part_number.as_deref());
+        self.nonempty_attribute("partnumber", item.part_number.as_deref());
         self.text.push('>');
-        // The specification gives items no name, but notes, of which one is a title.
+        // Build items have no name attribute, so the name becomes the metadata `Title`.
         let title = item.name.as_ref().filter(|name| !attribute(name).is_empty()).map(|name| Note {
             name: "Title".to_owned(),
             namespace: None,

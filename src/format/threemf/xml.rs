@@ -1,7 +1,7 @@
-//! A part's XML, element by element as it is decompressed: well formed, with namespaces, and without what 3MF forbids in it.
+//! Streaming XML of a part: well-formedness, namespaces, and the restrictions of 3MF.
 //!
-//! Nothing is kept of an element that nobody asks for, and no element may be longer, deeper or fuller of attributes than files of
-//! honest programs ever are.
+//! Elements are read while they are unpacked, and skipped elements take no memory. Size, depth and number of attributes are limited to far
+//! more than real files need.
 
 use std::io::BufRead as _;
 
@@ -11,58 +11,61 @@ use quick_xml::events::attributes::Attributes;
 use quick_xml::events::{BytesStart, BytesText, Event};
 use quick_xml::{Error, Reader};
 
-use super::schema::Space;
-use crate::format::archive::{Stop, Stream};
-use crate::format::errors::{ReadError, ReadErrorKind, shown, shown_up_to};
+use super::schema::Namespace;
+use crate::format::archive::{Stream, StreamError};
+use crate::format::errors::{ReadError, ReadErrorKind, excerpt, excerpt_up_to};
 
-/// The deepest element; models have theirs at a depth of seven.
-const DEPTH: usize = 64;
-/// Most attributes of one element.
-const ATTRIBUTES: usize = 64;
-/// Most namespaces that are in force at once.
-const BINDINGS: usize = 64;
-/// The longest text of an element, in bytes.
-const TEXT: usize = 1 << 20;
+/// Maximum depth of elements; models need seven.
+const MAX_DEPTH: usize = 64;
+/// Maximum number of attributes of an element.
+const MAX_ATTRIBUTES: usize = 64;
+/// Maximum number of namespaces in scope.
+const MAX_BINDINGS: usize = 64;
+/// Maximum length of an element's text, in bytes.
+const MAX_TEXT_BYTES: usize = 1 << 20;
 
-/// An XML document while it is read.
+/// An XML document that is being read.
 pub(super) struct Xml<'a> {
     reader: Reader<Stream<'a>>,
     part: String,
     depth: usize,
     bindings: Vec<Binding>,
-    /// The addresses behind [`Space::Other`].
-    others: Vec<String>,
+    /// URIs of the namespaces that [`Namespace::Other`] refers to.
+    unknown_uris: Vec<String>,
 }
 
-/// What a prefix stands for, while an element is open.
+/// A namespace prefix in scope.
 struct Binding {
     prefix: Box<[u8]>,
-    space: Space,
+    space: Namespace,
     uri: String,
 }
 
-/// The start of an element.
+/// A start tag.
 pub(super) struct Tag<'t> {
-    /// What its name belongs to.
-    pub space: Space,
+    /// The namespace of its name.
+    pub space: Namespace,
     start: &'t BytesStart<'t>,
     empty: bool,
 }
 
-/// An attribute, its value as it stands in the file.
+/// An attribute; its value is unescaped by [`Xml::string`].
 pub(super) struct Attribute<'t> {
-    pub space: Space,
+    /// The namespace of its name.
+    pub space: Namespace,
+    /// Its name without the prefix.
     pub name: &'t [u8],
+    /// Its value as it is in the file.
     pub value: &'t [u8],
 }
 
 impl<'t> Tag<'t> {
-    /// The name without its prefix.
+    /// The element's name without its prefix.
     pub fn name(&self) -> &'t [u8] {
         self.start.local_name().into_inner()
     }
 
-    /// Its attributes with whatever prefixes they have, for the elements that there are many of.
+    /// The attributes without checks, with their prefixes. Fast, for vertices and triangles.
     pub fn raw_attributes(&self) -> Attributes<'t> {
         let mut attributes = self.start.attributes();
         attributes.with_checks(false);
@@ -71,43 +74,44 @@ impl<'t> Tag<'t> {
 }
 
 impl<'a> Xml<'a> {
-    /// Begins a part that is called `part` in messages.
+    /// Starts reading a part. `part` is its name in messages.
     pub fn new(part: &str, mut stream: Stream<'a>) -> Result<Self, ReadError> {
         let part = part.to_owned();
         stream.begin_event();
         let head = match stream.fill_buf() {
             Ok(head) => head,
-            Err(error) => return Err(failed(&part, 0, &Error::from(error))),
+            Err(error) => return Err(parser_error(&part, 0, &Error::from(error))),
         };
         if head.starts_with(b"\xFF\xFE") || head.starts_with(b"\xFE\xFF") || head.iter().take(4).any(|&b| b == 0) {
             let detail =
-                format!("{part} is text in UTF-16 or UTF-32, where 3MF asks for UTF-8; export the model again");
-            return Err(ReadError::whole(ReadErrorKind::Malformed, detail));
+                format!("the part {part} is text in UTF-16 or UTF-32, but 3MF requires UTF-8; export the model again");
+            return Err(ReadError::for_file(ReadErrorKind::Malformed, detail));
         }
         let mut reader = Reader::from_reader(stream);
         reader.config_mut().trim_text_start = true;
         let binding = |prefix: &[u8], space| Binding { prefix: prefix.into(), space, uri: String::new() };
-        let bindings = vec![binding(b"", Space::None), binding(b"xml", Space::Xml)];
-        Ok(Self { reader, part, depth: 0, bindings, others: Vec::new() })
+        let bindings = vec![binding(b"", Namespace::None), binding(b"xml", Namespace::Xml)];
+        Ok(Self { reader, part, depth: 0, bindings, unknown_uris: Vec::new() })
     }
 
-    /// The part's name.
+    /// The name of the part.
     pub fn part(&self) -> &str {
         &self.part
     }
 
-    /// An error at the place that has been reached.
+    /// An error at the current position.
     #[cold]
     pub fn error(&self, kind: ReadErrorKind, detail: impl std::fmt::Display) -> ReadError {
-        at(&self.part, self.reader.buffer_position(), kind, detail)
+        error_at(&self.part, self.reader.buffer_position(), kind, detail)
     }
 
-    /// As [`Xml::error`], of what is not as it should be.
+    /// An error of kind `Malformed` at the current position.
     #[cold]
     pub fn malformed(&self, detail: impl std::fmt::Display) -> ReadError {
         self.error(ReadErrorKind::Malformed, detail)
     }
 
+    /// Reads the next event into `buffer`.
     fn event<'b>(&mut self, buffer: &'b mut Vec<u8>) -> Result<Event<'b>, ReadError> {
         buffer.clear();
         self.reader.get_mut().begin_event();
@@ -116,11 +120,11 @@ impl<'a> Xml<'a> {
                 Err(self.malformed("a document type (<!DOCTYPE>) is forbidden in 3MF; export the model again"))
             }
             Ok(event) => Ok(event),
-            Err(error) => Err(failed(&self.part, self.reader.buffer_position(), &error)),
+            Err(error) => Err(parser_error(&self.part, self.reader.buffer_position(), &error)),
         }
     }
 
-    /// Reads the document: its one root element.
+    /// Reads the document; calls `each` with its root element.
     pub fn root(&mut self, each: impl FnOnce(&mut Self, &Tag<'_>) -> Result<(), ReadError>) -> Result<(), ReadError> {
         let mut each = Some(each);
         let mut buffer = Vec::new();
@@ -129,22 +133,24 @@ impl<'a> Xml<'a> {
                 Event::Decl(declaration) => {
                     let encoding = declaration.encoding().and_then(Result::ok).unwrap_or_default();
                     if !encoding.is_empty() && !encoding.eq_ignore_ascii_case(b"utf-8") {
-                        let detail =
-                            format!("it is in {}, where 3MF asks for UTF-8; export the model again", shown(&encoding));
+                        let detail = format!(
+                            "the part declares the encoding {}, but 3MF requires UTF-8; export the model again",
+                            excerpt(&encoding)
+                        );
                         return Err(self.malformed(detail));
                     }
                 }
                 Event::Start(start) => self.opened(&start, false, &mut each)?,
                 Event::Empty(start) => self.opened(&start, true, &mut each)?,
                 Event::Eof if each.is_some() => {
-                    return Err(self.malformed("there is no element in it; export the model again"));
+                    return Err(self.malformed("the part has no element; export the model again"));
                 }
                 Event::Eof => return Ok(()),
                 Event::Comment(_) | Event::PI(_) => {}
                 Event::Text(text) if text.trim_ascii().is_empty() => {}
                 _ => {
                     return Err(self.malformed(
-                        "there is text outside of its root element, or it is not in UTF-8; export the model again",
+                        "the part has text outside its root element, or is not UTF-8; export the model again",
                     ));
                 }
             }
@@ -158,11 +164,11 @@ impl<'a> Xml<'a> {
         each: &mut Option<impl FnOnce(&mut Self, &Tag<'_>) -> Result<(), ReadError>>,
     ) -> Result<(), ReadError> {
         let each = each.take();
-        let each = each.ok_or_else(|| self.malformed("there is a second root element; export the model again"))?;
+        let each = each.ok_or_else(|| self.malformed("the part has a second root element; export the model again"))?;
         self.element(start, empty, each)
     }
 
-    /// Reads the elements in an element, one after the other. Of those that `each` leaves unread the rest is passed over.
+    /// Calls `each` with the child elements in order. Content that `each` does not read is skipped.
     pub fn children(
         &mut self,
         parent: &Tag<'_>,
@@ -186,6 +192,7 @@ impl<'a> Xml<'a> {
         }
     }
 
+    /// Opens an element, calls `each` with it, and skips the rest of it.
     #[inline]
     fn element(
         &mut self,
@@ -195,7 +202,7 @@ impl<'a> Xml<'a> {
     ) -> Result<(), ReadError> {
         let bindings = self.bindings.len();
         let attributes = start.attributes_raw();
-        // Of the elements that there are millions of none has an m.
+        // Fast path: the attributes of vertices and triangles contain no `m`.
         if memchr(b'm', attributes).is_some() && memmem::find(attributes, b"xmlns").is_some() {
             self.bind(start)?;
         }
@@ -204,10 +211,10 @@ impl<'a> Xml<'a> {
         let depth = self.depth;
         if !empty {
             self.depth += 1;
-            if self.depth > DEPTH {
+            if self.depth > MAX_DEPTH {
                 return Err(self.error(
                     ReadErrorKind::TooLarge,
-                    format_args!("elements are more than {DEPTH} deep; export the model again"),
+                    format_args!("elements are nested more than {MAX_DEPTH} deep; export the model again"),
                 ));
             }
         }
@@ -219,15 +226,15 @@ impl<'a> Xml<'a> {
         Ok(())
     }
 
-    /// Goes on until the elements below a depth are closed.
+    /// Skips events until all elements deeper than `depth` are closed.
     fn skip(&mut self, depth: usize) -> Result<(), ReadError> {
         let mut buffer = Vec::new();
         while self.depth > depth {
             match self.event(&mut buffer)? {
-                Event::Start(_) if self.depth - depth >= DEPTH => {
+                Event::Start(_) if self.depth - depth >= MAX_DEPTH => {
                     return Err(self.error(
                         ReadErrorKind::TooLarge,
-                        format_args!("elements are more than {DEPTH} deep; export the model again"),
+                        format_args!("elements are nested more than {MAX_DEPTH} deep; export the model again"),
                     ));
                 }
                 Event::Start(_) => self.depth += 1,
@@ -241,13 +248,14 @@ impl<'a> Xml<'a> {
 
     #[cold]
     fn ended(&self) -> ReadError {
-        let detail = "it ends within an element; it was probably cut off, so send or export it again";
+        let detail =
+            "the part ends within an element; it was probably cut off, so send it again or export the model again";
         self.error(ReadErrorKind::Truncated, detail)
     }
 
-    /// Takes the namespaces that an element declares.
+    /// Adds the namespaces that an element declares.
     fn bind(&mut self, start: &BytesStart<'_>) -> Result<(), ReadError> {
-        for attribute in start.attributes().with_checks(false).take(ATTRIBUTES + 1) {
+        for attribute in start.attributes().with_checks(false).take(MAX_ATTRIBUTES + 1) {
             let attribute = attribute.map_err(|error| self.malformed(error))?;
             let prefix = match attribute.key.into_inner() {
                 b"xmlns" => &[][..],
@@ -257,68 +265,73 @@ impl<'a> Xml<'a> {
                 },
             };
             let uri = self.string(&attribute.value)?;
-            let space = match Space::known(&uri) {
+            let space = match Namespace::known(&uri) {
                 Some(space) => space,
-                None => Space::Other(self.other(&uri)?),
+                None => Namespace::Other(self.unknown_index(&uri)?),
             };
-            if self.bindings.len() >= BINDINGS {
-                return Err(self.error(ReadErrorKind::TooLarge, "it has too many namespaces; export the model again"));
+            if self.bindings.len() >= MAX_BINDINGS {
+                return Err(
+                    self.error(ReadErrorKind::TooLarge, "the part uses too many namespaces; export the model again")
+                );
             }
             self.bindings.push(Binding { prefix: prefix.into(), space, uri });
         }
         Ok(())
     }
 
-    fn other(&mut self, uri: &str) -> Result<u16, ReadError> {
-        let known = self.others.iter().position(|other| other == uri);
+    /// The index of an unknown namespace in `unknown_uris`.
+    fn unknown_index(&mut self, uri: &str) -> Result<u16, ReadError> {
+        let known = self.unknown_uris.iter().position(|other| other == uri);
         if known.is_none() {
-            if self.others.len() >= BINDINGS {
-                return Err(self.error(ReadErrorKind::TooLarge, "it has too many namespaces; export the model again"));
+            if self.unknown_uris.len() >= MAX_BINDINGS {
+                return Err(
+                    self.error(ReadErrorKind::TooLarge, "the part uses too many namespaces; export the model again")
+                );
             }
-            self.others.push(uri.to_owned());
+            self.unknown_uris.push(uri.to_owned());
         }
-        Ok(u16::try_from(known.unwrap_or(self.others.len() - 1)).unwrap_or(u16::MAX))
+        Ok(u16::try_from(known.unwrap_or(self.unknown_uris.len() - 1)).unwrap_or(u16::MAX))
     }
 
-    /// The address of a namespace that is not read.
-    pub fn uri(&self, space: Space) -> &str {
+    /// The URI of an unknown namespace; empty for known ones.
+    pub fn uri(&self, space: Namespace) -> &str {
         match space {
-            Space::Other(index) => self.others.get(usize::from(index)).map_or("", String::as_str),
+            Namespace::Other(index) => self.unknown_uris.get(usize::from(index)).map_or("", String::as_str),
             _ => "",
         }
     }
 
-    /// What a prefix stands for here.
+    /// The namespace that a prefix refers to here.
     #[inline]
-    pub fn space(&self, prefix: &[u8]) -> Result<Space, ReadError> {
+    pub fn space(&self, prefix: &[u8]) -> Result<Namespace, ReadError> {
         self.binding(prefix).map(|binding| binding.space)
     }
 
-    /// The address of the namespace that a prefix stands for here.
-    pub fn address(&self, prefix: &[u8]) -> Result<String, ReadError> {
+    /// The URI of the namespace that a prefix refers to here.
+    pub fn uri_of_prefix(&self, prefix: &[u8]) -> Result<String, ReadError> {
         self.binding(prefix).map(|binding| binding.uri.clone())
     }
 
     #[inline]
     fn binding(&self, prefix: &[u8]) -> Result<&Binding, ReadError> {
-        // Not by comparing no bytes with none at an address where there is no memory, which some processors are slow at.
-        let is_it = |own: &[u8]| own.len() == prefix.len() && (prefix.is_empty() || own == prefix);
-        self.bindings.iter().rev().find(|binding| is_it(&binding.prefix)).ok_or_else(|| {
+        // Comparing two empty slices calls `memcmp` with a dangling pointer, which is slow on some processors, so skip it.
+        let is_same = |own: &[u8]| own.len() == prefix.len() && (prefix.is_empty() || own == prefix);
+        self.bindings.iter().rev().find(|binding| is_same(&binding.prefix)).ok_or_else(|| {
             self.malformed(format_args!(
-                "the prefix '{}' stands for no namespace; export the model again",
-                shown(prefix)
+                "the namespace prefix '{}' is not declared; export the model again",
+                excerpt(prefix)
             ))
         })
     }
 
-    /// Reads an element's attributes, declarations of namespaces left out.
+    /// Calls `each` with the element's attributes, except namespace declarations.
     pub fn attributes<'t>(
         &self,
         tag: &Tag<'t>,
         mut each: impl FnMut(Attribute<'_>) -> Result<(), ReadError>,
     ) -> Result<(), ReadError> {
-        if tag.start.attributes().with_checks(false).take(ATTRIBUTES + 1).count() > ATTRIBUTES {
-            let detail = format!("an element has more than {ATTRIBUTES} attributes; export the model again");
+        if tag.start.attributes().with_checks(false).take(MAX_ATTRIBUTES + 1).count() > MAX_ATTRIBUTES {
+            let detail = format!("an element has more than {MAX_ATTRIBUTES} attributes; export the model again");
             return Err(self.error(ReadErrorKind::TooLarge, detail));
         }
         for attribute in tag.start.attributes() {
@@ -331,18 +344,18 @@ impl<'a> Xml<'a> {
             if prefix == b"xmlns" || key == b"xmlns" {
                 continue;
             }
-            // A name without a prefix belongs to no namespace, whatever the default is.
-            let space = if prefix.is_empty() { Space::None } else { self.space(prefix)? };
+            // Attributes without a prefix have no namespace, whatever the default namespace is.
+            let space = if prefix.is_empty() { Namespace::None } else { self.space(prefix)? };
             each(Attribute { space, name, value: &attribute.value })?;
         }
         Ok(())
     }
 
-    /// A value as text.
+    /// Unescapes an attribute's value.
     pub fn string(&self, value: &[u8]) -> Result<String, ReadError> {
         let text =
             std::str::from_utf8(value).map_err(|_| self.malformed("a value is not UTF-8; export the model again"))?;
-        // White space in a value is a space, unless it is spelled as a reference.
+        // XML normalizes white space in attributes to spaces, except character references.
         let spaces = text.replace(['\t', '\n', '\r'], " ");
         let text = unescape(&spaces).map_err(|error| self.malformed(error))?;
         self.without_control_characters(text.into_owned())
@@ -361,7 +374,7 @@ impl<'a> Xml<'a> {
         }
     }
 
-    /// The text of an element; elements in it are passed over.
+    /// Reads the text of an element; child elements are skipped.
     pub fn text(&mut self, tag: &Tag<'_>) -> Result<String, ReadError> {
         let mut whole = String::new();
         if tag.empty {
@@ -389,9 +402,11 @@ impl<'a> Xml<'a> {
                 Event::Eof => return Err(self.ended()),
                 _ => {}
             }
-            if whole.len() > TEXT {
-                return Err(self
-                    .error(ReadErrorKind::TooLarge, "a text is longer than a megabyte; export the model without it"));
+            if whole.len() > MAX_TEXT_BYTES {
+                return Err(self.error(
+                    ReadErrorKind::TooLarge,
+                    "an element's text is longer than 1 MiB; export the model without it",
+                ));
             }
         }
         self.depth -= 1;
@@ -404,26 +419,28 @@ impl<'a> Xml<'a> {
     }
 }
 
-fn at(part: &str, byte: u64, kind: ReadErrorKind, detail: impl std::fmt::Display) -> ReadError {
-    ReadError::whole(kind, format!("in the part {} near byte {byte}: {detail}", shown(part.as_bytes())))
+/// An error near a byte of a part.
+fn error_at(part: &str, byte: u64, kind: ReadErrorKind, detail: impl std::fmt::Display) -> ReadError {
+    ReadError::for_file(kind, format!("in the part {} near byte {byte}: {detail}", excerpt(part.as_bytes())))
 }
 
-/// What made the reader stop.
+/// The error for a failure of the XML parser or of unpacking.
 #[cold]
-fn failed(part: &str, byte: u64, error: &Error) -> ReadError {
+fn parser_error(part: &str, byte: u64, error: &Error) -> ReadError {
     let (kind, detail) = match error {
-        Error::Io(io) => match io.get_ref().and_then(|inner| inner.downcast_ref::<Stop>()) {
-            Some(stop) => (ReadErrorKind::TooLarge, format!("{stop}; export the model again")),
-            None => (ReadErrorKind::Malformed, format!("it can't be unpacked ({io}); send the file again")),
+        Error::Io(io) => match io.get_ref().and_then(|inner| inner.downcast_ref::<StreamError>()) {
+            Some(stream_error) => (ReadErrorKind::TooLarge, format!("{stream_error}; export the model again")),
+            None => (ReadErrorKind::Malformed, format!("the part can't be unpacked ({io}); send the file again")),
         },
-        Error::Syntax(_) => {
-            (ReadErrorKind::Truncated, format!("{error}; it was probably cut off, so send or export it again"))
-        }
-        // What the parser cites may be as long as the file.
+        Error::Syntax(_) => (
+            ReadErrorKind::Truncated,
+            format!("{error}; the part was probably cut off, so send it again or export the model again"),
+        ),
+        // The parser may quote the file at any length.
         _ => (
             ReadErrorKind::Malformed,
-            format!("{}; export the model again", shown_up_to(150, error.to_string().as_bytes())),
+            format!("{}; export the model again", excerpt_up_to(150, error.to_string().as_bytes())),
         ),
     };
-    at(part, byte, kind, detail)
+    error_at(part, byte, kind, detail)
 }

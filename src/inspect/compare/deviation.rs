@@ -1,112 +1,113 @@
-//! How far two meshes are apart, and whether they agree on what is inside.
+//! Distances between the surfaces of two meshes, and agreement of the two meshes on which points are inside.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::super::analysis::Pair;
 use super::super::distribution::percentile;
-use super::super::sampling::{Inside, Sample, ask};
+use super::super::sampling::{InsideTest, Sample, run_queries};
 use super::super::{Analysis, finite, percent};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, r3};
 
-/// Boxes and triangles that all searches of one direction together may look at: so many, and so many more for each point.
+/// Budget of all searches in one direction: boxes and triangles visited, plus an allowance per point.
 const BUDGET: u64 = 10_000_000;
-const BUDGET_A_POINT: u64 = 500;
-/// Nodes and triangles that all winding numbers of both meshes together may look at: so many, and so many more for each
-/// point.
+const BUDGET_PER_POINT: u64 = 500;
+/// Budget of all winding numbers of both meshes: nodes and triangles visited, plus an allowance per point.
 const INSIDE_BUDGET: u64 = 10_000_000;
-const INSIDE_BUDGET_A_POINT: u64 = 2000;
-/// Faces of which is asked whether they are buried, at most.
+const INSIDE_BUDGET_PER_POINT: u64 = 2000;
+/// Maximum number of faces tested for being buried in material.
 const BURIED_FACES: usize = 1000;
-/// Nodes and triangles that the questions about them together may look at.
+/// Budget of these tests: nodes and triangles visited.
 const BURIED_BUDGET: u64 = 10_000_000;
-/// How far on both sides of a face winding numbers are asked, in unit coordinates, which reach 2.
-const BESIDE: f64 = 1e-6;
-/// A winding number of at least this is material.
+/// Offset from a face, on both sides, at which winding numbers are evaluated, in unit coordinates (which reach 2).
+const NORMAL_OFFSET: f64 = 1e-6;
+/// Winding number from which a point counts as material.
 const MATERIAL: f64 = 0.9;
-/// The winding number from which on a point counts as inside a closed mesh.
+/// Winding number from which a point counts as inside a closed mesh.
 pub(super) const INSIDE_WINDING: f64 = 0.5;
 
-/// How far the surface of one mesh is from that of another, sampled evenly by area.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Distance from the surface of one mesh to the surface of another, sampled evenly by area.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Deviation {
-    /// Points on faces that were measured.
+    /// Number of sample points on faces.
     pub samples: u64,
-    /// Vertices that were measured beside them; they count for the largest distance only.
+    /// Number of vertices measured in addition to the samples. Vertices contribute to the maximum distance only.
     pub vertices: u64,
-    /// Whether all points were measured to the end; not on meshes made to be slow.
+    /// Whether every point was measured. False if the search ran out of its budget.
     pub complete: bool,
-    /// In the unit of the input.
+    /// Distances in the unit of the input.
     pub distance: Spread,
-    /// In percent of the diagonal of the input's box.
+    /// Distances in percent of the diagonal of the input's bounding box.
     pub percent: Spread,
-    /// The point that is farthest away, in the unit of the input.
+    /// Point with the largest distance, in the unit of the input.
     pub farthest: [f64; 3],
 }
 
-/// Distances in figures.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Statistics of a set of distances.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Spread {
-    /// The largest, of samples and vertices.
+    /// Maximum over samples and vertices.
     pub max: f64,
-    /// The mean.
+    /// Arithmetic mean over the samples.
     pub mean: f64,
-    /// The root of the mean square.
+    /// Root mean square over the samples.
     pub rms: f64,
-    /// The median.
+    /// Median: half of the area is within this distance.
     pub p50: f64,
-    /// Not exceeded by 95 % of the area.
+    /// 95th percentile: 95 % of the area is within this distance.
     pub p95: f64,
-    /// Not exceeded by 99 % of the area.
+    /// 99th percentile: 99 % of the area is within this distance.
     pub p99: f64,
 }
 
-/// Distances from points of a mesh to another mesh, in the unit coordinates of the first.
+/// Distances from points of one mesh to another mesh, in unit coordinates of the first mesh.
 pub(super) struct Distances {
-    /// From each sample; none where the budget ended before.
+    /// Distance of each sample; `None` if the budget ran out first.
     pub samples: Vec<Option<f64>>,
-    /// From some vertices, each with its index.
+    /// Distances of a subset of the vertices, each with its vertex index.
     pub vertices: Vec<(u32, f64)>,
-    /// Whether all were measured to the end.
+    /// Whether every distance was measured.
     pub complete: bool,
 }
 
-/// Measures from the samples, and from at most `vertices` vertices, to the nearest point of the other mesh. What is on a
-/// face that `stands` in the other is at no distance and costs nothing.
+/// Measures the distance from each sample, and from at most `max_vertices` vertices, to the nearest point of the
+/// other mesh. Points on faces for which `is_kept` returns true have distance 0 and cost nothing.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
 pub(super) fn distances(
     pair: Pair<'_>,
     samples: &[Sample],
-    vertices: u32,
-    stands: impl Fn(u32) -> bool,
+    max_vertices: u32,
+    is_kept: impl Fn(u32) -> bool,
     context: &Context<'_>,
 ) -> Result<Distances, Cancelled> {
-    let missing: Vec<usize> = (0..samples.len()).filter(|&i| !stands(samples[i].face)).collect();
+    let missing: Vec<usize> = (0..samples.len()).filter(|&i| !is_kept(samples[i].face)).collect();
     let surface = &pair.from.surface;
-    let mut settled = vec![vertices == 0; surface.positions.len()];
+    let mut settled = vec![max_vertices == 0; surface.positions.len()];
     for (face, index) in surface.faces.iter().zip(0u32..) {
-        if stands(index) {
+        if is_kept(index) {
             for &v in face {
                 settled[v as usize] = true;
             }
         }
     }
     let apart: Vec<u32> = (0u32..).zip(settled).filter(|(_, settled)| !settled).map(|(v, _)| v).collect();
-    let step = apart.len().div_ceil(vertices.max(1) as usize).max(1);
+    let step = apart.len().div_ceil(max_vertices.max(1) as usize).max(1);
     let apart: Vec<u32> = apart.into_iter().step_by(step).collect();
     let mut all = Distances { samples: vec![Some(0.0); samples.len()], vertices: Vec::new(), complete: true };
     if missing.is_empty() && apart.is_empty() {
         return Ok(all);
     }
-    let mine = pair.from.unit();
+    let own_positions = pair.from.unit();
     let tree = pair.to.tree();
     let count = missing.len() + apart.len();
-    let answers = ask(count, BUDGET + BUDGET_A_POINT * count as u64, context, |i, steps| {
-        let point = missing.get(i).map_or_else(|| mine[apart[i - missing.len()] as usize], |&i| samples[i].point);
+    let answers = run_queries(count, BUDGET + BUDGET_PER_POINT * count as u64, context, |i, steps| {
+        let point =
+            missing.get(i).map_or_else(|| own_positions[apart[i - missing.len()] as usize], |&i| samples[i].point);
         let nearest = tree.nearest(point * pair.ratio, f64::INFINITY, steps, |f| pair.to.unit_corners(f));
         nearest.map(|nearest| nearest.distance / pair.ratio)
     })?;
@@ -119,43 +120,45 @@ pub(super) fn distances(
     Ok(all)
 }
 
-/// The points of a mesh from which distances to another were measured.
+/// Measured points of a mesh, with their distances to another mesh.
 pub(super) struct Measured<'a> {
+    /// The mesh with the points.
     pub analysis: &'a Analysis<'a>,
+    /// Sample points on faces.
     pub samples: &'a [Sample],
-    pub found: &'a Distances,
-    /// The diagonal of the input, in unit coordinates of `analysis`.
+    /// Distances of the samples and of some vertices.
+    pub distances: &'a Distances,
+    /// Diagonal of the input, in unit coordinates of `analysis`.
     pub diagonal: f64,
 }
 
 impl Measured<'_> {
-    /// The distances in figures: those of the samples that `counts` says, and of the vertices that `vertices` says. None where nothing
-    /// was measured.
+    /// Statistics over the samples and vertices that the two filters accept. `None` if no point was measured.
     pub fn deviation(&self, counts: impl Fn(usize) -> bool, vertices: impl Fn(u32) -> bool) -> Option<Deviation> {
-        let &Self { analysis, samples, found, diagonal } = self;
+        let &Self { analysis, samples, distances, diagonal } = self;
         let mut farthest = (f64::NEG_INFINITY, None);
-        let mut note = |distance: f64, at: DVec3| {
+        let mut update_farthest = |distance: f64, at: DVec3| {
             if distance > farthest.0 {
                 farthest = (distance, Some(at));
             }
         };
         let mut sorted = Vec::with_capacity(samples.len());
-        for (i, distance) in found.samples.iter().enumerate() {
+        for (i, distance) in distances.samples.iter().enumerate() {
             if let Some(distance) = distance.filter(|_| counts(i)) {
-                note(distance, samples[i].point);
+                update_farthest(distance, samples[i].point);
                 sorted.push(distance);
             }
         }
         let mut vertex_count = 0;
-        for &(v, distance) in found.vertices.iter().filter(|&&(v, _)| vertices(v)) {
-            note(distance, analysis.unit()[v as usize]);
+        for &(v, distance) in distances.vertices.iter().filter(|&&(v, _)| vertices(v)) {
+            update_farthest(distance, analysis.unit()[v as usize]);
             vertex_count += 1;
         }
         let (max, at) = (farthest.0, farthest.1?);
         sorted.sort_unstable_by(f64::total_cmp);
         let count = sorted.len().max(1) as f64;
         let largest = sorted.last().copied().unwrap_or(0.0);
-        // By shares of the largest, since squares of huge distances overflow.
+        // Fractions of the largest distance, since squares of huge distances overflow.
         let share = |x: f64| if largest > 0.0 { x / largest } else { 0.0 };
         let spread = |factor: f64, over: f64| {
             let [max, mean, rms, p50, p95, p99] = [
@@ -173,7 +176,7 @@ impl Measured<'_> {
         Some(Deviation {
             samples: sorted.len() as u64,
             vertices: vertex_count,
-            complete: found.complete,
+            complete: distances.complete,
             distance: spread(1.0, scale),
             percent: spread(100.0, diagonal),
             farthest: at.to_array().map(|x| finite(x / scale)),
@@ -181,24 +184,27 @@ impl Measured<'_> {
     }
 }
 
-/// Whether two meshes agree on what is inside, by generalized winding numbers (Jacobson et al. 2013) at points spread evenly
-/// in the box around both. Inside is where the number is at least a half, whichever way the mesh is turned.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Agreement of two meshes on which points are inside. Points are spread evenly in the bounding box of both meshes. A
+/// point is inside if its generalized winding number (Jacobson et al. 2013) has an absolute value of at least 0.5.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct InsideAgreement {
-    /// Points that were asked for.
+    /// Number of points evaluated.
     pub points: u64,
-    /// Share of them on which both agree, in percent.
+    /// Share of the points on which both meshes agree, in percent.
     pub agree_pct: f64,
-    /// Share of those inside at least one that are inside both, in percent; none where no point is inside.
+    /// Intersection over union: of the points inside at least one mesh, the share inside both, in percent. `null` if
+    /// no point is inside.
     pub overlap_pct: Option<f64>,
-    /// Points inside the first mesh.
+    /// Number of points inside the first mesh.
     pub inside_before: u64,
-    /// Points inside the second mesh.
+    /// Number of points inside the second mesh.
     pub inside_after: u64,
 }
 
 impl InsideAgreement {
-    /// Share of the points inside the first mesh that are inside the second too, in percent; none where the first has none.
+    /// Of the points inside the first mesh, the share inside the second too, in percent. `None` if no point is inside
+    /// the first.
     #[must_use]
     #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
     pub fn kept_pct(&self) -> Option<f64> {
@@ -209,7 +215,8 @@ impl InsideAgreement {
     }
 }
 
-/// Compares what is inside. Points count as inside the first mesh from a winding number of `least_before` on. None where one mesh has no face or no point could be asked for.
+/// Compares which points are inside each mesh. `least_before` is the winding number from which a point is inside the
+/// first mesh. Returns `None` if a mesh has no faces or no point was evaluated.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
@@ -226,53 +233,59 @@ pub(super) fn inside_agreement(
     if points == 0 || pair.from.surface.faces.is_empty() || pair.to.surface.faces.is_empty() {
         return Ok(None);
     }
-    let insides = [Inside::new(pair.from), Inside::new(pair.to)];
+    let insides = [InsideTest::new(pair.from), InsideTest::new(pair.to)];
     context.check()?;
-    let answers =
-        ask(points as usize, INSIDE_BUDGET + INSIDE_BUDGET_A_POINT * u64::from(points), context, |i, steps| {
+    let answers = run_queries(
+        points as usize,
+        INSIDE_BUDGET + INSIDE_BUDGET_PER_POINT * u64::from(points),
+        context,
+        |i, steps| {
             let share = DVec3::from(r3(i as f64));
             let point = bounds.min * (DVec3::ONE - share) + bounds.max * share;
             let is_inside = [insides[0].winding(point, steps), insides[1].winding(point * pair.ratio, steps)];
-            let found = (is_inside[0] >= least_before, is_inside[1] >= INSIDE_WINDING);
-            (*steps > 0).then_some(found)
-        })?;
-    let count =
-        |wanted: fn(&(bool, bool)) -> bool| answers.values.iter().flatten().filter(|it| wanted(it)).count() as f64;
-    let asked = count(|_| true);
-    let (either, both) = (count(|it| it.0 || it.1), count(|it| it.0 && it.1));
-    Ok((asked > 0.0).then(|| InsideAgreement {
-        points: asked as u64,
-        agree_pct: (asked - either + both) / asked * 100.0,
+            let sides = (is_inside[0] >= least_before, is_inside[1] >= INSIDE_WINDING);
+            (*steps > 0).then_some(sides)
+        },
+    )?;
+    let count = |predicate: fn(&(bool, bool)) -> bool| {
+        answers.values.iter().flatten().filter(|sides| predicate(sides)).count() as f64
+    };
+    let evaluated = count(|_| true);
+    let (either, both) = (count(|sides| sides.0 || sides.1), count(|sides| sides.0 && sides.1));
+    Ok((evaluated > 0.0).then(|| InsideAgreement {
+        points: evaluated as u64,
+        agree_pct: (evaluated - either + both) / evaluated * 100.0,
         overlap_pct: (either > 0.0).then(|| both / either * 100.0),
-        inside_before: count(|it| it.0) as u64,
-        inside_after: count(|it| it.1) as u64,
+        inside_before: count(|sides| sides.0) as u64,
+        inside_after: count(|sides| sides.1) as u64,
     }))
 }
 
-/// Of the faces of `pair.from` that `stands` denies, the share with material of `pair.to` on both sides, in percent: walls that
-/// parts had inside one another, and that their union has no more. Faces spread evenly over all of them are asked. None where
-/// all stand, or none could be asked for.
+/// Of the faces of `pair.from` without a counterpart, the share with material of `pair.to` on both sides, in percent.
+/// These are internal faces that a union removes. Tests a subset spread evenly over these faces. Returns `None` if
+/// every face is kept or no test finished.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
 pub(super) fn buried_pct(
     pair: Pair<'_>,
-    stands: impl Fn(u32) -> bool,
+    is_kept: impl Fn(u32) -> bool,
     context: &Context<'_>,
 ) -> Result<Option<f64>, Cancelled> {
-    let gone: Vec<u32> = (0u32..).take(pair.from.surface.faces.len()).filter(|&f| !stands(f)).collect();
-    let asked: Vec<u32> = gone.iter().copied().step_by(gone.len().div_ceil(BURIED_FACES).max(1)).collect();
-    if asked.is_empty() || pair.to.surface.faces.is_empty() {
+    let without_counterpart: Vec<u32> = (0u32..).take(pair.from.surface.faces.len()).filter(|&f| !is_kept(f)).collect();
+    let evaluated: Vec<u32> =
+        without_counterpart.iter().copied().step_by(without_counterpart.len().div_ceil(BURIED_FACES).max(1)).collect();
+    if evaluated.is_empty() || pair.to.surface.faces.is_empty() {
         return Ok(None);
     }
-    let points = asked.iter().map(|&f| (pair.from.unit_centre(f), pair.from.unit_normal(f)));
+    let points = evaluated.iter().map(|&f| (pair.from.unit_centre(f), pair.from.unit_normal(f)));
     let known: Vec<bool> = are_buried(pair, &points.collect::<Vec<_>>(), context)?.into_iter().flatten().collect();
     let buried = known.iter().filter(|&&buried| buried).count();
     Ok(percent(buried as f64, known.len() as f64))
 }
 
-/// Which points of `pair.from`, each with the unit normal there, have material of `pair.to` on both sides; none for those that the
-/// budget did not reach.
+/// For each point of `pair.from`, given with its unit normal, whether material of `pair.to` is on both sides. `None`
+/// for points beyond the budget.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
@@ -281,10 +294,10 @@ pub(super) fn are_buried(
     points: &[(DVec3, DVec3)],
     context: &Context<'_>,
 ) -> Result<Vec<Option<bool>>, Cancelled> {
-    let inside = Inside::new(pair.to);
-    let answers = ask(points.len(), BURIED_BUDGET, context, |i, steps| {
+    let inside = InsideTest::new(pair.to);
+    let answers = run_queries(points.len(), BURIED_BUDGET, context, |i, steps| {
         let (point, normal) = points[i];
-        let sides = inside.windings(point * pair.ratio, normal * BESIDE, steps);
+        let sides = inside.windings(point * pair.ratio, normal * NORMAL_OFFSET, steps);
         (*steps > 0).then(|| sides.iter().all(|&number| number >= MATERIAL))
     })?;
     Ok(answers.values)

@@ -1,29 +1,29 @@
-//! The mesh that others are compared with.
+//! The reference mesh of comparisons, with cached samples and their visibility.
 
 use std::cell::{OnceCell, RefCell};
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::super::sampling::{Sample, samples, visible};
 use super::super::{Analysis, Measures, Volume, measures};
 use crate::context::{Cancelled, Context};
 
-/// Surface farther than this from all of the other mesh is lost, as a share of the input's diagonal. A remesh with the
-/// default 300 voxels along the diagonal stays within it.
+/// Surface farther than this from the other mesh is lost, as a fraction of the input's diagonal. A remesh with the
+/// default 300 voxels along the diagonal stays within this distance.
 pub(super) const FAR: f64 = 0.005;
-/// What rounding to f32 and back moves at most, in coordinates of [`Analysis::unit`], which reach 2.
+/// Largest displacement by rounding to f32 and back, in coordinates of [`Analysis::unit`], which reach 2.
 pub(super) const ROUNDING: f64 = 1.0 / (1u64 << 20) as f64;
 
-/// How closely two meshes are compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Sampling density of a comparison.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct CompareOptions {
-    /// Points on each surface from which the other's distance is measured.
+    /// Number of sample points on each surface, from which the distance to the other surface is measured.
     pub samples: u32,
-    /// Vertices of each mesh, at most, that are measured beside them.
+    /// Largest number of vertices of each mesh that are measured in addition to the samples.
     pub vertices: u32,
-    /// Points at which both are asked what is inside; 0 leaves it out.
+    /// Number of points at which both meshes are tested for inside or outside; 0 skips the test.
     pub inside: u32,
 }
 
@@ -34,44 +34,49 @@ impl Default for CompareOptions {
 }
 
 impl CompareOptions {
-    /// What every result of a repair is judged with.
+    /// The reduced density with which a repair judges every candidate.
     pub const BRIEF: Self = Self { samples: 4000, vertices: 2000, inside: 0 };
 }
 
-/// The mesh that others are compared with, and what is looked at of it again and again: found once.
+/// The reference mesh of comparisons. Caches its samples and their visibility across comparisons.
 pub struct Original<'a> {
+    /// The reference mesh.
     pub(super) analysis: &'a Analysis<'a>,
+    /// Its measures.
     pub(super) measures: &'a Measures,
+    /// Sampling density.
     pub(super) options: CompareOptions,
+    /// The mesh with settled orientation, if different.
     pub(super) settled: Option<&'a Analysis<'a>>,
     samples: OnceCell<Vec<Sample>>,
-    /// Of each sample whether it can be seen, where somebody asked.
-    visible: RefCell<Vec<Asked>>,
+    /// For each sample its visibility, if already computed.
+    visible: RefCell<Vec<Visibility>>,
 }
 
-/// Whether a sample can be seen.
+/// Cached visibility of a sample.
 #[derive(Clone, Copy)]
-enum Asked {
-    NotYet,
-    /// None where the search was given up.
+enum Visibility {
+    NotComputed,
+    /// `None` if the search ran out of its budget.
     Known(Option<bool>),
 }
 
 impl<'a> Original<'a> {
-    /// A mesh with its measures. Costs nothing yet.
+    /// Wraps a measured mesh. All caches are filled on demand.
     #[must_use]
     pub fn new(analysis: &'a Analysis<'a>, measures: &'a Measures, options: CompareOptions) -> Self {
         let (samples, visible) = (OnceCell::new(), RefCell::default());
         Self { analysis, measures, options, settled: None, samples, visible }
     }
 
-    /// The same mesh with its orientation settled, on which is measured what it encloses. None where it is settled as it is.
+    /// Sets a copy of the mesh with settled orientation, which measures the enclosed volume. `None` if the mesh needs
+    /// no settling.
     #[must_use]
     pub fn with_settled(self, settled: Option<&'a Analysis<'a>>) -> Self {
         Self { settled, ..self }
     }
 
-    /// The volume when the orientation is settled.
+    /// Enclosed volume after the orientation is settled.
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
@@ -79,32 +84,34 @@ impl<'a> Original<'a> {
         self.settled.map_or(Ok(self.measures.volume), |settled| Ok(measures(settled, context)?.volume))
     }
 
-    /// The mesh itself.
+    /// The analysed reference mesh.
     #[must_use]
     pub fn analysis(&self) -> &'a Analysis<'a> {
         self.analysis
     }
 
-    /// The mesh's own measures.
+    /// The measures of the reference mesh.
     #[must_use]
     pub fn measures(&self) -> &'a Measures {
         self.measures
     }
 
+    /// Samples of the reference mesh, computed once.
     pub(super) fn samples(&self) -> &[Sample] {
         self.samples.get_or_init(|| samples(self.analysis, self.options.samples))
     }
 
-    /// Whether each of the samples `wanted` can be seen; none where the search was given up.
-    pub(super) fn visible(&self, wanted: &[usize], context: &Context<'_>) -> Result<Vec<Option<bool>>, Cancelled> {
-        let mut asked = self.visible.borrow_mut();
-        asked.resize(self.samples().len(), Asked::NotYet);
-        let open: Vec<usize> = wanted.iter().copied().filter(|&i| matches!(asked[i], Asked::NotYet)).collect();
-        let points: Vec<Sample> = open.iter().map(|&i| self.samples()[i]).collect();
-        for (&i, seen) in open.iter().zip(visible(self.analysis, &points, context)?) {
-            asked[i] = Asked::Known(seen);
+    /// Visibility of each requested sample; `None` if its search ran out of its budget.
+    pub(super) fn visible(&self, requested: &[usize], context: &Context<'_>) -> Result<Vec<Option<bool>>, Cancelled> {
+        let mut cache = self.visible.borrow_mut();
+        cache.resize(self.samples().len(), Visibility::NotComputed);
+        let missing: Vec<usize> =
+            requested.iter().copied().filter(|&i| matches!(cache[i], Visibility::NotComputed)).collect();
+        let points: Vec<Sample> = missing.iter().map(|&i| self.samples()[i]).collect();
+        for (&i, is_visible) in missing.iter().zip(visible(self.analysis, &points, context)?) {
+            cache[i] = Visibility::Known(is_visible);
         }
-        let answer = |&i: &usize| if let Asked::Known(seen) = asked[i] { seen } else { None };
-        Ok(wanted.iter().map(answer).collect())
+        let cached = |&i: &usize| if let Visibility::Known(is_visible) = cache[i] { is_visible } else { None };
+        Ok(requested.iter().map(cached).collect())
     }
 }

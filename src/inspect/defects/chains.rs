@@ -1,19 +1,21 @@
+//! Grouping of edges into connected chains with a polyline.
+
 use crate::mesh::UnionFind;
 
-/// Edges that hang together, and the longest line that was drawn through them.
+/// A connected set of edges, and the longest polyline along these edges.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Chain {
-    /// The edges, by their place in the list, ascending.
+    /// Indices into the list of edges, ascending.
     pub edges: Vec<u32>,
-    /// The nodes along the line; the first is repeated at the end of a closed one.
+    /// Nodes along the polyline. A closed polyline repeats its first node at the end.
     pub line: Vec<u32>,
 }
 
-/// Sorts a list of edges between numbered nodes into chains. Edges hang together where they share a node, and where
-/// `also` names the two. O(n log n).
+/// Groups edges between numbered nodes into chains. Edges are connected if they share a node or `also` lists the pair
+/// of edges. O(n log n).
 ///
-/// Where all nodes of a chain have two edges, or two of them one, the line passes every edge once. It begins in the
-/// direction of its first edge.
+/// If every node of a chain has two edges, or all but two end nodes do, the polyline covers every edge once. The
+/// polyline starts in the direction of its first edge.
 pub(super) fn chains(edges: &[[u32; 2]], also: &[(u32, u32)]) -> Vec<Chain> {
     let mut incidence: Vec<(u32, u32)> = (0u32..).zip(edges).flat_map(|(e, &[a, b])| [(a, e), (b, e)]).collect();
     incidence.sort_unstable();
@@ -42,7 +44,7 @@ pub(super) fn chains(edges: &[[u32; 2]], also: &[(u32, u32)]) -> Vec<Chain> {
     }
     let mut walker = Walker { edges, incidence: &incidence, used: vec![false; edges.len()], next: Vec::new() };
     walker.next = vec![0; incidence.len()];
-    // Lines that have ends first, so that no other one begins in their middle.
+    // Polylines with ends come first, so that no closed one starts in their middle.
     for only_ends in [true, false] {
         for (e, &[a, b]) in edges.iter().enumerate() {
             for from in [a, b] {
@@ -62,10 +64,10 @@ pub(super) fn chains(edges: &[[u32; 2]], also: &[(u32, u32)]) -> Vec<Chain> {
 
 struct Walker<'a> {
     edges: &'a [[u32; 2]],
-    /// Nodes with their edges, sorted.
+    /// Pairs of a node and one of its edges, sorted.
     incidence: &'a [(u32, u32)],
     used: Vec<bool>,
-    /// At the first entry of each node in `incidence`: how many of its entries are known to be used.
+    /// At the index of each node's first entry in `incidence`: the number of leading entries known to be used.
     next: Vec<u32>,
 }
 
@@ -78,7 +80,7 @@ impl Walker<'_> {
         self.incidence.partition_point(|&(n, _)| n <= node) - self.begin(node)
     }
 
-    /// Goes along unused edges until there is none.
+    /// Follows unused edges until none is left.
     fn walk(&mut self, from: u32, first: usize) -> Vec<u32> {
         let mut line = vec![from];
         let (mut at, mut edge) = (from, first);
@@ -112,19 +114,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_closed_chain_is_one_line_that_ends_where_it_began() {
-        let it = chains(&[[5, 1], [9, 5], [1, 9]], &[]);
-        assert_eq!(it, [Chain { edges: vec![0, 1, 2], line: vec![5, 1, 9, 5] }]);
+    fn the_line_of_a_closed_chain_ends_at_its_first_node() {
+        let chains = chains(&[[5, 1], [9, 5], [1, 9]], &[]);
+        assert_eq!(chains, [Chain { edges: vec![0, 1, 2], line: vec![5, 1, 9, 5] }]);
     }
 
     #[test]
     fn an_open_chain_is_drawn_from_end_to_end() {
-        let it = chains(&[[1, 2], [0, 1], [3, 2]], &[]);
-        assert_eq!(it[0].line, [0, 1, 2, 3]);
+        let chains = chains(&[[1, 2], [0, 1], [3, 2]], &[]);
+        assert_eq!(chains[0].line, [0, 1, 2, 3]);
     }
 
     #[test]
-    fn chains_apart_are_one_where_they_are_said_to_be() {
+    fn additional_pairs_join_separate_chains() {
         let edges = [[0, 1], [7, 8], [8, 9]];
         assert_eq!(chains(&edges, &[]).len(), 2);
         let joined = chains(&edges, &[(0, 2)]);
@@ -132,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_star_of_many_edges_takes_no_quadratic_time() {
+    fn a_star_of_many_edges_is_not_quadratic() {
         let star: Vec<[u32; 2]> = (1..200_001).map(|i| [0, i]).collect();
         assert_eq!(chains(&star, &[])[0].edges.len(), 200_000);
     }

@@ -1,4 +1,4 @@
-//! Defects of single faces, edges and vertices, and holes.
+//! Searches for defects of single faces, edges and vertices, and for holes.
 
 use glam::DVec3;
 
@@ -9,15 +9,15 @@ use crate::context::Cancelled;
 use crate::math::collinear;
 use crate::mesh::{CornerNormals, Edges};
 
-/// Cosine of the angle from which on a normal is opposed to that of a face: a little over a right angle, since files
-/// round normals.
+/// Cosine of the angle from which a normal opposes a face. Slightly more than a right angle, since files round
+/// normals.
 const OPPOSED: f64 = -0.01;
 
-/// Faces of the file with a corner that is not finite or has no vertex; those that the reader could not take are told with the place of
-/// their other corners.
+/// Finds faces of the file with a corner that is not finite or names a missing vertex. The place of a face that the
+/// reader rejected is one of the face's other corners.
 pub(super) fn find_corrupt(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let subject = scan.analysis.subject;
-    if scan.analysis.ingest.nonfinite_faces > 0 {
+    if scan.analysis.ingest.non_finite_faces > 0 {
         for (face, index) in subject.soup.faces.iter().zip(0u32..) {
             scan.step(index as usize)?;
             let corners = face.map(|v| subject.soup.positions.get(v as usize).copied().filter(|p| p.is_finite()));
@@ -28,20 +28,17 @@ pub(super) fn find_corrupt(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         }
     }
     let Some(numbering) = subject.numbering else { return Ok(()) };
-    for face in &numbering.left_out {
+    for face in &numbering.omitted {
         scan.put_as_read(DefectKind::Corrupt, DVec3::from_array(face.at), Vec::new(), None);
     }
-    scan.count_more(
-        DefectKind::Corrupt,
-        numbering.faces_without_vertex.saturating_sub(numbering.left_out.len() as u64),
-    );
+    scan.count_more(DefectKind::Corrupt, numbering.faces_without_vertex.saturating_sub(numbering.omitted.len() as u64));
     Ok(())
 }
 
-/// Finds flat faces, whose smallest height is below the tolerance, and degenerate ones, of which an edge is; each
-/// degenerate face is flat too. Answers which faces are flat.
+/// Finds flat faces, with a height below the tolerance, and degenerate faces, with an edge below the tolerance. Every
+/// degenerate face is also flat. Returns for each face whether it is flat.
 ///
-/// A height or length of exactly 0 is decided exactly and told as 0, whatever the tolerance.
+/// Exact predicates decide whether a height or length is 0, whatever the tolerance; only then the value is 0.
 pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled> {
     let faces = &scan.analysis.surface.faces;
     let tolerance = scan.lengths.degenerate;
@@ -53,7 +50,7 @@ pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled>
         let longest = sides.into_iter().fold(0.0, f64::max).sqrt();
         let shortest = sides.into_iter().fold(f64::INFINITY, f64::min).sqrt();
         let height = if longest > 0.0 { (b - a).cross(c - a).length() / longest } else { 0.0 };
-        // Vertices stand at different places, so that only a repeated one makes an edge of no length.
+        // Vertices have distinct positions, so only a repeated vertex makes an edge of zero length.
         let repeated = u == v || v == w || w == u;
         let on_line = repeated || (height <= ROUNDING && collinear(a, b, c));
         if repeated || shortest < tolerance {
@@ -69,9 +66,8 @@ pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled>
     Ok(flat)
 }
 
-/// Faces with the same three vertices: of each group, those turned as most of them are beyond the first are
-/// duplicates, and those turned the other way are opposite faces. Answers the faces that have an opposite one, each with
-/// one of its opposites.
+/// Finds faces with the same three vertices. In each group, faces with the majority's winding, other than the first,
+/// are duplicates; faces with the other winding are opposite faces. Returns pairs of a face and one of its opposites.
 pub(super) fn find_doubles(scan: &mut Scan<'_, '_>) -> Result<Vec<(u32, u32)>, Cancelled> {
     let faces = &scan.analysis.surface.faces;
     let mut opposed = Vec::new();
@@ -99,13 +95,13 @@ pub(super) fn find_doubles(scan: &mut Scan<'_, '_>) -> Result<Vec<(u32, u32)>, C
     Ok(opposed)
 }
 
-/// Whether the corners, from the smallest on, rise before they fall: which of the two ways a face of these vertices is
-/// turned. One with a repeated vertex has only one way.
+/// Whether the corners ascend from the smallest one, which distinguishes the two windings of a face. Always true for
+/// a face with a repeated vertex.
 fn rises([a, b, c]: [u32; 3]) -> bool {
     a == b || b == c || c == a || (a < b && b < c) || (b < c && c < a) || (c < a && a < b)
 }
 
-/// Edges of more than two faces, and edges along which two faces run in the same direction.
+/// Finds edges with more than two faces, and edges whose two faces have opposite winding.
 pub(super) fn find_edges(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
     let faces = &analysis.surface.faces;
@@ -125,10 +121,10 @@ pub(super) fn find_edges(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     Ok(())
 }
 
-/// Vertices whose faces form more than one fan; the value is how many.
+/// Finds vertices whose faces form more than one fan; the value is the number of fans.
 pub(super) fn find_vertices(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
-    if analysis.fans.nonmanifold_vertices == 0 {
+    if analysis.fans.non_manifold_vertices == 0 {
         return Ok(());
     }
     let faces = &analysis.surface.faces;
@@ -152,15 +148,15 @@ pub(super) fn find_vertices(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     Ok(())
 }
 
-/// Finds the closed chains of boundary edges, as [`count_boundary_chains`](crate::mesh::count_boundary_chains) counts
-/// them: edges belong together where they bound the same fan, whatever way the faces are turned. The line is the whole
-/// chain, against the half-edges of the faces; the value is its length.
+/// Finds closed chains of boundary edges, as [`count_boundary_chains`](crate::mesh::count_boundary_chains) counts
+/// them. Edges are connected if they bound the same fan, whatever the faces' winding. The line is the whole chain,
+/// opposite to the faces' half-edges; the value is its length.
 pub(super) fn find_holes(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
     let faces = &analysis.surface.faces;
     let mut boundary: Vec<u32> = analysis.edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
     boundary.sort_unstable();
-    // Fans, not vertices, are the nodes: holes that touch in a vertex are different holes.
+    // Nodes are fans rather than vertices, so that holes touching in a vertex stay separate.
     let fan = |corner: u32| analysis.fans.of_corner[corner as usize];
     let edges: Vec<[u32; 2]> = boundary.iter().map(|&h| [fan(Edges::next(h)), fan(h)]).collect();
     for (number, hole) in chains(&edges, &[]).into_iter().enumerate() {
@@ -175,16 +171,15 @@ pub(super) fn find_holes(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     Ok(())
 }
 
-/// Finds vertices of which a normal of the file points into the mesh: opposed to the normals of all faces whose corners
-/// there have it. A vertex with one normal is bad where that is opposed to all faces around it; one with several, where
-/// one of them is bad for its faces. The value is the largest angle between a bad normal and its faces'.
+/// Finds vertices with a stored normal that points into the mesh, opposed to the normals of all faces that use the
+/// normal at this vertex. The value is the largest angle between such a normal and its faces' normals.
 ///
-/// Flat faces have no normal, and normals of no length are none.
+/// Ignores flat faces, which have no normal, and stored normals of zero length.
 pub(super) fn find_bad_normals(scan: &mut Scan<'_, '_>, flat: &[bool]) -> Result<(), Cancelled> {
     let Some(normals) = scan.analysis.subject.normals else { return Ok(()) };
     let mut bad = match normals {
-        CornerNormals::OfFaces { opposed } => of_faces(scan, opposed, flat)?,
-        _ => of_corners(scan, normals, flat)?,
+        CornerNormals::OfFaces { opposed } => bad_face_normals(scan, opposed, flat)?,
+        _ => bad_corner_normals(scan, normals, flat)?,
     };
     bad.sort_by_key(|bad| (bad.vertex, bad.face));
     for (number, of_vertex) in bad.chunk_by(|x, y| x.vertex == y.vertex).enumerate() {
@@ -197,20 +192,24 @@ pub(super) fn find_bad_normals(scan: &mut Scan<'_, '_>, flat: &[bool]) -> Result
     Ok(())
 }
 
-/// A corner with a bad normal.
-struct Bad {
+/// A corner of a face with a bad normal.
+struct BadNormal {
     vertex: u32,
     face: u32,
     cosine: f64,
 }
 
-/// Cosine of the angle between a normal of the file and that of a face; none where there is no angle.
+/// Cosine of the angle between a stored normal and a face's normal; `None` if one of them has no direction.
 fn cosine(scan: &Scan<'_, '_>, face: u32, normal: [f32; 3]) -> Option<f64> {
     let of_file = DVec3::from_array(normal.map(f64::from)).try_normalize()?;
     Some(of_file.dot(scan.analysis.unit_area_vector(face).try_normalize()?))
 }
 
-fn of_faces(scan: &Scan<'_, '_>, opposed: &[(u32, [f32; 3])], flat: &[bool]) -> Result<Vec<Bad>, Cancelled> {
+fn bad_face_normals(
+    scan: &Scan<'_, '_>,
+    opposed: &[(u32, [f32; 3])],
+    flat: &[bool],
+) -> Result<Vec<BadNormal>, Cancelled> {
     let surface = &scan.analysis.surface;
     let mut bad = Vec::new();
     for (number, &(source, normal)) in opposed.iter().enumerate() {
@@ -219,13 +218,17 @@ fn of_faces(scan: &Scan<'_, '_>, opposed: &[(u32, [f32; 3])], flat: &[bool]) -> 
         #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
         let face = f as u32;
         if let Some(cosine) = cosine(scan, face, normal).filter(|&c| c < OPPOSED && !flat[f]) {
-            bad.extend(surface.faces[f].map(|vertex| Bad { vertex, face, cosine }));
+            bad.extend(surface.faces[f].map(|vertex| BadNormal { vertex, face, cosine }));
         }
     }
     Ok(bad)
 }
 
-fn of_corners(scan: &Scan<'_, '_>, normals: &CornerNormals, flat: &[bool]) -> Result<Vec<Bad>, Cancelled> {
+fn bad_corner_normals(
+    scan: &Scan<'_, '_>,
+    normals: &CornerNormals,
+    flat: &[bool],
+) -> Result<Vec<BadNormal>, Cancelled> {
     let (surface, soup) = (&scan.analysis.surface, scan.analysis.subject.soup);
     let count = u32::try_from(surface.faces.len()).unwrap_or(u32::MAX);
     let corners = |f: u32| {
@@ -236,7 +239,7 @@ fn of_corners(scan: &Scan<'_, '_>, normals: &CornerNormals, flat: &[bool]) -> Re
             Some((surface.faces[f as usize][k], normal.map(|x| (x + 0.0).to_bits()), f, cosine))
         })
     };
-    // Nearly always no corner at all is opposed to its own face, and nothing need be sorted.
+    // Most files have no corner with an opposed normal; then nothing needs sorting.
     let mut suspect = vec![false; surface.positions.len()];
     for f in 0..count {
         scan.step(f as usize)?;
@@ -257,5 +260,5 @@ fn of_corners(scan: &Scan<'_, '_>, normals: &CornerNormals, flat: &[bool]) -> Re
     let same = |x: &(u32, [u32; 3], u32, f64), y: &(u32, [u32; 3], u32, f64)| (x.0, x.1) == (y.0, y.1);
     let all_opposed =
         at_suspects.chunk_by(same).filter(|shared| shared.iter().all(|&(_, _, _, cosine)| cosine < OPPOSED));
-    Ok(all_opposed.flatten().map(|&(vertex, _, face, cosine)| Bad { vertex, face, cosine }).collect())
+    Ok(all_opposed.flatten().map(|&(vertex, _, face, cosine)| BadNormal { vertex, face, cosine }).collect())
 }

@@ -1,4 +1,4 @@
-//! Surface that is folded back on its neighbours.
+//! Search for foldovers: surface folded back onto its neighbours.
 
 use std::collections::VecDeque;
 
@@ -9,28 +9,27 @@ use crate::context::Cancelled;
 use crate::math::{Sign, orient3d};
 use crate::mesh::{Edges, UnionFind};
 
-/// Angles below this may be rounding alone.
+/// Angles in radians below this may result from rounding alone.
 const ROUNDING: f64 = 1e-6;
 
-/// An edge whose two faces lie on one another.
+/// An edge whose two faces lie on each other.
 struct Fold {
     ends: [u32; 2],
     faces: [u32; 2],
     height: f64,
 }
 
-/// Finds foldovers: regions bounded by folds alone, with the surface around turned the other way.
+/// Finds foldovers: regions that are bounded by folds only and face the opposite way from their surroundings.
 ///
 /// ```text
-///        A
-///   ----------.          `.`: a fold. A, B and C are regions between folds; the largest of those that
-///     .--------'  B      hang together, A or C, is taken to be the right way up, and so is every region
-///     '---------- C      an even number of folds away. The others are foldovers.
+///   ----------.          `.`: a fold. A, B and C are regions between folds. In each connected set, the largest
+///     .--------'  B      region, A or C, has the correct side up, and so has every region that is an
+///     '---------- C      even number of folds away. The other regions are foldovers.
 /// ```
 ///
-/// A fold has an angle up to the tolerance, and of its two faces the lower stands off from the plane of the other by no
-/// more than the height tolerance. Flat faces have no angle and make no fold, nor do faces of the same three vertices.
-/// `skip` says of which faces folds are not looked at. Answers which faces are in foldovers.
+/// At a fold, the angle is within the angle tolerance, and the lower face is within the height tolerance of the other
+/// face's plane. Flat faces and pairs with the same three vertices form no folds. Faces in `skip` are ignored.
+/// Returns for each face whether it is in a foldover.
 pub(super) fn find(scan: &mut Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<bool>, Cancelled> {
     let count = scan.analysis.surface.faces.len();
     let mut folded = vec![false; count];
@@ -50,22 +49,22 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Res
         }
     }
     scan.context().check()?;
-    let over = folded_over(scan, &folds, &mut sets);
-    let mut faces_of: Vec<Vec<u32>> = vec![Vec::new(); over.len()];
+    let folded_roots = folded_over(scan, &folds, &mut sets);
+    let mut faces_of: Vec<Vec<u32>> = vec![Vec::new(); folded_roots.len()];
     #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
     for f in 0..count as u32 {
-        if let Ok(region) = over.binary_search(&sets.root(f)) {
+        if let Ok(region) = folded_roots.binary_search(&sets.root(f)) {
             folded[f as usize] = true;
             faces_of[region].push(f);
         }
     }
-    // Each fold has one folded side, but in a chain of regions that closes in an odd number.
+    // Each fold has one folded side, except in a cycle of an odd number of regions.
     let mut around: Vec<(u32, u32)> = Vec::new();
     for (number, (_, fold)) in (0u32..).zip(&folds) {
         around.extend(fold.faces.map(|f| (sets.root(f), number)));
     }
     around.sort_unstable();
-    for (root, faces) in over.iter().zip(faces_of) {
+    for (root, faces) in folded_roots.iter().zip(faces_of) {
         scan.context().check()?;
         let begin = around.partition_point(|&(r, _)| r < *root);
         let border: Vec<&Fold> =
@@ -74,15 +73,15 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Res
         let height = border.iter().map(|fold| fold.height).fold(0.0, f64::max);
         let line = chains(&ends, &[]).into_iter().map(|c| c.line).max_by_key(Vec::len).unwrap_or_default();
         let line = scan.points(line);
-        let beside = border.iter().flat_map(|fold| fold.faces);
+        let border_faces = border.iter().flat_map(|fold| fold.faces);
         let location = Location { at: scan.middle(faces[0]), line: &line };
-        let faces = faces.iter().copied().chain(beside);
+        let faces = faces.iter().copied().chain(border_faces);
         scan.put(DefectKind::Foldover, location, faces, Some(scan.in_model_unit(height)));
     }
     Ok(folded)
 }
 
-/// The folds, each with its edge, in order of the edges.
+/// The folds with their edge indices, in order of the edges.
 fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(usize, Fold)>, Cancelled> {
     let (faces, unit) = (&scan.analysis.surface.faces, scan.unit);
     let mut folds = Vec::new();
@@ -102,7 +101,7 @@ fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(
         }
         let [a, b] = ends.map(|v| unit[v as usize]);
         let along = (b - a).normalize_or_zero();
-        // From the edge to the corner beyond, at right angles to the edge.
+        // The component perpendicular to the edge, from the edge to the opposite corner.
         let [p, q] = [x, y].map(|h| {
             let to = unit[apex(h) as usize] - a;
             to - along * to.dot(along)
@@ -111,7 +110,8 @@ fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(
             continue;
         }
         let measured = p.cross(q).length().atan2(p.dot(q));
-        // A fold of no height is decided exactly, so that a tolerance of 0 finds it and rounding gives it no height.
+        // An exact predicate decides a fold of height 0, so that a tolerance of 0 finds it and rounding adds no
+        // height.
         let [apex_x, apex_y] = [x, y].map(|h| unit[apex(h) as usize]);
         let in_plane = measured <= ROUNDING && orient3d(a, b, apex_x, apex_y) == Sign::Zero;
         let angle = if in_plane { 0.0 } else { measured };
@@ -123,8 +123,8 @@ fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(
     Ok(folds)
 }
 
-/// The regions, by the roots of their sets, that are an odd number of folds away from the largest that they hang
-/// together with; ascending.
+/// Regions at an odd number of folds from the largest region connected with them, given as set roots in ascending
+/// order.
 fn folded_over(scan: &Scan<'_, '_>, folds: &[(usize, Fold)], sets: &mut UnionFind) -> Vec<u32> {
     let mut pairs: Vec<[u32; 2]> = Vec::new();
     for (_, fold) in folds {

@@ -1,5 +1,5 @@
-//! Everything that is wrong with a mesh, typed and placed, after Parasolid's `PK_MESH_find_defects` (seed 002) and
-//! beyond it. Self-intersections are found elsewhere.
+//! Searches for all kinds of defects except self-intersections, modelled on Parasolid's `PK_MESH_find_defects` and
+//! extended.
 
 mod chains;
 mod elements;
@@ -14,12 +14,11 @@ use crate::context::{Cancelled, Context};
 use crate::mesh::Parts;
 use scan::Scan;
 
-/// Finds all defects of a mesh but self-intersections.
+/// Finds all defects of a mesh except self-intersections.
 ///
-/// At level none nothing is looked for. Level basic leaves out what needs a search in space: slits, cracks, T-junctions,
-/// inner shells, and sheets whose two sides have different faces. Where a search meets more candidates than its budget
-/// allows, or no ray tells whether a part lies in another, it gives up, and [`Findings::incomplete`] names the kind.
-/// O(n log n) in the number of faces.
+/// Level `none` finds nothing. Level `basic` omits spatial searches: slits, cracks, T-junctions, inner shells, and
+/// sheets whose two sides have different faces. A search stops early if it exceeds its budget, or if no ray decides
+/// whether a part is inside another; [`Findings::incomplete`] then lists its kind. O(n log n) in the number of faces.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.

@@ -1,4 +1,5 @@
-//! Parts: those apart from the largest, tiny, inside out, within others, or without thickness.
+//! Search for defects of whole parts: parts other than the largest, tiny parts, inverted parts, nested parts and
+//! zero-thickness parts.
 
 use glam::DVec3;
 
@@ -7,23 +8,25 @@ use super::scan::{ROUNDING, Scan};
 use crate::context::Cancelled;
 use crate::mesh::Parts;
 
-/// Area and signed volume of a part, on the unit scale: those of [`Solid`](super::super::Solid) leave the range of f64
-/// where coordinates are near its ends.
+/// Area and signed volume of a part on the unit scale. The values of [`Solid`](super::super::Solid) overflow or
+/// underflow f64 for extreme coordinates.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Size {
+    /// Signed volume, in cubic units of the unit scale.
     pub volume: f64,
+    /// Area, in square units of the unit scale.
     pub area: f64,
 }
 
-/// What was found of a part.
-struct Found {
-    apart: bool,
+/// Defects of one part.
+struct PartDefects {
+    is_secondary: bool,
     tiny: Option<f64>,
     inverted: bool,
     depth: Option<u32>,
 }
 
-/// Measures every part, about its first corner.
+/// Measures every part relative to its first corner, for precision.
 pub(super) fn sizes(scan: &Scan<'_, '_>) -> Vec<Size> {
     let parts = &scan.analysis.parts;
     let mut sizes = vec![Size::default(); parts.count];
@@ -39,12 +42,11 @@ pub(super) fn sizes(scan: &Scan<'_, '_>) -> Vec<Size> {
     sizes
 }
 
-/// Reports the parts: those beside the largest, those too small to print, those inside out, and, where the level allows
-/// a search, those inside others.
+/// Reports parts other than the largest, tiny parts, inverted parts and, at level `full`, parts inside others.
 ///
-/// A closed part lies in as many others as a ray from it to the outside leaves (see
-/// [`nesting_depths`](super::super::nesting_depths)). Turned inward in an odd number of others it is a cavity, and in an
-/// even number it is inside out. `thin` are the parts without thickness, which have no inside.
+/// The nesting depth of a closed part is the number of other parts that a ray from the part to infinity leaves (see
+/// [`nesting_depths`](super::super::nesting_depths)). An inward-facing part is a cavity at odd depth and inverted at
+/// even depth. `thin` lists the zero-thickness parts, which have no inside.
 pub(super) fn find_parts(
     scan: &mut Scan<'_, '_>,
     level: Level,
@@ -53,7 +55,7 @@ pub(super) fn find_parts(
 ) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
     let solids = &analysis.solids;
-    // As `measures` does at any level: only what is turned inward can be inside out.
+    // Like `measures` at any level: only an inward-facing part can be inverted.
     let inward = |part: usize| sizes[part].volume < 0.0;
     let wanted: Vec<bool> = (0..solids.len())
         .map(|part| solids[part].closed && thin[part].is_none() && (inward(part) || level >= Level::Full))
@@ -63,44 +65,44 @@ pub(super) fn find_parts(
         scan.incomplete(if inward(part) { DefectKind::InvertedPart } else { DefectKind::InnerShell });
     }
     let largest = (0..solids.len()).rev().max_by(|&i, &j| sizes[i].area.total_cmp(&sizes[j].area));
-    let whole = analysis.surface.bounds().diagonal();
+    let mesh_diagonal = analysis.surface.bounds().diagonal();
     let tiny = |part: usize| {
         let diagonal = solids[part].bounds.diagonal();
-        (diagonal <= scan.in_model_unit(scan.lengths.tiny_part) && diagonal < whole).then_some(diagonal)
+        (diagonal <= scan.in_model_unit(scan.lengths.tiny_part) && diagonal < mesh_diagonal).then_some(diagonal)
     };
-    let describe = |(part, depth): (usize, Option<u32>)| Found {
-        apart: solids.len() > 1 && Some(part) != largest,
+    let describe = |(part, depth): (usize, Option<u32>)| PartDefects {
+        is_secondary: solids.len() > 1 && Some(part) != largest,
         tiny: tiny(part),
         inverted: inward(part) && depth.is_some_and(|depth| depth % 2 == 0),
         depth: depth.filter(|&depth| depth > 0 && level >= Level::Full),
     };
-    let found: Vec<Found> = depths.into_iter().enumerate().map(describe).collect();
-    if found.iter().all(|it| !it.apart && it.tiny.is_none() && !it.inverted && it.depth.is_none()) {
+    let defects: Vec<PartDefects> = depths.into_iter().enumerate().map(describe).collect();
+    if defects.iter().all(|part| !part.is_secondary && part.tiny.is_none() && !part.inverted && part.depth.is_none()) {
         return Ok(());
     }
-    for (part, (it, faces)) in found.into_iter().zip(analysis.parts.faces()).enumerate() {
+    for (part, (defects, faces)) in defects.into_iter().zip(analysis.parts.faces()).enumerate() {
         scan.step(part)?;
         let Some(&first) = faces.first() else { continue };
         let at = scan.points([analysis.surface.faces[first as usize][0]])[0];
         let mut put = |kind, value| scan.put(kind, at, faces.iter().copied(), value);
-        if it.apart {
+        if defects.is_secondary {
             #[expect(clippy::cast_precision_loss, reason = "faces are counted in u32")]
             put(DefectKind::Disjoint, Some(faces.len() as f64));
         }
-        if let Some(diagonal) = it.tiny {
+        if let Some(diagonal) = defects.tiny {
             put(DefectKind::TinyPart, Some(diagonal));
         }
-        if it.inverted {
-            put(DefectKind::InvertedPart, it.depth.map(f64::from));
-        } else if let Some(depth) = it.depth {
+        if defects.inverted {
+            put(DefectKind::InvertedPart, defects.depth.map(f64::from));
+        } else if let Some(depth) = defects.depth {
             put(DefectKind::InnerShell, Some(f64::from(depth) * if inward(part) { 1.0 } else { -1.0 }));
         }
     }
     Ok(())
 }
 
-/// The parts without thickness: closed, with a volume that is no more than a sheet of their area and of the tolerance's
-/// thickness has. Answers the thickness of each, none for all other parts.
+/// Finds zero-thickness parts: closed parts with at most the volume of a sheet of their area with the tolerance's
+/// thickness. Returns their thickness on the unit scale, and `None` for the other parts.
 pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>, sizes: &[Size]) -> Vec<Option<f64>> {
     let thickness = |(size, solid): (&Size, &Solid)| {
         let thin = solid.closed && size.volume.abs() <= scan.lengths.sheet.max(ROUNDING) * size.area / 2.0;
@@ -109,7 +111,7 @@ pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>, sizes: &[Size]) -> Ve
     sizes.iter().zip(&scan.analysis.solids).map(thickness).collect()
 }
 
-/// One defect for each part without thickness.
+/// Reports one defect for each zero-thickness part.
 pub(super) fn report_parts(scan: &mut Scan<'_, '_>, thin: &[Option<f64>]) {
     if thin.iter().all(Option::is_none) {
         return;

@@ -1,30 +1,36 @@
+//! Shared state of the defect searches, with conversion of lengths and reporting of defects.
+
 use glam::DVec3;
 
-use super::super::options::Lengths;
+use super::super::options::ToleranceLengths;
 use super::super::{Analysis, Defect, DefectKind, Findings, Tolerances};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 
-/// Faces that one defect names; the others have its mark.
+/// Maximum number of faces that one defect lists. All affected faces are marked.
 const MOST_FACES: usize = 1000;
-/// Lengths on the unit scale that rounding alone can give, with room to spare.
+/// Upper bound on lengths that result from rounding alone, on the unit scale.
 pub(super) const ROUNDING: f64 = 1e-13;
-/// Steps of a loop between two looks at the clock.
+/// Number of loop iterations between two cancellation checks.
 const STRIDE: usize = 4096;
 
-/// What every search works with. Lengths are measured on [`Analysis::unit`], where squares of coordinates neither
-/// overflow nor vanish, and told in the model's unit.
+/// Shared input and output of all searches. Searches measure lengths on the scale of [`Analysis::unit`], where
+/// squares of coordinates neither overflow nor underflow, and report them in the model's unit.
 pub(super) struct Scan<'a, 'm> {
+    /// The analysed mesh.
     pub analysis: &'a Analysis<'m>,
+    /// Positions on the unit scale.
     pub unit: &'a [DVec3],
-    pub lengths: Lengths,
+    /// Tolerances on the unit scale.
+    pub lengths: ToleranceLengths,
     context: &'a Context<'a>,
     findings: &'a mut Findings,
-    /// The model's length of a unit.
+    /// Factor from the unit scale to the model's unit.
     scale: f64,
 }
 
 impl<'a, 'm> Scan<'a, 'm> {
+    /// Prepares the searches on a mesh.
     pub fn new(
         analysis: &'a Analysis<'m>,
         tolerances: &Tolerances,
@@ -40,26 +46,27 @@ impl<'a, 'm> Scan<'a, 'm> {
         Self { analysis, unit, lengths, context, findings, scale }
     }
 
-    /// Asks the context in every few thousandth step.
+    /// Checks for cancellation in every [`STRIDE`]th iteration.
     pub fn step(&self, number: usize) -> Result<(), Cancelled> {
         if number.is_multiple_of(STRIDE) { self.context.check() } else { Ok(()) }
     }
 
+    /// Context for cancellation checks.
     pub fn context(&self) -> &'a Context<'a> {
         self.context
     }
 
-    /// A length on the unit scale in the model's unit, as a number that JSON has.
+    /// Converts a length from the unit scale to the model's unit, clamped to finite numbers as JSON requires.
     pub fn in_model_unit(&self, length: f64) -> f64 {
         (length * self.scale).clamp(f64::MIN, f64::MAX)
     }
 
-    /// A length above 0 on the unit scale; it stays above 0, since 0 says that something is exactly so.
+    /// Converts a length above 0, keeping the result above 0. A value of 0 is reserved for exact coincidence.
     pub fn in_model_unit_above_zero(&self, length: f64) -> f64 {
         self.in_model_unit(length).max(f64::MIN_POSITIVE)
     }
 
-    /// The middle of a face, in the model's unit.
+    /// Centroid of a face, in the model's unit.
     pub fn middle(&self, face: u32) -> DVec3 {
         self.analysis.surface.corners(face as usize).into_iter().map(|p| p / 3.0).sum()
     }
@@ -69,17 +76,17 @@ impl<'a, 'm> Scan<'a, 'm> {
         vertices.into_iter().map(|v| self.analysis.surface.positions[v as usize]).collect()
     }
 
-    /// Says that a search was given up before its end.
+    /// Records that the search for a kind stopped early.
     pub fn incomplete(&mut self, kind: DefectKind) {
         self.findings.mark_incomplete(kind);
     }
 
-    /// Counts defects whose places are not known.
+    /// Counts defects whose places are unknown.
     pub fn count_more(&mut self, kind: DefectKind, count: u64) {
         self.findings.count_more(kind, count);
     }
 
-    /// Adds a defect, with faces of the surface.
+    /// Adds a defect whose faces are indices into the surface.
     pub fn put<'l>(
         &mut self,
         kind: DefectKind,
@@ -91,7 +98,7 @@ impl<'a, 'm> Scan<'a, 'm> {
         self.put_as_read(kind, location, faces.into_iter().map(|f| source[f as usize]).collect(), value);
     }
 
-    /// Adds a defect with faces as the file counts them.
+    /// Adds a defect whose faces are indices into the file.
     pub fn put_as_read<'l>(
         &mut self,
         kind: DefectKind,
@@ -109,9 +116,11 @@ impl<'a, 'm> Scan<'a, 'm> {
     }
 }
 
-/// Where a defect is, in the model's unit: a point of it, and the points of its line where it has one.
+/// Place of a defect in the model's unit: a point, and the points of its line if it has one.
 pub(super) struct Location<'l> {
+    /// A point of the defect.
     pub at: DVec3,
+    /// Points along the defect's edges; empty for a face or a vertex.
     pub line: &'l [DVec3],
 }
 

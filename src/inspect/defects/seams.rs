@@ -1,4 +1,4 @@
-//! Boundaries that lie on or near one another, though nothing joins them.
+//! Search for boundaries that coincide or almost coincide without being joined: slits, T-junctions and cracks.
 //!
 //! ```text
 //!   slit                 T-junction            crack
@@ -8,9 +8,9 @@
 //!                        the other edge        a gap that can be seen
 //! ```
 //!
-//! What coincides exactly in all vertices is one edge already, since vertices are merged at equal positions; where the file's own
-//! indices do not join it, it is a slit of no gap to readers that take vertices by index. A gap up to
-//! the slit tolerance makes a slit, a wider one a crack; so no two boundary edges are both.
+//! Vertices are merged at equal positions, so exactly coincident edges are already one edge. If the file's indices do
+//! not join such an edge, it is a slit of width 0 for readers that join vertices by index. A gap up to the slit
+//! tolerance is a slit and a wider gap is a crack, so no two boundary edges form both.
 
 use glam::DVec3;
 
@@ -19,49 +19,49 @@ use super::super::measure::unshared_edges;
 use super::chains::chains;
 use super::scan::{Location, ROUNDING, Scan};
 use crate::context::Cancelled;
-use crate::math::{Tree, collinear, midmost};
+use crate::math::{Tree, collinear, index_of_middle};
 use crate::mesh::Edges;
 
-/// Boundary edges that one query may look at, and all queries together for each edge and at least.
-const MOST_A_QUERY: u64 = 1024;
-const MOST_A_BOX: u64 = 32;
-const MOST_AT_LEAST: u64 = 2_000_000;
-/// The widest gap beside an edge, as a share of its length: what is farther apart are two sides of something.
+/// Budgets: boundary edges examined per query, and by all queries together: per edge plus a fixed allowance.
+const MAX_PER_QUERY: u64 = 1024;
+const BUDGET_PER_EDGE: u64 = 32;
+const BUDGET: u64 = 2_000_000;
+/// Widest crack as a fraction of the edge's length. Boundaries farther apart are the two sides of a real opening.
 const GAP_SHARE: f64 = 0.2;
 
-/// A tree that is asked within a budget.
-struct Near {
+/// A spatial index of boundary edges with a query budget.
+struct BoundaryIndex {
     tree: Tree,
-    /// Looks that are left.
+    /// Number of edges that queries may still examine.
     budget: u64,
-    /// Whether a search was given up.
+    /// Whether a query ran out of its budget.
     gave_up: bool,
 }
 
-impl Near {
+impl BoundaryIndex {
     fn new(positions: &[DVec3], boxes: &[[u32; 3]]) -> Self {
-        let budget = MOST_AT_LEAST + MOST_A_BOX * boxes.len() as u64;
+        let budget = BUDGET + BUDGET_PER_EDGE * boxes.len() as u64;
         Self { tree: Tree::new(positions, boxes), budget, gave_up: false }
     }
 
-    /// Calls `visit` with what is near a point, as far as the budget goes.
+    /// Calls `visit` for the edges within `reach` of a point, within the budget.
     fn around(&mut self, point: DVec3, reach: f64, mut visit: impl FnMut(u32)) {
-        let most = self.budget.min(MOST_A_QUERY);
-        let (mut looks, mut gave_up) = (0, false);
-        self.tree.around(point, reach, |found| {
-            gave_up = looks == most;
+        let most = self.budget.min(MAX_PER_QUERY);
+        let (mut examined, mut gave_up) = (0, false);
+        self.tree.around(point, reach, |edge| {
+            gave_up = examined == most;
             if !gave_up {
-                looks += 1;
-                visit(found);
+                examined += 1;
+                visit(edge);
             }
             !gave_up
         });
-        self.budget -= looks;
+        self.budget -= examined;
         self.gave_up |= gave_up;
     }
 }
 
-/// The boundary edges.
+/// The boundary edges of the mesh.
 struct Boundary {
     half_edges: Vec<u32>,
     ends: Vec<[u32; 2]>,
@@ -91,22 +91,22 @@ pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let boundary = Boundary { half_edges, ends };
     let slit = find_slits(scan, &boundary)?;
     let boxes: Vec<[u32; 3]> = boundary.ends.iter().map(|&[a, b]| [a, b, b]).collect();
-    let mut near = Near::new(scan.unit, &boxes);
+    let mut index = BoundaryIndex::new(scan.unit, &boxes);
     drop(boxes);
-    let budget = near.budget;
-    find_cracks(scan, &boundary, &mut near, &slit)?;
-    if std::mem::take(&mut near.gave_up) {
+    let budget = index.budget;
+    find_cracks(scan, &boundary, &mut index, &slit)?;
+    if std::mem::take(&mut index.gave_up) {
         scan.incomplete(DefectKind::Crack);
     }
-    near.budget = budget;
-    find_t_junctions(scan, &boundary, &mut near)?;
-    if near.gave_up {
+    index.budget = budget;
+    find_t_junctions(scan, &boundary, &mut index)?;
+    if index.gave_up {
         scan.incomplete(DefectKind::TJunction);
     }
     Ok(())
 }
 
-/// Reports edges that only position joins as slits without a gap, in a format whose readers take vertices by index.
+/// For a format whose readers join vertices by index: reports edges joined by position only, as slits of width 0.
 fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
     let edges: Vec<usize> = unshared_edges(analysis).collect();
@@ -114,9 +114,9 @@ fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let ends: Vec<[u32; 2]> = edges.iter().map(|&edge| analysis.edges.vertices(edge)).collect();
     for (number, chain) in chains(&ends, &[]).into_iter().enumerate() {
         scan.step(number)?;
-        let beside =
+        let adjacent_faces =
             chain.edges.iter().flat_map(|&e| analysis.edges.half_edges(edges[e as usize]).iter().map(|h| h / 3));
-        let faces: Vec<u32> = beside.collect();
+        let faces: Vec<u32> = adjacent_faces.collect();
         let line = scan.points(chain.line);
         let Some(&at) = line.first() else { continue };
         scan.put(DefectKind::Slit, Location { at, line: &line }, faces, Some(0.0));
@@ -124,26 +124,26 @@ fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     Ok(())
 }
 
-/// Boundary edges that lie along others.
+/// Pairs of adjacent boundary edges.
 #[derive(Default)]
-struct Beside {
-    /// The edge, the other one, and the gap on the unit scale.
+struct EdgePairs {
+    /// First edge, second edge, and the gap between them on the unit scale.
     pairs: Vec<(u32, u32, f64)>,
 }
 
-impl Beside {
-    /// Reports one defect for each set of edges that hang together or lie along one another.
+impl EdgePairs {
+    /// Reports one defect for each set of edges connected by shared vertices or by these pairs.
     fn report(self, kind: DefectKind, scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<(), Cancelled> {
         let mut edges: Vec<u32> = self.pairs.iter().flat_map(|&(e, other, _)| [e, other]).collect();
         edges.sort_unstable();
         edges.dedup();
-        let place = |e: u32| edges.partition_point(|&x| x < e);
+        let number_of = |e: u32| edges.partition_point(|&x| x < e);
         #[expect(clippy::cast_possible_truncation, reason = "edges are counted in u32")]
         let also: Vec<(u32, u32)> =
-            self.pairs.iter().map(|&(e, other, _)| (place(e) as u32, place(other) as u32)).collect();
+            self.pairs.iter().map(|&(e, other, _)| (number_of(e) as u32, number_of(other) as u32)).collect();
         let mut gaps = vec![0.0f64; edges.len()];
         for &(e, _, gap) in &self.pairs {
-            let widest = &mut gaps[place(e)];
+            let widest = &mut gaps[number_of(e)];
             *widest = widest.max(gap);
         }
         let ends: Vec<[u32; 2]> = edges.iter().map(|&e| boundary.ends[e as usize]).collect();
@@ -159,27 +159,28 @@ impl Beside {
     }
 }
 
-/// Finds boundary edges with both ends at those of another. Answers which edges are in slits.
+/// Finds boundary edges whose two ends coincide with the ends of another. Returns for each edge whether it is in a
+/// slit.
 fn find_slits(scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<Vec<bool>, Cancelled> {
     let unit = scan.unit;
     let slit = scan.lengths.slit;
     let ends = |e: u32| boundary.ends[e as usize].map(|v| unit[v as usize]);
-    // Edges that coincide have their middles in one place.
-    let middles: Vec<DVec3> = (0..boundary.len()).map(|e| (ends(e)[0] + ends(e)[1]) * 0.5).collect();
+    // Coincident edges have coincident midpoints.
+    let midpoints: Vec<DVec3> = (0..boundary.len()).map(|e| (ends(e)[0] + ends(e)[1]) * 0.5).collect();
     let boxes: Vec<[u32; 3]> = (0..boundary.len()).map(|e| [e; 3]).collect();
-    let mut near = Near::new(&middles, &boxes);
+    let mut index = BoundaryIndex::new(&midpoints, &boxes);
     drop(boxes);
-    let mut slits = Beside::default();
-    let mut found = vec![false; middles.len()];
+    let mut slits = EdgePairs::default();
+    let mut in_slit = vec![false; midpoints.len()];
     for e in 0..boundary.len() {
         scan.step(e as usize)?;
         let [a, b] = ends(e);
-        // All that is near a shorter edge coincides with it.
+        // Every nearby edge coincides with a shorter edge.
         if a.distance(b) <= 2.0 * slit {
             continue;
         }
         let mut nearest = (f64::INFINITY, e);
-        near.around(middles[e as usize], slit, |other| {
+        index.around(midpoints[e as usize], slit, |other| {
             let [c, d] = ends(other);
             let along = a.distance(c).max(b.distance(d));
             let against = a.distance(d).max(b.distance(c));
@@ -189,41 +190,41 @@ fn find_slits(scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<Vec<bool>,
             }
         });
         if nearest.0 <= slit {
-            found[e as usize] = true;
+            in_slit[e as usize] = true;
             slits.pairs.push((e, nearest.1, nearest.0));
         }
     }
-    if near.gave_up {
+    if index.gave_up {
         scan.incomplete(DefectKind::Slit);
     }
     slits.report(DefectKind::Slit, scan, boundary)?;
-    Ok(found)
+    Ok(in_slit)
 }
 
-/// Finds boundary edges whose middle has another boundary edge near it, but for those in slits.
+/// Finds boundary edges with another boundary edge near the midpoint. Ignores edges in slits.
 fn find_cracks(
     scan: &mut Scan<'_, '_>,
     boundary: &Boundary,
-    near: &mut Near,
+    index: &mut BoundaryIndex,
     in_slit: &[bool],
 ) -> Result<(), Cancelled> {
     let unit = scan.unit;
     let ends = |e: u32| boundary.ends[e as usize].map(|v| unit[v as usize]);
-    let mut cracks = Beside::default();
+    let mut cracks = EdgePairs::default();
     for e in (0..boundary.len()).filter(|&e| !in_slit[e as usize]) {
         scan.step(e as usize)?;
         let [a, b] = ends(e);
         let widest = scan.lengths.crack.min(GAP_SHARE * a.distance(b));
-        let middle = (a + b) * 0.5;
+        let midpoint = (a + b) * 0.5;
         let mut nearest = (f64::INFINITY, e);
-        near.around(middle, widest, |other| {
+        index.around(midpoint, widest, |other| {
             let [c, d] = ends(other);
-            let gap = segment_distance(middle, c, d);
+            let gap = segment_distance(midpoint, c, d);
             if other != e && (gap, other) < nearest {
                 nearest = (gap, other);
             }
         });
-        // Without a gap the ends of one edge lie within the other, which makes T-junctions.
+        // Without a gap, the ends of one edge lie on the other edge; these are T-junctions.
         if nearest.0 > scan.lengths.slit && nearest.0 <= widest {
             cracks.pairs.push((e, nearest.1, nearest.0));
         }
@@ -231,8 +232,9 @@ fn find_cracks(
     cracks.report(DefectKind::Crack, scan, boundary)
 }
 
-/// Finds ends of boundary edges that lie on another boundary edge between its ends, each once, with the nearest.
-fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &Boundary, near: &mut Near) -> Result<(), Cancelled> {
+/// Finds vertices of boundary edges in the interior of another boundary edge. Reports each vertex once, with the
+/// nearest edge.
+fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &Boundary, index: &mut BoundaryIndex) -> Result<(), Cancelled> {
     let (unit, faces) = (scan.unit, &scan.analysis.surface.faces);
     let reach = scan.lengths.t_junction;
     let mut uses: Vec<(u32, u32)> = (0u32..).zip(&boundary.ends).flat_map(|(e, &[a, b])| [(a, e), (b, e)]).collect();
@@ -242,21 +244,21 @@ fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &Boundary, near: &mut Nea
         let v = of_vertex[0].0;
         let p = unit[v as usize];
         let mut nearest: Option<(f64, u32)> = None;
-        near.around(p, reach, |e| {
+        index.around(p, reach, |e| {
             let [a, b] = boundary.ends[e as usize].map(|v| unit[v as usize]);
             let gap = segment_distance(p, a, b);
-            // Near an end it is the end that it should be joined to.
+            // A vertex near an end of the edge belongs to that end.
             if gap > reach.max(ROUNDING)
                 || p.distance(a).min(p.distance(b)) <= reach
                 || faces[boundary.face(e) as usize].contains(&v)
             {
                 return;
             }
-            let exactly = collinear(a, p, b) && midmost([a, p, b]) == 1;
-            if !exactly && (gap > reach || reach == 0.0) {
+            let lies_exactly = collinear(a, p, b) && index_of_middle([a, p, b]) == 1;
+            if !lies_exactly && (gap > reach || reach == 0.0) {
                 return;
             }
-            let gap = if exactly { 0.0 } else { gap.max(f64::MIN_POSITIVE) };
+            let gap = if lies_exactly { 0.0 } else { gap.max(f64::MIN_POSITIVE) };
             if nearest.is_none_or(|best| (gap, e) < best) {
                 nearest = Some((gap, e));
             }

@@ -1,4 +1,4 @@
-//! Surface of no thickness.
+//! Search for sheets: zero-thickness surface whose two sides coincide.
 
 use rayon::prelude::*;
 
@@ -9,33 +9,34 @@ use crate::context::Cancelled;
 use crate::math::{Sign, Tree, orient3d, within};
 use crate::mesh::{Parts, UnionFind};
 
-/// Cosine of the angle between two sides of a sheet: a degree from opposite.
+/// Cosine of the angle between the normals of a sheet's two sides: one degree from opposite.
 const OPPOSITE: f64 = -0.999_847_695;
-/// Faces that are looked at around one, where there is little left to spend and where there is much.
-const LEAST_AROUND: u64 = 32;
-const MOST_AROUND: u64 = 4096;
-/// Faces that all together look at, for each and at least.
-const MOST_A_FACE: u64 = 64;
-const MOST_AT_LEAST: u64 = 4_000_000;
-/// Faces that are looked at between two looks at the clock.
+/// Minimum and maximum number of neighbours examined around one face, depending on the remaining budget.
+const MIN_NEIGHBOURS: u64 = 32;
+const MAX_NEIGHBOURS: u64 = 4096;
+/// Budget of all searches: neighbours per face, plus a fixed allowance.
+const BUDGET_PER_FACE: u64 = 64;
+const BUDGET: u64 = 4_000_000;
+/// Number of faces between two cancellation checks.
 const BATCH: usize = 1 << 12;
 
-/// What other searches found before.
+/// Results of earlier searches.
 pub(super) struct Known<'a> {
-    /// Faces with an opposite one of the same vertices, and that one.
+    /// Pairs of a face and an opposite face with the same vertices.
     pub opposed: &'a [(u32, u32)],
-    /// Flat faces.
+    /// For each face, whether it is flat.
     pub flat: &'a [bool],
-    /// Thickness of the parts that have none.
+    /// For each part its thickness, if it is a zero-thickness part.
     pub thin: &'a [Option<f64>],
-    /// Faces in foldovers.
+    /// For each face, whether it is in a foldover.
     pub folded: &'a [bool],
 }
 
-/// Finds the parts without thickness, and in other parts regions of faces that lie on faces turned the other way: those
-/// with the same vertices and, where the level allows a search, those whose middle lies within the tolerance of one.
+/// Finds zero-thickness parts, and in the other parts zero-thickness regions: faces that lie on faces with opposite
+/// normals. Two faces form a pair if they have the same vertices or, at level `full`, if the centre of one lies
+/// within the tolerance of the other.
 ///
-/// Walls of two solids that touch are found as well: what is between them has no thickness either.
+/// Also finds the touching surfaces of two solids, since the space between has no thickness.
 pub(super) fn find(scan: &mut Scan<'_, '_>, level: Level, known: &Known<'_>) -> Result<(), Cancelled> {
     let parts = &scan.analysis.parts;
     let skip: Vec<bool> = (0..known.flat.len())
@@ -57,7 +58,7 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, level: Level, known: &Known<'_>) -> 
     report_regions(scan, &pairs)
 }
 
-/// Looks for a partner of every face but those in `known`.
+/// Searches a partner for every face that is not in `known`.
 fn search(
     scan: &mut Scan<'_, '_>,
     skip: &[bool],
@@ -66,20 +67,20 @@ fn search(
 ) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
     let search = Search { analysis, tree: analysis.tree(), skip, tolerance: scan.lengths.sheet.max(ROUNDING) };
-    let asked: Vec<u32> = (0u32..).zip(known).filter(|&(_, &known)| !known).map(|(f, _)| f).collect();
+    let remaining: Vec<u32> = (0u32..).zip(known).filter(|&(_, &known)| !known).map(|(f, _)| f).collect();
     let mut gave_up = false;
-    // Shared out from batch to batch, so that the answer is the same for any number of threads.
-    let mut budget = MOST_AT_LEAST + MOST_A_FACE * asked.len() as u64;
-    for batch in asked.chunks(BATCH) {
+    // The budget is distributed batch by batch, so that the result does not depend on the number of threads.
+    let mut budget = BUDGET + BUDGET_PER_FACE * remaining.len() as u64;
+    for batch in remaining.chunks(BATCH) {
         scan.context().check()?;
-        let most = (budget / batch.len() as u64).clamp(LEAST_AROUND, MOST_AROUND);
-        let found: Vec<(Found, u64)> = batch.par_iter().map(|&f| search.partner(f, most)).collect();
-        for (&f, (found, looks)) in batch.iter().zip(found) {
-            budget = budget.saturating_sub(looks);
-            match found {
-                Found::Nothing => {}
-                Found::Partner(g, gap) => pairs.push((f, g, gap)),
-                Found::GaveUp => gave_up = true,
+        let most = (budget / batch.len() as u64).clamp(MIN_NEIGHBOURS, MAX_NEIGHBOURS);
+        let partners: Vec<(Partner, u64)> = batch.par_iter().map(|&f| search.partner(f, most)).collect();
+        for (&f, (partner, examined)) in batch.iter().zip(partners) {
+            budget = budget.saturating_sub(examined);
+            match partner {
+                Partner::None => {}
+                Partner::Face(g, gap) => pairs.push((f, g, gap)),
+                Partner::GaveUp => gave_up = true,
             }
         }
     }
@@ -91,64 +92,64 @@ fn search(
 
 struct Search<'a> {
     analysis: &'a Analysis<'a>,
-    /// Built before threads ask it.
+    /// Built before the threads start.
     tree: &'a Tree,
     skip: &'a [bool],
     tolerance: f64,
 }
 
-enum Found {
-    Nothing,
-    /// A face, and how far away.
-    Partner(u32, f64),
-    /// There were too many to look at.
+enum Partner {
+    None,
+    /// The partner face and its distance.
+    Face(u32, f64),
+    /// The face has more neighbours than the budget allows.
     GaveUp,
 }
 
 impl Search<'_> {
-    /// A face turned the other way on which the middle of face `f` lies, among the first `most` near it; and how many were
-    /// looked at.
-    fn partner(&self, f: u32, most: u64) -> (Found, u64) {
-        let (normal, middle) = (self.analysis.unit_normal(f), self.analysis.unit_centre(f));
-        let (mut found, mut looks) = (Found::Nothing, 0);
-        self.tree.around(middle, self.tolerance, |g| {
-            if looks == most {
-                found = Found::GaveUp;
+    /// Searches a face with opposite normal on which the centre of face `f` lies, among the first `most` neighbours.
+    /// Also returns the number of neighbours examined.
+    fn partner(&self, f: u32, most: u64) -> (Partner, u64) {
+        let (normal, centre) = (self.analysis.unit_normal(f), self.analysis.unit_centre(f));
+        let (mut partner, mut examined) = (Partner::None, 0);
+        self.tree.around(centre, self.tolerance, |g| {
+            if examined == most {
+                partner = Partner::GaveUp;
                 return false;
             }
-            looks += 1;
+            examined += 1;
             let corners @ [p, q, r] = self.analysis.unit_corners(g);
             let other = (q - p).cross(r - p);
             if g == f || self.skip[g as usize] || normal.dot(other) >= 0.0 {
                 return true;
             }
             let other = other.normalize_or_zero();
-            if normal.dot(other) > OPPOSITE || !within(middle, corners, self.tolerance) {
+            if normal.dot(other) > OPPOSITE || !within(centre, corners, self.tolerance) {
                 return true;
             }
             let in_plane = self.analysis.unit_corners(f).into_iter().all(|x| orient3d(p, q, r, x) == Sign::Zero);
-            found = Found::Partner(g, if in_plane { 0.0 } else { other.dot(middle - p).abs() });
+            partner = Partner::Face(g, if in_plane { 0.0 } else { other.dot(centre - p).abs() });
             false
         });
-        (found, looks)
+        (partner, examined)
     }
 }
 
-/// One defect for each set of faces that are in pairs or share edges.
+/// Reports one defect for each set of faces connected by pairs or shared edges.
 fn report_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<(), Cancelled> {
     if pairs.is_empty() {
         return Ok(());
     }
     let count = scan.analysis.surface.faces.len();
-    let mut part_of = vec![false; count];
+    let mut is_member = vec![false; count];
     let mut sets = UnionFind::new(count);
     for &(f, g, _) in pairs {
-        part_of[f as usize] = true;
-        part_of[g as usize] = true;
+        is_member[f as usize] = true;
+        is_member[g as usize] = true;
         sets.unite(f, g);
     }
     for half_edges in scan.analysis.edges.iter() {
-        let mut faces = half_edges.iter().map(|h| h / 3).filter(|&f| part_of[f as usize]);
+        let mut faces = half_edges.iter().map(|h| h / 3).filter(|&f| is_member[f as usize]);
         if let Some(first) = faces.next() {
             faces.for_each(|f| sets.unite(first, f));
         }
@@ -159,7 +160,7 @@ fn report_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<
         *widest = widest.max(gap);
     }
     let mut members: Vec<(u32, u32)> =
-        (0u32..).zip(&part_of).filter(|&(_, &is)| is).map(|(f, _)| (sets.root(f), f)).collect();
+        (0u32..).zip(&is_member).filter(|&(_, &is)| is).map(|(f, _)| (sets.root(f), f)).collect();
     members.sort_unstable();
     for (number, region) in members.chunk_by(|x, y| x.0 == y.0).enumerate() {
         scan.step(number)?;

@@ -1,81 +1,83 @@
-//! What a printer and its operator want to know of a model.
+//! Measures for 3D printing: size, volume, thinnest wall, overhangs, and fit in the build volume.
 
 mod wall_search;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::distribution::percentile;
-use super::sampling::{Sample, ask, samples};
+use super::sampling::{Sample, run_queries, samples};
 use super::{Analysis, InspectOptions, Measures, Solid, finite};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 use crate::scene::{Unit, UnitSource};
 use wall_search::{Probe, Prober, Search, Wall};
 
-/// Points from which the wall is measured whatever its thickness.
+/// Number of sample points at which the full wall thickness is measured.
 const SAMPLES: u32 = 256;
-/// The same where winding numbers must tell material from air, which costs more.
+/// Number of such points if winding numbers distinguish material from air, which costs more.
 const COSTLY_SAMPLES: u32 = 64;
-/// Points from which it is measured how much of the surface is thin.
+/// Number of sample points for estimating how much of the surface is thin.
 const THIN_SAMPLES: u32 = 256;
-/// Boxes and triangles that these points together may look at.
+/// Budget of these samples: boxes and triangles visited.
 const BUDGET: u64 = 10_000_000;
-/// Share of the area that is part of a wall which the thin walls are.
+/// Quantile of the wall thickness, by area, that counts as thin.
 const THIN_SHARE: f64 = 0.05;
-/// Share of the samples that must have material on one side and air on the other for the mesh to have walls.
+/// Fraction of the samples that must have material on one side and air on the other for the mesh to have walls.
 const SOLID_SHARE: f64 = 0.5;
-/// Angles for which the area is always told, in degrees from the vertical.
+/// Overhang angles that the report always has, in degrees from the vertical.
 const DEGREES: [f64; 3] = [30.0, 45.0, 60.0];
-/// How high above the lowest point a face still lies on the build plate, as a share of the diagonal.
+/// Height above the lowest point up to which a face lies on the build plate, as a fraction of the diagonal.
 const PLATE: f64 = 1e-6;
-/// What the sine of a face's angle must exceed that of the limit by, so that faces at just the limit do not count.
-const MORE: f64 = 1e-9;
+/// Margin on the sine of an overhang angle, so that faces exactly at the limit do not count.
+const SINE_MARGIN: f64 = 1e-9;
 
-/// Measures for printing. Lengths, areas and volumes are in the model's unit where nothing else is said.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Measures for printing. Lengths, areas and volumes are in the model's unit unless stated otherwise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PrintMeasures {
     /// The model's unit.
     pub unit: Unit,
-    /// How it is known.
+    /// Origin of the unit: declared by the request, given by the file, or assumed.
     pub unit_source: UnitSource,
-    /// Sides of the bounding box.
+    /// Side lengths of the bounding box.
     pub size: [f64; 3],
-    /// The same in millimetres.
+    /// Side lengths of the bounding box, in millimetres.
     pub size_mm: [f64; 3],
-    /// Area of all faces.
+    /// Total area of all faces.
     pub area: f64,
-    /// Enclosed volume; none where the mesh is not closed and consistently turned. What overlaps counts twice.
+    /// Enclosed volume; `null` if the mesh is not closed and consistently oriented. Overlapping parts count twice.
     pub volume: Option<f64>,
-    /// Centre of mass of the enclosed volume; none where that is not reliable or zero.
+    /// Centre of mass of the enclosed volume; `null` if the volume is zero or unreliable.
     pub centre_of_mass: Option<[f64; 3]>,
-    /// Closed parts that enclose something and are not the wall of a cavity.
+    /// Number of closed parts with a volume, excluding the surfaces of cavities.
     pub solids: u64,
-    /// The thinnest wall.
+    /// The thinnest wall; `null` if none was measured.
     pub thinnest_wall: Option<ThinnestWall>,
-    /// Why there is none.
+    /// Why no wall was measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub no_wall: Option<NoWall>,
-    /// Surface that faces down.
+    pub no_wall_reason: Option<NoWallReason>,
+    /// Area of downward-facing surface.
     pub overhang: Overhang,
-    /// Whether the model fits; none where no build volume was given.
+    /// Whether the model fits the build volume; absent if the request gives no build volume.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<Fit>,
 }
 
-/// Whether a model fits a printer.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Whether a model fits a printer's build volume.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Fit {
-    /// Sides of the build volume, in millimetres.
+    /// Side lengths of the build volume, in millimetres.
     pub build_volume: [f64; 3],
-    /// Whether it fits as it stands.
+    /// Whether the model fits in its present orientation.
     pub as_is: bool,
-    /// Whether it fits in some order of its axes.
-    pub turned: bool,
+    /// Whether the model fits with its axes permuted, that is, after rotations by 90 degrees.
+    pub rotated: bool,
 }
 
-/// Measures a model for printing; none for a mesh without faces. The work on walls is bounded, so it is O(n log n).
+/// Measures a model for printing. Returns `None` for a mesh without faces. O(n log n), with a bounded search for
+/// walls.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
@@ -94,7 +96,7 @@ pub fn print_measures(
     let size = [0, 1, 2].map(|k| finite(bounds.max[k] - bounds.min[k]));
     let size_mm = size.map(|side| finite(side * unit.millimetres()));
     let wall = if options.walls_of_printable_only && !measures.printable() {
-        Err(NoWall::NotPrintable)
+        Err(NoWallReason::NotPrintable)
     } else {
         thinnest_wall(analysis, measures, context)?
     };
@@ -107,14 +109,15 @@ pub fn print_measures(
         volume: measures.volume.reliable.then_some(measures.volume.value),
         centre_of_mass: if measures.volume.reliable { centre_of_mass(analysis) } else { None },
         solids: count_solids(analysis, context)?,
-        no_wall: wall.as_ref().err().copied(),
+        no_wall_reason: wall.as_ref().err().copied(),
         thinnest_wall: wall.ok(),
         overhang: overhang(analysis, options.up, options.overhang_deg),
         fit: options.build_volume.map(|build_volume| fit(size_mm, build_volume)),
     }))
 }
 
-/// The centre of the enclosed volume: of the tetrahedra from the middle of the box to each face, by their signed volumes.
+/// Centre of mass of the enclosed volume, as the volume-weighted mean of tetrahedra from the box's centre to each
+/// face.
 fn centre_of_mass(analysis: &Analysis<'_>) -> Option<[f64; 3]> {
     let unit = analysis.unit();
     let about = Box3::of(unit.iter().copied()).centre();
@@ -132,43 +135,45 @@ fn centre_of_mass(analysis: &Analysis<'_>) -> Option<[f64; 3]> {
 fn count_solids(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<u64, Cancelled> {
     let depths = analysis.depths(context)?;
     let encloses = analysis.solids.iter().map(|solid| solid.closed && solid.volume != 0.0);
-    // A part whose nesting can't be told, because it touches others everywhere, is most likely no cavity.
+    // A part with undecided nesting touches others everywhere and is most likely no cavity.
     let cavity = depths.iter().map(|depth| depth.is_some_and(|depth| depth % 2 == 1));
     Ok(encloses.zip(cavity).filter(|&(encloses, cavity)| encloses && !cavity).count() as u64)
 }
 
 fn fit(size: [f64; 3], build_volume: [f64; 3]) -> Fit {
-    let within = |size: [f64; 3], room: [f64; 3]| size.iter().zip(room).all(|(side, room)| *side <= room);
+    let within = |size: [f64; 3], available: [f64; 3]| size.iter().zip(available).all(|(side, limit)| *side <= limit);
     let sorted = |mut sides: [f64; 3]| {
         sides.sort_by(f64::total_cmp);
         sides
     };
-    let turned = within(sorted(size), sorted(build_volume));
-    Fit { build_volume, as_is: within(size, build_volume), turned }
+    let rotated = within(sorted(size), sorted(build_volume));
+    Fit { build_volume, as_is: within(size, build_volume), rotated }
 }
 
-/// Surface that faces down and may need support.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Downward-facing surface that may need support.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Overhang {
-    /// The direction in which the model is built, of length 1.
+    /// Build direction, normalised to length 1.
     pub up: [f64; 3],
-    /// The area that hangs over by more than each of some angles, by rising angle. What lies on the build plate is left out.
-    pub beyond: Vec<OverhangArea>,
+    /// Area steeper than each overhang angle, by ascending angle. Excludes faces on the build plate.
+    pub areas: Vec<OverhangArea>,
 }
 
-/// The area that hangs over by more than an angle.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+/// Area of the surface that overhangs by more than an angle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct OverhangArea {
-    /// The angle from the vertical, in degrees: a wall has 0, a ceiling 90.
+    /// The angle from the vertical, in degrees: 0 for a vertical wall, 90 for a ceiling.
     pub degrees: f64,
-    /// Area, in square units.
+    /// Overhanging area, in square model units.
     pub area: f64,
-    /// Share of the whole area, in percent.
+    /// Overhanging share of the total area, in percent.
     pub percent: f64,
 }
 
-/// Measures overhangs for the build direction `up`, of any length, at some fixed angles and at `degrees`. A direction that is
-/// none counts as +z.
+/// Measures overhangs at the fixed angles and at `degrees`. The build direction `up` may have any length; an invalid
+/// direction counts as +z.
 fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
     let up = DVec3::from(up);
     let largest = up.abs().max_element();
@@ -180,13 +185,13 @@ fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
     let unit = analysis.unit();
     let lowest = unit.iter().map(|p| p.dot(up)).fold(f64::INFINITY, f64::min);
     let plate = lowest + PLATE * analysis.unit_diagonal();
-    let (mut whole, mut areas) = (0.0, vec![0.0; limits.len()]);
-    let sines: Vec<f64> = limits.iter().map(|degrees| degrees.to_radians().sin() + MORE).collect();
+    let (mut total, mut areas) = (0.0, vec![0.0; limits.len()]);
+    let sines: Vec<f64> = limits.iter().map(|degrees| degrees.to_radians().sin() + SINE_MARGIN).collect();
     for face in &analysis.surface.faces {
         let [a, b, c] = face.map(|v| unit[v as usize]);
         let area = (b - a).cross(c - a) * 0.5;
         let size = area.length();
-        whole += size;
+        total += size;
         if size > 0.0 && [a, b, c].iter().any(|p| p.dot(up) > plate) {
             let down = -area.dot(up) / size;
             for (sum, _) in areas.iter_mut().zip(&sines).filter(|(_, sine)| down > **sine) {
@@ -195,64 +200,69 @@ fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
         }
     }
     let scale = analysis.scale();
-    let beyond = limits.into_iter().zip(areas).map(|(degrees, area)| OverhangArea {
+    let areas = limits.into_iter().zip(areas).map(|(degrees, area)| OverhangArea {
         degrees,
         area: finite(area / scale / scale),
-        percent: if whole > 0.0 { area / whole * 100.0 } else { 0.0 },
+        percent: if total > 0.0 { area / total * 100.0 } else { 0.0 },
     });
-    Overhang { up: up.to_array(), beyond: beyond.collect() }
+    Overhang { up: up.to_array(), areas: areas.collect() }
 }
 
-/// The thinnest wall.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// The thinnest wall of the model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ThinnestWall {
-    /// Its thickness, in the model's unit: the way from a face straight into the material to where it leaves through a face turned
-    /// the other way to within 30 degrees. The least over every face's centre and over points spread by area.
+    /// Thickness in the model's unit: the distance from a face, perpendicular into the material, to an opposite face.
+    /// The two faces point away from each other to within 30 degrees. Minimum over all face centres and over points
+    /// spread by area.
     pub thickness: f64,
-    /// A point on one side of it.
+    /// A point on one side of the wall.
     pub at: [f64; 3],
-    /// The faces of the file on both sides of it.
+    /// The two faces on both sides of the wall, as indices in the file, from 0.
     pub faces: [u32; 2],
-    /// The median of the thickness over the area that is part of a wall, from at most 256 points.
+    /// Median wall thickness, by area, from at most 256 points. Excludes surface that is not part of a wall.
     pub median: f64,
-    /// Points from which a thinner wall was searched: every face's centre, and points spread by area.
+    /// Number of points from which thinner walls were searched: all face centres, and points spread by area.
     pub samples: u64,
-    /// Whether the search looked at all of these points. A mesh made to be slow, or one with overlapping parts or holes, may
-    /// spend the search's budget first; then a thinner wall may have been missed.
+    /// Whether the search covered all of these points. On adversarial meshes, and on meshes with overlapping parts or
+    /// holes, the budget may run out first, and the search may miss a thinner wall.
     #[serde(default)]
     pub complete: bool,
-    /// The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
-    /// longest side wide. Regions count that are at most a quarter thicker than the thinnest, or as thick as 2 % of the diagonal.
+    /// The thinnest point of each thin region, thinnest first; at most 100. A region's width is 1/16 of the model's
+    /// longest side. A region is thin if its wall is at most 1.25 times the thinnest wall, or at most 2 % of the
+    /// diagonal.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub places: Vec<ThinPlace>,
 }
 
 /// The thinnest point of a thin region.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ThinPlace {
-    /// The point, on the surface.
+    /// Position on the surface.
     pub at: [f64; 3],
-    /// The thickness there, in the model's unit.
+    /// Wall thickness at this point, in the model's unit.
     pub thickness: f64,
 }
 
-/// Why no wall was measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Why no wall thickness was measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum NoWall {
+pub enum NoWallReason {
     /// The mesh has no area.
     NoSurface,
-    /// Most of the surface has no material on one side and air on the other: it is a sheet, or too open to tell.
+    /// Most of the surface does not separate material from air: the mesh is a sheet, or too open to decide.
     OpenSurface,
-    /// No two sides face away from each other.
+    /// No two faces point away from each other.
     NoOppositeSides,
-    /// It is the input of a repair and not printable: the walls that are measured are those of the result.
+    /// The mesh is the unprintable input of a repair; only the result's walls are measured.
     NotPrintable,
 }
 
-/// Measures the thinnest wall by rays inward, from every face's centre and from points spread over the surface, to where the
-/// air begins. Where the mesh is not printable, winding numbers tell material from air, so parts may overlap, surfaces intersect,
-/// and parts be turned inside out.
+/// Finds the thinnest wall with inward rays, from all face centres and from points spread over the surface, to the
+/// first face with air behind. If the mesh is not printable, winding numbers distinguish material from air; then
+/// parts may overlap, intersect or be inside out.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
@@ -260,13 +270,13 @@ fn thinnest_wall(
     analysis: &Analysis<'_>,
     measures: &Measures,
     context: &Context<'_>,
-) -> Result<Result<ThinnestWall, NoWall>, Cancelled> {
+) -> Result<Result<ThinnestWall, NoWallReason>, Cancelled> {
     let bounding = bounding_parts(analysis, measures, context)?;
     let samples = samples(analysis, if bounding.is_some() { SAMPLES } else { COSTLY_SAMPLES });
     let prober = Prober::new(analysis, bounding);
     let sampled = match walls(&samples, context, |sample, steps| prober.probe(sample, prober.reach, steps))? {
         Ok(walls) => walls,
-        Err(why) => return Ok(Err(why)),
+        Err(reason) => return Ok(Err(reason)),
     };
     let mut search = Search::new(analysis, prober.reach);
     sampled.iter().for_each(|wall| search.add(*wall));
@@ -275,13 +285,13 @@ fn thinnest_wall(
     let at = |wall: &Wall| wall.point.to_array().map(|x| finite(x / scale));
     let thickness = |wall: &Wall| finite(wall.thickness / scale);
     let thin = search.regions();
-    let Some(least) = thin.first() else { return Ok(Err(NoWall::NoOppositeSides)) };
+    let Some(least) = thin.first() else { return Ok(Err(NoWallReason::NoOppositeSides)) };
     Ok(Ok(ThinnestWall {
         thickness: thickness(least),
         at: at(least),
         faces: least.faces.map(|face| analysis.surface.source[face as usize]),
         median: if sampled.is_empty() { thickness(least) } else { finite(median(&sampled) / scale) },
-        samples: search.asked + samples.len() as u64,
+        samples: search.points + samples.len() as u64,
         complete: search.complete,
         places: thin.iter().map(|wall| ThinPlace { at: at(wall), thickness: thickness(wall) }).collect(),
     }))
@@ -291,9 +301,9 @@ fn median(walls: &[Wall]) -> f64 {
     percentile(&sorted(walls), 0.5)
 }
 
-/// The thickness, in the model's unit, below which the wall is on a twentieth of the area that is part of a wall: thin, and
-/// not the chance of a single point. None where there is no wall to measure. By balls inside the material, since a grid resolves
-/// a wall by the room that it leaves.
+/// Thickness of thin walls in the model's unit: the 5 % quantile by area, which does not depend on a single point.
+/// `None` if the mesh has no walls. Measures by inscribed balls, since a voxel grid resolves a wall if a ball inside
+/// the wall is large enough.
 ///
 /// # Errors
 /// [`Cancelled`] when the context says stop.
@@ -311,37 +321,38 @@ fn sorted(walls: &[Wall]) -> Vec<f64> {
     sorted
 }
 
-/// The wall behind each sample that has one.
+/// Measures the wall at each sample, and returns the walls found.
 fn walls(
     samples: &[Sample],
     context: &Context<'_>,
     probe: impl Fn(&Sample, &mut u64) -> Probe + Sync,
-) -> Result<Result<Vec<Wall>, NoWall>, Cancelled> {
+) -> Result<Result<Vec<Wall>, NoWallReason>, Cancelled> {
     if samples.is_empty() {
-        return Ok(Err(NoWall::NoSurface));
+        return Ok(Err(NoWallReason::NoSurface));
     }
     context.check()?;
-    let answers = ask(samples.len(), BUDGET, context, |i, steps| {
+    let answers = run_queries(samples.len(), BUDGET, context, |i, steps| {
         let probe = probe(&samples[i], steps);
         (*steps > 0).then_some(probe)
     })?;
-    let (mut asked, mut solid, mut walls) = (0u32, 0u32, Vec::new());
+    let (mut answered, mut solid, mut walls) = (0u32, 0u32, Vec::new());
     for (sample, probe) in samples.iter().zip(&answers.values) {
         let Some(probe) = probe else { continue };
-        asked += 1;
+        answered += 1;
         solid += u32::from(!matches!(probe, Probe::NotSolid));
         if let &Probe::Wall(thickness, face) = probe {
             walls.push(Wall { thickness, point: sample.point, faces: [sample.face, face] });
         }
     }
-    if f64::from(solid) < SOLID_SHARE * f64::from(asked) || asked == 0 {
-        return Ok(Err(NoWall::OpenSurface));
+    if f64::from(solid) < SOLID_SHARE * f64::from(answered) || answered == 0 {
+        return Ok(Err(NoWallReason::OpenSurface));
     }
     Ok(Ok(walls))
 }
 
-/// Which parts bound the material: their faces have material behind them and air in front. Each other part is wholly within material, or
-/// encloses air only. None where nesting does not tell: the mesh is not printable, or parts touch.
+/// For each part, whether it separates material from air, with material behind its faces. Any other part is wholly
+/// inside material, or encloses only air. `None` if nesting does not decide: the mesh is not printable, or parts
+/// touch.
 fn bounding_parts(
     analysis: &Analysis<'_>,
     measures: &Measures,
@@ -350,11 +361,12 @@ fn bounding_parts(
     if !measures.printable() {
         return Ok(None);
     }
-    // What a part adds to the winding numbers within it.
-    let own = |solid: &Solid| if solid.volume > 0.0 { 1 } else { -1 };
+    // Contribution of a part to the winding number of the points inside.
+    let winding_of = |solid: &Solid| if solid.volume > 0.0 { 1 } else { -1 };
     let bounds = |(solid, containers): (&Solid, &Option<Vec<u32>>)| {
-        let around: i32 = containers.as_ref()?.iter().map(|&part| own(&analysis.solids[part as usize])).sum();
-        (solid.volume != 0.0).then(|| around == i32::from(solid.volume < 0.0))
+        let outer_winding: i32 =
+            containers.as_ref()?.iter().map(|&part| winding_of(&analysis.solids[part as usize])).sum();
+        (solid.volume != 0.0).then(|| outer_winding == i32::from(solid.volume < 0.0))
     };
     Ok(analysis.solids.iter().zip(analysis.containers(context)?).map(bounds).collect())
 }

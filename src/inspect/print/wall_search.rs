@@ -1,95 +1,93 @@
-//! The wall behind a point, and the search for the thinnest of each region.
+//! Wall thickness at a point, and the search for the thinnest wall in each region of the model.
 
 use glam::DVec3;
 
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
-use crate::inspect::sampling::{Inside, SHARE, Sample, Spread, ask_each, samples};
+use crate::inspect::sampling::{InsideTest, QUERY_BUDGET_DIVISOR, Sample, SpreadOrder, run_each, samples};
 use crate::math::{Box3, OppositeFaces, hit};
 
-/// Winding numbers from which on a point is in material, and up to which it is in air. In between the surface is too open to
-/// tell.
+/// Winding numbers from which a point is in material, and up to which it is in air. Otherwise the surface is too open.
 const MATERIAL: f64 = 0.75;
 const AIR: f64 = 0.25;
-/// How far beside the surface is asked for material and air: a share of the diagonal, and what f64 tells apart.
-const BESIDE: [f64; 2] = [1e-9, 1e-13];
-/// A ray passes over faces nearer than this share of the diagonal: they touch the face from which it starts.
+/// Offset from the surface of tests for material and air: a fraction of the diagonal, and at least f64's resolution.
+const SIDE_OFFSET: [f64; 2] = [1e-9, 1e-13];
+/// Rays ignore faces nearer than this fraction of the diagonal, since these touch the ray's own face.
 const TOUCHING: f64 = 1e-6;
-/// Two sides make a wall where they face away from each other to within 30 degrees (its cosine). At the edges of a box the
-/// faces are near each other, but there is no thin wall.
+/// Cosine of 30 degrees: two faces form a wall if they point away from each other to within this angle. Excludes the
+/// edges of a box, where faces are near each other without forming a thin wall.
 const OPPOSITE: f64 = 0.866_025_403_784_438_6;
-/// The same for a ball that touches both sides, which turns with the point: 37 degrees.
+/// Cosine of 37 degrees: the same limit for a ball that touches both sides, whose direction varies with the point.
 const BALL_OPPOSITE: f64 = 0.8;
-/// Faces that a ray may pass through on its way to the air, as in overlapping parts.
-const MOST_PASSED: usize = 16;
-/// Regions along the longest side of the bounding box. Each keeps its thinnest wall.
+/// Maximum number of faces that a ray may pass inside the material, for example in overlapping parts.
+const MAX_PASSED: usize = 16;
+/// Number of regions along the longest side of the bounding box. Each region keeps its thinnest wall.
 const REGIONS: f64 = 16.0;
-/// Walls up to this share of the diagonal are searched in every region, and so are those up to so many times the thinnest.
+/// Limits of thin walls: a fraction of the diagonal, or a multiple of the thinnest wall, whichever is larger.
 const THIN: f64 = 0.02;
-const TIMES_THINNEST: f64 = 1.25;
-/// Most regions that the report lists.
-const MOST_REGIONS: usize = 100;
-/// Points spread by area: an eighth as many as faces, but at least and at most so many.
-const SPREAD: [usize; 2] = [512, 100_000];
-/// Points between two updates of what is known to be thin, at first and at most: rays search for thinner walls only.
+const THIN_MULTIPLE: f64 = 1.25;
+/// Maximum number of regions that the report lists.
+const MAX_REGIONS: usize = 100;
+/// Number of points spread by area: an eighth of the number of faces, within these limits.
+const SPREAD_POINTS: [usize; 2] = [512, 100_000];
+/// Number of points per block, initially and at most. Thin walls found in a block shorten the rays of the next.
 const BLOCK: [usize; 2] = [256, 16_384];
-/// Fewest points for one thread.
-const TASK: usize = 64;
-/// Boxes and triangles that the search may look at: so many, and so many more for each point. A mesh that is not printable has less,
-/// since its walls are not those that will be printed, and it costs more to tell where its material is.
+/// Minimum number of points per thread.
+const MIN_PER_THREAD: usize = 64;
+/// Budget of the search: boxes and triangles visited, plus an allowance per point. Smaller for an unprintable mesh,
+/// where material tests cost more and the walls are not the ones to be printed.
 const BUDGET: [u64; 2] = [10_000_000, 200];
 const UNPRINTABLE_BUDGET: [u64; 2] = [1_000_000, 30];
-/// Moves towards where a wall is thinner still, and how far each goes, as shares of the way to the thinnest point of the two
-/// faces.
+/// Maximum number of moves towards a thinner wall, and the fractions of the way that each move tries.
 const MOVES: usize = 16;
-const WAYS: [f64; 3] = [0.999, 0.75, 0.25];
-/// Boxes and triangles that all moves together may look at.
+const STEP_FRACTIONS: [f64; 3] = [0.999, 0.75, 0.25];
+/// Budget of all moves: boxes and triangles visited.
 const MOVES_BUDGET: u64 = 1_000_000;
 
-/// A wall, in unit coordinates.
+/// A measured wall, in unit coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wall {
     pub thickness: f64,
-    /// The point from which it was measured.
+    /// Point from which the thickness was measured.
     pub point: DVec3,
-    /// The face of that point, and the one opposite.
+    /// Face of that point, and the opposite face.
     pub faces: [u32; 2],
 }
 
-/// What is at one sample.
+/// Result of measuring at one sample.
 pub(super) enum Probe {
-    /// The surface does not part material from air here.
+    /// The surface does not separate material from air here.
     NotSolid,
-    /// No opposite side within the length that was asked for.
+    /// No opposite face within the requested length.
     NoWall,
-    /// The thickness in unit coordinates, and the opposite face.
+    /// Thickness in unit coordinates, and the opposite face.
     Wall(f64, u32),
 }
 
-/// Measures the wall behind single points.
+/// Measures the wall thickness at single points.
 pub(super) struct Prober<'a> {
     analysis: &'a Analysis<'a>,
     material: Material<'a>,
-    /// Longer than any wall.
+    /// A length greater than any wall thickness.
     pub reach: f64,
-    beside: f64,
+    side_offset: f64,
     touching: f64,
 }
 
-/// What tells on which side of a face the material is.
+/// How to decide on which side of a face the material is.
 enum Material<'a> {
-    /// Every face of these parts has material behind it and air in front, and other faces are not between the two. With the faces by
-    /// the way they are turned.
+    /// Every face of these parts has material behind and air in front, and no other face separates the two. With an
+    /// index of the faces by direction.
     Bounded(Vec<bool>, OppositeFaces<'a>),
-    /// Winding numbers at points beside the face.
-    Measured(Inside<'a>),
+    /// Winding numbers at points near the face decide.
+    Measured(InsideTest<'a>),
 }
 
 impl<'a> Prober<'a> {
-    /// `bounding` as [`bounding_parts`](super::bounding_parts) finds it.
+    /// `bounding` is the result of [`bounding_parts`](super::bounding_parts).
     pub fn new(analysis: &'a Analysis<'a>, bounding: Option<Vec<bool>>) -> Self {
         let diagonal = analysis.unit_diagonal();
-        let beside = (BESIDE[0] * diagonal).max(BESIDE[1]);
+        let side_offset = (SIDE_OFFSET[0] * diagonal).max(SIDE_OFFSET[1]);
         let material = match bounding {
             Some(parts) => {
                 let normal = |face: u32| {
@@ -99,12 +97,12 @@ impl<'a> Prober<'a> {
                 let opposite = analysis.tree().opposite_faces(OPPOSITE, normal);
                 Material::Bounded(parts, opposite)
             }
-            None => Material::Measured(Inside::new(analysis)),
+            None => Material::Measured(InsideTest::new(analysis)),
         };
-        Self { analysis, material, reach: 2.0 * diagonal, beside, touching: TOUCHING * diagonal }
+        Self { analysis, material, reach: 2.0 * diagonal, side_offset, touching: TOUCHING * diagonal }
     }
 
-    /// For each face whether a wall of at most `longest` may be behind it.
+    /// For each face, whether a wall of at most `longest` may be behind the face.
     pub fn may_have_wall(&self, longest: f64) -> Vec<bool> {
         let faces = self.analysis.surface.faces.len();
         match &self.material {
@@ -114,8 +112,8 @@ impl<'a> Prober<'a> {
         }
     }
 
-    /// The wall behind a sample by the ray inward, where it is at most `longest`. Whether the surface parts material from air is
-    /// asked only where a ray meets something within that length, or where it is as long as any wall.
+    /// Measures the wall of at most `longest` behind a sample with an inward ray. Tests whether the surface separates
+    /// material from air only if a ray hits a face within that length, or if the length is unlimited.
     pub fn probe(&self, sample: &Sample, longest: f64, steps: &mut u64) -> Probe {
         let has_none = match &self.material {
             Material::Bounded(parts, opposite) => {
@@ -127,15 +125,15 @@ impl<'a> Prober<'a> {
             return Probe::NoWall;
         }
         let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.way_out(sample, inward, longest, steps) else { return Probe::NoWall };
+        let Some((length, face)) = self.path_to_air(sample, inward, longest, steps) else { return Probe::NoWall };
         if self.is_opposite(face, inward, OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
     }
 
-    /// The wall behind a sample by the ray inward or by the ball inside the material that touches the sample, shrunk until
-    /// nothing is in it (Ma et al. 2012): the thinner of both.
+    /// Measures the wall behind a sample with an inward ray and with an inscribed ball, and returns the thinner one.
+    /// The ball touches the sample and shrinks until it contains no surface (Ma et al. 2012).
     pub fn probe_by_ball(&self, sample: &Sample, steps: &mut u64) -> Probe {
         let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.way_out(sample, inward, self.reach, steps) else { return Probe::NoWall };
+        let Some((length, face)) = self.path_to_air(sample, inward, self.reach, steps) else { return Probe::NoWall };
         if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
             return wall;
         }
@@ -152,31 +150,32 @@ impl<'a> Prober<'a> {
         matches!(self.material, Material::Measured(_))
     }
 
-    /// Whether a ray from a sample against its normal meets an opposite face within a length.
+    /// Whether a ray from a sample against its normal hits an opposite face within a length.
     fn meets_opposite(&self, opposite: &OppositeFaces<'_>, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
-        let (ray, least) = (-sample.normal * longest, self.touching / longest);
+        let (ray, min_fraction) = (-sample.normal * longest, self.touching / longest);
         opposite.any_along([sample.point, sample.point + ray], sample.normal, steps, |face| {
-            let share = hit(sample.point, ray, self.analysis.unit_corners(face));
-            face != sample.face && share.is_some_and(|share| share > least)
+            let fraction = hit(sample.point, ray, self.analysis.unit_corners(face));
+            face != sample.face && fraction.is_some_and(|fraction| fraction > min_fraction)
         })
     }
 
-    /// Whether a face is within a length of a sample along its normal, to either side.
+    /// Whether a face is within a length of a sample along its normal, on either side.
     fn meets_anything(&self, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
-        [-sample.normal, sample.normal].into_iter().any(|way| self.first(sample, way * longest, None, steps).is_some())
+        let rays = [-sample.normal * longest, sample.normal * longest];
+        rays.into_iter().any(|ray| self.first_hit(sample, ray, None, steps).is_some())
     }
 
-    /// The first face that a ray from a sample meets, as a share of the ray.
-    fn first(&self, sample: &Sample, ray: DVec3, after: Option<(f64, u32)>, steps: &mut u64) -> Option<(f64, u32)> {
-        let least = self.touching / ray.length();
+    /// The first face that a ray from a sample hits, with the position as a fraction of the ray.
+    fn first_hit(&self, sample: &Sample, ray: DVec3, after: Option<(f64, u32)>, steps: &mut u64) -> Option<(f64, u32)> {
+        let min_fraction = self.touching / ray.length();
         self.analysis.tree().first_along([sample.point, sample.point + ray], after, steps, |face| {
             let other = face != sample.face && self.may_end_material(face);
-            let share = other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten();
-            share.filter(|&share| share > least)
+            let fraction = other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten();
+            fraction.filter(|&fraction| fraction > min_fraction)
         })
     }
 
-    /// The direction from a sample into the material, if there is material on one side and air on the other.
+    /// Direction from a sample into the material; `None` unless there is material on one side and air on the other.
     fn inward(&self, sample: &Sample, steps: &mut u64) -> Option<DVec3> {
         let inside = match &self.material {
             Material::Bounded(parts, _) => {
@@ -184,7 +183,7 @@ impl<'a> Prober<'a> {
             }
             Material::Measured(inside) => inside,
         };
-        let [front, back] = inside.windings(sample.point, sample.normal * self.beside, steps);
+        let [front, back] = inside.windings(sample.point, sample.normal * self.side_offset, steps);
         if front < AIR && back > MATERIAL {
             Some(-sample.normal)
         } else {
@@ -192,7 +191,7 @@ impl<'a> Prober<'a> {
         }
     }
 
-    /// Whether air may begin behind a face that is met from the material.
+    /// Whether air may begin behind a face that a ray hits from inside the material.
     fn may_end_material(&self, face: u32) -> bool {
         match &self.material {
             Material::Bounded(parts, _) => is_bounding(self.analysis, parts, face),
@@ -200,7 +199,7 @@ impl<'a> Prober<'a> {
         }
     }
 
-    /// Whether a point just behind a face that was met from the material is in air.
+    /// Whether a point just behind such a face is in air.
     fn is_air(&self, beyond: DVec3, steps: &mut u64) -> bool {
         match &self.material {
             Material::Bounded(..) => true,
@@ -208,29 +207,30 @@ impl<'a> Prober<'a> {
         }
     }
 
-    /// How far it is inward to where the air begins, if at most `longest`, and the face there.
-    fn way_out(&self, sample: &Sample, inward: DVec3, longest: f64, steps: &mut u64) -> Option<(f64, u32)> {
+    /// Distance from a sample through the material to the air, if at most `longest`, and the face there.
+    fn path_to_air(&self, sample: &Sample, inward: DVec3, longest: f64, steps: &mut u64) -> Option<(f64, u32)> {
         let ray = inward * longest;
         let mut passed = None;
-        for _ in 0..MOST_PASSED {
-            let first = self.first(sample, ray, passed, steps);
-            let (share, face) = first.filter(|_| *steps > 0)?;
-            let length = share * longest;
-            if self.is_air(sample.point + inward * (length + self.beside), steps) {
+        for _ in 0..MAX_PASSED {
+            let first_hit = self.first_hit(sample, ray, passed, steps);
+            let (fraction, face) = first_hit.filter(|_| *steps > 0)?;
+            let length = fraction * longest;
+            if self.is_air(sample.point + inward * (length + self.side_offset), steps) {
                 return Some((length, face)).filter(|_| *steps > 0);
             }
-            passed = first;
+            passed = first_hit;
         }
         None
     }
 
-    /// The wall by the largest ball of at most `radius` that touches `point` from inside, where it touches an opposite side.
+    /// The wall given by the largest ball of at most `radius` that touches `point` from inside, if the ball touches
+    /// an opposite face.
     fn ball(&self, point: DVec3, inward: DVec3, radius: f64, steps: &mut u64) -> Option<Probe> {
         let ball =
             self.analysis.tree().shrunk_ball([point, inward], radius, steps, |f| self.analysis.unit_corners(f))?;
         let contact = ball.touches.filter(|_| *steps > 0)?;
         let outward = (contact.point - (point + inward * ball.radius)) / ball.radius;
-        let beyond = contact.point + outward * self.beside;
+        let beyond = contact.point + outward * self.side_offset;
         let wall = outward.dot(inward) >= BALL_OPPOSITE && self.is_air(beyond, steps);
         wall.then_some(Probe::Wall(2.0 * ball.radius, contact.face))
     }
@@ -240,7 +240,7 @@ fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
     parts.get(analysis.parts.of_face[face as usize] as usize).copied().unwrap_or(false)
 }
 
-/// The search for the thinnest wall of each region, from every face's centre and from points spread by area.
+/// Search for the thinnest wall of each region, from all face centres and from points spread by area.
 pub(super) struct Search<'a> {
     analysis: &'a Analysis<'a>,
     corner: DVec3,
@@ -248,13 +248,13 @@ pub(super) struct Search<'a> {
     sides: [usize; 3],
     thinnest: Vec<Option<Wall>>,
     least: f64,
-    /// See [`THIN`].
+    /// Thickness up to which every wall is thin. See [`THIN`].
     thin: f64,
-    /// The longest ray.
+    /// Length of the longest ray.
     reach: f64,
-    /// Points that were asked.
-    pub asked: u64,
-    /// Whether all points were asked to the end.
+    /// Number of points covered.
+    pub points: u64,
+    /// Whether all points were covered within the budget.
     pub complete: bool,
 }
 
@@ -274,12 +274,12 @@ impl<'a> Search<'a> {
             least: f64::INFINITY,
             thin: THIN * analysis.unit_diagonal(),
             reach,
-            asked: 0,
+            points: 0,
             complete: true,
         }
     }
 
-    /// Keeps a wall if it is the thinnest of its region; of equally thin ones the first.
+    /// Keeps a wall if it is the thinnest of its region. The first of equally thin walls stays.
     pub fn add(&mut self, wall: Wall) {
         let region = self.region(wall.point);
         let kept = &mut self.thinnest[region];
@@ -289,23 +289,24 @@ impl<'a> Search<'a> {
         self.least = self.least.min(wall.thickness);
     }
 
-    /// Asks all points, in blocks. What is known to be thin bounds the rays of the next block, so most of them are short. The
-    /// blocks follow from the mesh alone, so the result is the same for any number of threads.
+    /// Measures at all points, in blocks. Known thin walls bound the rays of the next block, so most rays are short.
+    /// Blocks depend on the mesh only, so the result is the same for any number of threads.
     ///
     /// # Errors
     /// [`Cancelled`] when the context says stop.
     pub fn run(&mut self, prober: &Prober<'_>, is_printable: bool, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces = self.analysis.surface.faces.len();
-        let spread = samples(self.analysis, u32::try_from((faces / 8).clamp(SPREAD[0], SPREAD[1])).unwrap_or(u32::MAX));
+        let count = (faces / 8).clamp(SPREAD_POINTS[0], SPREAD_POINTS[1]);
+        let spread = samples(self.analysis, u32::try_from(count).unwrap_or(u32::MAX));
         let points = (faces + spread.len()) as u64;
-        let [base, a_point] = if is_printable { BUDGET } else { UNPRINTABLE_BUDGET };
-        let budget = base + a_point * points;
+        let [base, per_point] = if is_printable { BUDGET } else { UNPRINTABLE_BUDGET };
+        let budget = base + per_point * points;
         let may_have_wall = prober.may_have_wall(self.limit());
-        let left = self.ask(spread.len(), budget, context, |i, search, steps| {
+        let left = self.run_queries(spread.len(), budget, context, |i, search, steps| {
             let sample = may_have_wall[spread[i].face as usize].then_some(&spread[i])?;
             search.probe(prober, sample, steps)
         })?;
-        self.ask(faces, left, context, |face, search, steps| {
+        self.run_queries(faces, left, context, |face, search, steps| {
             let sample = may_have_wall[face].then(|| search.centre(u32::try_from(face).ok()?)).flatten()?;
             search.probe(prober, &sample, steps)
         })?;
@@ -313,7 +314,7 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Moves the point of each thin wall to where it is thinnest.
+    /// Moves the point of each thin wall to where the wall is thinnest.
     fn descend(&mut self, prober: &Prober<'_>) {
         let mut steps = MOVES_BUDGET;
         for mut wall in self.regions() {
@@ -325,8 +326,9 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// A thinner wall beside one. Between two faces the thickness changes linearly, so it is least at a corner of what one
-    /// shows of the other. Faces that have a vertex in common make an edge and no wall, so there the search ends.
+    /// Finds a thinner wall near a given one. The thickness between two faces varies linearly, so its minimum is at a
+    /// corner of their overlap. Two faces with a common vertex form an edge rather than a wall, which ends the
+    /// search.
     fn thinner(&self, prober: &Prober<'_>, wall: &Wall, steps: &mut u64) -> Option<Wall> {
         let [face, opposite] = wall.faces;
         let faces = &self.analysis.surface.faces;
@@ -335,42 +337,42 @@ impl<'a> Search<'a> {
         }
         let normal = self.centre(face)?.normal;
         let thinnest = thinnest_corner(self.analysis.unit_corners(face), normal, self.analysis.unit_corners(opposite))?;
-        WAYS.into_iter().find_map(|way| {
-            let sample = Sample { face, point: wall.point.lerp(thinnest, way), normal };
+        STEP_FRACTIONS.into_iter().find_map(|fraction| {
+            let sample = Sample { face, point: wall.point.lerp(thinnest, fraction), normal };
             let Probe::Wall(thickness, opposite) = prober.probe(&sample, wall.thickness, steps) else { return None };
-            // Less than a thousandth is not worth another move.
+            // An improvement of less than a thousandth does not justify another move.
             let thinner = Wall { thickness, point: sample.point, faces: [face, opposite] };
             (thickness < 0.999 * wall.thickness).then_some(thinner)
         })
     }
 
-    /// Asks points 0 to `count`, in an order of which every beginning is spread evenly over all of them. Returns what is left of
-    /// the budget.
-    fn ask(
+    /// Runs queries 0 to `count` in an order whose every prefix is spread evenly over all of them. Returns the
+    /// remaining budget.
+    fn run_queries(
         &mut self,
         count: usize,
         budget: u64,
         context: &Context<'_>,
-        question: impl Fn(usize, &Self, &mut u64) -> Option<Wall> + Sync,
+        query: impl Fn(usize, &Self, &mut u64) -> Option<Wall> + Sync,
     ) -> Result<u64, Cancelled> {
-        let (order, most) = (Spread::over(count), (budget / SHARE).max(1));
-        let (mut asked, mut left, mut block) = (0, budget, BLOCK[0]);
-        while asked < count {
+        let (order, most) = (SpreadOrder::over(count), (budget / QUERY_BUDGET_DIVISOR).max(1));
+        let (mut done, mut left, mut block) = (0, budget, BLOCK[0]);
+        while done < count {
             context.check()?;
             if left == 0 {
                 self.complete = false;
                 break;
             }
-            let end = count.min(asked + block);
+            let end = count.min(done + block);
             let known = &*self;
-            let answers = ask_each(order.numbers(asked..end), TASK, most, |i, steps| question(i, known, steps));
+            let answers = run_each(order.numbers(done..end), MIN_PER_THREAD, most, |i, steps| query(i, known, steps));
             for (_, wall, steps) in answers {
                 wall.into_iter().for_each(|wall| self.add(wall));
                 self.complete &= steps > 0;
                 left = left.saturating_sub(most - steps);
             }
-            self.asked += (end - asked) as u64;
-            asked = end;
+            self.points += (end - done) as u64;
+            done = end;
             block = (block * 2).min(BLOCK[1]);
         }
         Ok(left)
@@ -381,21 +383,21 @@ impl<'a> Search<'a> {
         Some(Wall { thickness, point: sample.point, faces: [sample.face, face] })
     }
 
-    /// The centre of a face; none where it has no area.
+    /// A sample at the centre of a face; `None` if the face has no area.
     fn centre(&self, face: u32) -> Option<Sample> {
         let normal = self.analysis.unit_normal(face);
         (normal != DVec3::ZERO).then(|| Sample { face, point: self.analysis.unit_centre(face), normal })
     }
 
-    /// The thickness from which on a wall at a point tells nothing new.
+    /// Thickness from which a wall at a point is irrelevant.
     fn longest(&self, point: DVec3) -> f64 {
         let region = self.thinnest[self.region(point)].map_or(self.reach, |wall| wall.thickness);
         region.min(self.limit()).min(self.reach)
     }
 
-    /// Up to which thickness regions are thin.
+    /// Thickness up to which a region is thin.
     fn limit(&self) -> f64 {
-        (TIMES_THINNEST * self.least).max(self.thin)
+        (THIN_MULTIPLE * self.least).max(self.thin)
     }
 
     fn region(&self, point: DVec3) -> usize {
@@ -405,15 +407,14 @@ impl<'a> Search<'a> {
         (z * self.sides[1] + y) * self.sides[0] + x
     }
 
-    /// The thinnest wall of each thin region, the thinnest first. What is within a region's edge of a thinner one is not told
-    /// again.
+    /// The thinnest wall of each thin region, thinnest first. Omits walls within a region's width of a thinner one.
     pub fn regions(&self) -> Vec<Wall> {
         let limit = self.limit();
-        let mut thin: Vec<Wall> = self.thinnest.iter().flatten().copied().filter(|it| it.thickness <= limit).collect();
+        let mut thin: Vec<Wall> = self.thinnest.iter().flatten().copied().filter(|w| w.thickness <= limit).collect();
         thin.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
         let mut regions: Vec<Wall> = Vec::new();
         for wall in thin {
-            if regions.len() >= MOST_REGIONS {
+            if regions.len() >= MAX_REGIONS {
                 break;
             }
             if regions.iter().all(|other| other.point.distance(wall.point) > self.edge) {
@@ -424,8 +425,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Of the part of triangle `p` that lies before triangle `q` as seen along the normal of `p`, the corner nearest to the plane
-/// of `q` along it.
+/// The overlap of triangle `p` with triangle `q`, projected along the normal of `p`: returns the corner of the
+/// overlap that is nearest to the plane of `q` along the normal.
 fn thinnest_corner(p: [DVec3; 3], normal: DVec3, q: [DVec3; 3]) -> Option<DVec3> {
     let mut part = p.to_vec();
     for k in 0..3 {

@@ -14,10 +14,10 @@ use crate::jobs::queue::{
     KEY_HOLD, KEY_LIFE, KeyState, NewJob, NewUpload, PendingUpload, RequestKey, UPLOAD_LIFE, UPLOAD_OPEN,
 };
 use crate::jobs::store::{
-    Cancelled, IdempotencyStore, JobStore, ListQuery, Page, RetentionStore, StatusCount, UploadStore,
+    CancelResult, IdempotencyStore, JobStore, ListQuery, Page, RetentionStore, StatusCount, UploadStore,
 };
 
-/// The columns of a job, for `SELECT` and `RETURNING`; with another expression in place of the report where a caller does not need it.
+/// The columns of a job, for `SELECT` and `RETURNING`. The argument replaces the report where a caller does not need it.
 macro_rules! job_columns {
     () => {
         job_columns!("report")
@@ -38,7 +38,7 @@ pub(super) fn read_job(row: &impl Columns) -> Result<Job, StoreError> {
     let from = Reader::new(row)?;
     let inputs: Vec<Input> = from.json("inputs")?;
     if inputs.is_empty() {
-        return Err(corrupt(&from.id, "inputs", "no file"));
+        return Err(corrupt(&from.id, "inputs", "the list is empty"));
     }
     Ok(Job {
         id: from.parsed("id")?,
@@ -67,7 +67,7 @@ pub(super) fn read_job(row: &impl Columns) -> Result<Job, StoreError> {
     })
 }
 
-/// Empties a row's content, except its inputs.
+/// The assignments that empty a row's content, except its inputs.
 macro_rules! emptied {
     () => {
         "worker = NULL, lease_token = NULL, lease_expires_at = NULL, progress = NULL, report = NULL, artifacts = '{}', \
@@ -78,7 +78,7 @@ macro_rules! emptied {
 #[async_trait]
 impl<D: Dialect> JobStore for SqlStore<D> {
     async fn submit(&self, job: NewJob) -> Result<Job, StoreError> {
-        // Most jobs write nothing but their row: one statement is enough.
+        // Most jobs write only their row, for which one statement is enough.
         if job.key.is_none() && job.upload.is_none() && job.result.is_none() {
             let job = insert(&mut *self.writer().await?, &job, self.now()).await?;
             self.notify_work();
@@ -140,7 +140,7 @@ impl<D: Dialect> JobStore for SqlStore<D> {
         Ok(StatusCount::of_all(&counts))
     }
 
-    async fn cancel(&self, id: JobId) -> Result<Option<Cancelled>, StoreError> {
+    async fn cancel(&self, id: JobId) -> Result<Option<CancelResult>, StoreError> {
         let now = self.now();
         let mut transaction = self.begin().await?;
         let statement = sql(concat!(
@@ -151,10 +151,10 @@ impl<D: Dialect> JobStore for SqlStore<D> {
         ));
         if let Some(row) = transaction.query_row(statement.bind(now).bind(id)).await? {
             let job = self.end(transaction, read_job(&row)?, now).await?;
-            return Ok(Some(Cancelled::Yes(Box::new(job))));
+            return Ok(Some(CancelResult::Canceled(Box::new(job))));
         }
         drop(transaction);
-        Ok(self.get(id).await?.map(Cancelled::of_ended))
+        Ok(self.get(id).await?.map(CancelResult::of_ended))
     }
 }
 
@@ -189,7 +189,7 @@ async fn insert(connection: &mut impl SqlConnection, job: &NewJob, now: Option<i
 
 #[async_trait]
 impl<D: Dialect> RetentionStore for SqlStore<D> {
-    async fn expire(&self, age: Duration, most: u32) -> Result<Vec<JobId>, StoreError> {
+    async fn expire(&self, age: Duration, max: u32) -> Result<Vec<JobId>, StoreError> {
         let mut transaction = self.begin().await?;
         // Oldest first. Several processes may expire jobs at the same time.
         let old = sql(
@@ -198,7 +198,7 @@ impl<D: Dialect> RetentionStore for SqlStore<D> {
         )
         .bind(self.now())
         .bind(millis(age))
-        .bind(most);
+.bind(max);
         let mut expired = Vec::new();
         for row in transaction.query(old).await? {
             let from = Reader::new(&row)?;
@@ -306,18 +306,18 @@ async fn record_use(
     if connection.execute(statement).await? == 1 { Ok(()) } else { Err(StoreError::KeyLost) }
 }
 
-/// The state of a key that another request holds or used, by the key's row, its `fingerprint` and its `job_id`.
+/// The state of a key that another request holds or used, from the columns `fingerprint` and `job_id` of the key's row.
 fn state_of_another(row: Option<&impl Columns>) -> Result<KeyState, StoreError> {
     let Some(row) = row else { return Ok(KeyState::InUse) };
     let Some(fingerprint) = row.text("fingerprint")? else { return Ok(KeyState::InUse) };
     let id = row.text("job_id")?.unwrap_or_default();
-    let job = id.parse().map_err(|_| corrupt(&id, "job_id", "no job id"))?;
+    let job = id.parse().map_err(|_| corrupt(&id, "job_id", "not a job id"))?;
     Ok(KeyState::Used { fingerprint, job })
 }
 
 #[async_trait]
 impl<D: Dialect> UploadStore for SqlStore<D> {
-    async fn add_upload(&self, upload: NewUpload, most: u64) -> Result<Option<PendingUpload>, StoreError> {
+    async fn add_upload(&self, upload: NewUpload, max: u64) -> Result<Option<PendingUpload>, StoreError> {
         // In PostgreSQL, concurrent statements do not count each other's rows, so the limit is approximate.
         let statement = sql(
             "INSERT INTO uploads (id, tenant, name, token_sha256, created_at) SELECT $1, $2, $3, $4, meshmend_now($5) \
@@ -330,7 +330,7 @@ impl<D: Dialect> UploadStore for SqlStore<D> {
         .bind(upload.token_sha256)
         .bind(self.now())
         .bind(millis(UPLOAD_LIFE))
-        .bind(i64::try_from(most).unwrap_or(i64::MAX));
+        .bind(i64::try_from(max).unwrap_or(i64::MAX));
         self.write_one(statement, read_upload).await
     }
 

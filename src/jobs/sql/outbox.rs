@@ -12,12 +12,12 @@ use super::tenants::{disable, read_events, read_signing_secrets};
 use crate::jobs::error::StoreError;
 use crate::jobs::id::JobId;
 use crate::jobs::job::Job;
-use crate::jobs::store::{DeliveryStore, Page, Redelivered};
+use crate::jobs::store::{DeliveryStore, Page, RedeliveryResult};
 use crate::jobs::webhooks::{
-    Attempt, Backlog, Delivery, DeliveryQuery, DueDelivery, FAILING, JobEvent, JobMessage, Verdict,
+    Backlog, Delivery, DeliveryAttempt, DeliveryQuery, DeliveryResult, DueDelivery, FAILING, JobEvent, JobMessage,
 };
 
-/// The kind of a message that only asks whether it arrives.
+/// The type of a test message.
 const PING: &str = "ping";
 
 /// The columns of a delivery `d` of a message `m`, for `SELECT`.
@@ -27,35 +27,36 @@ macro_rules! delivery_columns {
     };
 }
 
-/// What receivers are told, as it is kept.
+/// A webhook message to store.
 struct Message<'a> {
-    /// Its name: `msg_` and a UUID.
+    /// The message's id: `msg_` and a UUID.
     id: String,
     tenant: &'a str,
-    /// The job that it tells of.
+    /// The job that the message is about.
     job: Option<JobId>,
-    /// What it tells.
+    /// The message's type.
     kind: &'static str,
-    /// The very bytes to send.
+    /// The body, to send byte for byte.
     payload: String,
 }
 
-/// Who gets a message: an endpoint, or an address that a job named.
+/// The receiver of a message: an endpoint, or a job's callback address.
 struct Receiver<'a> {
     endpoint: Option<&'a str>,
     url: Option<&'a str>,
 }
 
 impl<'a> Receiver<'a> {
-    /// Everybody who is to be told of a job, of the tenant's endpoints with the events they are told of.
+    /// The receivers of an event of `job`. `endpoints` are the ids of the tenant's endpoints, each with its events.
     fn of_job(event: JobEvent, job: &'a Job, endpoints: &'a [(String, String)]) -> Vec<Self> {
-        let told = endpoints.iter().filter(|(_, events)| read_events(events).any(|subscribed| subscribed == event));
-        let told = told.map(|(id, _)| Self { endpoint: Some(id), url: None });
-        told.chain(job.callback_url.as_deref().map(|url| Self { endpoint: None, url: Some(url) })).collect()
+        let subscribers =
+            endpoints.iter().filter(|(_, events)| read_events(events).any(|subscribed| subscribed == event));
+        let subscribers = subscribers.map(|(id, _)| Self { endpoint: Some(id), url: None });
+        subscribers.chain(job.callback_url.as_deref().map(|url| Self { endpoint: None, url: Some(url) })).collect()
     }
 }
 
-/// A message that only asks whether it arrives.
+/// A test message.
 #[derive(Serialize)]
 struct Ping<'a> {
     r#type: &'static str,
@@ -109,18 +110,18 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
         Ok(Page::of(deliveries, query.limit, |delivery| delivery.id.clone()))
     }
 
-    async fn redeliver(&self, tenant: &str, id: &str) -> Result<Redelivered, StoreError> {
+    async fn redeliver(&self, tenant: &str, id: &str) -> Result<RedeliveryResult, StoreError> {
         let mut transaction = self.begin().await?;
         let endpoint = sql(
             "SELECT e.disabled_at FROM webhook_deliveries d LEFT JOIN webhook_endpoints e ON e.id = d.endpoint_id \
              WHERE d.tenant = $1 AND d.id = $2",
         );
         let row = transaction.query_row(endpoint.bind(tenant).bind(id)).await?;
-        let Some(row) = row else { return Ok(Redelivered::Unknown) };
+        let Some(row) = row else { return Ok(RedeliveryResult::Unknown) };
         if row.number("disabled_at")?.is_some() {
-            return Ok(Redelivered::Disabled);
+            return Ok(RedeliveryResult::Disabled);
         }
-        // A dispatcher that holds the delivery loses it, because the request is newer.
+        // A dispatcher that holds the delivery loses its lease, because this request is newer.
         let statement = sql(
             "UPDATE webhook_deliveries SET tries = CASE WHEN status = 'pending' THEN tries ELSE 0 END, status = 'pending', \
              next_at = meshmend_now($1), lease_token = NULL WHERE id = $2",
@@ -128,10 +129,10 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
         transaction.execute(statement.bind(self.now()).bind(id)).await?;
         transaction.commit().await?;
         self.notify_deliveries();
-        Ok(Redelivered::Yes)
+        Ok(RedeliveryResult::Due)
     }
 
-    async fn claim_delivery(&self, lease: Duration, most: u32) -> Result<Option<DueDelivery>, StoreError> {
+    async fn claim_delivery(&self, lease: Duration, max: u32) -> Result<Option<DueDelivery>, StoreError> {
         // Recursion finds the tenants with pending deliveries by steps through the index, without reading every delivery.
         let turns = sql("WITH RECURSIVE waiting (tenant) AS ( \
                  SELECT min(tenant) FROM webhook_deliveries WHERE status = 'pending' \
@@ -147,9 +148,9 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
                          ORDER BY next_at, id LIMIT 1) AS next \
                  FROM waiting WHERE tenant IS NOT NULL) \
              SELECT tenant FROM turns WHERE next IS NOT NULL AND under_way < $2 ORDER BY under_way, next");
-        let turns = self.reader().await?.query(turns.bind(self.now()).bind(most)).await?;
+        let turns = self.reader().await?.query(turns.bind(self.now()).bind(max)).await?;
         for turn in turns {
-            // Counted again, since another claim may have come between.
+            // The claim counts again, since another claim may have come first.
             let token = self.new_token();
             let claim = sql(
                 "UPDATE webhook_deliveries SET tries = tries + 1, lease_token = $1, next_at = meshmend_now($2) + $3 \
@@ -164,7 +165,7 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
             .bind(self.now())
             .bind(millis(lease))
             .bind(turn.text("tenant")?)
-            .bind(most);
+            .bind(max);
             let claimed = self.writer().await?.query_row(claim).await?;
             if let Some(claimed) = claimed {
                 return self.claimed_delivery(claimed.text("id")?, token).await;
@@ -173,9 +174,14 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
         Ok(None)
     }
 
-    async fn settle_delivery(&self, due: &DueDelivery, attempt: Attempt, verdict: Verdict) -> Result<bool, StoreError> {
+    async fn settle_delivery(
+        &self,
+        due: &DueDelivery,
+        attempt: DeliveryAttempt,
+        result: DeliveryResult,
+    ) -> Result<bool, StoreError> {
         let now = self.now();
-        let retry_in = if let Verdict::Again(after) = verdict { Some(millis(after)) } else { None };
+        let retry_in = if let DeliveryResult::RetryAfter(after) = result { Some(millis(after)) } else { None };
         let mut transaction = self.begin().await?;
         // The endpoint is always locked before its deliveries, which prevents deadlocks.
         let endpoint = sql(
@@ -184,7 +190,7 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
              RETURNING meshmend_now($1) - failing_since AS failing",
         )
         .bind(now)
-        .bind(verdict == Verdict::Delivered)
+        .bind(result == DeliveryResult::Delivered)
         .bind(&due.endpoint)
         .bind(&due.id)
         .bind(&due.token);
@@ -194,7 +200,7 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
             "UPDATE webhook_deliveries SET status = $1, next_at = coalesce(meshmend_now($2) + $3, next_at), attempts = $4, \
              lease_token = NULL WHERE id = $5 AND lease_token = $6",
         )
-        .bind(verdict.status().as_str())
+        .bind(result.status().as_str())
         .bind(now)
         .bind(retry_in)
         .bind(to_json(&due.attempts_with(attempt)))
@@ -203,7 +209,7 @@ impl<D: Dialect> DeliveryStore for SqlStore<D> {
         let is_settled = transaction.execute(delivery).await? == 1;
         let is_failing_long = failing.is_some_and(|failing| failing >= millis(FAILING));
         let endpoint = due.endpoint.as_ref().filter(|_| is_settled);
-        let disabled = match endpoint.zip(verdict.ends_endpoint(is_failing_long)) {
+        let disabled = match endpoint.zip(result.disable_reason(is_failing_long)) {
             Some((endpoint, reason)) => disable(&mut *transaction, endpoint, reason, now).await?,
             None => false,
         };
@@ -256,7 +262,7 @@ impl<D: Dialect> SqlStore<D> {
         Ok(true)
     }
 
-    /// Writes the delivery of a message to one receiver, due at once. Returns the delivery's name.
+    /// Adds the delivery of a message to one receiver, due at once. Returns the delivery's id.
     async fn add_delivery(
         &self,
         connection: &mut impl SqlConnection,
@@ -278,7 +284,7 @@ impl<D: Dialect> SqlStore<D> {
         Ok(id)
     }
 
-    /// The delivery that was claimed with this token, unless it was deleted meanwhile.
+    /// The delivery that was claimed with this token; `None` if it was deleted since.
     async fn claimed_delivery(&self, id: Option<String>, token: String) -> Result<Option<DueDelivery>, StoreError> {
         let statement = sql(
             "SELECT d.id, d.tenant, d.endpoint_id, coalesce(e.url, d.url) AS url, d.message_id, m.payload, d.tries, d.attempts, \
@@ -293,7 +299,7 @@ impl<D: Dialect> SqlStore<D> {
     }
 }
 
-/// Writes a message that has no delivery yet.
+/// Adds a message without deliveries.
 async fn add_message(
     connection: &mut impl SqlConnection,
     message: &Message<'_>,
@@ -334,7 +340,7 @@ fn read_delivery(row: &impl Columns) -> Result<Delivery, StoreError> {
     })
 }
 
-/// Reads a delivery that was claimed with this token.
+/// Reads a claimed delivery; `token` is the claim's token.
 fn read_due(row: &impl Columns, token: String) -> Result<DueDelivery, StoreError> {
     let from = Reader::new(row)?;
     Ok(DueDelivery {

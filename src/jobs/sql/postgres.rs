@@ -19,36 +19,35 @@ use crate::jobs::job::Status;
 use crate::jobs::queue::{Notifier, RetryPolicy};
 use crate::jobs::timestamp::Clock;
 
-/// What the triggers of `migrations/postgres` notify.
+/// The channel on which the triggers of `migrations/postgres` notify.
 const CHANNEL: &str = "meshmend_jobs";
-/// The news that there is something to deliver.
+/// The notification that a delivery may be due.
 const DELIVERIES: &str = "webhooks";
-/// The news that there is something to draw.
+/// The notification that drawings were requested.
 const DRAWINGS: &str = "drawings";
-/// How long to wait after the connection was lost.
+/// The delay before listening again after the connection was lost.
 const LISTEN_AGAIN: Duration = Duration::from_secs(1);
-/// The longest time that the server lets a statement run, a lock be awaited, and a transaction be idle.
+/// The server's time limits on a statement, on the wait for a lock, and on an idle transaction.
 const LIMITS: [(&str, &str); 3] =
     [("statement_timeout", "15s"), ("lock_timeout", "10s"), ("idle_in_transaction_session_timeout", "30s")];
-/// A connection that answered within this time is used again without a test. A database needs longer to restart, so a statement
-/// that finds such a connection broken would have found no database either.
+/// A connection that answered within this time is reused without a test. A restart of the database takes longer, so a statement
+/// on a broken connection of this age would also have failed on a new one.
 const FRESH: Duration = Duration::from_millis(10);
 /// The longest time to wait for a connection.
 const ACQUIRE: Duration = Duration::from_secs(3);
 
-/// Jobs in a PostgreSQL database that any number of processes on any number of machines share.
+/// The store in a PostgreSQL database, shared by any number of processes on any number of machines.
 ///
-/// Times are the database's, so that leases do not depend on the clocks of the machines. Claims skip rows that other transactions lock
+/// Times are the database's, so that leases do not depend on the machines' clocks. Claims skip rows that other transactions lock
 /// (`FOR UPDATE SKIP LOCKED`). Triggers notify every process of changes (`LISTEN`, `NOTIFY`); a process that misses a notification
-/// polls. The pool replaces broken connections; a statement that ran on one fails.
+/// polls. The pool replaces broken connections, but a statement that ran on one fails.
 pub type PostgresStore = SqlStore<Postgres>;
 
 impl PostgresStore {
-    /// Connects, at most `connections` times at once, and brings the tables up to date. `clock` takes the place of the
-    /// database's, for tests.
+    /// Connects with at most `connections` connections and migrates the tables. `clock` replaces the database's clock in tests.
     ///
     /// # Errors
-    /// When the address can't be read or reached, or the tables were made by a newer version.
+    /// When the address can't be read or reached, or a newer version created the tables.
     pub async fn open(
         url: &str,
         connections: u32,
@@ -64,8 +63,8 @@ impl PostgresStore {
                 Box::pin(async move { Ok(used.idle_for < FRESH || connection.ping().await.is_ok()) })
             });
         let pool = match pool.connect_with(options.clone()).await {
-            // A pool retries until its time is over and does not report the cause. A single connection does.
-            Err(sqlx::Error::PoolTimedOut) => return Err(why_unreachable(&options).await.into()),
+            // A pool retries until its timeout and does not report the cause. A single connection does.
+            Err(sqlx::Error::PoolTimedOut) => return Err(connection_error(&options).await.into()),
             pool => pool?,
         };
         sqlx::migrate!("migrations/postgres").run(&pool).await?;
@@ -75,8 +74,8 @@ impl PostgresStore {
     }
 }
 
-/// Why no connection can be made.
-async fn why_unreachable(options: &PgConnectOptions) -> sqlx::Error {
+/// The reason why no connection can be made.
+async fn connection_error(options: &PgConnectOptions) -> sqlx::Error {
     match tokio::time::timeout(ACQUIRE, PgConnection::connect_with(options)).await {
         Ok(Err(error)) => error,
         Ok(Ok(_)) | Err(_) => sqlx::Error::PoolTimedOut,
@@ -101,9 +100,9 @@ impl Dialect for Postgres {
     const BEGIN: &'static str = "BEGIN";
     const NOTIFIES: bool = true;
 
-    /// Recursion finds the tenants with queued jobs by steps through the index, without reading every job. Two concurrent claims may
-    /// find the same turn: each takes a job that the other has not locked, and where other claims have locked all due jobs of one
-    /// tenant, it is the next tenant's turn.
+    /// Recursion finds the tenants with queued jobs by steps through the index, without reading every job. Concurrent claims may
+    /// choose the same tenant. Each then takes a job that the others have not locked; if all due jobs of the tenant are locked, the
+    /// next tenant's turn comes.
     const CLAIM: &'static str = concat!(
         "WITH RECURSIVE waiting (tenant) AS ( \
              SELECT min(tenant) FROM jobs WHERE status = 'queued' \
@@ -148,11 +147,11 @@ impl Dialect for Postgres {
          ORDER BY run_at, id LIMIT 1";
 }
 
-/// Notifies of whatever changes in the database, whoever changed it, as long as it runs.
+/// Notifies listeners of all changes in the database, from any process, until the task is aborted.
 async fn notify(pool: PgPool, notifier: Arc<Notifier>) {
     loop {
         if let Err(error) = listen(&pool, &notifier).await {
-            tracing::warn!(%error, "the database can't be listened to; looking now and then meanwhile");
+            tracing::warn!(%error, "could not listen to the database; polling instead");
         }
         tokio::time::sleep(LISTEN_AGAIN).await;
     }
@@ -161,17 +160,17 @@ async fn notify(pool: PgPool, notifier: Arc<Notifier>) {
 async fn listen(pool: &PgPool, notifier: &Notifier) -> Result<(), sqlx::Error> {
     let mut listener = PgListener::connect_with(pool).await?;
     listener.listen(CHANNEL).await?;
-    // There may have been news before.
+    // Changes may have come before this connection listened.
     notifier.notify_work();
     notifier.notify_deliveries();
-    // None where the connection was lost.
-    while let Some(news) = listener.try_recv().await? {
-        match news.payload() {
+    // Returns `None` when the connection is lost.
+    while let Some(notification) = listener.try_recv().await? {
+        match notification.payload() {
             DELIVERIES => notifier.notify_deliveries(),
             DRAWINGS => notifier.notify_work(),
             _ => {}
         }
-        let Some((id, status)) = news.payload().split_once(' ') else { continue };
+        let Some((id, status)) = notification.payload().split_once(' ') else { continue };
         if let Ok(id) = id.parse() {
             notifier.notify_job(id);
         }

@@ -1,4 +1,4 @@
-//! The queue: whose turn it is, how attempts begin and end, and the drawings of ended jobs, which are claimed in the same way.
+//! The queue: claims, heartbeats and the ends of attempts. Also the drawings of ended jobs, which are claimed in the same way.
 
 use std::time::Duration;
 
@@ -123,7 +123,7 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
         self.end(transaction, job, end.now).await
     }
 
-    async fn hand_back(&self, held: &Lease) -> Result<(), StoreError> {
+    async fn release(&self, held: &Lease) -> Result<(), StoreError> {
         let statement =
             sql("UPDATE jobs SET status = 'queued', attempt = attempt - 1, progress = NULL, worker = NULL, \
              lease_token = NULL, lease_expires_at = NULL, version = version + 1 \
@@ -134,7 +134,7 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
         Ok(())
     }
 
-    async fn rescue(&self) -> Result<Vec<Job>, StoreError> {
+    async fn requeue_expired(&self) -> Result<Vec<Job>, StoreError> {
         let now = self.now();
         let expired = "SELECT id FROM jobs WHERE status = 'running' AND lease_expires_at <= meshmend_now($1) LIMIT 1";
         if self.is_idle(sql(expired).bind(now)).await? {
@@ -183,16 +183,16 @@ impl<D: Dialect> SqlStore<D> {
         Ok(job)
     }
 
-    /// Runs a statement whose last three parameters name the lease.
+    /// Runs a statement whose last three parameters identify the lease.
     ///
     /// # Errors
-    /// [`StoreError::LeaseLost`] when the statement found no such lease.
+    /// [`StoreError::LeaseLost`] when no row has this lease.
     async fn fenced(&self, statement: Statement<'_>, held: &Lease) -> Result<(), StoreError> {
         let statement = statement.bind(held.id).bind(held.attempt).bind(held.token.as_str());
         if self.writer().await?.execute(statement).await? == 1 { Ok(()) } else { Err(StoreError::LeaseLost) }
     }
 
-    /// The job, if this lease's own last write ended the attempt: the worker lost the response and tries again.
+    /// The job, if this lease's own earlier write ended the attempt: the worker lost the response and retries.
     async fn ended_by(&self, held: &Lease) -> Result<Job, StoreError> {
         let statement = sql(concat!("SELECT ", job_columns!(), " FROM jobs WHERE id = $1 AND ended_token = $2"));
         self.read_one(statement.bind(held.id).bind(&held.token), read_job).await?.ok_or(StoreError::LeaseLost)
@@ -207,14 +207,16 @@ fn read_load(row: &impl Columns) -> Result<ClassLoad, StoreError> {
     Ok(ClassLoad { class: from.id, queued, running, wait })
 }
 
-/// Whether a job that is to be completed may have receivers of messages, which need a transaction.
+/// Whether a job to complete may have webhook receivers; messages to them need a transaction.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Receivers {
+    /// The statement must fail to match a job that has receivers.
     None,
+    /// The job may have receivers.
     Any,
 }
 
-/// Ends a job with its result, if the lease stands and the job's receivers are as expected.
+/// Ends a job with its result, if the lease is held and the job's receivers are as expected; `None` otherwise.
 async fn complete(
     connection: &mut impl SqlConnection,
     held: &Lease,
@@ -248,10 +250,10 @@ async fn complete(
 /// The end of an attempt that did not succeed.
 struct AttemptEnd<'a> {
     id: JobId,
-    /// The token of the worker that ends the attempt; none where that worker is lost.
+    /// The lease's token; `None` if the worker was lost.
     token: Option<&'a str>,
     crashes: u32,
-    /// When to try again; none to fail for good.
+    /// The delay of the retry; `None` to fail the job.
     retry_in: Option<Duration>,
     problem: &'a JobProblem,
     artifacts: &'a str,
@@ -259,7 +261,7 @@ struct AttemptEnd<'a> {
     now: Option<i64>,
 }
 
-/// Writes the end of an attempt. The caller has locked the row and checked that the attempt may end.
+/// Records the end of an attempt. The caller has locked the row and checked that the attempt may end.
 async fn end_attempt(connection: &mut impl SqlConnection, end: &AttemptEnd<'_>) -> Result<Job, StoreError> {
     let statement = sql(concat!(
         "UPDATE jobs SET status = CASE WHEN $1 IS NULL THEN 'failed' ELSE 'queued' END, \
@@ -286,7 +288,7 @@ async fn end_attempt(connection: &mut impl SqlConnection, end: &AttemptEnd<'_>) 
 
 #[async_trait]
 impl<D: Dialect> DrawingStore for SqlStore<D> {
-    async fn ask_for_drawings(&self, job: JobId) -> Result<(), StoreError> {
+    async fn request_drawings(&self, job: JobId) -> Result<(), StoreError> {
         let statement = sql(
             "INSERT INTO drawings (job_id, tenant, asked_at) SELECT id, tenant, meshmend_now($2) FROM jobs WHERE id = $1 \
              ON CONFLICT (job_id) DO NOTHING",
@@ -357,11 +359,11 @@ fn can_be_drawn(job: &Job) -> bool {
     job.finished_at.is_some() && job.status != Status::Expired && !job.purged
 }
 
-/// A job's files once its pictures are drawn.
+/// A job's artifacts after its pictures were drawn: pictures that could not be drawn are removed.
 fn with_drawings(artifacts: Artifacts, mut drawn: Artifacts) -> Artifacts {
-    let settle = |(name, artifact): (String, Artifact)| {
+    let resolve = |(name, artifact): (String, Artifact)| {
         let artifact = if artifact.file.is_some() { artifact } else { drawn.remove(&name)? };
         Some((name, artifact))
     };
-    artifacts.into_iter().filter_map(settle).collect()
+    artifacts.into_iter().filter_map(resolve).collect()
 }

@@ -24,18 +24,18 @@ use crate::jobs::id::SystemIds;
 use crate::jobs::queue::{Notifier, RetryPolicy};
 use crate::jobs::timestamp::Clock;
 
-/// Jobs in one SQLite file: the default, which needs nothing installed.
+/// The store in one SQLite file: the default, which needs no other software.
 ///
-/// Writes use a single connection: SQLite has one writer at a time, and a queue for a connection is fairer than a queue for a lock.
-/// Reads have connections of their own, and write-ahead logging lets reads and writes run at the same time. Commits are synced to
-/// disk, so accepted jobs survive a power cut.
+/// Writes use a single connection: SQLite has one writer at a time, and a queue for a connection is fairer than a queue for a
+/// lock. Reads have their own connections, and write-ahead logging lets reads and writes run at the same time. Commits are synced
+/// to disk, so accepted jobs survive a power failure.
 pub type SqliteStore = SqlStore<Sqlite>;
 
 impl SqliteStore {
-    /// Opens the file, makes it if it is missing, and brings its tables up to date. Only this user may read a file that is made.
+    /// Opens the file, creates it if it is missing, and migrates its tables. Only this user may read a created file.
     ///
     /// # Errors
-    /// When the file can't be opened or was made by a newer version.
+    /// When the file can't be opened, or a newer version created the tables.
     pub async fn open(path: &Path, clock: Arc<dyn Clock>, retry: RetryPolicy) -> Result<Self, StoreError> {
         let options = SqliteConnectOptions::new()
             .filename(path)
@@ -43,14 +43,14 @@ impl SqliteStore {
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(Duration::from_secs(10))
             .foreign_keys(true);
-        // Migrations take no lock of their own, and a server and a worker may start together.
+        // Migrations take no lock of their own, and a server and a worker may start at the same time.
         let lock = create_private(&path.with_extension("lock")).map_err(sqlx::Error::Io)?;
-        // SQLite gives the files beside it the same permissions.
+        // SQLite gives its journal files the permissions of the database file.
         create_private(path).map_err(sqlx::Error::Io)?;
         let lock = tokio::task::spawn_blocking(move || flock(&lock, FlockOperation::LockExclusive).map(|()| lock));
         let lock = lock.await.map_err(|e| sqlx::Error::Io(e.into()))?.map_err(|e| sqlx::Error::Io(e.into()))?;
-        // SQLite rolls a transaction back by itself when the disk is full. sqlx does not notice, and would refuse every later
-        // transaction on that connection. No network can break a connection to a local file, so sqlx need not test each before use.
+        // SQLite rolls back a transaction by itself when the disk is full. sqlx does not notice that, and would refuse every later
+        // transaction on the connection. A local file needs no test before each use, since no network can break the connection.
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .test_before_acquire(false)
@@ -66,18 +66,18 @@ impl SqliteStore {
         Ok(Self { pool: reader, writer: Some(writer), clock, ids, retry, notifier, listener })
     }
 
-    /// Copies the database in the file `source` to the new file `target`, which only this user may read. Other processes may go on
-    /// writing: the copy holds what was committed when it began. Tables are not brought up to date, so that an older database can
-    /// be saved before an upgrade.
+    /// Copies the database file `source` to the new file `target`, which only this user may read. Other processes may continue to
+    /// write: the copy holds what was committed when it began. The tables are not migrated, so that an older database can be saved
+    /// before an upgrade.
     ///
     /// # Errors
-    /// [`io::ErrorKind::AlreadyExists`] when there is a file at `target`, which is left as it is.
+    /// [`io::ErrorKind::AlreadyExists`] when `target` exists; it is left unchanged.
     pub async fn back_up(source: &Path, target: &Path) -> Result<(), BackupError> {
         if target.try_exists()? {
             return Err(io::Error::from(io::ErrorKind::AlreadyExists).into());
         }
         let folder = target.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // No other program sees a copy that is not whole. The file is private from its creation, and SQLite accepts an empty one.
+        // No other program sees an incomplete copy. The file is private from its creation, and SQLite accepts an empty file.
         let copy = tempfile::Builder::new().prefix(".meshmend-backup-").tempfile_in(folder)?;
         let options = SqliteConnectOptions::new().filename(source).read_only(true);
         let mut connection: SqliteConnection = options.connect().await.map_err(StoreError::from)?;
@@ -96,15 +96,16 @@ impl SqliteStore {
 /// Why a database could not be copied.
 #[derive(Debug, thiserror::Error)]
 pub enum BackupError {
-    /// The database could not be read, or the copy not be written.
+    /// The database could not be read, or the copy could not be written.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The copy could not be put in its place, which may be taken.
+    /// The copy could not be moved to its target, which may exist.
     #[error(transparent)]
     Io(#[from] io::Error),
 }
 
-/// Opens a file for writing. Only this user may read a new file, since the database holds what clients sent and hashes of keys.
+/// Opens a file for writing, and creates it if it is missing. Only this user may read a new file, since the database holds
+/// clients' data and hashes of keys.
 fn create_private(path: &Path) -> io::Result<File> {
     OpenOptions::new().write(true).create(true).truncate(false).mode(0o600).open(path)
 }
@@ -137,7 +138,7 @@ impl SqlConnection for SqliteConnection {
 }
 
 impl Dialect for Sqlite {
-    /// Takes SQLite's write lock at once, so that no transaction fails half way for the lock.
+    /// Takes SQLite's write lock at once, so that a transaction does not fail midway for the lock.
     const BEGIN: &'static str = "BEGIN IMMEDIATE";
     const NOTIFIES: bool = false;
 
@@ -206,7 +207,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn names_and_tokens_come_from_the_source_that_is_passed_in() {
+    async fn ids_and_tokens_come_from_the_given_source() {
         let folder = tempfile::tempdir().expect("a folder");
         let (path, clock) = (folder.path().join("jobs.db"), Arc::new(SystemClock));
         let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("a store");
@@ -216,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn phrases_of_postgresql_are_omitted_and_other_statements_stay() {
+    fn postgresql_phrases_are_omitted_and_other_statements_are_unchanged() {
         let shared =
             "SELECT id FROM jobs WHERE run_at <= meshmend_now($1) - $2 ORDER BY id LIMIT 1 FOR UPDATE SKIP LOCKED";
         assert_eq!(in_sqlite(shared), "SELECT id FROM jobs WHERE run_at <= ($1) - $2 ORDER BY id LIMIT 1");

@@ -1,4 +1,4 @@
-//! Statements, the values of their parameters, the connections that run them, and the rows that these return.
+//! SQL statements with the values of their parameters, the connections that run them, and the rows that they return.
 
 use std::borrow::Cow;
 use std::str::FromStr;
@@ -26,7 +26,7 @@ pub trait SqlConnection: Send {
     /// Runs a statement and returns how many rows it changed.
     fn execute<'c>(&'c mut self, statement: Statement<'_>) -> BoxFuture<'c, Result<u64, StoreError>>;
 
-    /// Runs a statement that gives at most one row.
+    /// Runs a statement that returns at most one row.
     fn query_row<'c>(&'c mut self, statement: Statement<'_>) -> BoxFuture<'c, Result<Option<Self::Row>, StoreError>> {
         let rows = self.query(statement);
         Box::pin(async move { Ok(rows.await?.pop()) })
@@ -39,7 +39,7 @@ pub struct Statement<'a> {
     values: Vec<Value<'a>>,
 }
 
-/// A statement in PostgreSQL's words. SQLite's dialect omits those that SQLite lacks.
+/// A statement in PostgreSQL's SQL. SQLite's dialect omits the phrases that SQLite lacks.
 pub(super) fn sql<'a>(text: &'static str) -> Statement<'a> {
     Statement { text, values: Vec::new() }
 }
@@ -51,7 +51,7 @@ impl<'a> Statement<'a> {
         self
     }
 
-    /// The query of a database, with the statement's text in its dialect. The text is made of constants only.
+    /// The query for a database, with the statement's text in its dialect. The text consists of constants only.
     pub(super) fn prepare<D>(
         self,
         dialect: impl FnOnce(&'static str) -> Cow<'static, str>,
@@ -67,7 +67,7 @@ impl<'a> Statement<'a> {
             match value {
                 Value::Text(text) => arguments.add(text.as_deref()),
                 Value::Integer(number) => arguments.add(*number),
-                Value::Boolean(is) => arguments.add(*is),
+                Value::Boolean(flag) => arguments.add(*flag),
             }
             .map_err(sqlx::Error::Encode)?;
         }
@@ -77,8 +77,11 @@ impl<'a> Statement<'a> {
 
 /// The value of a parameter, or null.
 pub enum Value<'a> {
+    /// A text.
     Text(Option<Cow<'a, str>>),
+    /// A whole number.
     Integer(Option<i64>),
+    /// A truth value.
     Boolean(Option<bool>),
 }
 
@@ -149,51 +152,57 @@ impl From<Option<i64>> for Value<'_> {
 }
 
 impl From<bool> for Value<'_> {
-    fn from(is: bool) -> Self {
-        Self::Boolean(Some(is))
+    fn from(flag: bool) -> Self {
+        Self::Boolean(Some(flag))
     }
 }
 
 impl From<Option<bool>> for Value<'_> {
-    fn from(is: Option<bool>) -> Self {
-        Self::Boolean(is)
+    fn from(flag: Option<bool>) -> Self {
+        Self::Boolean(flag)
     }
 }
 
+/// A duration in milliseconds.
 pub(super) fn millis(duration: Duration) -> i64 {
     i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 4)
 }
 
+/// A time in milliseconds since the Unix epoch.
 pub(super) fn to_millis(time: OffsetDateTime) -> i64 {
     i64::try_from(time.unix_timestamp_nanos() / 1_000_000).unwrap_or(i64::MAX)
 }
 
-/// Time that has passed, none where it is to come.
+/// A duration from milliseconds; zero if the number is negative.
 pub(super) fn elapsed(millis: i64) -> Duration {
     Duration::from_millis(u64::try_from(millis).unwrap_or(0))
 }
 
+/// A count from a column; zero if out of range.
 pub(super) fn count(stored: i64) -> u32 {
     u32::try_from(stored).unwrap_or(0)
 }
 
-/// The moment that so many milliseconds since the Unix epoch are, of a row's column.
+/// The time from a column's milliseconds since the Unix epoch. `id` and `column` are for the error.
 pub(super) fn time(id: &str, column: &'static str, stored: i64) -> Result<OffsetDateTime, StoreError> {
     OffsetDateTime::from_unix_timestamp_nanos(i128::from(stored) * 1_000_000).map_err(|e| corrupt(id, column, e))
 }
 
-/// JSON of a type of this crate, none of which can fail to be written.
+/// JSON of a type of this crate; serialization of these types can't fail.
 pub(super) fn to_json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
 
+/// The error of a value that can't be read.
 pub(super) fn corrupt(id: &str, column: &'static str, reason: impl ToString) -> StoreError {
     StoreError::Corrupt { id: id.to_owned(), column, reason: reason.to_string() }
 }
 
-/// The columns of a row of either database; none where a column is null.
+/// A row of either database. Columns that are null are `None`.
 pub trait Columns {
+    /// The text of a column.
     fn text(&self, column: &str) -> Result<Option<String>, sqlx::Error>;
+    /// The number of a column.
     fn number(&self, column: &str) -> Result<Option<i64>, sqlx::Error>;
 }
 
@@ -212,7 +221,7 @@ where
     }
 }
 
-/// Reads the columns of one row, and names a column that can't be read in its error.
+/// Reads the columns of a row; its errors name the row's id and the column. Methods with `some_` accept null.
 pub(super) struct Reader<'a, R> {
     row: &'a R,
     /// The value of the row's column `id`.
@@ -220,58 +229,71 @@ pub(super) struct Reader<'a, R> {
 }
 
 impl<'a, R: Columns> Reader<'a, R> {
+    /// A reader of `row`, which must have a column `id`.
     pub fn new(row: &'a R) -> Result<Self, StoreError> {
         let id = row.text("id")?.ok_or_else(|| corrupt("", "id", "null"))?;
         Ok(Self { row, id })
     }
 
+    /// A text or null.
     pub fn some_text(&self, column: &'static str) -> Result<Option<String>, StoreError> {
         Ok(self.row.text(column)?)
     }
 
+    /// A text.
     pub fn text(&self, column: &'static str) -> Result<String, StoreError> {
-        self.there(column, self.row.text(column)?)
+        self.require(column, self.row.text(column)?)
     }
 
+    /// A number or null.
     pub fn some_number(&self, column: &'static str) -> Result<Option<i64>, StoreError> {
         Ok(self.row.number(column)?)
     }
 
+    /// A number.
     pub fn number(&self, column: &'static str) -> Result<i64, StoreError> {
-        self.there(column, self.row.number(column)?)
+        self.require(column, self.row.number(column)?)
     }
 
+    /// A count.
     pub fn count(&self, column: &'static str) -> Result<u32, StoreError> {
         self.number(column).map(count)
     }
 
+    /// A time, from milliseconds since the Unix epoch, or null.
     pub fn some_time(&self, column: &'static str) -> Result<Option<OffsetDateTime>, StoreError> {
         self.row.number(column)?.map(|stored| time(&self.id, column, stored)).transpose()
     }
 
+    /// A time, from milliseconds since the Unix epoch.
     pub fn time(&self, column: &'static str) -> Result<OffsetDateTime, StoreError> {
-        self.there(column, self.some_time(column)?)
+        self.require(column, self.some_time(column)?)
     }
 
+    /// A value parsed from its text, or null.
     pub fn some_parsed<T: FromStr>(&self, column: &'static str) -> Result<Option<T>, StoreError> {
-        let read = |text: String| text.parse().map_err(|_| corrupt(&self.id, column, format!("'{text}' is none")));
+        let read =
+            |text: String| text.parse().map_err(|_| corrupt(&self.id, column, format!("unknown value '{text}'")));
         self.row.text(column)?.map(read).transpose()
     }
 
+    /// A value parsed from its text.
     pub fn parsed<T: FromStr>(&self, column: &'static str) -> Result<T, StoreError> {
-        self.there(column, self.some_parsed(column)?)
+        self.require(column, self.some_parsed(column)?)
     }
 
+    /// A value read from JSON, or null.
     pub fn some_json<T: DeserializeOwned>(&self, column: &'static str) -> Result<Option<T>, StoreError> {
         let read = |text: String| serde_json::from_str(&text).map_err(|e| corrupt(&self.id, column, e));
         self.row.text(column)?.map(read).transpose()
     }
 
+    /// A value read from JSON.
     pub fn json<T: DeserializeOwned>(&self, column: &'static str) -> Result<T, StoreError> {
-        self.there(column, self.some_json(column)?)
+        self.require(column, self.some_json(column)?)
     }
 
-    fn there<T>(&self, column: &'static str, value: Option<T>) -> Result<T, StoreError> {
-        value.ok_or_else(|| corrupt(&self.id, column, "null"))
+    fn require<T>(&self, column: &'static str, value: Option<T>) -> Result<T, StoreError> {
+        value.ok_or_else(|| corrupt(&self.id, column, "unexpected null"))
     }
 }

@@ -1,4 +1,4 @@
-//! The store over SQL: its connections, and what each database does in its own way ([`Dialect`]).
+//! The store over SQL: its connections, and the differences between the databases ([`Dialect`]).
 
 use std::sync::Arc;
 
@@ -14,8 +14,8 @@ use crate::jobs::queue::{Notifier, RetryPolicy};
 use crate::jobs::store::{Connections, Store};
 use crate::jobs::timestamp::Clock;
 
-/// The end of a `WHERE` clause: the commit does not wait for the disk. For claims and heartbeats, which the next synced commit writes out.
-/// If the database's machine is lost before, the job is queued again and its worker learns that its lease is lost.
+/// A condition at the end of a `WHERE` clause that lets the commit return before it is on disk. Claims and heartbeats use it. If
+/// the database's machine fails before the next synced commit, the job is queued again, and its worker finds its lease lost.
 macro_rules! unsynced {
     () => {
         " AND set_config('synchronous_commit', 'off', true) = 'off'"
@@ -23,81 +23,86 @@ macro_rules! unsynced {
 }
 pub(super) use unsynced;
 
-/// A database that the store runs on.
+/// A database in which the store can be kept.
 ///
-/// Shared statements are written for PostgreSQL. `meshmend_now($n)` is the database's time, or the parameter where that is not null;
-/// rows are locked as PostgreSQL's concurrent transactions need it.
+/// Shared statements are written for PostgreSQL. `meshmend_now($n)` is the parameter if it is not null, or else the database's
+/// time. Statements lock rows as PostgreSQL's concurrent transactions require.
 pub trait Dialect: Database<Connection: SqlConnection> {
-    /// Begins a transaction that writes.
+    /// The statement that begins a writing transaction.
     const BEGIN: &'static str;
-    /// Whether triggers notify every process of changes, so that the store has no need to.
+    /// Whether triggers notify every process of changes, so that the store need not.
     const NOTIFIES: bool;
-    /// Claims the job whose turn it is: worker, token, now, milliseconds of the lease, most running jobs of a tenant.
+    /// Claims the next job: worker, token, now, duration of the lease in milliseconds, maximum of running jobs of a tenant.
     const CLAIM: &'static str;
-    /// Selects a page of jobs: tenant, key, statuses, id of the page before, most rows, outcomes, time from, time before, metadata.
-    /// Statuses, outcomes and metadata are JSON.
+    /// Selects a page of jobs: tenant, key, statuses, last id of the previous page, maximum of rows, outcomes, created from, created
+    /// before, metadata. Statuses, outcomes and metadata are JSON.
     const LIST: &'static str;
-    /// Counts the jobs `ahead` of one: tenant, time when it is due, id.
+    /// Counts the jobs `ahead` of a job: tenant, time when the job is due, id.
     const QUEUE_POSITION: &'static str;
-    /// Selects the milliseconds that the next job has `waited` since it was due: now.
+    /// Selects the milliseconds for which the next job has `waited` since it was due: now.
     const LONGEST_WAIT: &'static str;
 }
 
-/// The rows of a database.
+/// The row type of a database.
 type RowOf<D> = <<D as Database>::Connection as SqlConnection>::Row;
 
-/// Jobs, and all else that the service keeps, in a SQL database.
+/// The store in a SQL database: jobs, keys, tenants, uploads and webhooks.
 pub struct SqlStore<D: Dialect> {
-    /// Connections for reading, and for writing where `writer` is none.
+    /// Connections for reading, and also for writing if `writer` is `None`.
     pub(super) pool: Pool<D>,
-    /// A single connection for writing, where a write locks the whole database.
+    /// A single connection for writing, for a database in which a write locks everything.
     pub(super) writer: Option<Pool<D>>,
-    /// The clock; none where the database's own is used.
+    /// The clock; `None` to use the database's clock.
     pub(super) clock: Option<Arc<dyn Clock>>,
-    /// Where names, tokens and the jitter of retries come from.
+    /// The source of ids, tokens and the jitter of retries.
     pub(super) ids: Arc<dyn IdSource>,
+    /// When failed attempts are retried.
     pub(super) retry: RetryPolicy,
+    /// Notifies listeners in this process.
     pub(super) notifier: Arc<Notifier>,
-    /// Listens to the database's notifications until the store is dropped.
+    /// The task that listens to the database's notifications until the store is dropped.
     #[expect(dead_code, reason = "a set of tasks aborts them when it is dropped")]
     pub(super) listener: JoinSet<()>,
 }
 
 impl<D: Dialect> SqlStore<D> {
-    /// The same store with names and tokens from `ids`, in place of the operating system's.
+    /// The same store with ids and tokens from `ids` instead of the operating system.
     #[must_use]
     pub fn with_ids(self, ids: Arc<dyn IdSource>) -> Self {
         Self { ids, ..self }
     }
 
-    /// A new name that sorts by time: the prefix, `_` and a UUID of version 7.
+    /// A new id that sorts by time: the prefix, `_` and a UUID of version 7.
     pub(super) fn new_id(&self, prefix: &str) -> String {
         format!("{prefix}_{}", self.ids.sortable().simple())
     }
 
-    /// A new token of a claim.
+    /// A new token of a lease.
     pub(super) fn new_token(&self) -> String {
         self.ids.random().simple().to_string()
     }
 
-    /// The time, where it is not the database's.
+    /// The current time in milliseconds since the Unix epoch; `None` to use the database's time.
     pub(super) fn now(&self) -> Option<i64> {
         self.clock.as_ref().map(|clock| clock.now_ms())
     }
 
+    /// A connection for reading.
     pub(super) async fn reader(&self) -> Result<PoolConnection<D>, StoreError> {
         Ok(self.pool.acquire().await?)
     }
 
+    /// A connection for writing.
     pub(super) async fn writer(&self) -> Result<PoolConnection<D>, StoreError> {
         Ok(self.writer.as_ref().unwrap_or(&self.pool).acquire().await?)
     }
 
+    /// Begins a writing transaction.
     pub(super) async fn begin(&self) -> Result<Transaction<'static, D>, StoreError> {
         Ok(self.writer.as_ref().unwrap_or(&self.pool).begin_with(D::BEGIN).await?)
     }
 
-    /// Runs a statement that reads, and reads its rows.
+    /// Runs a reading statement and converts its rows.
     pub(super) async fn read_all<T>(
         &self,
         statement: Statement<'_>,
@@ -106,7 +111,7 @@ impl<D: Dialect> SqlStore<D> {
         self.reader().await?.query(statement).await?.iter().map(read).collect()
     }
 
-    /// Runs a statement that reads, and reads its row, if there is one.
+    /// Runs a reading statement and converts its row, if there is one.
     pub(super) async fn read_one<T>(
         &self,
         statement: Statement<'_>,
@@ -115,7 +120,7 @@ impl<D: Dialect> SqlStore<D> {
         self.reader().await?.query_row(statement).await?.as_ref().map(read).transpose()
     }
 
-    /// Runs a statement that writes, and reads the row that it returns, if there is one.
+    /// Runs a writing statement and converts the row that it returns, if there is one.
     pub(super) async fn write_one<T>(
         &self,
         statement: Statement<'_>,
@@ -124,23 +129,26 @@ impl<D: Dialect> SqlStore<D> {
         self.writer().await?.query_row(statement).await?.as_ref().map(read).transpose()
     }
 
-    /// Whether a statement finds nothing to write. Asked only where a write would lock the whole database; most rounds find nothing.
+    /// Whether `statement` finds no row to write. Only asks where a write would lock the whole database, to avoid needless locks.
     pub(super) async fn is_idle(&self, statement: Statement<'_>) -> Result<bool, StoreError> {
         Ok(self.writer.is_some() && self.reader().await?.query(statement).await?.is_empty())
     }
 
+    /// Notifies of a change to a job, unless the database does.
     pub(super) fn notify_job(&self, id: JobId) {
         if !D::NOTIFIES {
             self.notifier.notify_job(id);
         }
     }
 
+    /// Notifies of work to claim, unless the database does.
     pub(super) fn notify_work(&self) {
         if !D::NOTIFIES {
             self.notifier.notify_work();
         }
     }
 
+    /// Notifies of deliveries to claim, unless the database does.
     pub(super) fn notify_deliveries(&self) {
         if !D::NOTIFIES {
             self.notifier.notify_deliveries();
@@ -164,7 +172,7 @@ impl<D: Dialect> Store for SqlStore<D> {
         })
     }
 
-    fn bell(&self) -> &Notifier {
+    fn notifier(&self) -> &Notifier {
         &self.notifier
     }
 }

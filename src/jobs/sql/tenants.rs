@@ -1,4 +1,4 @@
-//! What is set up for tenants: their keys and limits, their webhook endpoints, and the secrets of their callbacks.
+//! The settings of tenants: their API keys and limits, their webhook endpoints, and the secrets of their callbacks.
 
 use std::time::Duration;
 
@@ -6,7 +6,9 @@ use async_trait::async_trait;
 
 use super::statement::{Columns, Reader, SqlConnection, corrupt, millis, sql};
 use super::store::{Dialect, SqlStore};
-use crate::access::{AccessKey, KeyQuery, NewKey, Tenant, TenantChange, TenantClass, TenantLimits, TenantName, Token};
+use crate::access::{
+    AccessKey, KeyQuery, NewKey, SecretHash, Tenant, TenantChange, TenantClass, TenantLimits, TenantName,
+};
 use crate::jobs::error::StoreError;
 use crate::jobs::store::{AccessStore, EndpointStore, Page};
 use crate::jobs::webhooks::{Endpoint, EndpointChange, JobEvent, NewEndpoint, Secrets, SigningSecret};
@@ -44,7 +46,7 @@ macro_rules! endpoint_columns {
 
 #[async_trait]
 impl<D: Dialect> AccessStore for SqlStore<D> {
-    async fn create_key(&self, key: NewKey, token: &Token) -> Result<AccessKey, StoreError> {
+    async fn create_key(&self, key: NewKey, hash: &SecretHash) -> Result<AccessKey, StoreError> {
         let statement = sql(concat!(
             "INSERT INTO access_keys (id, secret_hash, tenant, kind, label, scopes, origin, max_bytes, parent, created_at, \
                                       expires_at) \
@@ -52,20 +54,20 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
             key_columns!()
         ))
         .bind(self.new_id("key"))
-        .bind(token.as_str())
+        .bind(hash.as_str())
         .bind(key.tenant.as_str())
         .bind(key.kind.as_str())
         .bind(&key.label)
         .bind(key.scopes.to_string())
         .bind(&key.origin)
-        .bind(key.max_bytes.map(|most| i64::try_from(most).unwrap_or(i64::MAX)))
+.bind(key.max_bytes.map(|max| i64::try_from(max).unwrap_or(i64::MAX)))
         .bind(&key.parent)
         .bind(self.now())
         .bind(key.life_s.map(|seconds| i64::try_from(seconds.saturating_mul(1000)).unwrap_or(i64::MAX / 4)));
         Ok(self.write_one(statement, read_key).await?.ok_or(sqlx::Error::RowNotFound)?)
     }
 
-    async fn find_key(&self, token: &Token) -> Result<Option<(AccessKey, TenantLimits)>, StoreError> {
+    async fn find_key(&self, hash: &SecretHash) -> Result<Option<(AccessKey, TenantLimits)>, StoreError> {
         let statement = sql(concat!(
             "SELECT ",
             key_columns!(),
@@ -76,7 +78,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
               AND NOT EXISTS (SELECT 1 FROM access_keys p WHERE p.id = k.parent \
                               AND (p.revoked_at IS NOT NULL OR p.expires_at <= meshmend_now($2)))"
         ));
-        let statement = statement.bind(token.as_str()).bind(self.now());
+        let statement = statement.bind(hash.as_str()).bind(self.now());
         self.read_one(statement, |row| Ok((read_key(row)?, read_limits(row)?))).await
     }
 
@@ -157,7 +159,7 @@ impl<D: Dialect> AccessStore for SqlStore<D> {
 
 #[async_trait]
 impl<D: Dialect> EndpointStore for SqlStore<D> {
-    async fn create_endpoint(&self, new: NewEndpoint, most: u32) -> Result<Option<Endpoint>, StoreError> {
+    async fn create_endpoint(&self, new: NewEndpoint, max: u32) -> Result<Option<Endpoint>, StoreError> {
         let statement = sql(concat!(
             "INSERT INTO webhook_endpoints (id, tenant, url, description, events, secret, created_at) \
              SELECT $2, $3, $4, $5, $6, $7, meshmend_now($1) \
@@ -171,7 +173,7 @@ impl<D: Dialect> EndpointStore for SqlStore<D> {
         .bind(&new.description)
         .bind(event_names(&new.events))
         .bind(new.secret.reveal())
-        .bind(most);
+        .bind(max);
         self.write_one(statement, read_endpoint).await
     }
 
@@ -208,12 +210,12 @@ impl<D: Dialect> EndpointStore for SqlStore<D> {
         .bind(change.events.as_deref().map(event_names))
         .bind(change.enabled)
         .bind(self.now())
-        .bind("It was disabled on request.")
+.bind("The tenant disabled the endpoint.")
         .bind(tenant)
         .bind(id);
         let Some(row) = transaction.query_row(statement).await? else { return Ok(None) };
         if change.enabled == Some(false) {
-            give_up(&mut *transaction, id).await?;
+            fail_pending(&mut *transaction, id).await?;
         }
         transaction.commit().await?;
         read_endpoint(&row).map(Some)
@@ -245,7 +247,7 @@ impl<D: Dialect> EndpointStore for SqlStore<D> {
     }
 
     async fn callback_secrets(&self, tenant: &str, fresh: &SigningSecret) -> Result<Secrets, StoreError> {
-        // The update changes nothing; it makes the statement return the row that is there.
+        // The update changes nothing; it makes the statement return the existing row.
         let statement = sql("INSERT INTO callback_secrets (tenant, secret) VALUES ($1, $2) \
              ON CONFLICT (tenant) DO UPDATE SET tenant = callback_secrets.tenant \
              RETURNING tenant AS id, secret, old_secret, old_secret_until");
@@ -272,7 +274,7 @@ impl<D: Dialect> EndpointStore for SqlStore<D> {
     }
 }
 
-/// Disables an endpoint and gives up its pending deliveries. False if the endpoint was disabled before.
+/// Disables an endpoint and fails its pending deliveries. Returns `false` if the endpoint was disabled before.
 pub(super) async fn disable(
     connection: &mut impl SqlConnection,
     id: &str,
@@ -283,12 +285,12 @@ pub(super) async fn disable(
         "UPDATE webhook_endpoints SET disabled_at = meshmend_now($1), disabled_reason = $2 WHERE id = $3 AND disabled_at IS NULL",
     );
     let disabled = connection.execute(statement.bind(now).bind(reason).bind(id)).await?;
-    give_up(connection, id).await?;
+    fail_pending(connection, id).await?;
     Ok(disabled == 1)
 }
 
-/// Gives up an endpoint's pending deliveries.
-async fn give_up(connection: &mut impl SqlConnection, endpoint: &str) -> Result<(), StoreError> {
+/// Fails an endpoint's pending deliveries.
+async fn fail_pending(connection: &mut impl SqlConnection, endpoint: &str) -> Result<(), StoreError> {
     let statement = sql(
         "UPDATE webhook_deliveries SET status = 'failed', lease_token = NULL WHERE endpoint_id = $1 AND status = 'pending'",
     );
@@ -326,23 +328,23 @@ fn read_limits(row: &impl Columns) -> Result<TenantLimits, StoreError> {
     })
 }
 
-/// Reads a tenant's name, as `id`, its class and its limits.
+/// Reads a tenant from its name, as `id`, its class and its limits.
 fn read_tenant(row: &impl Columns) -> Result<Tenant, StoreError> {
     let from = Reader::new(row)?;
     Ok(Tenant { class: from.some_text("class")?, limits: read_limits(row)?, name: from.id })
 }
 
-/// Reads a secret and the one before; none where there is none.
+/// Reads the current and the previous secret; `None` if there is no secret.
 pub(super) fn read_signing_secrets(from: &Reader<'_, impl Columns>) -> Result<Option<Secrets>, StoreError> {
     let Some(current) = from.some_text("secret")? else { return Ok(None) };
     let previous = from.some_text("old_secret")?.map(SigningSecret::new).zip(from.some_time("old_secret_until")?);
     Ok(Some(Secrets { current: SigningSecret::new(current), previous }))
 }
 
-/// Reads the secrets of a tenant's callbacks, its name as `id`.
+/// Reads the secrets of a tenant's callbacks. The row has the tenant's name as `id`.
 fn read_secrets(row: &impl Columns) -> Result<Secrets, StoreError> {
     let from = Reader::new(row)?;
-    read_signing_secrets(&from)?.ok_or_else(|| corrupt(&from.id, "secret", "none"))
+    read_signing_secrets(&from)?.ok_or_else(|| corrupt(&from.id, "secret", "unexpected null"))
 }
 
 /// Reads an endpoint from a row of [`endpoint_columns`].
@@ -352,7 +354,7 @@ fn read_endpoint(row: &impl Columns) -> Result<Endpoint, StoreError> {
         url: from.text("url")?,
         description: from.text("description")?,
         events: read_events(&from.text("events")?).collect(),
-        secrets: read_signing_secrets(&from)?.ok_or_else(|| corrupt(&from.id, "secret", "none"))?,
+        secrets: read_signing_secrets(&from)?.ok_or_else(|| corrupt(&from.id, "secret", "unexpected null"))?,
         created_at: from.time("created_at")?,
         failing_since: from.some_time("failing_since")?,
         disabled: from.some_time("disabled_at")?.zip(from.some_text("disabled_reason")?),
@@ -360,12 +362,12 @@ fn read_endpoint(row: &impl Columns) -> Result<Endpoint, StoreError> {
     })
 }
 
-/// Events as a column keeps them.
+/// The text of events in a column.
 fn event_names(events: &[JobEvent]) -> String {
     events.iter().map(|event| event.as_str()).collect::<Vec<_>>().join(",")
 }
 
-/// The events in a column of them; those of a later version are passed over.
+/// The events of a column's text; unknown events of a later version are skipped.
 pub(super) fn read_events(column: &str) -> impl Iterator<Item = JobEvent> + '_ {
     column.split(',').filter_map(|name| name.parse().ok())
 }

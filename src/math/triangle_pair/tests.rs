@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::math::collinear;
 
-/// Another way to the same answer: one triangle is clipped by the plane and the edges of the other in whole numbers.
+/// An independent implementation: clips one triangle by the plane and the edges of the other in integers.
 mod exact {
     use super::Contact;
 
@@ -38,7 +38,7 @@ mod exact {
                 part.push(a);
             }
             if at_a.signum() * at_b.signum() < 0 {
-                // The heights are scaled by the points' own denominators, which is what this needs.
+                // The heights are scaled by each point's own denominator, as this formula needs them.
                 let (s, t) = (at_a.abs(), at_b.abs());
                 let p = [0, 1, 2, 3].map(|k| a[k] * t + b[k] * s);
                 let divisor = p.into_iter().fold(0, gcd);
@@ -50,7 +50,7 @@ mod exact {
         part
     }
 
-    /// Whether a point of the triangle's plane is inside it, borders excluded.
+    /// Whether a point of the triangle's plane lies in its interior.
     fn within(t: [Vector; 3], normal: Vector, p: Point) -> bool {
         (0..3).all(|k| height(cross(normal, minus(t[(k + 1) % 3], t[k])), t[k], p) > 0)
     }
@@ -124,7 +124,7 @@ mod exact {
 }
 
 /// Two triangles with area whose corners are among a few points of a small grid, so that they share vertices and meet
-/// in every way; the flatter the grid, the more of them lie in one plane.
+/// in every way. The flatter the grid, the more pairs are coplanar.
 fn pair() -> impl Strategy<Value = [[i128; 3]; 6]> {
     let points = (0i128..=2).prop_flat_map(|depth| proptest::array::uniform8((-2i128..=2, -2i128..=2, -depth..=depth)));
     let corners = (points, proptest::array::uniform6(0usize..8));
@@ -174,13 +174,13 @@ proptest! {
     }
 
     #[test]
-    fn turning_mirroring_scaling_and_shearing_change_no_contact(corners in pair(), axes in 0usize..6, signs in 0u32..8,
+    fn rotating_mirroring_scaling_and_shearing_change_no_contact(corners in pair(), axes in 0usize..6, signs in 0u32..8,
                                                       exponent in -40i32..=0, shear in -3i32..=3) {
         let (p, q) = ([corners[0], corners[1], corners[2]], [corners[3], corners[4], corners[5]]);
         let expected = exact::contact(p, q);
         let (positions, n) = numbered(&corners, |c| {
             let mut v = as_given(ORDERS[axes].map(|k| if signs >> k & 1 == 1 { -c[k] } else { c[k] }));
-            // A sheared lattice point is still exact, and no plane is along the axes any longer.
+            // A sheared lattice point is still exact, and no plane is axis-aligned any longer.
             v.x += f64::from(shear) * (v.y + 1.0 / 1024.0) + v.z * 7.0;
             v.y += f64::from(shear) * v.z;
             v * f64::from(exponent).exp2()
@@ -205,7 +205,7 @@ proptest! {
 }
 
 #[test]
-fn the_pairs_of_these_tests_meet_in_every_way() {
+fn the_generated_pairs_cover_every_kind_of_contact() {
     use proptest::strategy::ValueTree;
     let mut runner = proptest::test_runner::TestRunner::deterministic();
     let mut counts = [0; 6];
@@ -230,7 +230,7 @@ fn a_vertex_one_bit_below_a_face_crosses_it_and_on_it_touches() {
 }
 
 #[test]
-fn what_floating_point_cannot_decide_is_counted() {
+fn determinants_that_floating_point_cannot_decide_are_counted() {
     let tilt = |x: f64, y: f64| DVec3::new(x, y, 0.1 * x + 0.7 * y);
     let positions: Vec<DVec3> =
         [(0.0, 0.0), (0.3, 0.1), (0.1, 0.3), (0.2, 0.9), (0.7, 0.7), (0.9, 0.4)].map(|(x, y)| tilt(x, y)).to_vec();

@@ -1,4 +1,4 @@
-//! Open sheets put on a base.
+//! Adds a solid base below open sheets that are height fields.
 
 use glam::DVec3;
 
@@ -12,27 +12,26 @@ use crate::repair::{Cancelled, Change, ChangeKind, Context};
 /// Extrudes open sheets down to a plane.
 #[derive(Debug, Clone, Copy)]
 pub struct AddBase {
-    /// Distance from the lowest point to the plane, in the model's unit; without it [`THICKNESS`] of the diagonal.
+    /// Distance from the lowest point to the plane, in the model's unit; `None` is [`THICKNESS`] of the diagonal.
     pub thickness: Option<f64>,
     /// The farthest that the base may be from the sheet, in the model's unit.
     pub max_deviation: f64,
-    /// Whether positions are to be those that an STL file can hold.
+    /// The precision to which the plane's coordinate is rounded.
     pub precision: Precision,
 }
 
-/// A part seen along an axis.
-struct View {
+/// The direction along which a part is a height field.
+struct HeightField {
     /// The axis: 0 to 2 for x to z.
     axis: usize,
-    /// 1 where up is along the axis, -1 where it is against it.
+    /// 1 where up is along the axis, -1 where up is against it.
     up: f64,
-    /// Whether the faces look down and must be turned.
-    turned: bool,
+    /// Whether the faces point down and must be flipped.
+    flipped: bool,
 }
 
 impl AddBase {
-    /// Gives each open part that is a height field vertical skirts along its boundary and a flat bottom below its lowest
-    /// point.
+    /// Adds a base to each open part that is a height field: vertical skirts along the boundary and a flat bottom.
     ///
     /// ```text
     ///     __/\__/\_            __/\__/\_
@@ -40,13 +39,13 @@ impl AddBase {
     ///                         |_________|  bottom
     /// ```
     ///
-    /// Up is z where the part is a height field over the plane of x and y, and else the axis nearest to its mean normal, on
-    /// the side to which it looks. The bottom is the picture of the sheet's own faces on the plane, so that it is exact, fits
-    /// every hole, and needs no triangulation that could fail.
+    /// Up is z where the part is a height field over the xy plane. Otherwise up is the axis closest to the part's mean
+    /// normal, in the normal's direction. The bottom is the projection of the sheet's own faces onto the plane. So the
+    /// bottom is exact, matches every hole of the sheet, and needs no triangulation that could fail.
     ///
-    /// Precondition: consistent winding. Result: each part that was a height field is closed; no vertex moves; a part that
-    /// looked down is turned. Leaves: parts of which some face is vertical or hangs over, and those whose base would be
-    /// farther away than `max_deviation`.
+    /// Precondition: consistent winding. Result: each height field is closed; no vertex moves; parts that pointed down
+    /// are flipped. Leaves: parts with a vertical or overhanging face, and parts whose base would be farther away than
+    /// `max_deviation`.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -63,11 +62,11 @@ impl AddBase {
         for (&f, &part) in open.faces.iter().zip(&open.part) {
             by_part[part as usize].push(f);
         }
-        let (mut based, mut turned, mut no_field, mut too_far) = (0, 0, 0u64, 0u64);
+        let (mut with_base, mut flipped, mut not_height_field, mut too_far) = (0, 0, 0u64, 0u64);
         for faces in &by_part {
             context.check()?;
-            let Some(view) = View::of(surface, &unit, faces) else {
-                no_field += 1;
+            let Some(view) = HeightField::of(surface, &unit, faces) else {
+                not_height_field += 1;
                 continue;
             };
             let heights = || faces.iter().flat_map(|&f| surface.corners(f as usize)).map(|p| p[view.axis] * view.up);
@@ -82,60 +81,61 @@ impl AddBase {
                 continue;
             }
             if !extrude(surface, faces, &view, plane) {
-                no_field += 1;
+                not_height_field += 1;
                 continue;
             }
-            based += 1;
-            turned += u64::from(view.turned);
+            with_base += 1;
+            flipped += u64::from(view.flipped);
         }
-        let why = [
-            (no_field, "are no height field over a plane, so that no base fits below them"),
-            (too_far, "were left, since the base would be too far away or too thin"),
+        let reasons = [
+            (not_height_field, "are not height fields over a plane, so no base fits below them"),
+            (too_far, "got no base: it would be too far away or too thin"),
         ];
-        let why: Vec<_> = why.into_iter().filter(|w| w.0 > 0).map(|(n, why)| format!("{n} open parts {why}")).collect();
-        let changes = Change::list([(ChangeKind::BasesAdded, based), (ChangeKind::OpenPartsTurned, turned)]);
-        Ok(Applied { changes, left: (!why.is_empty()).then(|| why.join("; ")), ..Applied::default() })
+        let reasons: Vec<_> =
+            reasons.into_iter().filter(|r| r.0 > 0).map(|(n, reason)| format!("{n} open parts {reason}")).collect();
+        let changes = Change::list([(ChangeKind::BasesAdded, with_base), (ChangeKind::OpenPartsFlipped, flipped)]);
+        Ok(Applied { changes, left: (!reasons.is_empty()).then(|| reasons.join("; ")), ..Applied::default() })
     }
 }
 
-impl View {
-    /// How a part is a height field, if it is one.
+impl HeightField {
+    /// Finds the direction along which a part is a height field.
     fn of(surface: &Surface, unit: &[DVec3], faces: &[u32]) -> Option<Self> {
         let normal: DVec3 = faces.iter().map(|&f| surface.area_vector(f as usize)).sum();
         let main = (0..3).fold(2, |best, axis| if normal[axis].abs() > normal[best].abs() { axis } else { best });
         let signs = |axis: usize| {
-            let sign = |f: &u32| sign_along(unit, surface.faces[*f as usize], axis);
+            let sign = |f: &u32| projected_orientation(unit, surface.faces[*f as usize], axis);
             let first = sign(faces.first()?);
             (first != Sign::Zero && faces.iter().all(|f| sign(f) == first)).then_some(first == Sign::Positive)
         };
         if let Some(looks_up) = signs(2) {
-            return Some(Self { axis: 2, up: 1.0, turned: !looks_up });
+            return Some(Self { axis: 2, up: 1.0, flipped: !looks_up });
         }
         let looks_along = signs(main)?;
-        Some(Self { axis: main, up: if looks_along { 1.0 } else { -1.0 }, turned: false })
+        Some(Self { axis: main, up: if looks_along { 1.0 } else { -1.0 }, flipped: false })
     }
 }
 
-/// The coordinates other than that along an axis, so that they turn counter-clockwise seen from its end.
+/// The two coordinates across an axis, in the order that is counter-clockwise seen from the axis' positive end.
 fn flat(p: DVec3, axis: usize) -> [f64; 2] {
     [p[(axis + 1) % 3], p[(axis + 2) % 3]]
 }
 
-/// To which side of an axis a face is turned.
-fn sign_along(unit: &[DVec3], face: [u32; 3], axis: usize) -> Sign {
+/// The orientation of a face projected along an axis.
+fn projected_orientation(unit: &[DVec3], face: [u32; 3], axis: usize) -> Sign {
     let [a, b, c] = face.map(|v| flat(unit[v as usize], axis));
     orient2d(a, b, c)
 }
 
-/// Adds skirts and bottom. Whether it could, for which the part must be a surface.
-fn extrude(surface: &mut Surface, faces: &[u32], view: &View, plane: f64) -> bool {
+/// Adds skirts and bottom. Returns `false` where the part has a non-manifold edge, without changing the surface.
+fn extrude(surface: &mut Surface, faces: &[u32], view: &HeightField, plane: f64) -> bool {
     let of_part: Vec<[u32; 3]> = faces.iter().map(|&f| surface.faces[f as usize]).collect();
     let part = Surface { positions: surface.positions.clone(), source: vec![0; faces.len()], faces: of_part };
     let edges = Edges::new(&part.faces);
     if edges.iter().any(|h| h.len() > 2) {
         return false;
     }
-    // The picture of faces that are all turned one way covers what is below them and has no face without area.
+    // Projected faces of one orientation cover the area below the sheet and have no zero-area face.
     let bottom: Vec<[u32; 3]> = part.faces.iter().map(|&[a, b, c]| [a, c, b]).collect();
     let mut below = vec![u32::MAX; surface.positions.len()];
     let mut project = |surface: &mut Surface, v: u32| {
@@ -150,22 +150,22 @@ fn extrude(surface: &mut Surface, faces: &[u32], view: &View, plane: f64) -> boo
         }
         below[v as usize]
     };
-    let mut made = Vec::new();
+    let mut new_faces = Vec::new();
     for half_edges in edges.iter() {
         if let &[h] = half_edges {
             let [u, v] = Edges::ends(&part.faces, h);
             let [u1, v1] = [u, v].map(|v| project(surface, v));
-            made.extend([[v, u, u1], [v, u1, v1]]);
+            new_faces.extend([[v, u, u1], [v, u1, v1]]);
         }
     }
-    made.extend(bottom.into_iter().map(|face| face.map(|v| project(surface, v))));
-    for mut face in made {
-        if view.turned {
+    new_faces.extend(bottom.into_iter().map(|face| face.map(|v| project(surface, v))));
+    for mut face in new_faces {
+        if view.flipped {
             face.swap(1, 2);
         }
-        surface.push_made(face, BASE_SOURCE);
+        surface.push_generated(face, BASE_SOURCE);
     }
-    if view.turned {
+    if view.flipped {
         for &f in faces {
             surface.faces[f as usize].swap(1, 2);
         }
@@ -175,7 +175,7 @@ fn extrude(surface: &mut Surface, faces: &[u32], view: &View, plane: f64) -> boo
 
 impl Operation for AddBase {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
-    const MAY_RAISE: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::PinchedVertices];
+    const MAY_RAISE: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self {

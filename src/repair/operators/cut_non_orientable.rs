@@ -1,10 +1,10 @@
-//! One-sided parts cut open.
+//! Splits non-orientable parts along edges, so that each part has a front and a back.
 
 use glam::DVec3;
 
-use super::free_positions::{FreePositions, keep_facing};
+use super::free_positions::{FreePositions, keeps_orientation};
 use super::operator::{Applied, Counter, Operation, Scope};
-use super::orient::{agree, turn_faces};
+use super::orient::{consistent_winding, flip_faces};
 use crate::inspect::doubled_areas;
 use crate::math::Precision;
 use crate::mesh::{Edges, Surface, UnionFind};
@@ -12,8 +12,7 @@ use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 const NONE: u32 = u32::MAX;
 
-/// Cuts patches that have only one side, like a Möbius band, along the edges where their winding is in conflict, so that
-/// each has a front and a back.
+/// Splits non-orientable patches, such as a Möbius band, along the edges where the winding of the two faces conflicts.
 ///
 /// ```text
 ///    a->-+->-a           a->-+->-a'
@@ -21,50 +20,50 @@ const NONE: u32 = u32::MAX;
 ///    b-<-+-<-b    ->     b-<-+-<-b'
 /// ```
 ///
-/// Which edges is decided as by [`super::orient`]: few, and along sharp folds where there is a choice. Vertices along the cut
-/// are copied for each fan of faces beside it, and the smaller fans' copies are moved into their faces by the
-/// smallest distance that f32 can tell, since a reader of STL would join them again.
+/// The split edges are chosen as by [`super::orient`]: few, and along sharp folds where there is a choice. Vertices on the
+/// split are copied for each fan of faces beside it. The copies of the smaller fans move into their faces by the smallest
+/// distance that f32 can represent, since a reader of STL would merge them again.
 ///
-/// Precondition: oriented; what is not yet is turned here too. Result: no edge of two faces is in conflict; the cut is a
-/// boundary. Leaves: cuts that would run into edges of more than two faces, which have to be cut apart before, counted as
-/// `orientation_conflicts_left`, and copies that can't be moved without turning a face over or farther than `max_deviation`,
-/// counted as `coincident_vertices_left`.
+/// Precondition: none; faces with inconsistent winding are flipped first. Result: the split is a boundary, and no edge with
+/// two faces has a winding conflict. Leaves: conflicts that end at non-manifold edges, which must be split before, counted as
+/// `orientation_conflicts_left`; copies that cannot move without flipping a face or exceeding `max_deviation`, counted as
+/// `coincident_vertices_left`.
 ///
 /// After Guéziec et al. 2001, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces".
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CutOneSided {
-    /// How far a copy may be moved, in the model's unit. Default: as far as f32 asks for.
+pub struct CutNonOrientable {
+    /// How far a copy may move, in the model's unit. Default: infinite.
     pub max_deviation: f64,
-    /// Whether positions must be those that f32 can hold. Default: yes.
+    /// The precision to which positions are rounded. Default: f32.
     pub precision: Precision,
 }
 
-impl Default for CutOneSided {
+impl Default for CutNonOrientable {
     fn default() -> Self {
         Self { max_deviation: f64::INFINITY, precision: Precision::F32 }
     }
 }
 
-impl CutOneSided {
-    /// Runs the operator.
+impl CutNonOrientable {
+    /// Runs the operator on `surface`.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop; the surface may then be half done.
+    /// [`Cancelled`] when the work should stop; the surface may then be half changed.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let edges = Edges::new(&surface.faces);
         if !edges.iter().any(|h| in_conflict(&surface.faces, h)) {
             return Ok(Applied::default());
         }
-        let agreement = agree(surface, &edges, &doubled_areas(surface), context)?;
-        turn_faces(surface, &agreement.turn);
+        let winding = consistent_winding(surface, &edges, &doubled_areas(surface), context)?;
+        flip_faces(surface, &winding.flip);
         let edges = Edges::new(&surface.faces);
         let copies = cut(surface, &edges);
         let (mut moved, mut coincident) = (0.0f64, 0u64);
         if !copies.is_empty() {
-            let mut fans = Fans::new(surface, &copies, self.precision);
+            let mut fans = CopyFans::new(surface, &copies, self.precision);
             for &v in &copies {
-                match fans.part(surface, v, self) {
-                    Some(by) => moved = moved.max(by),
+                match fans.move_apart(surface, v, self) {
+                    Some(distance) => moved = moved.max(distance),
                     None => coincident += 1,
                 }
             }
@@ -72,16 +71,15 @@ impl CutOneSided {
         let after = Edges::new(&surface.faces);
         let left = after.iter().filter(|h| in_conflict(&surface.faces, h)).count() as u64;
         let changes = Change::list([
-            (ChangeKind::OneSidedPartsCut, if copies.is_empty() { 0 } else { agreement.one_sided }),
-            (ChangeKind::EdgesCut, agreement.conflicts.saturating_sub(left)),
-            (ChangeKind::VerticesCopied, copies.len() as u64),
+            (ChangeKind::NonOrientablePartsCut, if copies.is_empty() { 0 } else { winding.non_orientable }),
+            (ChangeKind::EdgesCut, winding.conflicts.saturating_sub(left)),
+            (ChangeKind::VerticesDuplicated, copies.len() as u64),
             (ChangeKind::CoincidentVerticesLeft, coincident),
             (ChangeKind::OrientationConflictsLeft, left),
         ]);
-        let why = || {
-            format!("edges between faces turned against one another that run into edges of more than two faces: {left}")
-        };
-        Ok(Applied { changes, moved, left: (left > 0).then(why), ..Applied::default() })
+        let reason =
+            || format!("{left} edges between faces of opposite winding were not split: they end at non-manifold edges");
+        Ok(Applied { changes, moved, left: (left > 0).then(reason), ..Applied::default() })
     }
 }
 
@@ -89,26 +87,26 @@ fn in_conflict(faces: &[[u32; 3]], half_edges: &[u32]) -> bool {
     matches!(*half_edges, [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y))
 }
 
-/// Which vertices are on a cut along edges in conflict, and the corners of faces beside it. A run of such edges that meets an edge
-/// of more than two faces is left whole, since it would part no faces there.
-fn cuts(surface: &Surface, edges: &Edges) -> (Vec<bool>, Vec<u32>) {
+/// For each vertex whether it lies on a split, and the face corners beside splits. A chain of conflicting edges that meets a
+/// non-manifold edge is skipped, since a split there would separate no faces.
+fn cut_corners(surface: &Surface, edges: &Edges) -> (Vec<bool>, Vec<u32>) {
     let faces = &surface.faces;
-    let mut cuts = UnionFind::new(surface.positions.len());
+    let mut chains = UnionFind::new(surface.positions.len());
     for (e, _) in edges.iter().enumerate().filter(|(_, h)| in_conflict(faces, h)) {
         let [a, b] = edges.vertices(e);
-        cuts.unite(a, b);
+        chains.unite(a, b);
     }
-    let cuts = cuts.into_roots();
-    let mut ends_inside = vec![false; cuts.len()];
+    let chains = chains.into_roots();
+    let mut is_blocked = vec![false; chains.len()];
     for (e, _) in edges.iter().enumerate().filter(|(_, h)| h.len() > 2) {
         for v in edges.vertices(e) {
-            ends_inside[cuts[v as usize] as usize] = true;
+            is_blocked[chains[v as usize] as usize] = true;
         }
     }
     let (mut on_cut, mut beside) = (vec![false; surface.positions.len()], Vec::new());
     for (e, half_edges) in edges.iter().enumerate().filter(|(_, h)| in_conflict(faces, h)) {
         let ends = edges.vertices(e);
-        if ends_inside[cuts[ends[0] as usize] as usize] {
+        if is_blocked[chains[ends[0] as usize] as usize] {
             continue;
         }
         for v in ends {
@@ -119,16 +117,16 @@ fn cuts(surface: &Surface, edges: &Edges) -> (Vec<bool>, Vec<u32>) {
     (on_cut, beside)
 }
 
-/// The corner at a vertex of the face of a half-edge there.
+/// The corner at vertex `v` of the face with half-edge `h`.
 fn corner_of(faces: &[[u32; 3]], h: u32, v: u32) -> u32 {
     if Edges::ends(faces, h)[0] == v { h } else { Edges::next(h) }
 }
 
-/// Copies the vertices along edges in conflict, for each fan beside them but the one with the most faces. Fans that do
-/// not touch such an edge stay with that one. Answers the copies.
+/// Copies the vertices along conflicting edges, once for each adjacent fan but the one with the most faces. Fans that do not
+/// touch a conflicting edge stay with the largest fan. Returns the copies.
 fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
     let faces = &surface.faces;
-    let (on_cut, beside) = cuts(surface, edges);
+    let (on_cut, beside) = cut_corners(surface, edges);
     let mut sets = UnionFind::new(faces.len() * 3);
     for (e, half_edges) in edges.iter().enumerate().filter(|(_, h)| !in_conflict(faces, h)) {
         for v in edges.vertices(e).into_iter().filter(|&v| on_cut[v as usize]) {
@@ -142,7 +140,7 @@ fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
     for corner in beside {
         touches[roots[corner as usize] as usize] = true;
     }
-    // The fans along the cut: vertex, root, and how many faces.
+    // The fans along the split: vertex, number of faces, root.
     let mut corners: Vec<(u32, u32)> = Vec::new();
     for (face, corner) in faces.iter().zip((0usize..).step_by(3)) {
         for (i, &v) in face.iter().enumerate() {
@@ -177,14 +175,14 @@ fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
     copies
 }
 
-/// The faces at the copies, and the positions that are taken.
-struct Fans {
-    /// Copies and their faces, in order.
+/// The fans of faces at the copied vertices, and the positions in use.
+struct CopyFans {
+    /// The copies and their faces, sorted.
     corners: Vec<(u32, u32)>,
-    places: FreePositions,
+    free_positions: FreePositions,
 }
 
-impl Fans {
+impl CopyFans {
     fn new(surface: &Surface, copies: &[u32], precision: Precision) -> Self {
         let first = copies[0];
         let mut corners: Vec<(u32, u32)> = Vec::new();
@@ -192,11 +190,11 @@ impl Fans {
             corners.extend(face.iter().filter(|&&v| v >= first).map(|&v| (v, f)));
         }
         corners.sort_unstable();
-        Self { corners, places: FreePositions::new(surface, precision) }
+        Self { corners, free_positions: FreePositions::new(surface, precision) }
     }
 
-    /// Moves a copy into its faces by the least that f32 can tell. Answers how far, unless it can't be.
-    fn part(&mut self, surface: &mut Surface, v: u32, how: &CutOneSided) -> Option<f64> {
+    /// Moves a copy into its faces by the smallest step that f32 can represent. Returns the distance, or `None` if no position fits.
+    fn move_apart(&mut self, surface: &mut Surface, v: u32, limits: &CutNonOrientable) -> Option<f64> {
         let begin = self.corners.partition_point(|&(w, _)| w < v);
         let end = self.corners.partition_point(|&(w, _)| w <= v);
         let fan = &self.corners[begin..end];
@@ -207,7 +205,7 @@ impl Fans {
             .flat_map(|&(_, f)| others(f))
             .map(|w| (surface.positions[w as usize] - p).normalize_or_zero())
             .sum();
-        let fits = |q: DVec3| keep_facing(surface, fan.iter().map(|&(_, f)| f), v, q);
+        let fits = |q: DVec3| keeps_orientation(surface, fan.iter().map(|&(_, f)| f), v, q);
         let directions = [inward.try_normalize()].into_iter().flatten().chain([
             DVec3::X,
             DVec3::NEG_X,
@@ -217,7 +215,7 @@ impl Fans {
             DVec3::NEG_Z,
         ]);
         for direction in directions {
-            if let Some(q) = self.places.find(p, direction, how.max_deviation, fits) {
+            if let Some(q) = self.free_positions.find(p, direction, limits.max_deviation, fits) {
                 surface.positions[v as usize] = q;
                 return Some(p.distance(q));
             }
@@ -226,7 +224,7 @@ impl Fans {
     }
 }
 
-impl Operation for CutOneSided {
+impl Operation for CutNonOrientable {
     const FIXES: &'static [Counter] = &[Counter::MisorientedEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
 

@@ -1,36 +1,36 @@
-//! Parts that are too small: open bits that enclose nothing and that no printer could make, and closed parts that the options drop.
+//! Removes parts that are too small: open fragments without volume, and closed parts below the limit in the options.
 
-use super::inside::RayCaster;
 use super::operator::{Applied, Counter, Operation, Scope};
+use super::ray_caster::RayCaster;
 use crate::inspect::{Solid, nesting, solids};
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface, position_key};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-/// An open part no larger than this share of the model's diagonal is debris: on a print of 200 mm less than half the width of a
-/// nozzle.
-const SMALL: f64 = 1e-3;
-/// So is one with at most so many faces and this share of the model's area, ...
-const FEW_FACES: usize = 10;
-const LITTLE_AREA: f64 = 1e-3;
-/// ... or this share where it is a fin: an open part that stood on an edge of a closed one.
-const FIN_AREA: f64 = 1e-2;
+/// An open part is debris if its diagonal is at most this share of the model's: less than half a nozzle's width on a print of
+/// 200 mm.
+const MAX_SHARE_OF_DIAGONAL: f64 = 1e-3;
+/// An open part is also debris with at most this many faces and this share of the model's area.
+const MAX_FACES: usize = 10;
+const MAX_SHARE_OF_AREA: f64 = 1e-3;
+/// The share of the area for a fin: an open part with an edge on an edge of a closed part.
+const MAX_SHARE_OF_AREA_FIN: f64 = 1e-2;
 
-/// What reaches out of the box of all else by more than this share of the diagonal is none.
-const BOX: f64 = 8e-3;
+/// A part that protrudes from the box of all other parts by more than this share of the diagonal is not debris.
+const MAX_PROTRUSION: f64 = 8e-3;
 
-/// Faces of an open part that are asked whether they lie inside a solid, and rays tried from each.
-const ASKED: usize = 64;
+/// The most faces of an open part that are sampled, and the rays tried from each.
+const MAX_SAMPLES: usize = 64;
 const RAYS: u32 = 8;
-/// Faces that all rays together may look at.
+/// The most faces that all rays together may test.
 const BUDGET: u64 = 5_000_000;
 
-/// Removes open parts that are too small to print, and those that lie inside a closed part. An open part has no volume,
-/// so nothing that could be printed is lost.
+/// Removes open parts that are too small to print, and open parts inside closed parts. An open part has no volume, so nothing
+/// printable is lost.
 ///
-/// Precondition: holes that can be closed are closed, and what is not one surface was cut apart. Result: what is left is
-/// as it was; the parts and faces that went are counted. Leaves: closed parts of any size, larger open sheets, and
-/// everything where nothing but debris is there.
+/// Precondition: holes are filled where possible, and non-manifold edges are split. Result: the other parts are unchanged;
+/// removed parts and faces are counted. Leaves: closed parts of any size, larger open sheets, and every part where all parts
+/// are debris.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -49,13 +49,13 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     let (mut goes, mut hidden) = (vec![false; parts.count], vec![false; parts.count]);
     for (part, faces) in parts.faces().iter().enumerate().filter(|&(part, _)| open[part]) {
         context.check()?;
-        let little = if fins[part] { FIN_AREA } else { LITTLE_AREA };
-        goes[part] = is_small(&solids[part], faces.len(), little * area, diagonal);
-        if !goes[part] && hold(&mut closed, surface, faces) {
+        let max_area = if fins[part] { MAX_SHARE_OF_AREA_FIN } else { MAX_SHARE_OF_AREA };
+        goes[part] = is_small(&solids[part], faces.len(), max_area * area, diagonal);
+        if !goes[part] && is_enclosed(&mut closed, surface, faces) {
             (goes[part], hidden[part]) = (true, true);
         }
     }
-    keep_the_box(&mut goes, &solids, BOX * diagonal);
+    keep_protruding(&mut goes, &solids, MAX_PROTRUSION * diagonal);
     let count = goes.iter().filter(|&&d| d).count();
     let hidden = goes.iter().zip(&hidden).filter(|&(&goes, &hidden)| goes && hidden).count() as u64;
     if count == 0 || count == parts.count {
@@ -69,18 +69,18 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     ]))
 }
 
-/// Whether an open part is too small to print: by its own size, or by few faces of no more than the area `little`.
-fn is_small(part: &Solid, faces: usize, little: f64, diagonal: f64) -> bool {
-    (faces <= FEW_FACES && part.area <= little) || part.bounds.diagonal() <= SMALL * diagonal
+/// Whether an open part is too small to print: by its diagonal, or by few faces with at most `max_area`.
+fn is_small(part: &Solid, faces: usize, max_area: f64, diagonal: f64) -> bool {
+    (faces <= MAX_FACES && part.area <= max_area) || part.bounds.diagonal() <= MAX_SHARE_OF_DIAGONAL * diagonal
 }
 
-/// The same of a part of a model with so much area.
+/// Whether an open part of a model with the given area and diagonal is debris. All lengths are in the model's unit.
 pub(crate) fn is_debris(part: &Solid, faces: usize, area: f64, diagonal: f64) -> bool {
-    is_small(part, faces, LITTLE_AREA * area, diagonal)
+    is_small(part, faces, MAX_SHARE_OF_AREA * area, diagonal)
 }
 
-/// Takes back what reaches farther than `most` out of the box of the rest: who put it there meant it to be seen.
-fn keep_the_box(goes: &mut [bool], solids: &[Solid], most: f64) {
+/// Keeps parts that protrude by more than `max_protrusion` from the box of the rest: they are visible on purpose.
+fn keep_protruding(goes: &mut [bool], solids: &[Solid], max_protrusion: f64) {
     let mut rest = Box3::EMPTY;
     for (solid, _) in solids.iter().zip(&*goes).filter(|(_, goes)| !**goes) {
         rest.extend(solid.bounds.min);
@@ -88,7 +88,7 @@ fn keep_the_box(goes: &mut [bool], solids: &[Solid], most: f64) {
     }
     for (solid, goes) in solids.iter().zip(goes).filter(|(_, goes)| **goes) {
         let out = (rest.min - solid.bounds.min).max(solid.bounds.max - rest.max).max_element();
-        if out > most {
+        if out > max_protrusion {
             *goes = false;
             rest.extend(solid.bounds.min);
             rest.extend(solid.bounds.max);
@@ -96,7 +96,7 @@ fn keep_the_box(goes: &mut [bool], solids: &[Solid], most: f64) {
     }
 }
 
-/// Of each part, whether it has an edge at the same two positions as an edge of a closed part.
+/// For each part whether it is open and has an edge at the same two positions as an edge of a closed part.
 fn fins(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Vec<bool> {
     let key = |v: u32| position_key(surface.positions[v as usize]);
     let mut ends: Vec<([[u64; 3]; 2], bool, u32)> = (0..edges.len())
@@ -119,24 +119,24 @@ fn fins(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Ve
     fins
 }
 
-/// The closed parts' faces.
+/// Prepares ray queries against the faces of the closed parts.
 fn closed_parts(surface: &Surface, parts: &Parts, solids: &[Solid]) -> RayCaster {
     let closed = |p: u32| p != Parts::NONE && solids[p as usize].closed;
     let of_closed = surface.faces.iter().zip(&parts.of_face).filter(|&(_, &p)| closed(p));
     RayCaster::new(surface, of_closed.map(|(&face, _)| face).collect(), BUDGET)
 }
 
-/// Whether the middle of each face that is asked is inside closed parts.
-fn hold(closed: &mut RayCaster, surface: &Surface, faces: &[u32]) -> bool {
-    let stride = faces.len().div_ceil(ASKED);
+/// Whether the centroids of all sampled faces lie inside closed parts.
+fn is_enclosed(closed: &mut RayCaster, surface: &Surface, faces: &[u32]) -> bool {
+    let stride = faces.len().div_ceil(MAX_SAMPLES);
     faces.iter().step_by(stride).all(|&f| {
-        let from = closed.middle(surface.faces[f as usize]);
+        let from = closed.centroid(surface.faces[f as usize]);
         let count = (0..RAYS).find_map(|ray| closed.crossings(from, from + ray_direction(ray) * 8.0, None));
         count.is_some_and(|n| n % 2 == 1)
     })
 }
 
-/// Removes open bits that enclose nothing and that no printer could make.
+/// Removes open fragments that enclose no volume and are too small to print.
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveDebris;
 
@@ -153,19 +153,19 @@ impl Operation for RemoveDebris {
     }
 }
 
-/// Drops small parts.
+/// Removes small closed parts.
 #[derive(Debug, Clone, Copy)]
 pub struct DropSmallParts {
-    /// A part with a smaller share of the volume of all parts goes, in percent.
+    /// The least share of a part's volume in the volume of all parts, in percent.
     pub min_volume_pct: f64,
 }
 
 impl DropSmallParts {
-    /// Drops the closed parts with less than a share of the volume of all parts, and what lies in them. The cavities of a part that
-    /// stays are no parts of their own and stay with it.
+    /// Removes the closed parts below the least volume, together with the cavities inside them. A cavity of a part that stays
+    /// is not a part of its own and stays.
     ///
-    /// Precondition: consistent and outward winding; what overlaps is united. Result: what is left is as it was. Leaves: open parts of
-    /// any size, and the largest part.
+    /// Precondition: consistent, outward winding; overlapping volumes are united. Result: the other parts are unchanged.
+    /// Leaves: open parts of any size, and the largest part.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -174,17 +174,18 @@ impl DropSmallParts {
         let parts = Parts::new(surface, &edges);
         let solids = solids(surface, &edges, &parts);
         let is_solid = |part: usize| solids[part].closed && solids[part].volume > 0.0;
-        let total: f64 = solids.iter().filter(|it| it.closed).map(|it| it.volume).sum();
-        let largest = solids.iter().map(|it| it.volume).fold(0.0, f64::max);
+        let total: f64 = solids.iter().filter(|solid| solid.closed).map(|solid| solid.volume).sum();
+        let largest = solids.iter().map(|solid| solid.volume).fold(0.0, f64::max);
         let least = (self.min_volume_pct / 100.0 * total).min(largest);
         let mut goes: Vec<bool> = (0..parts.count).map(|part| is_solid(part) && solids[part].volume < least).collect();
         if !goes.contains(&true) {
             return Ok(Applied::default());
         }
-        let wanted: Vec<bool> = solids.iter().map(|it| it.volume < 0.0).collect();
-        let containers = nesting(surface, &parts, &solids, &wanted, context)?;
-        let within = |part: usize| containers[part].iter().flatten().any(|&around| goes[around as usize]);
-        let cavities: Vec<usize> = (0..parts.count).filter(|&part| wanted[part] && within(part)).collect();
+        let is_cavity: Vec<bool> = solids.iter().map(|solid| solid.volume < 0.0).collect();
+        let containers = nesting(surface, &parts, &solids, &is_cavity, context)?;
+        let is_in_dropped_part = |part: usize| containers[part].iter().flatten().any(|&around| goes[around as usize]);
+        let cavities: Vec<usize> =
+            (0..parts.count).filter(|&part| is_cavity[part] && is_in_dropped_part(part)).collect();
         for part in cavities {
             goes[part] = true;
         }

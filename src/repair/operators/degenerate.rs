@@ -1,4 +1,4 @@
-//! Faces without area.
+//! Removes faces without area.
 
 use std::collections::HashSet;
 
@@ -6,28 +6,28 @@ use glam::DVec3;
 
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::slivers::RemoveSlivers;
-use crate::math::{area_vanishes, collinear, midmost, to_unit_range};
+use crate::math::{area_vanishes, collinear, index_of_middle, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-/// Height, as a share of the diagonal of the bounding box, below which faces lie whose area f64 does not find: the cross product of
-/// their sides is off by a few units of its last place, which is 2^-52 of it, at most.
-const LOWEST: f64 = 1e-14;
+/// The face height, as a share of the bounding box's diagonal, below which f64 finds no area. The relative error of the cross
+/// product of two sides is a few units of 2^-52.
+const MIN_HEIGHT: f64 = 1e-14;
 
-/// Passes over the mesh: a stack of caps loses one layer in each, and a stack so deep is no model.
-const MOST_PASSES: usize = 64;
+/// The most passes over the mesh. Each pass removes one layer of stacked caps; no real model has more layers.
+const MAX_PASSES: usize = 64;
 
-/// Drops faces with a repeated vertex. Their half-edges cancel, so that nothing opens. Answers how many went.
+/// Removes faces with a repeated vertex. Their half-edges cancel, so no boundary appears.
 pub fn remove_collapsed(surface: &mut Surface) -> Vec<Change> {
     let keep: Vec<bool> = surface.faces.iter().map(|&[a, b, c]| a != b && b != c && c != a).collect();
     Change::list([(ChangeKind::CollapsedFacesRemoved, surface.retain_faces(&keep))])
 }
 
-/// Removes faces without area: those whose corners lie on a line by [`remove_caps`], and if there are such of which only f64
-/// finds no area, all that are as thin by [`RemoveSlivers`]. No vertex is moved farther than `max_deviation`, in the model's unit.
+/// Removes faces without area: exactly collinear ones with [`remove_caps`]. If f64 finds no area for further faces, it removes
+/// all faces that thin with [`RemoveSlivers`]. No vertex moves farther than `max_deviation`, in the model's unit.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop; the surface may then be half done.
+/// [`Cancelled`] when the work should stop; the surface may then be half changed.
 pub fn remove_without_area(
     surface: &mut Surface,
     max_deviation: f64,
@@ -40,17 +40,17 @@ pub fn remove_without_area(
         area_vanishes(a, b, c) && !collinear(a, b, c)
     };
     if surface.faces.iter().any(vanishes) {
-        let thin = RemoveSlivers { tolerance: LOWEST, max_deviation }.apply(surface, context)?;
+        let thin = RemoveSlivers { tolerance: MIN_HEIGHT, max_deviation }.apply(surface, context)?;
         applied.changes.extend(thin.changes);
         (applied.moved, applied.left) = (thin.moved, thin.left);
     }
     Ok(applied)
 }
 
-/// Removes faces whose three different corners lie on a line, without opening the surface and without moving a vertex.
+/// Removes faces whose three distinct corners are collinear, without opening the surface or moving a vertex.
 ///
-/// The middle corner `m` lies on the long edge. The face beyond that edge is cut in two at `m`, which is an edge flip;
-/// since `m` lies on the edge, the surface stays where it was. Where nothing is beyond, the face just goes.
+/// The middle corner `m` lies on the long edge. An edge flip splits the face beyond that edge at `m`. Since `m` lies on the
+/// edge, the surface keeps its shape. Where there is no face beyond the edge, the cap is removed.
 ///
 /// ```text
 ///        m                     m
@@ -60,21 +60,21 @@ pub fn remove_without_area(
 ///        d                     d
 /// ```
 ///
-/// Where the face beyond is a cap on the same edge, the flip makes two caps with shorter long edges, which later passes
-/// take.
+/// Where the face beyond is a cap on the same edge, the flip gives two caps with shorter long edges; later passes remove them.
 ///
-/// Precondition: no face with a repeated vertex. Result: the number of faces without area never grows. Leaves: faces whose long edge has more than two faces, or where the edge from `m` to `d` is there already
-/// (it would get a third face); they are what remains in the count of degenerate faces.
+/// Precondition: no face with a repeated vertex. Result: the number of faces without area never rises. Leaves, counted as
+/// degenerate: faces whose long edge has more than two faces, and faces where the edge from `m` to `d` exists already and
+/// would get a third face.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop; flips that are done stay done.
+/// [`Cancelled`] when the work should stop; finished flips stay.
 pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
     let unit = to_unit_range(&surface.positions);
     let (mut flipped, mut dropped) = (0u64, 0u64);
-    let is_cap = |&(_, &face): &(u32, &[u32; 3])| is_flat(&unit, face);
+    let is_cap = |&(_, &face): &(u32, &[u32; 3])| is_collinear(&unit, face);
     let mut caps: Vec<u32> = (0u32..).zip(&surface.faces).filter(is_cap).map(|(i, _)| i).collect();
     let mut keep = vec![true; surface.faces.len()];
-    for _ in 0..MOST_PASSES {
+    for _ in 0..MAX_PASSES {
         context.check()?;
         if caps.is_empty() {
             break;
@@ -83,7 +83,7 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
         let before = (flipped, dropped);
         for &cap in &caps {
             let face = surface.faces[cap as usize];
-            let middle = midmost(face.map(|v| unit[v as usize]));
+            let middle = index_of_middle(face.map(|v| unit[v as usize]));
             let [m, a, b] = [face[middle], face[(middle + 1) % 3], face[(middle + 2) % 3]];
             let Some(long) = pass.edges.find(a, b) else { continue };
             match *pass.edges.half_edges(long) {
@@ -99,7 +99,7 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
             break;
         }
         caps.extend(pass.touched);
-        caps.retain(|&f| keep[f as usize] && is_flat(&unit, surface.faces[f as usize]));
+        caps.retain(|&f| keep[f as usize] && is_collinear(&unit, surface.faces[f as usize]));
         caps.sort_unstable();
         caps.dedup();
     }
@@ -111,8 +111,8 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
     ]))
 }
 
-/// Whether the corners lie on a line, exactly.
-fn is_flat(unit: &[DVec3], face: [u32; 3]) -> bool {
+/// Whether the corners are exactly collinear.
+fn is_collinear(unit: &[DVec3], face: [u32; 3]) -> bool {
     let [a, b, c] = face.map(|v| unit[v as usize]);
     collinear(a, b, c)
 }
@@ -120,13 +120,13 @@ fn is_flat(unit: &[DVec3], face: [u32; 3]) -> bool {
 /// One pass over the caps, in which each face is changed at most once.
 struct Pass<'a> {
     unit: &'a [DVec3],
-    /// The faces at the caps' corners: only edges there matter, and few faces have any of those.
+    /// The faces at the caps' corners: only their edges matter, and they are few.
     near: Vec<u32>,
-    /// Their edges.
+    /// The edges of these faces.
     edges: Edges,
     touched: HashSet<u32>,
-    /// Edges that flips made, the smaller vertex first.
-    made: HashSet<(u32, u32)>,
+    /// Edges that flips created, smaller vertex first.
+    new_edges: HashSet<(u32, u32)>,
 }
 
 impl<'a> Pass<'a> {
@@ -135,10 +135,10 @@ impl<'a> Pass<'a> {
         caps.iter().for_each(|&cap| surface.faces[cap as usize].iter().for_each(|&v| at_cap[v as usize] = true));
         let is_near = |&(f, face): &(u32, &[u32; 3])| keep[f as usize] && face.iter().any(|&v| at_cap[v as usize]);
         let (near, faces): (Vec<u32>, Vec<[u32; 3]>) = (0u32..).zip(&surface.faces).filter(is_near).unzip();
-        Self { unit, near, edges: Edges::new(&faces), touched: HashSet::new(), made: HashSet::new() }
+        Self { unit, near, edges: Edges::new(&faces), touched: HashSet::new(), new_edges: HashSet::new() }
     }
 
-    /// Flips the long edge `a`, `b` of a cap with the middle corner `m`, where it may be; `pair` are its half-edges.
+    /// Flips the long edge `a`, `b` of a cap with the middle corner `m`, where possible; `pair` holds the edge's half-edges.
     fn flip(&mut self, surface: &mut Surface, cap: u32, pair: [u32; 2], [m, a, b]: [u32; 3]) -> bool {
         let [f, g] = pair.map(|h| self.near[h as usize / 3]);
         let beyond = if f == cap { g } else { f };
@@ -148,9 +148,9 @@ impl<'a> Pass<'a> {
         if d == m
             || self.touched.contains(&cap)
             || self.touched.contains(&beyond)
-            || (is_flat(self.unit, other) && other[midmost(other.map(|v| self.unit[v as usize]))] != d)
+            || (is_collinear(self.unit, other) && other[index_of_middle(other.map(|v| self.unit[v as usize]))] != d)
             || self.edges.find(m, d).is_some()
-            || !self.made.insert(new_edge)
+            || !self.new_edges.insert(new_edge)
         {
             return false;
         }
@@ -163,7 +163,7 @@ impl<'a> Pass<'a> {
     }
 }
 
-/// Drops faces with the same vertex twice.
+/// Removes faces that use the same vertex twice.
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveCollapsedFaces;
 
@@ -180,7 +180,7 @@ impl Operation for RemoveCollapsedFaces {
     }
 }
 
-/// Removes faces without area, whose corners lie on a line or nearly.
+/// Removes faces without area, whose corners are collinear or nearly collinear.
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveCaps {
     max_deviation: f64,
@@ -188,7 +188,7 @@ pub struct RemoveCaps {
 
 impl Operation for RemoveCaps {
     const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
-    // A cap on the boundary goes, and the two edges behind it are open instead of its one.
+    // Removing a cap on the boundary replaces one boundary edge by two.
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

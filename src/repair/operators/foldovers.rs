@@ -1,4 +1,4 @@
-//! Neighbouring faces that lie on one another: surface that is folded back on its neighbours.
+//! Removes neighbouring faces that overlap: surface that folds back onto its neighbours.
 
 use std::collections::VecDeque;
 
@@ -9,41 +9,43 @@ use crate::math::{Box3, nearest_on_triangle, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-/// Looks at faces around vertices, beside so many for each face of the surface.
+/// The budget of star entries visited: a constant plus a number for each face of the surface.
 const WORK: u64 = 50_000_000;
 const WORK_PER_FACE: u64 = 200;
 
-/// Flips the edges at which surface is folded onto itself.
+/// Flips the edges along which the surface folds back onto itself.
 #[derive(Debug, Clone, Copy)]
 pub struct UnfoldFoldovers {
-    /// Largest angle between the two faces of an edge, in radians, at which the edge is a fold; as the inspection has it, 0.01.
+    /// The largest angle between the two faces of an edge that counts as a fold, in radians; 0.01 in the inspection.
     pub angle: f64,
-    /// How far faces may stand off from those that they are folded on, as a share of the diagonal of the bounding box.
+    /// The largest distance between the overlapping faces, as a share of the bounding box's diagonal.
     pub height: f64,
-    /// The same in the model's unit: the surface moves no farther.
+    /// The largest distance that the surface may move, in the model's unit.
     pub max_deviation: f64,
 }
 
 impl UnfoldFoldovers {
-    /// Removes foldovers: regions between folds that lie on their neighbours with the other side up.
+    /// Removes foldovers: regions between folds that lie upside down on their neighbours.
     ///
     /// ```text
-    ///      d               d        seen from above: the face of a, b and m lies on that of a, b and d with its back up, for
-    ///     / \             /|\       m was dragged across the edge. With the edge flipped to join m and d, both
-    ///    / m \     ->    / m \      faces have their front up, and what was below the edge goes on from a, m, b.
+    ///      d               d        seen from above: face (a, b, m) lies upside down on face (a, b, d), because m was
+    ///     / \             /|\       dragged across the edge. After flipping the edge to connect m and d, both faces
+    ///    / m \     ->    / m \      face up, and the surface below the edge continues from a, m, b.
     ///   a-----b         a     b
     /// ```
     ///
-    /// An edge is flipped where that leaves fewer folds among the five edges around, makes both faces look as the larger one
-    /// did, and makes none that is flat. So folds get fewer with each flip, and a flat solid, whose rim is a fold by right, keeps it.
+    /// An edge is flipped where the flip leaves fewer folds among the five edges involved, gives both faces the orientation of
+    /// the larger face, and leaves both with a height. So each flip lowers the number of folds, and a flat solid, whose rim
+    /// consists of proper folds, keeps its rim.
     ///
-    /// Precondition: neighbours wind the same way. Result: no vertex moves, nothing opens; the surface stays within the
-    /// height. Leaves: folds whose flipped edge is there already or would leave the faces, as where a vertex was dragged across another, for who resolves intersections.
+    /// Precondition: neighbours have consistent winding. Result: no vertex moves and no boundary appears; the surface stays
+    /// within the height. Leaves: folds whose flipped edge exists already or would run outside the two faces, as where a vertex
+    /// was dragged across another vertex; `self_union` removes those.
     ///
-    /// After foldovers as Parasolid defines them (`PK_MESH_defect_foldover_c`, seed 002).
+    /// After the foldovers of Parasolid (`PK_MESH_defect_foldover_c`).
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop; the surface is then half done.
+    /// [`Cancelled`] when the work should stop; the surface is then half changed.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let unit = to_unit_range(&surface.positions);
         let scale = unit_scale(&surface.positions);
@@ -51,7 +53,7 @@ impl UnfoldFoldovers {
         if !(height > 0.0 && height.is_finite()) {
             return Ok(Applied::default());
         }
-        let limits = Limits { angle: self.angle, height };
+        let limits = FoldLimits { angle: self.angle, height };
         let mut queue = VecDeque::new();
         let edges = Edges::new(&surface.faces);
         for (e, half_edges) in edges.iter().enumerate() {
@@ -79,29 +81,28 @@ impl UnfoldFoldovers {
             if local.spent > budget {
                 break;
             }
-            let Some((hinge, stands_off)) = limits.fold_at(&mut local, a, b) else { continue };
+            let Some((hinge, clearance)) = limits.fold_at_edge(&mut local, a, b) else { continue };
             if limits.flip(&mut local, hinge) {
                 flipped += 1;
-                moved = moved.max(stands_off);
-                queue.extend(around(hinge));
+                moved = moved.max(clearance);
+                queue.extend(surrounding_edges(hinge));
             }
         }
-        let left =
-            (local.spent > budget).then(|| "so many folds hang together that they were not all tried".to_owned());
+        let left = (local.spent > budget).then(|| "some folds were skipped: too many of them are connected".to_owned());
         local.finish();
         let changes = Change::list([(ChangeKind::FoldsFlipped, flipped)]);
         Ok(Applied { changes, moved: moved / scale, left, ..Applied::default() })
     }
 }
 
-/// What makes an edge a fold, on the unit scale.
-struct Limits {
+/// The limits within which an edge counts as a fold, on the unit scale.
+struct FoldLimits {
     angle: f64,
     height: f64,
 }
 
-impl Limits {
-    /// How far the lower of two faces that meet at `a`, `b` stands off from the other, where the edge is a fold.
+impl FoldLimits {
+    /// The distance of the lower of the two faces at edge `a`, `b` from the other face, where the edge is a fold.
     fn fold(&self, [a, b, m, d]: [glam::DVec3; 4]) -> Option<f64> {
         let along = (b - a).normalize_or_zero();
         let [p, q] = [m - a, d - a].map(|to| to - along * to.dot(along));
@@ -109,22 +110,23 @@ impl Limits {
             return None;
         }
         let angle = p.cross(q).length().atan2(p.dot(q));
-        let stands_off = p.length().min(q.length()) * angle.sin();
+        let clearance = p.length().min(q.length()) * angle.sin();
         let low = [[a, b, m], [a, b, d]].into_iter().any(|face| Shape::of(face).height < self.height);
-        (angle <= self.angle && stands_off <= self.height && !low).then_some(stands_off)
+        (angle <= self.angle && clearance <= self.height && !low).then_some(clearance)
     }
 
-    fn fold_at(&self, local: &mut LocalEdits<'_>, a: u32, b: u32) -> Option<(Hinge, f64)> {
+    /// The edge from `a` to `b` and the distance of its faces, where the edge is a fold.
+    fn fold_at_edge(&self, local: &mut LocalEdits<'_>, a: u32, b: u32) -> Option<(Hinge, f64)> {
         let hinge = local.hinge(a, b)?;
         let [m, d] = hinge.apexes;
-        let stands_off = self.fold([a, b, m, d].map(|v| local.unit[v as usize]))?;
-        Some((hinge, stands_off))
+        let clearance = self.fold([a, b, m, d].map(|v| local.unit[v as usize]))?;
+        Some((hinge, clearance))
     }
 
-    /// Flips the edge, if that leaves fewer folds.
+    /// Flips the edge if that leaves fewer folds.
     fn flip(&self, local: &mut LocalEdits<'_>, hinge: Hinge) -> bool {
         let ([m, d], new) = (hinge.apexes, hinge.flipped());
-        if !local.around_edge(m, d).is_empty() {
+        if !local.faces_at_edge(m, d).is_empty() {
             return false;
         }
         let old = hinge.faces.map(|f| local.face(f));
@@ -136,12 +138,12 @@ impl Limits {
         if !new.iter().all(fits) {
             return false;
         }
-        let before = 1 + self.count(local, around(hinge));
+        let before = 1 + self.count(local, surrounding_edges(hinge));
         for (face, corners) in hinge.faces.into_iter().zip(new) {
             local.set_face(face, corners);
         }
         let crossing = [[m, d]];
-        if self.count(local, around(hinge).into_iter().chain(crossing)) < before {
+        if self.count(local, surrounding_edges(hinge).into_iter().chain(crossing)) < before {
             return true;
         }
         for (face, corners) in hinge.faces.into_iter().zip(old) {
@@ -150,19 +152,20 @@ impl Limits {
         false
     }
 
+    /// The number of folds among `edges`.
     fn count(&self, local: &mut LocalEdits<'_>, edges: impl IntoIterator<Item = [u32; 2]>) -> usize {
-        edges.into_iter().filter(|&[v, w]| self.fold_at(local, v, w).is_some()).count()
+        edges.into_iter().filter(|&[v, w]| self.fold_at_edge(local, v, w).is_some()).count()
     }
 }
 
-/// The four edges around the two faces.
-fn around(hinge: Hinge) -> [[u32; 2]; 4] {
+/// The four outer edges of the two faces.
+fn surrounding_edges(hinge: Hinge) -> [[u32; 2]; 4] {
     let ([a, b], [m, d]) = (hinge.ends, hinge.apexes);
     [[a, m], [m, b], [b, d], [d, a]]
 }
 
 impl Operation for UnfoldFoldovers {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::BoundaryEdges];
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::BoundaryEdges];
     const MAY_RAISE: &'static [Counter] = &[];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
@@ -175,16 +178,16 @@ impl Operation for UnfoldFoldovers {
     }
 }
 
-/// Faces around one edge that are compared.
-const MOST_AROUND: usize = 64;
+/// The most faces at one edge that are compared pairwise.
+const MAX_FACES_AT_EDGE: usize = 64;
 
-/// Faces that lie on a neighbour.
+/// Removes the smaller of two neighbouring faces that overlap.
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveOverlappingNeighbours {
-    /// Largest angle between two faces at the edge that they share, in degrees, at which they lie on one another.
+    /// The largest angle between two faces at their common edge that counts as an overlap, in degrees.
     pub angle_deg: f64,
-    /// How far the smaller one may reach from the larger, as a share of the diagonal of the bounding box; infinite where the angle
-    /// alone tells.
+    /// The largest distance of the smaller face's corners from the larger face, as a share of the bounding box's diagonal;
+    /// infinite to use the angle alone.
     pub reach: f64,
 }
 
@@ -195,8 +198,7 @@ impl Default for RemoveOverlappingNeighbours {
 }
 
 impl RemoveOverlappingNeighbours {
-    /// Removes the smaller of two faces that share an edge and lie on one another, and then faces that are left without any
-    /// neighbour.
+    /// Removes the smaller of two overlapping faces with a common edge, then the faces that are left without neighbours.
     ///
     /// ```text
     ///    solid  ____                      ____
@@ -205,12 +207,13 @@ impl RemoveOverlappingNeighbours {
     ///          |____|      itself        |____|
     /// ```
     ///
-    /// Mesh Heal's *Delete Overlapping Neighbor Faces* takes the face with fewer vertices first; triangles all have three, so
-    /// the smaller area goes, of equal ones the later. That the smaller one is within reach of the larger keeps the
-    /// sharp edge of a wedge, whose faces lie apart beyond it.
+    /// Mesh Heal's *Delete Overlapping Neighbor Faces* removes the face with fewer vertices. Triangles all have three, so the
+    /// smaller area goes here, and of equal areas the later face. The distance limit keeps the sharp edge of a wedge, whose
+    /// faces diverge.
     ///
-    /// Precondition: none. Result: no vertex moves; holes where the faces were. Leaves: those holes, for who fills holes.
-    /// On request only: it opens what was closed, and a face alone that goes is made again by filling its hole.
+    /// Precondition: none. Result: no vertex moves; holes appear where the faces were. Leaves: those holes, for
+    /// `fill_holes`. The operator runs on request only: it opens closed surface, and filling the hole of a single face
+    /// restores that face.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -234,31 +237,31 @@ impl RemoveOverlappingNeighbours {
             }
             let [a, b] = edges.vertices(e).map(|v| unit[v as usize]);
             let along = (b - a).normalize_or_zero();
-            let mut away: Vec<(glam::DVec3, u32)> = Vec::new();
-            // Around an edge of very many faces only the first ones are compared with one another.
-            for &h in half_edges.iter().take(MOST_AROUND).filter(|_| half_edges.len() > 1) {
+            let mut directions: Vec<(glam::DVec3, u32)> = Vec::new();
+            // At an edge with very many faces only the first faces are compared.
+            for &h in half_edges.iter().take(MAX_FACES_AT_EDGE).filter(|_| half_edges.len() > 1) {
                 let to = unit[Edges::opposite(faces, h) as usize] - a;
                 if let Some(direction) = (to - along * to.dot(along)).try_normalize() {
-                    away.push((direction, h / 3));
+                    directions.push((direction, h / 3));
                 }
             }
-            for (i, &(p, f)) in away.iter().enumerate() {
-                for &(q, g) in &away[i + 1..] {
+            for (i, &(p, f)) in directions.iter().enumerate() {
+                for &(q, g) in &directions[i + 1..] {
                     if p.dot(q) < least || !keep[f as usize] || !keep[g as usize] {
                         continue;
                     }
                     let (small, large) = if area(g) <= area(f) { (g, f) } else { (f, g) };
-                    let lies = |p: glam::DVec3| p.distance(nearest_on_triangle(p, corners(large))) <= reach;
-                    let lies = corners(small).into_iter().all(lies);
-                    too_far += u64::from(!lies);
-                    keep[small as usize] = !lies;
+                    let is_near = |p: glam::DVec3| p.distance(nearest_on_triangle(p, corners(large))) <= reach;
+                    let is_near = corners(small).into_iter().all(is_near);
+                    too_far += u64::from(!is_near);
+                    keep[small as usize] = !is_near;
                 }
             }
         }
         let overlapping = keep.iter().filter(|&&k| !k).count() as u64;
         let left = (too_far > 0).then(|| {
             format!(
-                "{too_far} neighbouring faces lie within the angle but farther apart than {} of the diagonal, so they were kept",
+                "{too_far} neighbouring faces were kept: they are within the angle but farther apart than {} of the diagonal",
                 self.reach
             )
         });
@@ -276,36 +279,36 @@ impl RemoveOverlappingNeighbours {
     }
 }
 
-/// Takes away faces that lost all their neighbours. Answers how many.
+/// Removes faces that lost all their neighbours. Returns their number.
 fn drop_dangling(edges: &Edges, keep: &mut [bool]) -> u64 {
-    let (mut beside, mut lost) = (vec![false; keep.len()], vec![false; keep.len()]);
+    let (mut has_neighbour, mut lost_neighbour) = (vec![false; keep.len()], vec![false; keep.len()]);
     for half_edges in edges.iter().filter(|h| h.len() > 1) {
         let kept = half_edges.iter().filter(|h| keep[**h as usize / 3]).count();
         for &h in half_edges {
-            beside[h as usize / 3] |= kept > 1;
-            lost[h as usize / 3] |= kept < half_edges.len();
+            has_neighbour[h as usize / 3] |= kept > 1;
+            lost_neighbour[h as usize / 3] |= kept < half_edges.len();
         }
     }
-    let mut gone = 0;
+    let mut removed = 0;
     for f in 0..keep.len() {
-        if keep[f] && lost[f] && !beside[f] {
+        if keep[f] && lost_neighbour[f] && !has_neighbour[f] {
             keep[f] = false;
-            gone += 1;
+            removed += 1;
         }
     }
-    gone
+    removed
 }
 
 impl Operation for RemoveOverlappingNeighbours {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
     const IS_ON_REQUEST: bool = true;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        let (usual, asked) = (Self::default(), scope.options.overlap_angle_deg);
-        // An angle that was asked for is the only limit.
-        let reach = if asked.is_some() { f64::INFINITY } else { usual.reach };
-        Self { angle_deg: asked.unwrap_or(usual.angle_deg), reach }
+        let (default, requested) = (Self::default(), scope.options.overlap_angle_deg);
+        // A requested angle is the only limit.
+        let reach = if requested.is_some() { f64::INFINITY } else { default.reach };
+        Self { angle_deg: requested.unwrap_or(default.angle_deg), reach }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -1,4 +1,7 @@
-//! Where a vertex may be moved: positions that f32 can hold and no vertex has yet, and whether faces moved there meet others.
+//! Finds positions to which a vertex may move.
+//!
+//! [`FreePositions`] finds representable positions that no vertex has yet. [`MoveClearance`] tests whether the moved faces
+//! would meet other faces.
 
 use std::collections::HashSet;
 
@@ -8,11 +11,11 @@ use rustc_hash::FxHashMap;
 use crate::math::{Box3, Contact, Precision, Tree, area_vanishes, collinear, contact, unit_scale};
 use crate::mesh::{Surface, position_key, weld_exactly};
 
-/// The least step between positions that readers tell apart which round to eight decimals: a power of two above 1e-8.
-pub(super) const TOLD_APART: f64 = 1.0 / (1 << 26) as f64;
+/// The least step between positions that readers with eight decimals distinguish: a power of two above 1e-8.
+pub(super) const DISTINCT_STEP: f64 = 1.0 / (1 << 26) as f64;
 
-/// The directions to the corners, edges and sides of a cube.
-pub(super) const NEIGHBOURS: [DVec3; 26] = {
+/// The directions from the centre of a cube to its corners, edges and sides.
+pub(super) const NEIGHBOUR_DIRECTIONS: [DVec3; 26] = {
     let mut all = [DVec3::ZERO; 26];
     let (mut at, mut i) = (0, 0);
     while i < 27 {
@@ -25,10 +28,10 @@ pub(super) const NEIGHBOURS: [DVec3; 26] = {
     all
 };
 
-/// Rounds every position to the nearest f32 and merges what then coincides, so that every operator after it works on
-/// the coordinates that an STL file will hold. Answers how many vertices moved.
+/// Rounds every position to the nearest f32 and merges vertices that then coincide, so that later operators work on the
+/// coordinates that an STL file will hold. Returns the number of moved vertices.
 ///
-/// Leaves coordinates that do not fit an f32 as they are: the writer refuses them with their index.
+/// Coordinates beyond the range of f32 stay unchanged: the writer rejects them with their index.
 pub fn round_to_f32(surface: &mut Surface) -> u64 {
     let mut moved = 0;
     for p in &mut surface.positions {
@@ -44,30 +47,30 @@ pub fn round_to_f32(surface: &mut Surface) -> u64 {
     moved
 }
 
-/// Lengths that are tried, each twice the one before, beginning with the distance between neighbouring f32 numbers.
+/// The number of step lengths that are tried. Each is twice the one before; the first is the spacing of f32 at the position.
 const STEPS: i32 = 12;
 
-/// The positions that are taken, as f32.
+/// The positions in use, as f32.
 pub(super) struct FreePositions {
     taken: HashSet<[u32; 3]>,
-    /// Whether positions are rounded to f32.
+    /// The precision to which new positions are rounded.
     precision: Precision,
-    /// The least length that is tried.
+    /// The least step length.
     least: f64,
-    /// The farthest that was gone so far.
+    /// The largest distance to a position found so far.
     pub moved: f64,
 }
 
 impl FreePositions {
-    /// Those of a surface's vertices.
+    /// Collects the positions of a surface's vertices.
     pub fn new(surface: &Surface, precision: Precision) -> Self {
         let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
-        // In a direction between the axes it is still above 1e-8 along one of them.
-        let least = (2.0 * TOLD_APART).min(spacing(largest));
+        // The factor keeps a step in a diagonal direction above 1e-8 along one axis.
+        let least = (2.0 * DISTINCT_STEP).min(spacing(largest));
         Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), precision, least, moved: 0.0 }
     }
 
-    /// The nearest free position from `p` in a direction, no farther than `most`, for which `fits` holds; then it is taken.
+    /// Finds and takes the nearest free position from `p` in a direction, within `most`, for which `fits` holds.
     pub fn find(
         &mut self,
         p: DVec3,
@@ -89,162 +92,174 @@ impl FreePositions {
     }
 }
 
-/// A position as an STL file would hold it, to be compared.
+/// The key of a position for comparison at f32 precision.
 #[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
 pub(super) fn key(p: DVec3) -> [u32; 3] {
     p.to_array().map(|x| (x as f32 + 0.0).to_bits())
 }
 
-/// The distance between f32 numbers as large as the largest coordinate, and where that is too large for one, as the largest number.
-#[expect(clippy::cast_possible_truncation, reason = "asked about f32")]
+/// The spacing of f32 numbers at the largest coordinate, clamped to the range of f32.
+#[expect(clippy::cast_possible_truncation, reason = "the spacing of f32 is the purpose")]
 pub(super) fn spacing(p: DVec3) -> f64 {
     let largest = (p.abs().max_element() as f32).clamp(f32::MIN_POSITIVE, f32::MAX.next_down());
     f64::from(largest.next_up() - largest)
 }
 
-/// Faces that all questions together may look at: this many, and as many more for each face.
-const MOST: u64 = 5_000_000;
-const MOST_A_FACE: u64 = 100;
-/// Obstacles that are remembered from one question to the next.
-const REMEMBERED: usize = 4;
-/// Pairs of new faces, which have a vertex in common, that are looked at as fast as one that is near.
-const NEIGHBOURS_A_STEP: u64 = 4;
+/// The most faces that all queries together may test: a constant plus a number for each face.
+const WORK: u64 = 5_000_000;
+const WORK_PER_FACE: u64 = 100;
+/// The number of obstacles that are remembered between queries.
+const MAX_RECENT: usize = 4;
+/// The number of pairs of adjacent new faces whose test costs as much as that of one nearby face.
+const NEIGHBOUR_PAIRS_PER_STEP: u64 = 4;
 
-/// Stands for the new position in faces that are asked about.
+/// The placeholder for the new position in the faces of a query.
 pub(super) const NEW: u32 = u32::MAX;
 
-/// The surface as its positions say it: vertices at one position are one, until one of them is moved.
+/// Tests whether moving a vertex would make faces meet. Vertices at one position count as one until one of them moves.
 pub(super) struct MoveClearance {
     /// Positions in the range of the exact predicates, by slot.
     unit: Vec<DVec3>,
     scale: f64,
-    /// For each vertex where its position stands in `unit`; vertices at one position share one.
+    /// For each vertex the slot of its position in `unit`; vertices at one position share a slot.
     slot: Vec<u32>,
     tree: Tree,
-    /// Faces that were cut off others since the tree was built, by those.
+    /// For each face the faces that were split off since the tree was built.
     pieces: FxHashMap<u32, Vec<u32>>,
-    /// How far faces may reach out of their boxes in the tree, in the range of the predicates.
-    grown: f64,
-    left: u64,
-    /// What was in the way of the last places, the last first.
-    in_the_way: Vec<Obstacle>,
+    /// How far faces may extend beyond their boxes in the tree, in the range of the predicates.
+    max_growth: f64,
+    budget: u64,
+    /// The obstacles of the latest queries, latest first.
+    recent_obstacles: Vec<Obstacle>,
 }
 
-/// Whether a vertex may be moved to a place.
-struct Question<'a> {
+/// A query: may these new faces replace old ones?
+struct MoveQuery<'a> {
     surface: &'a Surface,
-    /// The new faces, and those that they are made from.
+    /// The new faces, each with the face that it replaces.
     new: &'a [([u32; 3], u32)],
     gone: &'a [u32],
-    /// The new faces, by slots.
+    /// The new faces, as slots.
     faces: Vec<[u32; 3]>,
 }
 
-/// Two faces that meet: a new one, by its place in the question, and another.
+/// Two faces that meet: a new face, by its index in the query, and another face.
 #[derive(Clone, Copy)]
 struct Obstacle {
     face: usize,
-    other: Other,
+    other: OtherFace,
 }
 
+/// The face that a new face meets.
 #[derive(Clone, Copy)]
-enum Other {
-    /// A new face, by its place in the question.
+enum OtherFace {
+    /// A new face, by its index in the query.
     New(usize),
     /// A face of the surface.
     Old(u32),
 }
 
 impl MoveClearance {
+    /// Builds the search tree for `surface`.
     pub fn new(surface: &Surface) -> Self {
         let scale = unit_scale(&surface.positions);
         let unit: Vec<DVec3> = surface.positions.iter().map(|&p| p * scale).collect();
         let mut first: FxHashMap<[u64; 3], u32> = FxHashMap::default();
         let slot = (0u32..).zip(&surface.positions).map(|(v, p)| *first.entry(position_key(*p)).or_insert(v)).collect();
         let tree = Tree::new(&unit, &surface.faces);
-        let left = MOST + MOST_A_FACE * surface.faces.len() as u64;
-        Self { unit, scale, slot, tree, pieces: FxHashMap::default(), grown: 0.0, left, in_the_way: Vec::new() }
+        let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
+        Self {
+            unit,
+            scale,
+            slot,
+            tree,
+            pieces: FxHashMap::default(),
+            max_growth: 0.0,
+            budget,
+            recent_obstacles: Vec::new(),
+        }
     }
 
-    /// Whether new faces, in which [`NEW`] stands at `q`, meet no other face and not one another but in shared vertices and edges.
-    /// Each comes with the face that it is made from; what those intersected already is passed over, and so are faces that will
-    /// be `gone`.
+    /// Whether the new faces meet no other face and not each other, except in shared vertices and edges. [`NEW`] in a face
+    /// stands for a vertex at `q`. Each new face comes with the face that it replaces. Contacts that the replaced face had
+    /// already do not count, nor do contacts with faces in `gone`.
     pub fn is_clear(&mut self, surface: &Surface, new: &[([u32; 3], u32)], gone: &[u32], q: DVec3) -> bool {
         let at_new = self.unit.len();
         self.unit.push(q * self.scale);
-        let clear = self.look(surface, new, gone, at_new);
+        let clear = self.check(surface, new, gone, at_new);
         self.unit.truncate(at_new);
         clear
     }
 
-    /// Whether all was looked at that questions may look at. Every answer is then that faces meet.
+    /// Whether the budget is spent. Every query then reports an obstacle.
     pub fn is_spent(&self) -> bool {
-        self.left == 0
+        self.budget == 0
     }
 
-    fn look(&mut self, surface: &Surface, new: &[([u32; 3], u32)], gone: &[u32], at_new: usize) -> bool {
-        if self.left == 0 {
+    /// The query of [`MoveClearance::is_clear`], with the new position in slot `at_new`.
+    fn check(&mut self, surface: &Surface, new: &[([u32; 3], u32)], gone: &[u32], at_new: usize) -> bool {
+        if self.budget == 0 {
             return false;
         }
         #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
         let at_new = at_new as u32;
         let faces: Vec<[u32; 3]> = new.iter().map(|&(face, _)| self.slots(face, at_new)).collect();
-        if faces.iter().any(|&face| self.area_vanishes(face) || self.is_flat(face)) {
+        if faces.iter().any(|&face| self.area_vanishes(face) || self.is_collinear(face)) {
             return false;
         }
-        let question = Question { surface, new, gone, faces };
-        // What was in the way of one place is mostly in the way of the next.
-        let mut work = self.in_the_way.len() as u64 + 1;
-        let known = self.in_the_way.iter().position(|&obstacle| self.is_in_the_way(&question, obstacle));
-        let found = known.map(|at| self.in_the_way[at]).or_else(|| self.find_in_the_way(&question, &mut work));
-        self.left = self.left.saturating_sub(work);
+        let query = MoveQuery { surface, new, gone, faces };
+        // An obstacle of one position is mostly an obstacle of the next.
+        let mut work = self.recent_obstacles.len() as u64 + 1;
+        let known = self.recent_obstacles.iter().position(|&obstacle| self.is_obstacle(&query, obstacle));
+        let found = known.map(|at| self.recent_obstacles[at]).or_else(|| self.find_obstacle(&query, &mut work));
+        self.budget = self.budget.saturating_sub(work);
         if let Some(obstacle) = found {
-            let last = self.in_the_way.len().min(REMEMBERED - 1);
+            let last = self.recent_obstacles.len().min(MAX_RECENT - 1);
             match known {
-                Some(at) => self.in_the_way[..=at].rotate_right(1),
+                Some(at) => self.recent_obstacles[..=at].rotate_right(1),
                 None => {
-                    self.in_the_way.truncate(last);
-                    self.in_the_way.insert(0, obstacle);
+                    self.recent_obstacles.truncate(last);
+                    self.recent_obstacles.insert(0, obstacle);
                 }
             }
         }
-        found.is_none() && self.left > 0
+        found.is_none() && self.budget > 0
     }
 
-    /// What a new face meets, if anything. `work` grows by the faces that are looked at.
-    fn find_in_the_way(&self, question: &Question<'_>, work: &mut u64) -> Option<Obstacle> {
-        let Question { new, faces, .. } = question;
+    /// The first face that a new face meets. Adds the number of tested faces to `work`.
+    fn find_obstacle(&self, query: &MoveQuery<'_>, work: &mut u64) -> Option<Obstacle> {
+        let MoveQuery { new, faces, .. } = query;
         for i in 0..faces.len() {
             for j in i + 1..faces.len() {
-                let obstacle = Obstacle { face: i, other: Other::New(j) };
-                if self.is_in_the_way(question, obstacle) {
+                let obstacle = Obstacle { face: i, other: OtherFace::New(j) };
+                if self.is_obstacle(query, obstacle) {
                     return Some(obstacle);
                 }
             }
-            *work += (faces.len() - i) as u64 / NEIGHBOURS_A_STEP;
-            if *work > self.left {
+            *work += (faces.len() - i) as u64 / NEIGHBOUR_PAIRS_PER_STEP;
+            if *work > self.budget {
                 return None;
             }
         }
         let mut near: Vec<u32> = Vec::new();
         for (i, face) in faces.iter().enumerate() {
             let mut bounds = Box3::of(self.corners(*face));
-            bounds.min -= DVec3::splat(self.grown);
-            bounds.max += DVec3::splat(self.grown);
+            bounds.min -= DVec3::splat(self.max_growth);
+            bounds.max += DVec3::splat(self.max_growth);
             near.clear();
             self.tree.overlapping(&bounds, |f| {
                 near.push(f);
                 near.extend(self.pieces.get(&f).into_iter().flatten());
-                *work + (near.len() as u64) < self.left
+                *work + (near.len() as u64) < self.budget
             });
             *work += near.len() as u64 + 1;
-            if *work >= self.left {
+            if *work >= self.budget {
                 return None;
             }
             let replaced = |f: u32| new.iter().any(|&(_, replaced)| replaced == f);
             for &f in near.iter().filter(|&&f| !replaced(f)) {
-                let obstacle = Obstacle { face: i, other: Other::Old(f) };
-                if self.is_in_the_way(question, obstacle) {
+                let obstacle = Obstacle { face: i, other: OtherFace::Old(f) };
+                if self.is_obstacle(query, obstacle) {
                     return Some(obstacle);
                 }
             }
@@ -252,31 +267,31 @@ impl MoveClearance {
         None
     }
 
-    /// Whether a new face meets another, and what it is made from did not.
-    fn is_in_the_way(&self, question: &Question<'_>, obstacle: Obstacle) -> bool {
-        let &Question { surface, new, gone, ref faces } = question;
+    /// Whether a new face meets another face that the replaced face did not meet.
+    fn is_obstacle(&self, query: &MoveQuery<'_>, obstacle: Obstacle) -> bool {
+        let &MoveQuery { surface, new, gone, ref faces } = query;
         let old = |f: u32| self.slots(surface.faces[f as usize], NEW);
         let Obstacle { face: i, other } = obstacle;
         let (Some(&face), Some(&(_, parent))) = (faces.get(i), new.get(i)) else { return false };
         match other {
-            Other::New(j) => {
+            OtherFace::New(j) => {
                 let (Some(&other), Some(&(_, other_parent))) = (faces.get(j), new.get(j)) else { return false };
                 if self.are_apart(face, other) {
                     return false;
                 }
                 let [a, b] = [old(parent), old(other_parent)];
-                parent == other_parent || self.is_flat(a) || self.is_flat(b) || self.are_apart(a, b)
+                parent == other_parent || self.is_collinear(a) || self.is_collinear(b) || self.are_apart(a, b)
             }
-            Other::Old(f) => {
+            OtherFace::Old(f) => {
                 if gone.contains(&f) || new.iter().any(|&(_, replaced)| replaced == f) {
                     return false;
                 }
                 let other = old(f);
-                if self.is_flat(other) || self.are_apart(face, other) {
+                if self.is_collinear(other) || self.are_apart(face, other) {
                     return false;
                 }
                 let parent = old(parent);
-                let met_before = !self.is_flat(parent)
+                let met_before = !self.is_collinear(parent)
                     && matches!(
                         contact(&self.unit, parent, other, &mut 0),
                         Contact::Touching | Contact::Crossing | Contact::Coplanar
@@ -286,7 +301,7 @@ impl MoveClearance {
         }
     }
 
-    /// A face by the slots of its vertices, [`NEW`] being at `at_new`.
+    /// The slots of a face's vertices, with [`NEW`] in slot `at_new`.
     fn slots(&self, face: [u32; 3], at_new: u32) -> [u32; 3] {
         face.map(|v| if v == NEW { at_new } else { self.slot[v as usize] })
     }
@@ -295,7 +310,7 @@ impl MoveClearance {
         face.map(|slot| self.unit[slot as usize])
     }
 
-    fn is_flat(&self, face: [u32; 3]) -> bool {
+    fn is_collinear(&self, face: [u32; 3]) -> bool {
         let [a, b, c] = self.corners(face);
         collinear(a, b, c)
     }
@@ -309,22 +324,22 @@ impl MoveClearance {
         contact(&self.unit, a, b, &mut 0).is_apart()
     }
 
-    /// A vertex was moved to `q`.
-    pub fn moved(&mut self, v: u32, q: DVec3) {
+    /// Records that vertex `v` moved to `q`.
+    pub fn record_move(&mut self, v: u32, q: DVec3) {
         let q = q * self.scale;
-        self.grown = self.grown.max(self.unit[self.slot[v as usize] as usize].distance(q));
+        self.max_growth = self.max_growth.max(self.unit[self.slot[v as usize] as usize].distance(q));
         self.slot[v as usize] = self.push(q);
     }
 
-    /// A vertex was added at `q`, at most `off` from the faces that now have it.
-    pub fn added(&mut self, q: DVec3, off: f64) {
-        self.grown = self.grown.max(off * self.scale);
+    /// Records a new vertex at `q`, at most `off` outside the faces that it belongs to.
+    pub fn record_vertex(&mut self, q: DVec3, off: f64) {
+        self.max_growth = self.max_growth.max(off * self.scale);
         let slot = self.push(q * self.scale);
         self.slot.push(slot);
     }
 
-    /// A face was cut off another.
-    pub fn cut(&mut self, from: u32, piece: u32) {
+    /// Records that `piece` was split off face `from`.
+    pub fn record_split(&mut self, from: u32, piece: u32) {
         self.pieces.entry(from).or_default().push(piece);
     }
 
@@ -337,16 +352,16 @@ impl MoveClearance {
     }
 }
 
-/// Faces at a vertex with another vertex in its place, as [`MoveClearance::is_clear`] asks for them.
+/// The faces at a vertex with another vertex in its place, in the form that [`MoveClearance::is_clear`] takes.
 pub(super) fn with_vertex(surface: &Surface, star: &[u32], v: u32, new: u32) -> Vec<([u32; 3], u32)> {
     star.iter().map(|&f| (surface.faces[f as usize].map(|w| if w == v { new } else { w }), f)).collect()
 }
 
-/// Whether faces at a vertex keep some area, and the side to which they look, when it moves to `q`.
-pub(super) fn keep_facing(surface: &Surface, mut faces: impl Iterator<Item = u32>, v: u32, q: DVec3) -> bool {
+/// Whether the faces at vertex `v` keep their orientation and an area when the vertex moves to `q`.
+pub(super) fn keeps_orientation(surface: &Surface, mut faces: impl Iterator<Item = u32>, v: u32, q: DVec3) -> bool {
     faces.all(|f| {
-        let place = |w: u32| if w == v { q } else { surface.positions[w as usize] };
-        let [a, b, c] = surface.faces[f as usize].map(place);
+        let position = |w: u32| if w == v { q } else { surface.positions[w as usize] };
+        let [a, b, c] = surface.faces[f as usize].map(position);
         (b - a).cross(c - a).dot(surface.area_vector(f as usize)) > 0.0 && !collinear(a, b, c)
     })
 }

@@ -1,38 +1,38 @@
-//! Surface within a solid that bounds nothing: faces that part it in two, and open sheets.
+//! Removes surface inside solids that bounds no volume: internal faces and open internal sheets.
 
-use super::inside::{AroundEdge, RayCaster, around_edge, without_inner_sheets};
+use super::face_pairs::{AroundEdge, around_edge, without_inner_sheets};
 use super::operator::{Applied, Counter, Operation, Scope};
+use super::ray_caster::RayCaster;
 use crate::math::{ray_direction, to_unit_range};
 use crate::mesh::{Edges, Parts, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-/// Faces of a sheet that are asked whether they are within a solid.
-const ASKED: usize = 16;
-/// Rays that all of them cast, and each at least.
-const RAYS: usize = 48;
-const LEAST_RAYS: usize = 8;
-/// How far from its face a ray begins, where the model's size is about 1.
-const BESIDE: f64 = 1e-6;
-/// Faces that all rays together may look at.
+/// The most faces of a sheet that are sampled.
+const MAX_SAMPLES: usize = 16;
+/// The number of rays from all samples together, and the least number from each.
+const TOTAL_RAYS: usize = 48;
+const MIN_RAYS: usize = 8;
+/// The distance from its face at which a ray starts, where the model's size is about 1.
+const RAY_OFFSET: f64 = 1e-6;
+/// The most faces that all rays together may test.
 const BUDGET: u64 = 5_000_000;
 
-/// Removes sheets that part a solid, or a cavity, in two without having a thickness.
+/// Removes internal faces: single-layer sheets that divide a solid or a cavity in two.
 ///
 /// ```text
 ///    ____________               ____________
-///   |      |     |             |            |
-///   |      |wall |     ->      |            |
+///   |      |inner|             |            |
+///   |      |face |     ->      |            |
 ///   |______|_____|             |____________|
 /// ```
 ///
-/// Along the border of such a sheet an odd number of faces meet, and it lies between the others: of two neighbours around
-/// the edge, seen along the way through the solid, that both close it, the inner one is one face too many, and so of two that both
-/// open it. A patch (faces joined across edges of two faces) that is too many along all of its border is a wall. Taking
-/// the inner sheet keeps all that is enclosed.
+/// Along the border of such a sheet an odd number of faces meet. Turning around the edge through the solid, two neighbouring
+/// faces both close the solid, or both open it; the inner of the two is surplus. A patch (faces joined across edges with two
+/// faces) that is surplus along its whole border is an internal face. Removing the inner patch keeps the enclosed volume.
 ///
-/// Precondition: faces wind outward as far as that goes. Result: no vertex moves, nothing opens: the edges where the wall
-/// was have one face less. Leaves: walls that meet open surface, sheets with a free border, such as fins, which [`super::cut`] cuts off, and walls of two
-/// sheets, which [`super::duplicates`] removes.
+/// Precondition: faces wind outward as far as possible. Result: no vertex moves and no boundary appears; edges where the
+/// internal face was have one face less. Leaves: internal faces that meet open surface; sheets with a free border, such as
+/// fins, which [`super::split_non_manifold`] splits off; double internal faces, which [`super::duplicates`] removes.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -45,7 +45,7 @@ pub fn remove_internal_faces(surface: &mut Surface, context: &Context<'_>) -> Re
     let patches = Parts::patches(surface, &edges);
     let patch_of = |h: u32| patches.of_face[h as usize / 3] as usize;
     let is_open = patches.open(&edges);
-    let mut is_wall = vec![false; patches.count];
+    let mut is_inner = vec![false; patches.count];
     let mut is_other = vec![false; patches.count];
     for (e, half_edges) in edges.iter().enumerate() {
         if half_edges.len() == 2 {
@@ -53,7 +53,7 @@ pub fn remove_internal_faces(surface: &mut Surface, context: &Context<'_>) -> Re
         }
         context.check()?;
         let mut inner = Vec::new();
-        // Beside open surface nothing says which side is within.
+        // Next to open surface the inside is undefined.
         let enclosed = !half_edges.iter().any(|&h| is_open[patch_of(h)]);
         if enclosed && half_edges.len() > 2 && half_edges.len() % 2 == 1 {
             let AroundEdge { order, closes } = around_edge(faces, &unit, &edges, e);
@@ -61,23 +61,23 @@ pub fn remove_internal_faces(surface: &mut Surface, context: &Context<'_>) -> Re
             inner = (0..half_edges.len()).filter(|i| !order.is_empty() && !kept.contains(i)).collect();
         }
         for (i, &h) in half_edges.iter().enumerate() {
-            let it = if inner.contains(&i) { &mut is_wall } else { &mut is_other };
-            it[patch_of(h)] = true;
+            let flags = if inner.contains(&i) { &mut is_inner } else { &mut is_other };
+            flags[patch_of(h)] = true;
         }
     }
-    let goes: Vec<bool> = is_wall.iter().zip(&is_other).map(|(&wall, &other)| wall && !other).collect();
-    let walls = goes.iter().filter(|&&goes| goes).count() as u64;
+    let goes: Vec<bool> = is_inner.iter().zip(&is_other).map(|(&inner, &other)| inner && !other).collect();
+    let removed = goes.iter().filter(|&&goes| goes).count() as u64;
     let gone = patches.remove(&goes, surface);
-    Ok(Change::list([(ChangeKind::MembranesRemoved, walls), (ChangeKind::MembraneFacesRemoved, gone)]).into())
+    Ok(Change::list([(ChangeKind::InternalWallsRemoved, removed), (ChangeKind::InternalFacesRemoved, gone)]).into())
 }
 
-/// Removes walls of one sheet within solids.
+/// Removes single-layer internal faces from solids.
 #[derive(Debug, Clone, Copy)]
-pub struct RemoveMembranes;
+pub struct RemoveInternalFaces;
 
-impl Operation for RemoveMembranes {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
-    // Faces that the wall kept apart may wind against one another.
+impl Operation for RemoveInternalFaces {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
+    // Faces that the internal face separated may wind inconsistently.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
 
     fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
@@ -89,8 +89,8 @@ impl Operation for RemoveMembranes {
     }
 }
 
-/// Removes what is left of walls within a solid: open sheets that part nothing, whether they hang on its surface by one part
-/// of their border or float.
+/// Removes open internal sheets: sheets inside a solid that separate nothing. They may be attached to the solid's surface along
+/// a part of their border or float.
 ///
 /// ```text
 ///    ____________               ____________
@@ -99,17 +99,17 @@ impl Operation for RemoveMembranes {
 ///   |____________|             |____________|
 /// ```
 ///
-/// Such a sheet is a patch (faces joined across edges of two faces) with a boundary that is one face too many at its other
-/// edges. Nearly all rays from it go through an odd number of other faces; some may miss, so that a hole in the solid does
-/// not matter. Surface that bounds the solid sees the rest of it in every second direction only, a cavity sees itself, and one
-/// that touches the outer wall in an edge has two faces there; so all of these stay.
+/// Such a sheet is a patch (faces joined across edges with two faces) with a boundary that is one face too many at its other
+/// edges. Nearly all rays from the sheet cross an odd number of other faces; a few may fail, so that a hole in the solid does
+/// not matter. Other surface stays: from a solid's own surface only every second ray crosses the solid, a cavity's rays cross
+/// the cavity, and a patch that touches the outer surface in an edge has two faces there.
 ///
-/// Precondition: none. Result: no vertex moves, and no edge opens. Leaves: sheets that reach out of the solid or are bent so
-/// that they see themselves, for which see [`super::debris`].
+/// Precondition: none. Result: no vertex moves, and no boundary appears. Leaves: sheets that reach out of the solid or whose
+/// rays cross the sheet itself; for those see [`super::debris`].
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface is then unchanged.
-pub fn remove_sheets_within(surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+pub fn remove_internal_sheets(surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
     let edges = Edges::new(&surface.faces);
     if !edges.iter().any(|h| h.len() == 1) {
         return Ok(Applied::default());
@@ -118,28 +118,29 @@ pub fn remove_sheets_within(surface: &mut Surface, context: &Context<'_>) -> Res
     if patches.count < 2 {
         return Ok(Applied::default());
     }
-    let mut hangs = one_too_many(&edges, &patches, None);
-    if !hangs.contains(&true) {
+    let mut is_candidate = surplus_patches(&edges, &patches, None);
+    if !is_candidate.contains(&true) {
         return Ok(Applied::default());
     }
     let mut caster = RayCaster::new(surface, surface.faces.clone(), BUDGET);
-    for (hangs, faces) in hangs.iter_mut().zip(patches.faces()).filter(|(hangs, _)| **hangs) {
+    for (is_candidate, faces) in is_candidate.iter_mut().zip(patches.faces()).filter(|(is_candidate, _)| **is_candidate)
+    {
         context.check()?;
-        *hangs = is_within(&mut caster, surface, &patches.of_face, &faces);
+        *is_candidate = is_inside(&mut caster, surface, &patches.of_face, &faces);
     }
-    // Where several hang on one edge, what goes must go together.
-    let goes = one_too_many(&edges, &patches, Some(&hangs));
+    // Where several sheets share an edge, they must be removed together.
+    let goes = surplus_patches(&edges, &patches, Some(&is_candidate));
     let count = goes.iter().filter(|&&goes| goes).count() as u64;
     if count == 0 {
         return Ok(Applied::default());
     }
     let faces = patches.remove(&goes, surface);
-    Ok(Change::list([(ChangeKind::SheetsWithinRemoved, count), (ChangeKind::SheetFacesRemoved, faces)]).into())
+    Ok(Change::list([(ChangeKind::InternalSheetsRemoved, count), (ChangeKind::SheetFacesRemoved, faces)]).into())
 }
 
-/// The patches with a boundary that have one face at each other edge where several meet, if any; where some are to go, those of
-/// them without which such edges have an even number.
-fn one_too_many(edges: &Edges, patches: &Parts, goes: Option<&[bool]>) -> Vec<bool> {
+/// The patches with a boundary that are surplus: at each non-manifold edge on their border they have one face. With `goes`, only
+/// patches that may go, and only where the edge keeps an even number of faces.
+fn surplus_patches(edges: &Edges, patches: &Parts, goes: Option<&[bool]>) -> Vec<bool> {
     let patch = |h: &u32| patches.of_face[*h as usize / 3];
     let goes = |p: u32| goes.is_none_or(|goes| goes[p as usize]);
     let (mut ends, mut stays) = (vec![false; patches.count], vec![false; patches.count]);
@@ -156,33 +157,34 @@ fn one_too_many(edges: &Edges, patches: &Parts, goes: Option<&[bool]>) -> Vec<bo
             stays[of_patch[0] as usize] |= of_patch.len() > 1 || !even && left > 0;
         }
     }
-    let too_many = |(p, at): (u32, usize)| goes(p) && ends[at] && !stays[at];
-    (0u32..).zip(0..patches.count).map(too_many).collect()
+    let is_surplus = |(p, at): (u32, usize)| goes(p) && ends[at] && !stays[at];
+    (0u32..).zip(0..patches.count).map(is_surplus).collect()
 }
 
-/// Whether nearly all rays from the faces of a patch, and of each of them most, go through an odd number of other faces, and
-/// hardly any through an odd number of its own.
-fn is_within(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: &[u32]) -> bool {
-    let asked: Vec<u32> = faces.iter().step_by(faces.len().div_ceil(ASKED)).copied().collect();
-    let rays = (RAYS / asked.len()).max(LEAST_RAYS);
+/// Whether nearly all rays from a patch, and most rays from each sample, cross an odd number of other faces, and hardly any
+/// cross an odd number of the patch's own faces.
+fn is_inside(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: &[u32]) -> bool {
+    let samples: Vec<u32> = faces.iter().step_by(faces.len().div_ceil(MAX_SAMPLES)).copied().collect();
+    let rays = (TOTAL_RAYS / samples.len()).max(MIN_RAYS);
     let (mut missed, mut own) = (0, 0);
-    for &f in &asked {
-        let middle = caster.middle(surface.faces[f as usize]);
+    for &f in &samples {
+        let centroid = caster.centroid(surface.faces[f as usize]);
         let mut missed_here = 0;
         for ray in (0u32..).take(rays) {
-            // From beside the face, so that what lies on it is not touched.
+            // The ray starts off the face, so that it does not touch coplanar faces.
             let direction = ray_direction(ray);
             let (mut odd, mut odd_own) = (false, false);
-            let clear = caster.each_crossing(middle + direction * BESIDE, middle + direction * 8.0, Some(f), |g| {
-                if of_face[g as usize] == of_face[f as usize] {
-                    odd_own = !odd_own;
-                } else {
-                    odd = !odd;
-                }
-            });
+            let clear =
+                caster.each_crossing(centroid + direction * RAY_OFFSET, centroid + direction * 8.0, Some(f), |g| {
+                    if of_face[g as usize] == of_face[f as usize] {
+                        odd_own = !odd_own;
+                    } else {
+                        odd = !odd;
+                    }
+                });
             own += usize::from(odd_own);
             missed_here += usize::from(!clear || !odd);
-            let all = rays * asked.len();
+            let all = rays * samples.len();
             if 2 * missed_here >= rays || 4 * (missed + missed_here) > all || 8 * own > all {
                 return false;
             }
@@ -192,13 +194,13 @@ fn is_within(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: 
     true
 }
 
-/// Removes open sheets within solids that part nothing.
+/// Removes open internal sheets from solids.
 #[derive(Debug, Clone, Copy)]
-pub struct RemoveSheetsWithin;
+pub struct RemoveInternalSheets;
 
-impl Operation for RemoveSheetsWithin {
-    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonmanifoldEdges];
-    // Faces that the wall kept apart may wind against one another.
+impl Operation for RemoveInternalSheets {
+    const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
+    // Faces that the sheet separated may wind inconsistently.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
 
     fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
@@ -206,6 +208,6 @@ impl Operation for RemoveSheetsWithin {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        remove_sheets_within(surface, context)
+        remove_internal_sheets(surface, context)
     }
 }

@@ -1,19 +1,21 @@
-//! The list of all operators: what each claims, and how it is run.
+//! The table of all operators: connects each name with the code that implements the operator.
+//!
+//! Other operator files do not import this file, so operators cannot depend on one another through the table.
 
 use super::names::Operator;
 use super::operator::{Applied, Counter, Counts, Operation, Scope};
 use super::{
     base, clean_and_patch, cut_non_orientable, debris, degenerate, duplicates, foldovers, holes, internal_faces, join,
-    orient, perturb, remesh, resolve, rounding, slivers, split_non_manifold, stitch, t_junctions, thicken, weld,
+    orient, perturb, remesh, rounding, self_union, slivers, split_non_manifold, stitch, t_junctions, thicken, weld,
 };
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Context};
 
-/// Makes the operators what the files of their own say of them.
+/// Forwards [`Operator`]'s methods to the implementing types.
 macro_rules! operations {
     ($($name:ident => $operation:ty,)*) => {
         impl Operator {
-            /// What it claims to fix. None of these may rise by it.
+            /// The counters that the operator claims to lower. The operator must not raise any of them.
             #[must_use]
             pub fn fixes(self) -> &'static [Counter] {
                 match self {
@@ -21,7 +23,7 @@ macro_rules! operations {
                 }
             }
 
-            /// What may rise by it, since a later operator takes it up or since it is the lesser evil.
+            /// The counters that the operator may raise: a later operator lowers them, or they are the lesser defect.
             #[must_use]
             pub fn may_raise(self) -> &'static [Counter] {
                 match self {
@@ -29,7 +31,7 @@ macro_rules! operations {
                 }
             }
 
-            /// Whether a plan leaves it out unless the options ask for it with `with`.
+            /// Whether plans omit the operator unless the option `with` names it.
             #[must_use]
             pub fn is_on_request(self) -> bool {
                 match self {
@@ -37,10 +39,10 @@ macro_rules! operations {
                 }
             }
 
-            /// Runs the operator.
+            /// Runs the operator on `surface`.
             ///
             /// # Errors
-            /// [`Cancelled`]; the surface may then be half done.
+            /// [`Cancelled`] when the work should stop; the surface may then be half changed.
             pub(crate) fn run(
                 self,
                 scope: &Scope<'_>,
@@ -69,30 +71,30 @@ operations! {
     Stitch => stitch::Stitch,
     UnfoldFoldovers => foldovers::UnfoldFoldovers,
     RemoveOverlappingNeighbours => foldovers::RemoveOverlappingNeighbours,
-    RemoveSheetsWithin => internal_faces::RemoveSheetsWithin,
-    RemoveMembranes => internal_faces::RemoveMembranes,
-    CutOneSided => cut_non_orientable::CutOneSided,
-    CutApart => split_non_manifold::CutApart,
-    FreeFins => split_non_manifold::FreeFins,
+    RemoveInternalSheets => internal_faces::RemoveInternalSheets,
+    RemoveInternalFaces => internal_faces::RemoveInternalFaces,
+    CutNonOrientable => cut_non_orientable::CutNonOrientable,
+    SplitNonManifold => split_non_manifold::SplitNonManifold,
+    DetachFins => split_non_manifold::DetachFins,
     JoinParts => join::JoinParts,
     FillHoles => holes::FillHoles,
     CleanAndPatch => clean_and_patch::CleanAndPatch,
     ThickenSheets => thicken::ThickenSheets,
     AddBase => base::AddBase,
-    Resolve => resolve::ResolveOverlaps,
+    SelfUnion => self_union::SelfUnion,
     Remesh => remesh::RemeshInside,
     RemoveDebris => debris::RemoveDebris,
-    Separate => perturb::Separate,
+    Perturb => perturb::Perturb,
     DropSmallParts => debris::DropSmallParts,
     Simplify => remesh::ReduceFaces,
 }
 
 impl Operator {
-    /// The first counter that rose though it must not, with what it was and became.
+    /// The first counter that rose against the operator's claims, with its value before and after.
     pub(crate) fn broken_claim(self, before: &Counts, after: &Counts) -> Option<(Counter, u64, u64)> {
         let rose = |counter: &Counter| after.get(*counter) > before.get(*counter);
-        let claimed = self.fixes().iter().find(|c| rose(c));
-        let found = claimed.or_else(|| Counter::ALL.iter().find(|c| rose(c) && !self.may_raise().contains(c)));
-        found.map(|&counter| (counter, before.get(counter), after.get(counter)))
+        let fixed_rose = self.fixes().iter().find(|c| rose(c));
+        let broken = fixed_rose.or_else(|| Counter::ALL.iter().find(|c| rose(c) && !self.may_raise().contains(c)));
+        broken.map(|&counter| (counter, before.get(counter), after.get(counter)))
     }
 }

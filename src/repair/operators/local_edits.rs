@@ -1,32 +1,34 @@
-//! Faces with the faces around each vertex, for edits one after the other on surface that need not be manifold.
+//! A surface with the faces at each vertex, for sequences of local edits. The surface need not be manifold.
 
 use glam::DVec3;
 
 use crate::math::{collinear, to_unit_range};
 use crate::mesh::Surface;
 
-/// A surface under local edits. What was removed is left out by [`LocalEdits::finish`].
+/// A surface under local edits. [`LocalEdits::finish`] drops the removed faces.
 pub(super) struct LocalEdits<'a> {
+    /// The surface under edit, with removed faces still in place.
     pub surface: &'a mut Surface,
     /// The positions in the range of [`to_unit_range`].
     pub unit: Vec<DVec3>,
     alive: Vec<bool>,
     /// The faces at each vertex.
     stars: Vec<Vec<u32>>,
-    /// Entries of stars that were looked at.
+    /// The number of star entries visited so far, to be compared with a budget.
     pub spent: u64,
 }
 
-/// Lengths of a face on the unit scale.
+/// The lengths of a face on the unit scale.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shape {
     /// The length of each edge, from corner `i` to corner `i + 1`.
     pub sides: [f64; 3],
-    /// The distance of the longest edge from the corner that it does not touch.
+    /// The height over the longest edge.
     pub height: f64,
 }
 
 impl Shape {
+    /// Measures a triangle.
     pub fn of([a, b, c]: [DVec3; 3]) -> Self {
         let sides = [a.distance(b), b.distance(c), c.distance(a)];
         let longest = sides.into_iter().fold(0.0, f64::max);
@@ -34,17 +36,18 @@ impl Shape {
         Self { sides, height }
     }
 
+    /// The length of the shortest edge.
     pub fn shortest(&self) -> f64 {
         self.sides.into_iter().fold(f64::INFINITY, f64::min)
     }
 
-    /// The number of the longest edge.
+    /// The index of the longest edge.
     pub fn longest(&self) -> usize {
         (1..3).fold(0, |best, i| if self.sides[i] > self.sides[best] { i } else { best })
     }
 }
 
-/// The two faces along an edge, `[a, b, m]` and `[b, a, d]` but for where they begin.
+/// An edge with its two faces: `[a, b, m]` and `[b, a, d]`, up to rotation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hinge {
     pub faces: [u32; 2],
@@ -53,7 +56,7 @@ pub(super) struct Hinge {
 }
 
 impl Hinge {
-    /// The faces with the edge turned to join the apexes.
+    /// The two faces after flipping the edge to connect the apexes.
     pub fn flipped(&self) -> [[u32; 3]; 2] {
         let ([a, b], [m, d]) = (self.ends, self.apexes);
         [[m, a, d], [b, m, d]]
@@ -61,6 +64,7 @@ impl Hinge {
 }
 
 impl<'a> LocalEdits<'a> {
+    /// Collects the faces at each vertex.
     pub fn new(surface: &'a mut Surface) -> Self {
         let unit = to_unit_range(&surface.positions);
         let mut degree = vec![0usize; unit.len()];
@@ -76,19 +80,22 @@ impl<'a> LocalEdits<'a> {
         Self { alive: vec![true; surface.faces.len()], surface, unit, stars, spent: 0 }
     }
 
+    /// Whether a face has not been removed.
     pub fn is_alive(&self, face: u32) -> bool {
         self.alive[face as usize]
     }
 
+    /// The vertices of a face.
     pub fn face(&self, face: u32) -> [u32; 3] {
         self.surface.faces[face as usize]
     }
 
-    /// Positions of three vertices on the unit scale.
+    /// The positions of three vertices on the unit scale.
     pub fn points(&self, face: [u32; 3]) -> [DVec3; 3] {
         face.map(|v| self.unit[v as usize])
     }
 
+    /// The lengths of a face.
     pub fn shape(&self, face: u32) -> Shape {
         Shape::of(self.points(self.face(face)))
     }
@@ -99,27 +106,28 @@ impl<'a> LocalEdits<'a> {
         (b - a).cross(c - a)
     }
 
-    /// Whether the corners lie on a line, exactly.
-    pub fn is_flat(&self, face: [u32; 3]) -> bool {
+    /// Whether the corners are exactly collinear.
+    pub fn is_collinear(&self, face: [u32; 3]) -> bool {
         let [a, b, c] = self.points(face);
         collinear(a, b, c)
     }
 
+    /// The faces at a vertex.
     pub fn star(&self, v: u32) -> &[u32] {
         &self.stars[v as usize]
     }
 
-    /// The faces at two vertices.
-    pub fn around_edge(&mut self, a: u32, b: u32) -> Vec<u32> {
+    /// The faces that contain both vertices.
+    pub fn faces_at_edge(&mut self, a: u32, b: u32) -> Vec<u32> {
         let (few, other) = if self.star(a).len() <= self.star(b).len() { (a, b) } else { (b, a) };
         self.spent += self.star(few).len() as u64;
         self.star(few).iter().copied().filter(|&f| self.face(f).contains(&other)).collect()
     }
 
-    /// The edge from `a` to `b` with its faces, where it has two, which run along it in both directions, and which are
-    /// not on the same three vertices.
+    /// The edge from `a` to `b` with its faces. `None` unless exactly two faces traverse the edge in opposite directions and
+    /// have different third vertices.
     pub fn hinge(&mut self, a: u32, b: u32) -> Option<Hinge> {
-        let &[f, g] = &*self.around_edge(a, b) else { return None };
+        let &[f, g] = &*self.faces_at_edge(a, b) else { return None };
         let along = |face: [u32; 3]| (0..3).find(|&i| face[i] == a && face[(i + 1) % 3] == b);
         let (faces, at) = match (along(self.face(f)), along(self.face(g))) {
             (Some(at), None) => ([f, g], at),
@@ -131,6 +139,7 @@ impl<'a> LocalEdits<'a> {
         (m != d).then_some(Hinge { faces, ends: [a, b], apexes: [m, d] })
     }
 
+    /// Replaces a face's vertices.
     pub fn set_face(&mut self, face: u32, corners: [u32; 3]) {
         let old = std::mem::replace(&mut self.surface.faces[face as usize], corners);
         for v in old {
@@ -145,6 +154,7 @@ impl<'a> LocalEdits<'a> {
         }
     }
 
+    /// Removes a face.
     pub fn remove(&mut self, face: u32) {
         self.alive[face as usize] = false;
         for v in self.face(face) {
@@ -152,7 +162,7 @@ impl<'a> LocalEdits<'a> {
         }
     }
 
-    /// Draws vertex `a` into `b`: their common faces go.
+    /// Collapses vertex `a` into `b` and removes their common faces.
     pub fn collapse(&mut self, a: u32, b: u32) {
         for f in std::mem::take(&mut self.stars[a as usize]) {
             let face = self.face(f);
@@ -165,7 +175,7 @@ impl<'a> LocalEdits<'a> {
         }
     }
 
-    /// Leaves out the faces that went, and the vertices that no face uses.
+    /// Drops the removed faces and the vertices that no face uses.
     pub fn finish(self) {
         if self.alive.contains(&false) {
             self.surface.retain_faces(&self.alive);

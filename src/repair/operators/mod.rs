@@ -1,14 +1,17 @@
-//! The operators: a file or folder for each or for a few of one idea, with parameters, precondition, result and what is left
-//! unfixed, and with each one's `Operation`: what it claims to fix, and how its parameters follow from the options.
-//! [`Operator`] names them, and `list.rs` runs them by name. No operator imports `list.rs` or this file.
+//! The repair operators, one file or folder for each operator or small group of related operators.
+//!
+//! Each operator documents its parameters, precondition, result and the defects it leaves. Its `Operation` states which
+//! counters it lowers and derives its parameters from the options. [`Operator`] names the operators, and `list.rs` runs
+//! them by name. No operator imports `list.rs` or this file.
 
 mod border;
+mod face_pairs;
 mod free_positions;
-mod inside;
 mod list;
 mod local_edits;
 mod names;
 mod operator;
+mod ray_caster;
 mod rounding;
 
 pub mod base;
@@ -24,7 +27,7 @@ pub mod join;
 pub mod orient;
 pub mod perturb;
 pub mod remesh;
-pub mod resolve;
+pub mod self_union;
 pub mod slivers;
 pub mod split_non_manifold;
 pub mod stitch;

@@ -1,30 +1,31 @@
-//! The names by which options and reports know the operators, and the modes of some.
+//! The operators' names in options and reports, and the enums of options that choose how an operator works.
+//!
+//! The names are apart from the operators, so that options and reports need no operator's code.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
-/// Makes the names of the operators.
+/// Defines the enum of operators together with their list and their JSON names.
 macro_rules! operators {
-    ($(#[doc = $about:literal])* pub enum $all:ident { $($(#[doc = $doc:literal])* $name:ident = $text:literal,)* }) => {
+    ($(#[doc = $about:literal])* pub enum $type:ident { $($(#[doc = $doc:literal])* $variant:ident = $text:literal,)* }) => {
         $(#[doc = $about])*
-        #[derive(
-            Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema, clap::ValueEnum,
-        )]
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+        #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
         #[serde(rename_all = "snake_case")]
-        #[value(rename_all = "snake_case")]
-        pub enum $all {
-            $($(#[doc = $doc])* $name,)*
+        #[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
+        pub enum $type {
+            $($(#[doc = $doc])* $variant,)*
         }
 
-        impl $all {
+        impl $type {
             /// Every operator, in the order in which they usually run.
-            pub const ALL: &[Self] = &[$(Self::$name),*];
+            pub const ALL: &[Self] = &[$(Self::$variant),*];
 
-            /// The name used in JSON and on the command line.
+            /// The variant used in JSON and on the command line.
             #[must_use]
             pub fn as_str(self) -> &'static str {
                 match self {
-                    $(Self::$name => $text,)*
+                    $(Self::$variant => $text,)*
                 }
             }
         }
@@ -32,105 +33,111 @@ macro_rules! operators {
 }
 
 operators! {
-    /// The operators by name: what a plan lists, what the options switch on and off, and what the report accounts for.
+    /// A repair operator, by the name that plans, options and reports use.
     pub enum Operator {
-        /// Round coordinates to those that STL can hold.
+        /// Round coordinates to values that the output format can hold.
         RoundCoordinates = "round_coordinates",
-        /// Drop faces with the same vertex twice.
+        /// Remove faces that use the same vertex twice.
         RemoveCollapsedFaces = "remove_collapsed_faces",
-        /// Merge vertices closer than `merge_distance`, on the boundary or not.
+        /// Merge vertices closer than `merge_distance`, on the boundary or inside the surface.
         MergeVertices = "merge_vertices",
         /// Merge boundary vertices that almost coincide.
         Weld = "weld",
-        /// Drop faces with the same three vertices, and walls of no thickness.
+        /// Remove faces with the same three vertices, and zero-thickness facets.
         RemoveDuplicates = "remove_duplicates",
-        /// Remove faces without area, whose corners lie on a line or nearly.
+        /// Remove faces with no area: their corners are collinear or nearly collinear.
         RemoveCaps = "remove_caps",
-        /// Collapse short edges and flip away faces that are almost without area.
+        /// Collapse short edges and flip the long edges of nearly degenerate faces.
         RemoveSlivers = "remove_slivers",
-        /// Make the winding of neighbours agree, and turn solids outward.
+        /// Make the winding of neighbouring faces agree, and turn solids outward.
         Orient = "orient",
-        /// Cut boundary edges at the vertices that lie on them.
+        /// Split boundary edges at the vertices that lie on them.
         SplitTJunctions = "split_t_junctions",
-        /// Merge boundary vertices that are close for the edges around them.
+        /// Merge boundary vertices that are close relative to the length of their edges.
         Sew = "sew",
-        /// Close cracks whose sides have different vertices.
+        /// Close cracks whose two sides have different vertices.
         Stitch = "stitch",
-        /// Flip the edges at which surface is folded onto itself.
+        /// Flip the edges along which the surface folds back onto itself.
         UnfoldFoldovers = "unfold_foldovers",
-        /// Remove the smaller of neighbouring faces that lie on one another.
+        /// Remove the smaller of two neighbouring faces that overlap.
         RemoveOverlappingNeighbours = "remove_overlapping_neighbours",
-        /// Remove open sheets within solids that part nothing.
-        RemoveSheetsWithin = "remove_sheets_within",
-        /// Remove walls of one sheet within solids.
-        RemoveMembranes = "remove_membranes",
-        /// Cut one-sided parts, such as a Möbius band, along the edges where no winding suits both faces.
-        CutOneSided = "cut_one_sided",
-        /// Cut apart what meets in non-manifold edges and vertices.
-        CutApart = "cut_apart",
-        /// Free faces that hang on an edge of two others and could not be cut apart.
-        FreeFins = "free_fins",
-        /// Join open parts where their boundaries come nearest.
+        /// Remove open sheets inside solids that separate no two volumes.
+        RemoveInternalSheets = "remove_internal_sheets",
+        /// Remove single-layer internal faces from solids.
+        RemoveInternalFaces = "remove_internal_faces",
+        /// Split non-orientable parts, such as a Möbius band, along the edges where no winding suits both faces.
+        CutNonOrientable = "cut_non_orientable",
+        /// Split the surface at non-manifold edges and vertices.
+        SplitNonManifold = "split_non_manifold",
+        /// Detach faces that share an edge with two other faces and could not be split off.
+        DetachFins = "detach_fins",
+        /// Join open parts where their boundaries are closest.
         JoinParts = "join_parts",
-        /// Close holes.
+        /// Fill holes.
         FillHoles = "fill_holes",
-        /// Remove what is bad with growing rings around it, and close the holes, while that makes it better.
+        /// Remove defective faces with growing rings of neighbours and fill the holes, while the surface improves.
         CleanAndPatch = "clean_and_patch",
         /// Give open sheets a thickness.
         ThickenSheets = "thicken_sheets",
         /// Extrude open sheets down to a plane.
         AddBase = "add_base",
-        /// Unite what overlaps, so that no faces intersect.
-        Resolve = "resolve",
-        /// Make the surface anew around what is inside.
+        /// Unite overlapping volumes, so that no faces intersect.
+        SelfUnion = "self_union",
+        /// Rebuild the surface around the enclosed volume.
         Remesh = "remesh",
-        /// Remove open bits that enclose nothing and that no printer could make.
+        /// Remove open fragments that enclose no volume and are too small to print.
         RemoveDebris = "remove_debris",
-        /// Keep apart by position what was cut apart by index.
-        Separate = "separate",
-        /// Drop closed parts smaller than `min_part_volume_pct`.
+        /// Perturb vertices that share a position after a split, so that position-based formats keep the split.
+        Perturb = "perturb",
+        /// Remove closed parts smaller than `min_part_volume_pct`.
         DropSmallParts = "drop_small_parts",
-        /// Remove faces by collapsing edges, as far as the options ask for it.
+        /// Remove faces by collapsing edges, as far as the options ask.
         Simplify = "simplify",
     }
 }
 
-/// How closed parts that lie in others are wound.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// How closed parts inside other parts are wound.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
 pub enum Nested {
-    /// As they were: what looks inward in a solid is a cavity, what looks outward a solid of its own.
+    /// Keep their winding: an inward part in a solid is a cavity, an outward part is a separate solid.
     #[default]
     Keep,
-    /// Each layer against the one around it: what lies in a solid is a cavity, what lies in a cavity a solid.
+    /// Alternate by depth: a part in a solid becomes a cavity, and a part in a cavity becomes a solid.
     Alternate,
 }
 
-/// How the triangles of a hole's patch are chosen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// How the triangles that fill a hole are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum HoleFilling {
-    /// The first that intersects nothing of: least fold, planar, least area, sharp.
+    /// Try smooth, planar, least area and sharp in this order; take the first patch that intersects nothing.
     #[default]
     Auto,
-    /// The least fold against the faces around and within the patch (Liepa 2003).
+    /// Minimise the largest dihedral angle to the surrounding faces and within the patch (Liepa 2003).
     Smooth,
-    /// Constrained Delaunay in the hole's best plane; where its picture there is not simple, the least area.
+    /// Constrained Delaunay triangulation in the best-fitting plane; least area where the projection crosses itself.
     Planar,
-    /// The sharpest corner first, never by a face that would intersect another (Mesh Heal's *fill holes (sharp)*).
+    /// Close the sharpest corner first, never with a face that intersects another (Mesh Heal's *fill holes (sharp)*).
     Sharp,
 }
 
-/// Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// Where two stitched vertices meet. A vertex stitched to an edge keeps its position, and the edge bends to the vertex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
 pub enum StitchPosition {
-    /// Where one of them is, so that no position is new.
+    /// At the position of one of the two, so that no new position arises.
     #[default]
     Kept,
-    /// Halfway between them.
+    /// Halfway between the two.
     Average,
 }
 
@@ -139,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_operator_has_one_name_everywhere() {
+    fn each_operator_has_the_same_name_in_json_and_on_the_command_line() {
         for &operator in Operator::ALL {
             assert_eq!(serde_json::to_value(operator).ok(), Some(operator.as_str().into()));
             let value = clap::ValueEnum::to_possible_value(&operator);

@@ -1,7 +1,9 @@
-//! What an operator is: what its parameters follow from, which counters it claims to lower, and what it answers.
+//! The interface of an operator: the settings it reads, the counters it claims to lower, and the result it returns.
+//!
+//! Each operator implements [`Operation`]; the pipeline checks the claims with [`Counts`] after every run.
 
-use super::inside::Pairing;
-use crate::arrange::{ArrangeError, Inside};
+use super::face_pairs::Pairing;
+use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
 use crate::inspect::group_faces;
 use crate::math::{collinear, to_unit_range};
@@ -9,75 +11,76 @@ use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
 use crate::repair::{Cancelled, Change, Context, Options};
 
-/// What an operator's parameters follow from.
+/// The settings from which operators derive their parameters.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Scope<'a> {
+    /// The options of the repair.
     pub options: &'a Options,
     /// The format of the result.
     pub format: Format,
-    /// How faces are paired around edges of more than two.
+    /// How faces are paired around edges with more than two faces.
     pub pairing: Pairing,
-    /// What is inside where parts are turned inside out.
-    pub inside: Inside,
-    /// Whether open sheets are made solid.
+    /// The winding rule that defines the inside where parts are inverted.
+    pub winding_rule: WindingRule,
+    /// Whether open sheets become solids.
     pub closes_sheets: bool,
-    /// How far a vertex may still move, in the model's unit, after what operators before it used up.
+    /// How far a vertex may still move, in the model's unit: the option minus the moves of earlier operators.
     pub max_deviation: f64,
 }
 
-/// An operator as the pipeline runs it.
+/// An operator that the pipeline can run.
 pub(crate) trait Operation: Sized {
-    /// What it claims to fix. None of these may rise by it.
+    /// The counters that the operator claims to lower. The operator must not raise any of them.
     const FIXES: &'static [Counter];
-    /// What may rise by it, since a later operator takes it up or since it is the lesser evil.
+    /// The counters that the operator may raise: a later operator lowers them, or they are the lesser defect.
     const MAY_RAISE: &'static [Counter];
-    /// Whether a plan leaves it out unless the options ask for it with `with`.
+    /// Whether plans omit the operator unless the option `with` names it.
     const IS_ON_REQUEST: bool = false;
 
-    /// The operator with the parameters that follow from the scope, for a surface.
+    /// Creates the operator for `surface` with parameters derived from `scope`.
     fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self;
 
-    /// Runs it.
+    /// Runs the operator on `surface`.
     ///
     /// # Errors
-    /// [`Cancelled`]; the surface may then be half done.
+    /// [`Cancelled`] when the work should stop; the surface may then be half changed.
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled>;
 }
 
-/// What an operator did.
+/// The result of running an operator.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Applied {
-    /// What it changed, counted.
+    /// The changes with their counts.
     pub changes: Vec<Change>,
-    /// The farthest that it moved a vertex, in the model's unit, hole patches apart; 0 where every vertex is where it was.
+    /// The largest vertex displacement in the model's unit, without hole patches; 0 where no vertex moved.
     pub moved: f64,
-    /// What it left and why, in words.
+    /// What the operator left unfixed and why, as text for the report.
     pub left: Option<String>,
-    /// Why it did nothing at all, where it should have.
+    /// Why the operator changed nothing where it should have.
     pub failed: Option<Failure>,
-    /// What kept it from following an option to the full: the option's name and the reason.
+    /// Options that the operator could not follow in full: the option's name and the reason.
     pub limited: Vec<(&'static str, String)>,
-    /// Faces that it could not fix, of the surface as it left it.
+    /// Faces that the operator could not fix, as indices into the resulting surface.
     pub unfixed: Vec<u32>,
-    /// The edge of the cells of a remesh, in the model's unit.
+    /// The edge length of a remesh's cells, in the model's unit.
     pub voxel_size: Option<f64>,
-    /// Whether the time was over before it had done all that it could.
+    /// Whether the deadline came before the operator had finished.
     pub is_late: bool,
 }
 
-/// Why an operator did nothing.
+/// Why an operator changed nothing.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Failure {
-    /// What overlaps could not be resolved.
+    /// The self-union of overlapping volumes failed.
     #[error(transparent)]
     Arrange(#[from] ArrangeError),
-    /// The surface could not be remeshed.
+    /// The remesh failed.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
-    /// What it made is farther from what was there than it may be.
-    #[error("the result would be {away:.6} away from what was there")]
+    /// The result would deviate from the input surface by more than the options allow.
+    #[error("the result would deviate {away:.6} from the input surface, more than `max_deviation` allows")]
     TooFar {
-        /// How far, in the model's unit.
+        /// The deviation, in the model's unit.
         away: f64,
     },
 }
@@ -88,41 +91,41 @@ impl From<Vec<Change>> for Applied {
     }
 }
 
-/// What can be wrong with a mesh as far as its faces' indices tell.
+/// A topological or geometric defect that is counted from the faces' vertex indices and positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Counter {
-    /// Edges of one face.
+    /// Edges with exactly one face.
     BoundaryEdges,
-    /// Edges of more than two faces.
-    NonmanifoldEdges,
-    /// Edges of two faces that run along them in the same direction.
+    /// Edges with more than two faces.
+    NonManifoldEdges,
+    /// Edges whose two faces traverse them in the same direction.
     MisorientedEdges,
     /// Vertices whose faces form more than one fan.
     PinchedVertices,
-    /// Faces whose corners lie on a line.
+    /// Faces whose corners are collinear.
     DegenerateFaces,
-    /// Faces with the same three vertices as an earlier one.
+    /// Faces with the same three vertices as an earlier face.
     DuplicateFaces,
 }
 
 impl Counter {
-    /// All of them, in the order of [`Counts`].
+    /// All counters, in the order of [`Counts`].
     pub const ALL: [Self; 6] = [
         Self::BoundaryEdges,
-        Self::NonmanifoldEdges,
+        Self::NonManifoldEdges,
         Self::MisorientedEdges,
         Self::PinchedVertices,
         Self::DegenerateFaces,
         Self::DuplicateFaces,
     ];
 
-    /// In words, for many.
+    /// The defect's name in the plural, as messages use it.
     #[must_use]
     pub fn in_words(self) -> &'static str {
         match self {
             Self::BoundaryEdges => "open edges",
-            Self::NonmanifoldEdges => "non-manifold edges",
-            Self::MisorientedEdges => "edges between faces that are turned against one another",
+            Self::NonManifoldEdges => "non-manifold edges",
+            Self::MisorientedEdges => "edges between faces of opposite winding",
             Self::PinchedVertices => "pinched vertices",
             Self::DegenerateFaces => "faces without area",
             Self::DuplicateFaces => "duplicate faces",
@@ -130,12 +133,12 @@ impl Counter {
     }
 }
 
-/// How much of each is wrong.
+/// The number of defects for each [`Counter`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts([u64; Counter::ALL.len()]);
 
 impl Counts {
-    /// Counts by index: what stands at one position with indices of its own is apart here. Linear but for sorting.
+    /// Counts the defects by vertex index: vertices at one position with separate indices are distinct. O(n log n) time.
     #[must_use]
     pub fn of(surface: &Surface) -> Self {
         let faces = &surface.faces;
@@ -146,27 +149,27 @@ impl Counts {
                 [_] => Counter::BoundaryEdges,
                 [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y) => Counter::MisorientedEdges,
                 [_, _] => continue,
-                _ => Counter::NonmanifoldEdges,
+                _ => Counter::NonManifoldEdges,
             };
             counts.0[counter as usize] += 1;
         }
         let unit = to_unit_range(&surface.positions);
-        let flat = |face: &&[u32; 3]| {
+        let is_degenerate = |face: &&[u32; 3]| {
             let [a, b, c] = face.map(|v| unit[v as usize]);
             collinear(a, b, c)
         };
-        counts.0[Counter::PinchedVertices as usize] = Fans::new(surface, &edges).nonmanifold_vertices;
-        counts.0[Counter::DegenerateFaces as usize] = faces.iter().filter(flat).count() as u64;
+        counts.0[Counter::PinchedVertices as usize] = Fans::new(surface, &edges).non_manifold_vertices;
+        counts.0[Counter::DegenerateFaces as usize] = faces.iter().filter(is_degenerate).count() as u64;
         counts.0[Counter::DuplicateFaces as usize] = (faces.len() - group_faces(faces).len()) as u64;
         counts
     }
 
-    /// Whether there is more of any kind than before.
-    pub(super) fn rose_from(&self, before: &Self) -> bool {
+    /// Whether any counter is higher than in `before`.
+    pub(super) fn has_increase_over(&self, before: &Self) -> bool {
         self.0.iter().zip(&before.0).any(|(now, before)| now > before)
     }
 
-    /// How much of one kind.
+    /// The count of one defect.
     #[must_use]
     pub fn get(&self, counter: Counter) -> u64 {
         self.0[counter as usize]

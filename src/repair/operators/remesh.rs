@@ -1,8 +1,8 @@
-//! The surface remeshed from what is inside of it; and fewer faces, after a remesh or where that is asked for.
+//! Operators that remesh the surface from the enclosed volume and that reduce the number of faces.
 
 use super::names::Operator;
 use super::operator::{Applied, Counter, Failure, Operation, Scope};
-use crate::arrange::Inside;
+use crate::arrange::WindingRule;
 use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::remesh;
@@ -10,78 +10,81 @@ use crate::remesh::{Remesh, RemeshError};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
 use crate::simplify::Simplify;
 
-/// Most faces of a remeshed model: as many times those of the model before, but never fewer than the floor.
-const REMESHED_TIMES: u64 = 3;
-const REMESHED_FLOOR: u64 = 20_000;
-/// What is said of a simplification that the deadline ended.
-const LATE: &str = "the time was over before all the faces that a remesh does not need were removed";
-/// Edges that a remesh has found keep their line from this angle on, in degrees.
+/// The most faces of a remeshed model: a multiple of the faces before, but at least the second number.
+const MAX_FACE_RATIO: u64 = 3;
+const MIN_FACE_LIMIT: u64 = 20_000;
+/// The note for a simplification that the deadline ended.
+const LATE_NOTE: &str = "the deadline came before all faces that the remesh does not need were removed";
+/// The dihedral angle in degrees from which edges of a remeshed surface are kept as features.
 const REMESHED_ANGLE_DEG: f64 = 30.0;
 
-/// The largest error where only a number of faces is asked for, as a share of the bounding box's diagonal: what is within
-/// it counts as no loss of surface.
-const MOST_ERROR: f64 = 0.005;
-/// Edges of which the faces differ by more degrees keep their line.
+/// The default largest error of a reduction, as a share of the bounding box's diagonal. A smaller deviation does not count as lost
+/// surface.
+const DEFAULT_ERROR: f64 = 0.005;
+/// The dihedral angle in degrees from which edges are kept as features.
 const FEATURE_ANGLE_DEG: f64 = 50.0;
 
-/// Makes a closed, manifold surface without intersections around whatever is inside.
+/// Builds a closed, manifold surface without intersections around the enclosed volume.
 #[derive(Debug, Clone, Copy)]
 pub struct RemeshInside {
-    /// How: size of cells, limits, what is inside, rounding.
+    /// The settings of the remesh: cell size, limits, winding rule, rounding.
     pub remesh: Remesh,
-    /// The farthest that the surface as it was may be from the new one, in the model's unit.
+    /// The largest distance from the input surface to the new surface, in the model's unit.
     pub max_deviation: f64,
-    /// Whether faces that the new surface does not need are removed.
+    /// Whether to remove faces that the new surface does not need.
     pub reduce: bool,
 }
 
 impl RemeshInside {
-    /// Replaces the surface, and then removes the faces that it does not need.
+    /// Replaces the surface, then removes the faces that it does not need.
     ///
     /// ```text
     ///    .---. .                .---------.
-    ///    |   |/|                |         |      holes closed, what overlaps united,
-    ///    | .-+-.--.     ->      |         '--.   inner walls gone, sharp edges kept
+    ///    |   |/|                |         |      holes closed, overlapping volumes united,
+    ///    | .-+-.--.     ->      |         '--.   internal faces removed, sharp edges kept
     ///    '-+-'    |             '--.         |
     ///      '-- ---'                '---------'
     /// ```
     ///
-    /// Precondition: faces mostly wind outward around what is solid; holes, flips, overlaps and inner walls may be anywhere.
-    /// Result: closed, oriented, manifold, free of intersections in the coordinates that the file will hold, and within about
-    /// a cell of the input, as measured and told. Leaves: everything where nothing is inside, the limits allow no result,
-    /// or the result would be farther away than `max_deviation`. Source: see [`crate::remesh`].
+    /// Precondition: faces mostly wind outward around solids; holes, flipped faces, overlaps and internal faces may be
+    /// anywhere. Result: closed, oriented, manifold and free of intersections in the coordinates that the file will hold;
+    /// within about one cell of the input, and the note reports the measured distance. Leaves: the input surface where nothing is
+    /// enclosed, the limits allow no result, or the result would deviate by more than `max_deviation`. Source: see
+    /// [`crate::remesh`].
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let made = match self.remesh.apply(surface, context) {
-            Ok(made) => made,
+        let remeshed = match self.remesh.apply(surface, context) {
+            Ok(remeshed) => remeshed,
             Err(RemeshError::Cancelled(canceled)) => return Err(canceled),
             Err(error) => return Ok(Applied { failed: Some(error.into()), ..Applied::default() }),
         };
-        let (lost, added) = (made.deviation.lost, made.deviation.made);
+        let (lost, added) = (remeshed.deviation.lost, remeshed.deviation.added);
         if lost.max > self.max_deviation {
             return Ok(Applied { failed: Some(Failure::TooFar { away: lost.max }), ..Applied::default() });
         }
-        let faces = made.surface.faces.len() as u64;
-        let mut changes =
-            Change::list([(ChangeKind::FacesMade, faces), (ChangeKind::ThinPlacesThickened, made.made_inside)]);
-        let mut result = made.surface;
+        let faces = remeshed.surface.faces.len() as u64;
+        let mut changes = Change::list([
+            (ChangeKind::FacesCreated, faces),
+            (ChangeKind::ThinPlacesThickened, remeshed.forced_inside),
+        ]);
+        let mut result = remeshed.surface;
         let mut reduced = Applied::default();
         if self.reduce {
-            reduced = reduce_remeshed(&mut result, surface, made.cell, self.remesh.precision, context)?;
+            reduced = reduce_remeshed(&mut result, surface, remeshed.cell, self.remesh.precision, context)?;
             changes.append(&mut reduced.changes);
         }
         *surface = result;
         let mut left = format!(
-            "with cells of {:.6}; 99 % of what was there is within {:.6} of the result, the farthest {:.6}; 99 % of the \
-             result is within {:.6} of what was there, the farthest {:.6}",
-            made.cell, lost.p99, lost.max, added.p99, added.max
+            "cell size {:.6}; 99 % of the input is within {:.6} of the result, all of it within {:.6}; 99 % of the result \
+             is within {:.6} of the input, all of it within {:.6}",
+            remeshed.cell, lost.p99, lost.max, added.p99, added.max
         );
         if let Some(late) = reduced.left {
             left = format!("{left}; {late}");
         }
-        let (moved, voxel_size, is_late) = (lost.max + reduced.moved, Some(made.cell), reduced.is_late);
+        let (moved, voxel_size, is_late) = (lost.max + reduced.moved, Some(remeshed.cell), reduced.is_late);
         Ok(Applied { changes, moved, left: Some(left), voxel_size, is_late, ..Applied::default() })
     }
 }
@@ -92,14 +95,14 @@ impl Operation for RemeshInside {
 
     fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self {
         let options = scope.options;
-        let usual = || surface.bounds().diagonal() / f64::from(options.voxel_resolution);
+        let default_cell = || surface.bounds().diagonal() / f64::from(options.voxel_resolution);
         let remesh = Remesh {
-            cell: Some(options.voxel_size.unwrap_or_else(usual)),
+            cell: Some(options.voxel_size.unwrap_or_else(default_cell)),
             max_faces: options.max_remesh_faces,
-            inside: match scope.inside {
-                Inside::Positive => remesh::Inside::Outward,
-                Inside::Nonzero => remesh::Inside::EitherWay,
-                Inside::Odd => remesh::Inside::Odd,
+            winding_rule: match scope.winding_rule {
+                WindingRule::Positive => remesh::WindingRule::Positive,
+                WindingRule::Nonzero => remesh::WindingRule::Nonzero,
+                WindingRule::Odd => remesh::WindingRule::Odd,
             },
             precision: scope.format.precision(),
             ..Remesh::default()
@@ -112,11 +115,11 @@ impl Operation for RemeshInside {
     }
 }
 
-/// What a remesh of `before` left, with as few faces as a fifth of a cell of error allows; where that are still many more than
-/// before, with up to 0.3 % of the diagonal. When the deadline comes the faces that are left by then stay.
+/// Simplifies a remeshed surface with an error of up to a fifth of a cell. If it still has many more faces than `before`, the
+/// error may reach 0.3 % of the diagonal. At the deadline the faces that are left by then stay.
 ///
 /// # Errors
-/// [`Cancelled`] when the work was asked to stop; the surface is then unchanged.
+/// [`Cancelled`] when the work should stop; the surface is then unchanged.
 pub(crate) fn reduce_remeshed(
     surface: &mut Surface,
     before: &Surface,
@@ -134,10 +137,10 @@ pub(crate) fn reduce_remeshed(
     };
     let faces_before = surface.faces.len() as u64;
     let Some(done) = context.unless_late(simplify.apply(surface, context))? else {
-        return Ok(Applied { left: Some(LATE.to_owned()), is_late: true, ..Applied::default() });
+        return Ok(Applied { left: Some(LATE_NOTE.to_owned()), is_late: true, ..Applied::default() });
     };
     let (mut error, mut is_late) = (done.error, done.is_late);
-    let most = REMESHED_FLOOR.max(REMESHED_TIMES * before.faces.len() as u64);
+    let most = MIN_FACE_LIMIT.max(MAX_FACE_RATIO * before.faces.len() as u64);
     if done.faces_after > most {
         let farther = Simplify { max_faces: Some(most), max_error: 0.003 * diagonal - error, ..simplify };
         if farther.max_error > simplify.max_error && !is_late {
@@ -147,28 +150,28 @@ pub(crate) fn reduce_remeshed(
         }
     }
     let changes = Change::list([(ChangeKind::FacesRemoved, faces_before - surface.faces.len() as u64)]);
-    let left = is_late.then(|| LATE.to_owned());
+    let left = is_late.then(|| LATE_NOTE.to_owned());
     Ok(Applied { changes, moved: error, left, is_late, ..Applied::default() })
 }
 
-/// Removes faces by collapsing edges.
+/// Reduces the number of faces by collapsing edges.
 #[derive(Debug, Clone, Copy)]
 pub struct ReduceFaces {
-    /// Stop at so many faces; none: go as far as the error allows.
+    /// The number of faces at which to stop; `None` goes as far as the error allows.
     pub max_faces: Option<u64>,
-    /// The largest error, in the model's unit; none: 0.5 % of the bounding box's diagonal.
+    /// The largest error, in the model's unit; `None` is 0.5 % of the bounding box's diagonal.
     pub max_error: Option<f64>,
-    /// Nor may surface come farther than this from where it was, in the model's unit.
+    /// The largest distance between the old and the new surface, in the model's unit.
     pub max_deviation: f64,
-    /// Whether positions are rounded to f32.
+    /// The precision to which positions are rounded.
     pub precision: Precision,
 }
 
 impl ReduceFaces {
-    /// Collapses edges while nothing breaks by it: see [`Simplify::apply`].
+    /// Collapses edges while the surface stays intact: see [`Simplify::apply`].
     ///
-    /// Precondition: none. Result: no counter of the topology rises and no pair of faces intersects that did not before.
-    /// Leaves: more faces than asked for, where the error, lines or faces nearby allow no fewer; it is said why.
+    /// Precondition: none. Result: no topological counter rises, and no further pair of faces intersects. Leaves: more faces
+    /// than requested where the error, feature edges or nearby faces allow no fewer; the note says why.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -176,7 +179,7 @@ impl ReduceFaces {
         let diagonal = surface.bounds().diagonal();
         let simplify = Simplify {
             max_faces: self.max_faces,
-            max_error: self.max_error.unwrap_or(MOST_ERROR * diagonal).min(self.max_deviation),
+            max_error: self.max_error.unwrap_or(DEFAULT_ERROR * diagonal).min(self.max_deviation),
             feature_angle_deg: FEATURE_ANGLE_DEG,
             precision: self.precision,
             toward: None,
@@ -184,7 +187,7 @@ impl ReduceFaces {
         let done = simplify.apply(surface, context)?;
         let changes = Change::list([(ChangeKind::FacesRemoved, done.faces_before - done.faces_after)]);
         let is_late = done.is_late;
-        Ok(Applied { changes, moved: done.error, left: done.left, is_late, ..Applied::default() })
+        Ok(Applied { changes, moved: done.error, left: done.shortfall, is_late, ..Applied::default() })
     }
 }
 

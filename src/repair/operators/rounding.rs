@@ -1,38 +1,44 @@
-//! Vertices taken to positions that f32 can hold without making faces meet.
+//! Moves vertices to positions that f32 can hold, without making faces meet.
+//!
+//! `self_union` and `perturb` use the two functions here after they create vertices; [`RoundCoordinates`] is the operator.
 
 use glam::{DVec3, Vec3Swizzles};
 use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
 
 use super::degenerate::remove_collapsed;
-use super::free_positions::{MoveClearance, NEIGHBOURS, NEW, TOLD_APART, round_to_f32, spacing, with_vertex};
+use super::free_positions::{
+    DISTINCT_STEP, MoveClearance, NEIGHBOUR_DIRECTIONS, NEW, round_to_f32, spacing, with_vertex,
+};
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Decimals;
 use crate::math::Precision;
 use crate::mesh::{Surface, position_key};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-/// Times that all vertices that are left are tried again, since the move of one may make room for another.
+/// The number of passes over the remaining vertices: moving one vertex may make room for another.
 const ROUNDS: usize = 4;
-/// How far a vertex may be merged into another, in units of the last place.
-const MERGE: f64 = 64.0;
-/// The least step beside zero, in units of the last place of the model's largest coordinate.
-const FINEST: f64 = 1.0 / (1 << 20) as f64;
+/// How far a vertex may move to merge with another, in units in the last place.
+const MERGE_ULPS: f64 = 64.0;
+/// The least step near zero, in units in the last place of the model's largest coordinate.
+const FINEST_STEP_ULPS: f64 = 1.0 / (1 << 20) as f64;
 
-/// How far a vertex is moved so that such a reader tells it from another: this many of its steps, the nearest first.
-const STEPS_APART: [f64; 3] = [1.5, 3.0, 6.0];
+/// How far a vertex moves so that readers with eight decimals distinguish it, in steps of those decimals, in order of trial.
+const DISTINCT_STEPS: [f64; 3] = [1.5, 3.0, 6.0];
 
-/// What became of the vertices.
+/// The outcome of rounding.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Rounded {
-    /// Vertices that were rounded so that faces met, since there was no other way.
+    /// Vertices that were rounded although faces then meet, since no other position was clear.
     pub forced: u64,
     /// Vertices that were merged into neighbours.
     pub merged: u64,
 }
 
-/// Takes vertices for which `is_free` is true to positions that f32 can hold, each by a move after which no two faces meet that
-/// did not before, by exact signs: to the nearest such position, or to one beside it, or into a neighbour that stands on one.
+/// Moves the vertices for which `is_free` holds to positions that f32 can hold, without new contacts between faces.
+///
+/// A vertex moves to the nearest such position, to one next to it, or into a neighbour that has such a position. Exact
+/// predicates test each move.
 ///
 /// ```text
 ///     o . o . o            o   o   o
@@ -40,25 +46,26 @@ pub(super) struct Rounded {
 ///     o /.|.\ o            o / o \ o
 /// ```
 ///
-/// Precondition: no two faces meet but in shared vertices and edges. Result: the same, but around vertices that are counted as
-/// `forced`. A vertex moves by a unit or two of the last place, or merges within 64 of them. Edges may come to have more than two
-/// faces, and vertices several fans, where sheets are that near one another.
+/// Precondition: faces meet only in shared vertices and edges. Result: the same, except around the vertices counted as
+/// `forced`. A vertex moves by one or two units in the last place, or merges within 64 of them. Where sheets are that
+/// close, merging may create non-manifold edges and vertices.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
-pub(super) fn round_apart(
+pub(super) fn round_without_contact(
     surface: &mut Surface,
     is_free: impl Fn(DVec3) -> bool,
     context: &Context<'_>,
 ) -> Result<Rounded, Cancelled> {
     let lattice = Lattice::of(surface);
-    let to_do = |p: DVec3| is_free(p) && lattice.nearest(p) != p;
-    let mut left: Vec<u32> = (0u32..).zip(&surface.positions).filter(|&(_, &p)| to_do(p)).map(|(v, _)| v).collect();
+    let needs_rounding = |p: DVec3| is_free(p) && lattice.nearest(p) != p;
+    let mut left: Vec<u32> =
+        (0u32..).zip(&surface.positions).filter(|&(_, &p)| needs_rounding(p)).map(|(v, _)| v).collect();
     let mut done = Rounded::default();
     if left.is_empty() {
         return Ok(done);
     }
-    let mut it = Rounding::new(surface, lattice);
+    let mut rounding = Rounding::new(surface, lattice);
     for _ in 0..ROUNDS {
         let before = left.len();
         let mut again = Vec::new();
@@ -66,10 +73,10 @@ pub(super) fn round_apart(
             if at % 64 == 0 {
                 context.check()?;
             }
-            if it.shift(v) {
+            if rounding.move_to_f32(v) {
                 continue;
             }
-            if it.merge(v) {
+            if rounding.merge(v) {
                 done.merged += 1;
             } else {
                 again.push(v);
@@ -89,23 +96,25 @@ pub(super) fn round_apart(
     Ok(done)
 }
 
-/// Vertices that readers take for one, since they round positions to eight decimals.
+/// Limits for [`distinguish_vertices`].
 #[derive(Debug, Clone, Copy)]
-pub(super) struct TellApart {
-    /// No vertex is moved farther than this, in the model's unit.
+pub(super) struct DistinguishLimits {
+    /// No vertex moves farther than this, in the model's unit.
     pub max_deviation: f64,
-    /// Whether vertices may be moved that have no edge in common; else they stay near each other.
+    /// Whether vertices without a common edge may move apart; otherwise they stay close together.
     pub moves: bool,
 }
 
-/// Merges such vertices along the edge between them, and moves others until they are told apart: those for which `is_free` is true
-/// first. As in [`round_apart`] no faces come to meet. Answers how many vertices were merged.
+/// Separates vertices that readers would confuse, since many readers round positions to eight decimals.
+///
+/// Vertices with a common edge merge; others move until their rounded positions differ. Vertices for which `is_free` holds
+/// move first. As in [`round_without_contact`] no faces come to meet. Returns the number of merged vertices.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
-pub(super) fn tell_apart(
+pub(super) fn distinguish_vertices(
     surface: &mut Surface,
-    limits: TellApart,
+    limits: DistinguishLimits,
     is_free: impl Fn(DVec3) -> bool,
     context: &Context<'_>,
 ) -> Result<u64, Cancelled> {
@@ -123,28 +132,30 @@ pub(super) fn tell_apart(
     crowded.sort_unstable();
     let mut taken: FxHashSet<[u64; 3]> = groups.into_keys().collect();
     let lattice = Lattice::of(surface);
-    let mut it = Rounding::new(surface, lattice);
-    // The nearest first, and of equally near ones by z, then y, then x.
-    let mut ways = NEIGHBOURS.map(|way| way.zyx());
-    ways.sort_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
-    let asides: Vec<DVec3> =
-        STEPS_APART.into_iter().flat_map(|count| ways.map(|way| way * decimals.steps(count))).collect();
+    let mut rounding = Rounding::new(surface, lattice);
+    // Nearest first; equal distances by z, then y, then x.
+    let mut directions = NEIGHBOUR_DIRECTIONS.map(|direction| direction.zyx());
+    directions.sort_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+    let offsets: Vec<DVec3> = DISTINCT_STEPS
+        .into_iter()
+        .flat_map(|count| directions.map(|direction| direction * decimals.steps(count)))
+        .collect();
     let mut merged = 0;
     for mut group in crowded {
         context.check()?;
-        group.sort_by_key(|&v| (!is_free(at(it.surface, v)), v));
+        group.sort_by_key(|&v| (!is_free(at(rounding.surface, v)), v));
         for v in group.clone() {
-            let p = at(it.surface, v);
-            let others: SmallVec<[u32; 8]> = group.iter().copied().filter(|&u| at(it.surface, u) != p).collect();
-            let near = others.iter().copied().filter(|&u| at(it.surface, u).distance(p) <= limits.max_deviation);
-            let goes = it.merge_into(v, &near.collect::<SmallVec<[u32; 8]>>());
+            let p = at(rounding.surface, v);
+            let others: SmallVec<[u32; 8]> = group.iter().copied().filter(|&u| at(rounding.surface, u) != p).collect();
+            let near = others.iter().copied().filter(|&u| at(rounding.surface, u).distance(p) <= limits.max_deviation);
+            let goes = rounding.merge_into(v, &near.collect::<SmallVec<[u32; 8]>>());
             merged += u64::from(goes);
-            let places = asides.iter().map(|&aside| lattice.nearest(p + aside));
+            let candidates = offsets.iter().map(|&offset| lattice.nearest(p + offset));
             let may_take =
                 |q: &DVec3| q.distance(p) <= limits.max_deviation && !taken.contains(&position_key(decimals.round(*q)));
             let moves = limits.moves && !others.is_empty();
-            if goes || (moves && it.shift_to(v, places.filter(may_take))) {
-                taken.insert(position_key(decimals.round(at(it.surface, v))));
+            if goes || (moves && rounding.move_to_first_clear(v, candidates.filter(may_take))) {
+                taken.insert(position_key(decimals.round(at(rounding.surface, v))));
                 group.retain(|u| *u != v);
             }
         }
@@ -153,19 +164,20 @@ pub(super) fn tell_apart(
     Ok(merged)
 }
 
-/// Drops the faces that merging left without area, and the vertices that no face uses.
+/// Removes the faces that merging collapsed, and the vertices that no face uses.
 fn drop_merged(surface: &mut Surface) {
     remove_collapsed(surface);
     surface.drop_unreferenced();
 }
 
+/// A surface whose vertices are moved and merged, with the clearance test and the faces at each vertex.
 struct Rounding<'a> {
     surface: &'a mut Surface,
     clear: MoveClearance,
     lattice: Lattice,
     /// The faces at each vertex.
     stars: Vec<SmallVec<[u32; 8]>>,
-    /// Faces that were not merged away, of which one stays.
+    /// The number of faces that were not merged away; at least one must stay.
     left: usize,
 }
 
@@ -178,27 +190,27 @@ impl<'a> Rounding<'a> {
         Self { clear: MoveClearance::new(surface), lattice, stars, left: surface.faces.len(), surface }
     }
 
-    /// Moves a vertex to a position of f32 near it.
-    fn shift(&mut self, v: u32) -> bool {
+    /// Moves a vertex to a nearby f32 position.
+    fn move_to_f32(&mut self, v: u32) -> bool {
         let around = self.lattice.around(self.surface.positions[v as usize]);
-        self.shift_to(v, around)
+        self.move_to_first_clear(v, around)
     }
 
-    /// Moves a vertex to the first of some places at which no faces meet.
-    fn shift_to(&mut self, v: u32, places: impl IntoIterator<Item = DVec3>) -> bool {
+    /// Moves a vertex to the first candidate position at which no faces meet.
+    fn move_to_first_clear(&mut self, v: u32, candidates: impl IntoIterator<Item = DVec3>) -> bool {
         let new = with_vertex(self.surface, &self.stars[v as usize], v, NEW);
-        let found = places.into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
-        if let Some(q) = found {
-            self.clear.moved(v, q);
+        let clear = candidates.into_iter().find(|&q| self.clear.is_clear(self.surface, &new, &[], q));
+        if let Some(q) = clear {
+            self.clear.record_move(v, q);
             self.surface.positions[v as usize] = q;
         }
-        found.is_some()
+        clear.is_some()
     }
 
-    /// Merges a vertex into a neighbour that stands on a position of f32.
+    /// Merges a vertex into a neighbour that has an f32 position.
     fn merge(&mut self, v: u32) -> bool {
         let p = self.surface.positions[v as usize];
-        let most = MERGE * spacing(p);
+        let most = MERGE_ULPS * spacing(p);
         let at = |w: u32| self.surface.positions[w as usize];
         let mut ends: Vec<u32> = self.stars[v as usize]
             .iter()
@@ -211,7 +223,7 @@ impl<'a> Rounding<'a> {
         self.merge_into(v, &ends)
     }
 
-    /// Merges a vertex into the first of some others that is its neighbour and where no faces come to meet.
+    /// Merges a vertex into the first of `ends` that is its neighbour and where no faces come to meet.
     fn merge_into(&mut self, v: u32, ends: &[u32]) -> bool {
         for &u in ends {
             let (gone, kept): (Vec<u32>, Vec<u32>) =
@@ -224,7 +236,7 @@ impl<'a> Rounding<'a> {
             if !self.clear.is_clear(self.surface, &new, &gone, to) {
                 continue;
             }
-            self.clear.moved(v, to);
+            self.clear.record_move(v, to);
             for &(face, f) in &new {
                 self.surface.faces[f as usize] = face;
                 self.stars[u as usize].push(f);
@@ -242,8 +254,7 @@ impl<'a> Rounding<'a> {
     }
 }
 
-/// Positions that f32 can hold, and no finer beside zero than a model is worth. There f32 has numbers so near one another that no
-/// program could tell the normal of a face between them.
+/// The positions that f32 can hold, with a least step near zero. There f32 is so fine that face normals could not be computed.
 #[derive(Debug, Clone, Copy)]
 struct Lattice {
     /// The least step, a power of two.
@@ -253,14 +264,14 @@ struct Lattice {
 impl Lattice {
     fn of(surface: &Surface) -> Self {
         let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
-        Self { least: (spacing(largest) * FINEST).max(TOLD_APART.min(spacing(largest))) }
+        Self { least: (spacing(largest) * FINEST_STEP_ULPS).max(DISTINCT_STEP.min(spacing(largest))) }
     }
 
-    /// The nearest number, and those next to it.
+    /// The nearest number, the next above and the next below.
     fn near(self, x: f64) -> [f64; 3] {
         #[expect(
             clippy::cast_possible_truncation,
-            reason = "rounding is the purpose, and what is too large stays as it is"
+            reason = "rounding is the purpose, and values beyond f32 are handled below"
         )]
         let single = x as f32;
         if !single.is_finite() {
@@ -274,11 +285,12 @@ impl Lattice {
         [nearest, nearest + self.least, nearest - self.least]
     }
 
+    /// The nearest position.
     fn nearest(self, p: DVec3) -> DVec3 {
         DVec3::from_array(p.to_array().map(|x| self.near(x)[0]))
     }
 
-    /// The positions around one, the nearest first: those of the cell that it is in, and those next to the nearest.
+    /// The positions around `p`, nearest first: the nearest position and its neighbours.
     fn around(self, p: DVec3) -> SmallVec<[DVec3; 27]> {
         let [x, y, z] = p.to_array().map(|x| self.near(x));
         let mut all: SmallVec<[DVec3; 27]> = SmallVec::new();
@@ -292,7 +304,7 @@ impl Lattice {
     }
 }
 
-/// Rounds coordinates to those that the result's format can hold, and merges vertices that readers take for one.
+/// Rounds coordinates to values that the output format can hold, and merges vertices that readers would confuse.
 #[derive(Debug, Clone, Copy)]
 pub struct RoundCoordinates {
     precision: Precision,
@@ -309,8 +321,8 @@ impl Operation for RoundCoordinates {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let rounded = if self.precision == Precision::F32 { round_to_f32(surface) } else { 0 };
-        let limits = TellApart { max_deviation: self.max_deviation, moves: false };
-        let joined = tell_apart(surface, limits, |_| true, context)?;
+        let limits = DistinguishLimits { max_deviation: self.max_deviation, moves: false };
+        let joined = distinguish_vertices(surface, limits, |_| true, context)?;
         Ok(Change::list([
             (ChangeKind::VerticesRoundedToF32, rounded),
             (ChangeKind::NearCoincidentVerticesMerged, joined),
@@ -330,27 +342,27 @@ mod tests {
     use crate::mesh::Edges;
 
     #[test]
-    fn positions_are_those_of_f32_but_beside_zero_no_finer_than_the_model_is_worth() {
+    fn candidates_are_f32_numbers_with_a_least_step_near_zero() {
         let lattice = Lattice { least: 2f64.powi(-40) };
         let third = 1.0f32 / 3.0;
         assert_eq!(lattice.near(1.0 / 3.0), [third, third.next_up(), third.next_down()].map(f64::from));
         assert_eq!(lattice.near(1e-17), [0.0, 2f64.powi(-40), -2f64.powi(-40)]);
         assert_eq!(lattice.near(-1e-40), [0.0, 2f64.powi(-40), -2f64.powi(-40)]);
         assert_eq!(lattice.near(1e39), [1e39; 3]);
-        let huge = Lattice { least: spacing(DVec3::new(0.0, 1e50, -f64::from(f32::MAX))) * FINEST };
+        let huge = Lattice { least: spacing(DVec3::new(0.0, 1e50, -f64::from(f32::MAX))) * FINEST_STEP_ULPS };
         assert_eq!(huge.near(1.0), [0.0, huge.least, -huge.least]);
         assert_eq!(huge.near(f64::from(f32::MAX))[0], f64::from(f32::MAX));
         for x in lattice.near(1e-7) {
             assert_eq!((x as f32).to_bits(), (x as f32 + 0.0).to_bits());
-            assert_eq!(f64::from(x as f32), x, "f32 can hold it");
+            assert_eq!(f64::from(x as f32), x, "f32 can hold the value");
             assert!((x - 1e-7).abs() < 2f64.powi(-39));
         }
     }
 
-    fn separated(mut surface: Surface, limits: TellApart) -> (Surface, u64) {
+    fn distinguished(mut surface: Surface, limits: DistinguishLimits) -> (Surface, u64) {
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
-        let merged = tell_apart(&mut surface, limits, |_| true, &context).unwrap();
+        let merged = distinguish_vertices(&mut surface, limits, |_| true, &context).unwrap();
         (surface, merged)
     }
 
@@ -363,25 +375,27 @@ mod tests {
     }
 
     #[test]
-    fn corners_of_two_parts_that_eight_decimals_do_not_tell_apart_are_moved_where_they_may() {
+    fn near_coincident_corners_of_two_parts_move_apart_only_if_allowed() {
         let surface = tetrahedra(2f64.powi(-30));
         assert!(joined_by_decimals(&surface).is_some());
-        let (moved, merged) = separated(surface.clone(), TellApart { max_deviation: f64::INFINITY, moves: true });
+        let (moved, merged) =
+            distinguished(surface.clone(), DistinguishLimits { max_deviation: f64::INFINITY, moves: true });
         assert_eq!((merged, moved.faces.len(), joined_by_decimals(&moved)), (0, 8, None));
-        let corners = |it: &Surface| (0..8).flat_map(|f| it.corners(f)).collect::<Vec<DVec3>>();
+        let corners = |surface: &Surface| (0..8).flat_map(|f| surface.corners(f)).collect::<Vec<DVec3>>();
         let far = corners(&surface).into_iter().zip(corners(&moved)).map(|(p, q)| p.distance(q));
         let farthest = far.fold(0.0, f64::max);
         assert!(farthest > 0.0 && farthest < 1e-7, "{farthest}");
-        for limits in
-            [TellApart { max_deviation: f64::INFINITY, moves: false }, TellApart { max_deviation: 1e-12, moves: true }]
-        {
-            let (same, merged) = separated(surface.clone(), limits);
+        for limits in [
+            DistinguishLimits { max_deviation: f64::INFINITY, moves: false },
+            DistinguishLimits { max_deviation: 1e-12, moves: true },
+        ] {
+            let (same, merged) = distinguished(surface.clone(), limits);
             assert_eq!((corners(&same), merged), (corners(&surface), 0));
         }
     }
 
     #[test]
-    fn an_edge_too_short_for_eight_decimals_is_merged() {
+    fn an_edge_too_short_for_eight_decimals_collapses() {
         let mut surface = tetrahedra(0.01);
         // Splits the edge from 0 to 1 near its start.
         surface.positions.push(DVec3::X * 2f64.powi(-30));
@@ -389,7 +403,7 @@ mod tests {
         surface.faces[1] = [0, 8, 3];
         surface.faces.extend([[8, 2, 1], [8, 1, 3]]);
         surface.source.extend([0, 1]);
-        let (whole, merged) = separated(surface, TellApart { max_deviation: 1e-7, moves: false });
+        let (whole, merged) = distinguished(surface, DistinguishLimits { max_deviation: 1e-7, moves: false });
         assert_eq!((merged, whole.faces.len(), joined_by_decimals(&whole)), (1, 8, None));
         assert!(Edges::new(&whole.faces).iter().all(|half_edges| half_edges.len() == 2));
     }

@@ -1,4 +1,4 @@
-//! Faces that are almost without area: with a short edge, or almost on a line.
+//! Removes slivers: faces with a short edge, or whose corners are almost collinear.
 
 use std::collections::VecDeque;
 
@@ -10,18 +10,18 @@ use crate::math::{Box3, unit_scale};
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-/// Times that one face is looked at: each follows an edit beside it, and where there are so many they go in circles.
-const MOST_TRIES: u8 = 32;
-/// Looks at faces around vertices, beside so many for each face of the surface.
+/// The most tries for one face. Each try follows an edit next to the face; more tries mean that the edits go in circles.
+const MAX_TRIES: u8 = 32;
+/// The budget of star entries visited: a constant plus a number for each face of the surface.
 const WORK: u64 = 50_000_000;
 const WORK_PER_FACE: u64 = 200;
 
 /// Collapses short edges and flips caps.
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveSlivers {
-    /// Edges shorter than this and faces lower than this are removed, as a share of the diagonal of the bounding box. 0 for none.
+    /// The least edge length and face height, as a share of the bounding box's diagonal; 0 removes nothing.
     pub tolerance: f64,
-    /// No vertex is moved farther than this, in the model's unit.
+    /// No vertex moves farther than this, in the model's unit.
     pub max_deviation: f64,
 }
 
@@ -36,18 +36,18 @@ impl RemoveSlivers {
     ///                                                              d                    d
     /// ```
     ///
-    /// The ends of a short edge become one of the two, so that no position is new. A face whose edges are all long enough is a cap: its longest edge is
-    /// flipped, by which the surface moves no farther than the cap is high; where nothing lies beyond that edge, the cap goes.
-    /// One edit leads to the next through a queue.
+    /// A short edge collapses to one of its ends, so that no new position arises. A face with only long edges is a cap. Its
+    /// longest edge is flipped, which moves the surface by at most the cap's height. Where there is no face beyond that edge,
+    /// the cap is removed. A queue holds the faces next to each edit.
     ///
-    /// Precondition: no face with a repeated vertex. Result: each vertex is within the tolerance of where it was; nothing that
-    /// was closed is open; no face is turned over but other slivers; as many edges of more than two faces, and pinched vertices, at most.
-    /// Leaves: edges that the link condition holds (Dey, Edelsbrunner, Guha and Nekhayev 1999), as on a handle or a solid no
-    /// thicker than the tolerance, edges of more than two faces, and caps whose flipped edge is there already or would
-    /// not make the lowest face higher.
+    /// Precondition: no face with a repeated vertex. Result: each vertex is within the tolerance of its old position; no
+    /// boundary appears; no face flips except other slivers; the number of non-manifold edges and pinched vertices does not
+    /// rise. Leaves: edges that violate the link condition (Dey, Edelsbrunner, Guha and Nekhayev 1999), as on a handle or solid
+    /// no thicker than the tolerance; non-manifold edges; caps whose flipped edge exists already or would not raise the
+    /// smaller of the two heights.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop; the surface is then half done.
+    /// [`Cancelled`] when the work should stop; the surface is then half changed.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let scale = unit_scale(&surface.positions);
         let diagonal = Box3::of(surface.positions.iter().map(|&p| p * scale)).diagonal();
@@ -66,8 +66,8 @@ impl RemoveSlivers {
         }
         let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
         let drift = vec![0.0; surface.positions.len()];
-        let mut work = Work { local: LocalEdits::new(surface), length, drift, moved: 0.0, queue: slivers };
-        let Mended { collapsed, flipped, dropped, left } = work.mend_all(budget, context)?;
+        let mut work = SliverQueue { local: LocalEdits::new(surface), length, drift, moved: 0.0, queue: slivers };
+        let EditCounts { collapsed, flipped, dropped, left } = work.run(budget, context)?;
         let moved = work.moved / scale;
         work.local.finish();
         let changes = Change::list([
@@ -78,9 +78,9 @@ impl RemoveSlivers {
         ]);
         let left = (!left.is_empty()).then(|| {
             format!(
-                "faces thinner than {:.3e} were left where no edit keeps the surface whole: {}",
-                length / scale,
-                left.len()
+                "{} faces thinner than {:.3e} were kept: no edit removes them without damage to the surface",
+                left.len(),
+                length / scale
             )
         });
         Ok(Applied { changes, moved, left, ..Applied::default() })
@@ -93,71 +93,73 @@ fn is_sliver(corners: [DVec3; 3], length: f64) -> bool {
     shape.height < length || shape.shortest() < length
 }
 
+/// The edit that removed a sliver.
 enum Edit {
     Collapsed,
     Flipped,
     Dropped,
 }
 
-/// The edits that were made, and the faces for which there was none.
+/// The number of edits of each kind, and the faces that stay.
 #[derive(Default)]
-struct Mended {
+struct EditCounts {
     collapsed: u64,
     flipped: u64,
     dropped: u64,
     left: Vec<u32>,
 }
 
-struct Work<'a> {
+/// The slivers that are still to be removed, with the surface under edit.
+struct SliverQueue<'a> {
     local: LocalEdits<'a>,
     /// The tolerance on the unit scale.
     length: f64,
-    /// How far vertices that were drawn into this one stood from it, at most.
+    /// For each vertex the largest distance of the vertices collapsed into it.
     drift: Vec<f64>,
     moved: f64,
     queue: VecDeque<u32>,
 }
 
-impl Work<'_> {
-    /// Goes through the queue until it is empty.
-    fn mend_all(&mut self, budget: u64, context: &Context<'_>) -> Result<Mended, Cancelled> {
+impl SliverQueue<'_> {
+    /// Works through the queue until it is empty.
+    fn run(&mut self, budget: u64, context: &Context<'_>) -> Result<EditCounts, Cancelled> {
         let mut tries = vec![0u8; self.local.surface.faces.len()];
-        let mut mended = Mended::default();
+        let mut counts = EditCounts::default();
         let mut steps = 0u32;
         while let Some(f) = self.queue.pop_front() {
             steps = steps.wrapping_add(1);
             if steps.is_multiple_of(1024) {
                 context.check()?;
             }
-            if !self.is_left(f) {
+            if !self.is_sliver_left(f) {
                 continue;
             }
             let tried = &mut tries[f as usize];
-            if *tried == MOST_TRIES || self.local.spent > budget {
-                mended.left.push(f);
+            if *tried == MAX_TRIES || self.local.spent > budget {
+                counts.left.push(f);
                 continue;
             }
             *tried += 1;
-            match self.mend(f) {
-                Some(Edit::Collapsed) => mended.collapsed += 1,
-                Some(Edit::Flipped) => mended.flipped += 1,
-                Some(Edit::Dropped) => mended.dropped += 1,
-                None => mended.left.push(f),
+            match self.remove_sliver(f) {
+                Some(Edit::Collapsed) => counts.collapsed += 1,
+                Some(Edit::Flipped) => counts.flipped += 1,
+                Some(Edit::Dropped) => counts.dropped += 1,
+                None => counts.left.push(f),
             }
         }
-        mended.left.sort_unstable();
-        mended.left.dedup();
-        mended.left.retain(|&f| self.is_left(f));
-        Ok(mended)
+        counts.left.sort_unstable();
+        counts.left.dedup();
+        counts.left.retain(|&f| self.is_sliver_left(f));
+        Ok(counts)
     }
 
-    /// Whether a face is there and a sliver.
-    fn is_left(&self, f: u32) -> bool {
+    /// Whether a face still exists and is a sliver.
+    fn is_sliver_left(&self, f: u32) -> bool {
         self.local.is_alive(f) && is_sliver(self.local.points(self.local.face(f)), self.length)
     }
 
-    /// Tries all ways to be rid of a sliver, and queues what that touches.
-    fn mend(&mut self, f: u32) -> Option<Edit> {
+    /// Tries every edit that removes a sliver, and queues the affected faces.
+    fn remove_sliver(&mut self, f: u32) -> Option<Edit> {
         let (face, shape) = (self.local.face(f), self.local.shape(f));
         let mut order = [0, 1, 2];
         order.sort_by(|&i, &j| shape.sides[i].total_cmp(&shape.sides[j]).then(i.cmp(&j)));
@@ -174,17 +176,17 @@ impl Work<'_> {
         self.flip([face[i], face[(i + 1) % 3], face[(i + 2) % 3]], f, shape.height)
     }
 
-    /// Makes the ends of an edge one, the one that is moved the less.
+    /// Collapses an edge to the end that gives the smaller displacement.
     fn collapse(&mut self, [a, b]: [u32; 2]) -> bool {
         let length = self.local.unit[a as usize].distance(self.local.unit[b as usize]);
-        let by = |gone: u32, stays: u32| (self.drift[gone as usize] + length).max(self.drift[stays as usize]);
-        let mut ways = [(by(a, b), a, b), (by(b, a), b, a)];
-        if ways[1].0 < ways[0].0 {
-            ways.swap(0, 1);
+        let drift_after = |gone: u32, stays: u32| (self.drift[gone as usize] + length).max(self.drift[stays as usize]);
+        let mut directions = [(drift_after(a, b), a, b), (drift_after(b, a), b, a)];
+        if directions[1].0 < directions[0].0 {
+            directions.swap(0, 1);
         }
         let Some(irregular) = self.link_condition(a, b) else { return false };
-        for (drift, gone, stays) in ways {
-            if drift <= self.length && !irregular.contains(&gone) && self.keeps_sides(gone, stays) {
+        for (drift, gone, stays) in directions {
+            if drift <= self.length && !irregular.contains(&gone) && self.keeps_orientation(gone, stays) {
                 self.local.collapse(gone, stays);
                 self.drift[stays as usize] = drift;
                 self.moved = self.moved.max(drift);
@@ -195,10 +197,10 @@ impl Work<'_> {
         false
     }
 
-    /// Whether the surface stays as whole as it is when the edge is collapsed; if so, answers the ends that must stay, since
-    /// they are on a boundary or an edge of more than two faces and the edge is not.
+    /// Whether collapsing the edge keeps the surface's topology. Returns the ends that must stay, because they lie on a
+    /// boundary or a non-manifold edge and the collapsed edge does not.
     fn link_condition(&mut self, a: u32, b: u32) -> Option<Vec<u32>> {
-        let shared = self.local.around_edge(a, b);
+        let shared = self.local.faces_at_edge(a, b);
         let opposite: Vec<u32> =
             shared.iter().filter_map(|&f| self.local.face(f).into_iter().find(|&v| v != a && v != b)).collect();
         if !matches!(*opposite, [_] | [_, _]) || matches!(*opposite, [c, d] if c == d) {
@@ -233,7 +235,7 @@ impl Work<'_> {
         }
     }
 
-    /// The vertices joined to one, ascending, each with the number of faces along that edge.
+    /// The neighbours of a vertex, ascending, each with the number of faces at the connecting edge.
     fn neighbours(&mut self, v: u32) -> Vec<(u32, u32)> {
         let star = self.local.star(v);
         let mut all: Vec<u32> = star.iter().flat_map(|&f| self.local.face(f)).filter(|&w| w != v).collect();
@@ -243,33 +245,33 @@ impl Work<'_> {
         all.chunk_by(|x, y| x == y).map(|same| (same[0], same.len() as u32)).collect()
     }
 
-    /// Whether no face with area is turned over, and none comes to lie on a line, when `gone` moves to `stays`.
-    fn keeps_sides(&self, gone: u32, stays: u32) -> bool {
+    /// Whether no face with an area flips and none becomes collinear when `gone` moves to `stays`.
+    fn keeps_orientation(&self, gone: u32, stays: u32) -> bool {
         let local = &self.local;
         local.star(gone).iter().map(|&f| local.face(f)).filter(|face| !face.contains(&stays)).all(|face| {
             let moved = face.map(|v| if v == gone { stays } else { v });
             let turned = local.area_vector(face).dot(local.area_vector(moved)) <= 0.0;
-            let flat = Shape::of(local.points(face)).height < self.length;
-            (!turned || flat) && (!local.is_flat(moved) || local.is_flat(face))
+            let thin = Shape::of(local.points(face)).height < self.length;
+            (!turned || thin) && (!local.is_collinear(moved) || local.is_collinear(face))
         })
     }
 
     /// Flips the long edge `a`, `b` of a cap.
     fn flip(&mut self, [a, b, m]: [u32; 3], cap: u32, height: f64) -> Option<Edit> {
-        if *self.local.around_edge(a, b) == [cap] {
-            return self.drop_at_boundary([a, b, m], cap, height);
+        if *self.local.faces_at_edge(a, b) == [cap] {
+            return self.remove_boundary_cap([a, b, m], cap, height);
         }
         let hinge = self.local.hinge(a, b)?;
         let [_, d] = hinge.apexes;
-        if !self.local.around_edge(m, d).is_empty() {
+        if !self.local.faces_at_edge(m, d).is_empty() {
             return None;
         }
         let beyond = if hinge.faces[0] == cap { hinge.faces[1] } else { hinge.faces[0] };
         let (other, new) = (self.local.face(beyond), hinge.flipped());
         let was = Shape::of(self.local.points(other)).height;
         let is = new.map(|face| Shape::of(self.local.points(face)).height);
-        let flat = |faces: &[[u32; 3]]| faces.iter().filter(|&&face| self.local.is_flat(face)).count();
-        if is[0].min(is[1]) <= height.min(was) || flat(&new) > flat(&[other, self.local.face(cap)]) {
+        let thin = |faces: &[[u32; 3]]| faces.iter().filter(|&&face| self.local.is_collinear(face)).count();
+        if is[0].min(is[1]) <= height.min(was) || thin(&new) > thin(&[other, self.local.face(cap)]) {
             return None;
         }
         let normal = self.local.area_vector(other);
@@ -283,16 +285,16 @@ impl Work<'_> {
         self.moved = self.moved.max(height);
         self.queue.extend(hinge.faces);
         for [v, w] in [[a, m], [m, b], [b, d], [d, a]] {
-            let beside = self.local.around_edge(v, w);
+            let beside = self.local.faces_at_edge(v, w);
             self.queue.extend(beside.into_iter().filter(|f| !hinge.faces.contains(f)));
         }
         Some(Edit::Flipped)
     }
 
-    /// Removes a cap whose long edge is on the boundary, if its middle corner is not.
-    fn drop_at_boundary(&mut self, [a, b, m]: [u32; 3], cap: u32, height: f64) -> Option<Edit> {
+    /// Removes a cap whose long edge is on the boundary and whose middle corner is not.
+    fn remove_boundary_cap(&mut self, [a, b, m]: [u32; 3], cap: u32, height: f64) -> Option<Edit> {
         let whole = self.neighbours(m).iter().all(|n| n.1 == 2);
-        let beside = [self.local.around_edge(a, m), self.local.around_edge(m, b)];
+        let beside = [self.local.faces_at_edge(a, m), self.local.faces_at_edge(m, b)];
         if !whole || beside.iter().any(|faces| faces.len() != 2) {
             return None;
         }
@@ -305,7 +307,7 @@ impl Work<'_> {
 
 impl Operation for RemoveSlivers {
     const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
-    // Where an edge on the boundary is collapsed, those behind it are open.
+    // Collapsing a boundary edge opens the edges behind it.
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

@@ -1,27 +1,27 @@
-//! Splitting a surface where it is not a surface: fans of faces get vertices of their own, and fins are detached.
+//! Splits a surface at non-manifold edges and vertices: fans of faces get separate vertices, and fins are detached.
 
-use super::inside::{FacePairs, NONE, pair_faces};
+use super::face_pairs::{FacePairs, NONE, pair_faces};
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-pub use super::inside::Pairing;
+pub use super::face_pairs::Pairing;
 
-/// Which fans of a vertex become vertices of their own.
+/// Which fans at a pinched vertex get separate vertices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pinches {
-    /// All of them.
+    /// All fans.
     Cut,
-    /// Fans with a boundary stay together where no edge of more than two faces ends, so that whoever closes the holes
-    /// may join them.
+    /// All fans, but those with a boundary stay together where no non-manifold edge ends, so that filling the holes can
+    /// join them.
     KeepAtBoundaries,
 }
 
-/// Gives each sheet that meets others in an edge or a vertex vertices of its own.
+/// Gives each sheet separate vertices where it meets others in a non-manifold edge or vertex.
 ///
-/// Around an edge of more than two faces, faces are paired in angular order so that each pair bounds the solid between
-/// them, as brackets are matched: where the way around enters a solid it opens, where it leaves it closes.
+/// Around an edge with more than two faces, the faces are paired in angular order so that each pair bounds the solid between
+/// its faces. The pairing matches brackets: a face opens where a turn around the edge enters a solid, and closes where it leaves.
 ///
 /// ```text
 ///    solid 1 |                       solid 1 |
@@ -29,23 +29,23 @@ pub enum Pinches {
 ///            | solid 2                          | solid 2
 /// ```
 ///
-/// Precondition: faces are consistently wound and outward as far as that goes. Result: copies stand at the same
-/// positions, no face goes, no vertex moves; edges have one or two faces, but where both ends of an edge are in one fan.
-/// Leaves: those edges, and faces without a partner, whose edges become boundary. See [`super::perturb`] for keeping the
-/// sheets apart in formats without indices.
+/// Precondition: faces wind consistently and outward as far as possible. Result: copies have the same positions as the
+/// originals, no face goes, no vertex moves; every edge has one or two faces, except where both ends of the edge lie in one
+/// fan. Leaves: those edges; faces without a mate, whose edges become boundary. [`super::perturb`] keeps the sheets apart in
+/// formats without indices.
 ///
 /// Guéziec et al. 2001, "Cutting and Stitching: Converting Sets of Polygons to Manifold Surfaces".
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface is then unchanged.
-pub fn cut_apart(
+pub fn split_non_manifold(
     surface: &mut Surface,
     pairing: Pairing,
     pinches: Pinches,
     context: &Context<'_>,
 ) -> Result<Vec<Change>, Cancelled> {
     let edges = Edges::new(&surface.faces);
-    let FacePairs { mate, cut, unpaired } = pair_faces(surface, &edges, pairing, context)?;
+    let FacePairs { mate, non_manifold_edges, unpaired } = pair_faces(surface, &edges, pairing, context)?;
     let faces = &surface.faces;
     let mut sets = UnionFind::new(faces.len() * 3);
     for (h, &mate) in (0u32..).zip(&mate).filter(|&(h, &mate)| mate != NONE && mate > h) {
@@ -83,13 +83,13 @@ pub fn cut_apart(
         surface.faces[face][i] = of_fan[root];
     }
     Ok(Change::list([
-        (ChangeKind::NonManifoldEdgesCut, cut),
-        (ChangeKind::VerticesCopied, copies),
+        (ChangeKind::NonManifoldEdgesSplit, non_manifold_edges),
+        (ChangeKind::VerticesDuplicated, copies),
         (ChangeKind::FacesWithoutPartner, unpaired),
     ]))
 }
 
-/// Joins the fans with a boundary at each vertex where no edge of more than two faces ends.
+/// Joins the fans with a boundary at each vertex where no non-manifold edge ends.
 fn join_boundary_fans(surface: &Surface, edges: &Edges, mates: &[u32], sets: &mut UnionFind) {
     let mut joins = vec![true; surface.positions.len()];
     for (e, _) in edges.iter().enumerate().filter(|(_, h)| h.len() > 2) {
@@ -114,14 +114,14 @@ fn join_boundary_fans(surface: &Surface, edges: &Edges, mates: &[u32], sets: &mu
     }
 }
 
-/// Cuts apart what meets in non-manifold edges and vertices.
+/// Splits the surface at non-manifold edges and vertices.
 #[derive(Debug, Clone, Copy)]
-pub struct CutApart {
+pub struct SplitNonManifold {
     pairing: Pairing,
 }
 
-impl Operation for CutApart {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges, Counter::PinchedVertices];
+impl Operation for SplitNonManifold {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
@@ -129,47 +129,46 @@ impl Operation for CutApart {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        Ok(cut_apart(surface, self.pairing, Pinches::KeepAtBoundaries, context)?.into())
+        Ok(split_non_manifold(surface, self.pairing, Pinches::KeepAtBoundaries, context)?.into())
     }
 }
 
-/// Rounds over the mesh: a face may hang on three edges.
-const MOST_ROUNDS: usize = 3;
+/// The most rounds over the mesh: a face may be attached along three edges.
+const MAX_ROUNDS: usize = 3;
 
-/// Frees the faces without a partner from edges that could not be cut apart, since the faces at both ends are one fan.
+/// Detaches faces without a mate from edges that could not be split, since the faces at both ends form one fan.
 #[derive(Debug, Clone, Copy)]
-pub struct FreeFins {
-    /// Whether the result is rounded to f32.
+pub struct DetachFins {
+    /// The precision to which new positions are rounded.
     pub precision: Precision,
 }
 
-impl FreeFins {
-    /// Puts a vertex on the middle of the edge for such a face alone, so that what was one edge of three faces is an edge of
-    /// two and an open border that can be walked.
+impl DetachFins {
+    /// Adds a vertex at the middle of the edge to the unpaired face only. The edge with three faces becomes an edge with two
+    /// faces and a boundary that can be traversed.
     ///
     /// ```text
-    ///    u---------v           u---------v      two faces of the wall keep the edge
-    ///     \       /      ->     \---m---/       the fin has the two edges at m
+    ///    u---------v           u---------v      two faces of the solid keep the edge
+    ///     \       /      ->     \---m---/       the fin gets the two edges at m
     ///      \ fin /               \  |  /
     ///       \   /                 \ | /
     /// ```
     ///
-    /// Precondition: cut apart, so that edges of more than two faces are only those whose ends are in one fan. Result: no
-    /// vertex moves; where the middle is not a number of f32 it is off the edge by what rounding takes. Leaves: edges that
-    /// several pairs of faces share.
+    /// Precondition: split, so that non-manifold edges remain only where both ends lie in one fan. Result: no vertex moves;
+    /// the new vertex is off the edge by no more than the rounding. Leaves: edges that several pairs of faces share.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
-        let mut freed = 0;
-        for _ in 0..MOST_ROUNDS {
-            let done = self.round(surface, context)?;
-            freed += done;
-            if done == 0 {
+        let mut detached = 0;
+        for _ in 0..MAX_ROUNDS {
+            let count = self.round(surface, context)?;
+            detached += count;
+            if count == 0 {
                 break;
             }
         }
-        Ok(Change::list([(ChangeKind::FinsFreed, freed)]))
+        Ok(Change::list([(ChangeKind::FinsDetached, detached)]))
     }
 
     fn round(self, surface: &mut Surface, context: &Context<'_>) -> Result<u64, Cancelled> {
@@ -179,20 +178,20 @@ impl FreeFins {
         }
         let mates = pair_faces(surface, &edges, Pairing::FinsLast, context)?.mate;
         let mut busy = vec![false; surface.faces.len()];
-        let mut freed = 0;
+        let mut detached = 0;
         for half_edges in edges.iter().filter(|h| h.len() > 2) {
             let (pairs, fins): (Vec<u32>, Vec<u32>) = half_edges.iter().partition(|&&h| mates[h as usize] != NONE);
-            // Where there is no pair one of them may keep the edge.
+            // Where there is no pair, one fin may keep the edge.
             for h in fins.into_iter().skip(usize::from(pairs.is_empty())) {
                 if !std::mem::replace(&mut busy[h as usize / 3], true) && self.split(surface, h) {
-                    freed += 1;
+                    detached += 1;
                 }
             }
         }
-        Ok(freed)
+        Ok(detached)
     }
 
-    /// Cuts the face of a half-edge in two at the edge's middle.
+    /// Splits the face of a half-edge in two at the edge's middle.
     fn split(self, surface: &mut Surface, h: u32) -> bool {
         let [u, v] = Edges::ends(&surface.faces, h);
         let (w, f) = (Edges::opposite(&surface.faces, h), h as usize / 3);
@@ -210,8 +209,8 @@ impl FreeFins {
     }
 }
 
-impl Operation for FreeFins {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+impl Operation for DetachFins {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

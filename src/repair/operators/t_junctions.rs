@@ -1,19 +1,20 @@
-//! Vertices on the edges of others.
+//! Splits boundary edges at vertices that lie on them (T-junctions).
 
 use glam::DVec3;
 
-use super::border::{Border, Near};
+use super::border::{Border, NearbyEdge};
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-/// The rounding of coordinates to f32, of which a few may add up where a vertex was put on an edge.
+/// The f32 rounding error of a coordinate, relative to the coordinate; a vertex placed on an edge may add up a few of them.
 const ROUNDING: f64 = 4.0 * f32::EPSILON as f64;
 
-/// How far from an edge a vertex may be that is taken to lie on it.
+/// Splits boundary edges at the vertices that lie on them.
 #[derive(Debug, Clone, Copy)]
 pub struct SplitTJunctions {
-    /// Share of the bounding box's diagonal; 1e-6 by default. What rounding to f32 may come to is always allowed.
+    /// The largest distance between vertex and edge, as a share of the bounding box's diagonal; 1e-6 by default, but never
+    /// below the f32 rounding error.
     pub tolerance: f64,
     /// No edge is bent farther than this, in the model's unit.
     pub max_deviation: f64,
@@ -26,47 +27,46 @@ impl Default for SplitTJunctions {
 }
 
 impl SplitTJunctions {
-    /// Cuts boundary edges at the boundary vertices that lie on them, all at once, so that both sides have the same
-    /// vertices.
+    /// Splits each boundary edge at all boundary vertices that lie on it, so that both sides have the same vertices.
     ///
     /// ```text
     ///        o                   o
     ///      /   \               / | \
-    ///    a-------b           a-c-d---b       the face falls into a fan, and its pieces share
+    ///    a-------b           a-c-d---b       the face becomes a fan whose faces share
     ///    a-c-d---b    ->     a-c-d---b       edges with the neighbours
     ///     \ /\ /              \ /\ /
     /// ```
     ///
-    /// Only where the boundary at the vertex runs along the edge. Precondition: none. Result: no position changes, no
-    /// edge has more faces than two that had one. Leaves: vertices where that would not hold, or where a piece would
-    /// have no area or be turned over.
+    /// Only vertices whose boundary runs side by side with the edge count. Precondition: none. Result: no position changes,
+    /// and no boundary edge gets more than two faces. Leaves: vertices where these conditions would break, or where a new
+    /// face would have no area or be flipped.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop; what is cut stays cut.
+    /// [`Cancelled`] when the work should stop; finished splits stay.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let bounds = surface.bounds();
         let rounding = ROUNDING * bounds.min.abs().max(bounds.max.abs()).max_element();
         let reach = (self.tolerance * bounds.diagonal()).max(rounding).min(self.max_deviation.max(f64::MIN_POSITIVE));
         let Some(mut border) = Border::new(surface) else { return Ok(Applied::default()) };
         let mut on_edges = vertices_on_edges(&mut border, reach, context)?;
-        // By edge, and along each.
+        // By edge, and in order along each edge.
         on_edges.sort_unstable_by(|x, y| {
             x.edge.cmp(&y.edge).then(x.ratio.total_cmp(&y.ratio)).then(x.vertex.cmp(&y.vertex))
         });
-        let (mut cut, mut moved) = (0, 0.0f64);
-        for (count, it) in on_edges.iter().enumerate() {
+        let (mut split, mut moved) = (0, 0.0f64);
+        for (count, junction) in on_edges.iter().enumerate() {
             if count % 4096 == 0 {
                 context.check()?;
             }
-            if let Some(rest) = border.last_piece(it.edge)
-                && border.cut(rest, it.vertex).is_some()
+            if let Some(rest) = border.last_piece(junction.edge)
+                && border.split_edge(rest, junction.vertex).is_some()
             {
-                cut += 1;
-                moved = moved.max(it.distance);
+                split += 1;
+                moved = moved.max(junction.distance);
             }
         }
-        let left = border.gave_up();
-        Ok(Applied { changes: Change::list([(ChangeKind::TJunctionsSplit, cut)]), moved, left, ..Applied::default() })
+        let left = border.exhausted_note();
+        Ok(Applied { changes: Change::list([(ChangeKind::TJunctionsSplit, split)]), moved, left, ..Applied::default() })
     }
 }
 
@@ -80,23 +80,22 @@ struct OnEdge {
 
 fn vertices_on_edges(border: &mut Border<'_>, reach: f64, context: &Context<'_>) -> Result<Vec<OnEdge>, Cancelled> {
     let mut on_edges = Vec::new();
-    let mut near: Vec<Near> = Vec::new();
+    let mut nearby: Vec<NearbyEdge> = Vec::new();
     for at in 0..border.vertices.len() {
         if at % 4096 == 0 {
             context.check()?;
         }
         let vertex = border.vertices[at];
-        near.clear();
-        border.near(vertex, reach, &mut near);
-        near.retain(|found| found.ratio > 0.0 && found.ratio < 1.0);
-        if near.is_empty() {
+        nearby.clear();
+        border.edges_near(vertex, reach, &mut nearby);
+        nearby.retain(|edge| edge.ratio > 0.0 && edge.ratio < 1.0);
+        if nearby.is_empty() {
             continue;
         }
-        let courses = border.courses(vertex);
-        for found in &near {
-            let ends: [DVec3; 2] = found.ends.map(|v| border.position(v));
-            if Border::run_along(&courses, &Border::courses_on(ends)) {
-                let &Near { edge, ratio, distance, .. } = found;
+        let directions = border.boundary_directions(vertex);
+        for &NearbyEdge { edge, ends, ratio, distance, .. } in &nearby {
+            let ends: [DVec3; 2] = ends.map(|v| border.position(v));
+            if Border::are_opposed(&directions, &Border::boundary_directions_on(ends)) {
                 on_edges.push(OnEdge { edge, ratio, vertex, distance });
             }
         }
@@ -105,8 +104,8 @@ fn vertices_on_edges(border: &mut Border<'_>, reach: f64, context: &Context<'_>)
 }
 
 impl Operation for SplitTJunctions {
-    const FIXES: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
-    // A cut edge is two for a while, where only one of them finds its counterpart; joined at one end only, it is pinched.
+    const FIXES: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
+    // Splitting an edge can leave one half unmatched until the other half is split; matched at one end only, it is pinched.
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

@@ -1,16 +1,18 @@
-//! Vertices merged by distance: any ([`MergeVertices`]), those on the boundary that almost coincide ([`Weld`]), and those on the
-//! boundary that are close for the size of what is around them ([`Sew`]).
+//! Merges vertices by distance.
+//!
+//! [`MergeVertices`] merges any vertices, [`Weld`] merges almost coincident boundary vertices, and [`Sew`] merges boundary
+//! vertices that are close relative to the length of their edges.
 
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
-use super::border::{Border, Near};
+use super::border::{Border, NearbyEdge};
 use super::degenerate::remove_collapsed;
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
 
-/// Merges vertices, on the boundary or not.
+/// Merges close vertices, on the boundary or inside the surface.
 #[derive(Debug, Clone, Copy)]
 pub struct MergeVertices {
     /// Vertices closer than this are merged, in the model's unit.
@@ -20,11 +22,11 @@ pub struct MergeVertices {
 }
 
 impl MergeVertices {
-    /// Merges each vertex into the nearest earlier one within the distance that stays, and drops the faces that collapse.
+    /// Merges each vertex into the nearest earlier vertex that stays, within the distance; removes the collapsed faces.
     ///
-    /// Precondition: none. Result: vertices that are left stand where they were and farther apart than the distance; no vertex moves
-    /// farther than it. Leaves: whatever merging makes of the surface, such as edges of several faces where a wall is thinner than the
-    /// distance.
+    /// Precondition: none. Result: the remaining vertices keep their positions and are farther apart than the distance; no
+    /// vertex moves farther than the distance. Leaves: any defect that merging creates, such as non-manifold edges where a
+    /// solid is thinner than the distance.
     ///
     /// After *Merge by Distance* of Blender and *Simple Clean* of Mesh Heal.
     ///
@@ -33,7 +35,7 @@ impl MergeVertices {
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let reach = self.distance.min(self.max_deviation);
         let usable = reach > 0.0 && reach.is_finite();
-        // Only vertices that stay are in a cell, and those are at least the distance apart, so a cell holds few of them.
+        // A cell holds only vertices that stay. Those are at least the distance apart, so a cell holds few.
         let cell = |p: DVec3| (p / reach).floor().to_array().map(to_cell);
         let mut kept: FxHashMap<[i64; 3], Vec<u32>> = FxHashMap::default();
         let mut target: Vec<u32> = (0u32..).zip(&surface.positions).map(|(v, _)| v).collect();
@@ -73,7 +75,7 @@ impl MergeVertices {
     }
 }
 
-/// A cell and those around it.
+/// A grid cell and its 26 neighbours.
 fn neighbours([x, y, z]: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
     let steps = -1..=1;
     steps.clone().flat_map(move |i| {
@@ -95,22 +97,22 @@ impl Operation for MergeVertices {
     }
 }
 
-/// Vertices looked at in one cell of the grid: more can't lie in a cell further apart than the tolerance unless their
-/// own edges are shorter still, and then they are not merged.
-const MOST_PER_CELL: usize = 32;
+/// The most vertices tested in one grid cell. Vertices that close together lie farther apart than the tolerance, or their
+/// edges are shorter still and they are not merged.
+const MAX_VERTICES_PER_CELL: usize = 32;
 
-/// How far boundary vertices may be apart to be merged.
+/// Merges boundary vertices that almost coincide.
 #[derive(Debug, Clone, Copy)]
 pub struct Weld {
-    /// Share of the bounding box's diagonal.
+    /// The largest distance, as a share of the bounding box's diagonal.
     pub tolerance: f64,
     /// No vertex is moved farther than this, in the model's unit.
     pub max_deviation: f64,
 }
 
 impl Weld {
-    /// Merges boundary vertices that stand closer than the tolerance and closer than half of the shortest edge at
-    /// either of them.
+    /// Merges boundary vertices that are closer than the tolerance and closer than half of the shortest edge at either of
+    /// the two vertices.
     ///
     /// ```text
     ///   ----a b----        ----a----
@@ -118,12 +120,11 @@ impl Weld {
     ///   ----a'b'---        ----a'---
     /// ```
     ///
-    /// Precondition: none. Result: each merged vertex stands where the first one of its group stood; no face
-    /// collapses, because two vertices of a face are never both within half an edge of a third; interior vertices do
-    /// not move. Leaves: gaps wider than the tolerance, and it may make an edge of more than two faces where
-    /// several sheets meet.
+    /// Precondition: none. Result: each merged vertex takes the position of the first vertex of its group. No face
+    /// collapses, because two vertices of a face are never both within half an edge of a third vertex. Interior vertices do
+    /// not move. Leaves: gaps wider than the tolerance; where several sheets meet, merging may create a non-manifold edge.
     ///
-    /// After the tolerance ladder of Guéziec et al. 2001, "Cutting and Stitching", with one rung.
+    /// After Guéziec et al. 2001, "Cutting and Stitching", which raises the tolerance step by step; here there is one step.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -161,8 +162,8 @@ impl Weld {
             limited.push((
                 "weld_tolerance",
                 format!(
-                    "{short} boundary vertices have an edge shorter than twice the tolerance; there only what is within half of that edge \
-                     was merged, so that no face collapses"
+                    "{short} boundary vertices have an edge shorter than twice the tolerance; they were merged only within half \
+                     of that edge, so that no face collapses"
                 ),
             ));
         }
@@ -171,7 +172,7 @@ impl Weld {
     }
 }
 
-/// How far each vertex may be merged; 0 for those not on the boundary.
+/// The merge radius of each vertex; 0 for vertices that are not on the boundary.
 fn radii(surface: &Surface, edges: &Edges, reach: f64) -> Vec<f64> {
     let mut radii = vec![0.0; surface.positions.len()];
     for (e, _) in edges.iter().enumerate().filter(|(_, h)| h.len() == 1) {
@@ -189,14 +190,14 @@ fn radii(surface: &Surface, edges: &Edges, reach: f64) -> Vec<f64> {
     radii
 }
 
-/// Boundary vertices by the cells that they are in.
+/// Boundary vertices sorted by grid cell.
 struct Grid {
     size: f64,
     vertices: Vec<([i64; 3], u32)>,
 }
 
 impl Grid {
-    /// Cells twice as wide as the reach are few enough to count in i64 for every tolerance above 2^-60.
+    /// Creates a grid whose cells are twice as wide as the reach: cell indices fit i64 for every tolerance above 2^-60.
     fn new(surface: &Surface, boundary: &[u32], reach: f64) -> Self {
         let mut grid = Self { size: 2.0 * reach, vertices: Vec::new() };
         grid.vertices = boundary.iter().map(|&v| (grid.cell(surface.positions[v as usize]), v)).collect();
@@ -208,7 +209,7 @@ impl Grid {
         (p / self.size).floor().to_array().map(to_cell)
     }
 
-    /// The nearest vertex before `v` that stays where it is and within whose reach `v` lies.
+    /// The nearest vertex before `v` that stays in place and lies within merge distance of `v`.
     fn nearest_kept(&self, v: u32, surface: &Surface, radii: &[f64], target: &[u32]) -> Option<u32> {
         let at = surface.positions[v as usize];
         let reach = radii[v as usize];
@@ -218,7 +219,7 @@ impl Grid {
             for y in low[1]..=high[1] {
                 for z in low[2]..=high[2] {
                     let from = &self.vertices[self.vertices.partition_point(|&(c, _)| c < [x, y, z])..];
-                    for &(_, other) in from.iter().take_while(|&&(c, _)| c == [x, y, z]).take(MOST_PER_CELL) {
+                    for &(_, other) in from.iter().take_while(|&&(c, _)| c == [x, y, z]).take(MAX_VERTICES_PER_CELL) {
                         if other >= v || target[other as usize] != other {
                             continue;
                         }
@@ -234,7 +235,7 @@ impl Grid {
     }
 }
 
-/// Saturates, so that a cell beyond the range is some cell and not a panic.
+/// Converts to a cell index; out-of-range values saturate instead of panicking.
 #[expect(clippy::cast_possible_truncation, reason = "a float to integer cast saturates")]
 fn to_cell(x: f64) -> i64 {
     (x as i64).clamp(i64::MIN / 4, i64::MAX / 4)
@@ -242,9 +243,9 @@ fn to_cell(x: f64) -> i64 {
 
 impl Operation for Weld {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
-    // Where several sheets meet, what was open becomes an edge of several faces.
+    // Where several sheets meet, a boundary edge may become an edge with several faces.
     const MAY_RAISE: &'static [Counter] =
-        &[Counter::NonmanifoldEdges, Counter::MisorientedEdges, Counter::PinchedVertices, Counter::DuplicateFaces];
+        &[Counter::NonManifoldEdges, Counter::MisorientedEdges, Counter::PinchedVertices, Counter::DuplicateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self { tolerance: scope.options.weld_tolerance, max_deviation: scope.max_deviation }
@@ -257,12 +258,12 @@ impl Operation for Weld {
     }
 }
 
-/// How far boundary vertices may be apart to be merged.
+/// Merges boundary vertices that are close relative to the length of their boundary edges.
 #[derive(Debug, Clone, Copy)]
 pub struct Sew {
-    /// Most of the distance over the shortest boundary edge at either vertex; 0.2 by default.
+    /// The largest distance as a share of the shortest boundary edge at either vertex; 0.2 by default.
     pub ratio: f64,
-    /// Most of the distance over the bounding box's diagonal; 0.001 by default, infinite for none.
+    /// The largest distance as a share of the bounding box's diagonal; 0.001 by default, infinite for no limit.
     pub tolerance: f64,
     /// No vertex is moved farther than this, in the model's unit.
     pub max_deviation: f64,
@@ -275,31 +276,31 @@ impl Default for Sew {
 }
 
 impl Sew {
-    /// Merges the boundary vertices whose distance is below a share of the shortest boundary edge at either, the nearest
-    /// pair first. Of a pair the first vertex stays where it is, or the second where the first may not be moved into.
+    /// Merges boundary vertices whose distance is below a share of the shortest boundary edge at either, nearest pair
+    /// first. The first vertex of a pair keeps its position; the second keeps it where moving into the first is not allowed.
     ///
     /// ```text
     ///   ---a-------b---         ---a-------b---
     ///   ---c-------d---   ->    ---'-------'---     |ac| < ratio * |ab|
     /// ```
     ///
-    /// Both vertices must have boundary edges that run along one another, as the sides of a crack do, so that what only
-    /// touches is not joined.
+    /// Both vertices must have boundary edges in nearly opposite directions, as the two sides of a crack have. Boundaries
+    /// that only touch are not joined.
     ///
-    /// Precondition: none. Result: no face goes, loses its area or turns over, and no edge has more faces than two that
-    /// had one. Leaves: pairs that share an edge, and those for which that would not hold.
+    /// Precondition: none. Result: no face disappears, loses its area or flips, and no edge gets more than two faces.
+    /// Leaves: pairs that share an edge, and pairs whose merge would break these conditions.
     ///
     /// After *Sew* of the Blender add-on Mesh Heal.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop; what is merged stays merged.
+    /// [`Cancelled`] when the work should stop; finished merges stay.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let cap = (self.tolerance * surface.bounds().diagonal()).min(self.max_deviation);
         let Some(mut border) = Border::new(surface).filter(|_| cap > 0.0) else { return Ok(Applied::default()) };
         let mut reach = vec![cap; border.vertices.len()];
-        for ([a, b], length) in border.lengths().collect::<Vec<_>>() {
+        for ([a, b], length) in border.edge_lengths().collect::<Vec<_>>() {
             for v in [a, b] {
-                let reach = &mut reach[border.place(v)];
+                let reach = &mut reach[border.boundary_index(v)];
                 *reach = reach.min(self.ratio * length);
             }
         }
@@ -309,18 +310,18 @@ impl Sew {
             if count % 4096 == 0 {
                 context.check()?;
             }
-            let (a, b) = (border.now(a), border.now(b));
-            let most = reach[border.place(a)].min(reach[border.place(b)]);
+            let (a, b) = (border.current_vertex(a), border.current_vertex(b));
+            let most = reach[border.boundary_index(a)].min(reach[border.boundary_index(b)]);
             if a == b || border.position(a).distance(border.position(b)) >= most {
                 continue;
             }
-            let [one, other] = [a, b].map(|v| border.courses(v));
-            if Border::run_along(&one, &other) && (border.merge(b, a, cap) || border.merge(a, b, cap)) {
+            let [one, other] = [a, b].map(|v| border.boundary_directions(v));
+            if Border::are_opposed(&one, &other) && (border.merge(b, a, cap) || border.merge(a, b, cap)) {
                 merged += 1;
             }
         }
-        let left = border.gave_up();
-        let moved = border.farthest();
+        let left = border.exhausted_note();
+        let moved = border.max_displacement();
         if merged > 0 {
             surface.drop_unreferenced();
         }
@@ -333,20 +334,20 @@ impl Sew {
     }
 }
 
-/// The pairs of vertices within reach of one another, the nearest first.
+/// The pairs of vertices within merge distance of each other, nearest first.
 fn pairs(border: &mut Border<'_>, reach: &[f64], context: &Context<'_>) -> Result<Vec<(f64, u32, u32)>, Cancelled> {
     let mut pairs = Vec::new();
-    let mut near: Vec<Near> = Vec::new();
+    let mut near: Vec<NearbyEdge> = Vec::new();
     for (at, within) in reach.iter().enumerate() {
         if at % 4096 == 0 {
             context.check()?;
         }
         let v = border.vertices[at];
         near.clear();
-        border.near(v, *within, &mut near);
-        for other in near.iter().flat_map(|found| found.ends).filter(|&other| other > v) {
+        border.edges_near(v, *within, &mut near);
+        for other in near.iter().flat_map(|edge| edge.ends).filter(|&other| other > v) {
             let distance = border.position(v).distance(border.position(other));
-            if distance < within.min(reach[border.place(other)]) {
+            if distance < within.min(reach[border.boundary_index(other)]) {
                 pairs.push((distance, v, other));
             }
         }
@@ -358,14 +359,14 @@ fn pairs(border: &mut Border<'_>, reach: &[f64], context: &Context<'_>) -> Resul
 
 impl Operation for Sew {
     const FIXES: &'static [Counter] =
-        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonmanifoldEdges, Counter::DuplicateFaces];
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        let (usual, asked) = (Self::default(), scope.options.sew_ratio);
-        // A ratio that was asked for is the only limit.
-        let tolerance = if asked.is_some() { f64::INFINITY } else { usual.tolerance };
-        Self { ratio: asked.unwrap_or(usual.ratio), tolerance, max_deviation: scope.max_deviation }
+        let (default, requested) = (Self::default(), scope.options.sew_ratio);
+        // A requested ratio is the only limit.
+        let tolerance = if requested.is_some() { f64::INFINITY } else { default.tolerance };
+        Self { ratio: requested.unwrap_or(default.ratio), tolerance, max_deviation: scope.max_deviation }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -1,28 +1,29 @@
-//! The choices that options offer, apart from numbers.
+//! The values of the options that offer a choice, with their names in JSON and on the command line.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use crate::format::{Format, ReadFile};
 
-/// A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// A named repair plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
-    /// Chosen from the model's category.
+    /// Choose the preset by the category of damage.
     #[default]
     Auto,
-    /// Weld, drop degenerate and duplicate faces, fix normals.
+    /// Weld vertices, remove degenerate and duplicate faces, and fix normals.
     BasicCleanup,
     /// Basic cleanup, then close holes.
     FillHoles,
-    /// For one part with several kinds of damage.
+    /// Repair one part with several kinds of damage.
     FullRepair,
-    /// For several parts: each is repaired apart and none is lost.
+    /// Repair each of several parts separately, so that no part is lost.
     ConservativeRepair,
-    /// For non-manifold edges and vertices.
+    /// Repair non-manifold edges and vertices.
     ManifoldRepair,
-    /// Basic cleanup, then Blender: for severe damage.
+    /// Basic cleanup, then a remesh with Blender: for severe damage.
     BlenderRemesh,
 }
 
@@ -42,32 +43,34 @@ impl Preset {
     }
 }
 
-/// What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping").
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// The category of a model's damage, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping").
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
 pub enum Category {
-    /// Nothing is wrong.
+    /// No defect.
     Clean,
-    /// Boundaries only, a few.
+    /// Only holes, and few of them.
     Holes,
-    /// Boundaries only, many.
+    /// Only holes, and many of them.
     ManySmallHoles,
     /// Non-manifold edges or vertices.
     NonManifold,
-    /// Faces intersect.
+    /// Intersecting faces.
     SelfIntersecting,
     /// Many parts, most of them open or tiny.
     Fragmented,
     /// More than one part.
     MultipleComponents,
-    /// Faces turned the wrong way, nothing else.
+    /// Only faces with the wrong orientation.
     Orientation,
-    /// Degenerate or duplicate faces, nothing else.
+    /// Only degenerate or duplicate faces.
     Degenerate,
-    /// A surface that encloses nothing, such as terrain or a single wall.
+    /// Open surface that encloses nothing, such as terrain or a single wall.
     OpenSheet,
-    /// Several of these at once.
+    /// Several categories at once.
     Complex,
 }
 
@@ -91,80 +94,92 @@ impl Category {
     }
 }
 
-/// What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// The treatment of open sheets: parts that enclose nothing, such as terrain or a single wall.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum OpenSheets {
-    /// A model that is an open sheet is left; sheets that are parts of another model get a thickness behind their surface where
-    /// nothing else made the model printable.
+    /// Leave a model that is one open sheet. Thicken sheets that are parts of another model, behind their surface, if nothing else
+    /// makes the model printable.
     #[default]
     Auto,
-    /// They are left open.
+    /// Leave sheets open.
     Leave,
-    /// They get a thickness, half of it on either side, and a closed rim.
+    /// Give sheets a thickness, half of it on each side, and close the rim.
     Thicken,
-    /// They are extruded down to a plane below them.
+    /// Extrude sheets down to a plane below them.
     Base,
 }
 
-/// What becomes of parts that overlap.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// The treatment of parts that overlap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Overlaps {
-    /// They become one solid.
+    /// Unite overlapping parts into one solid.
     #[default]
     Union,
-    /// Each is resolved by itself, and what they have in common is left to whoever prints them. The result is then not
-    /// printable, and the report says so.
+    /// Repair each part separately and keep the overlaps, for example if the slicer is to unite them. The report then calls the result
+    /// not printable.
     Keep,
 }
 
-/// What becomes of a file's objects, where its format and that of the result have such.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// The treatment of a file's objects, if the formats of the file and of the result both have objects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Merge {
-    /// Objects that intersect where they stand become one solid, and keep their colours; others stay objects. In 3MF, parts of different
-    /// materials stay parts, and where they overlap one of them gives way.
+    /// Unite objects that intersect in their placed positions into one solid that keeps their colours. Other objects stay separate. In
+    /// 3MF, parts of different materials stay separate too; where they overlap, the later part keeps the shared space.
     #[default]
     Auto,
-    /// Each is repaired by itself and stays an object. Where objects intersect, the result is not printable as it stands.
+    /// Repair each object separately and keep it. If objects intersect, the result is not printable as it is placed.
     None,
-    /// All become one, repaired as a whole.
+    /// Combine all objects into one and repair it as a whole.
     Objects,
 }
 
-/// What a result must be for the repair to succeed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// The result that a repair must reach to succeed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
 pub enum Require {
-    /// The best result is handed out, whatever its outcome.
+    /// Return the best result, whatever its outcome.
     #[default]
     Any,
-    /// The outcome is `already_printable` or `repaired`; otherwise the repair fails and hands out no model.
+    /// Require the outcome `already_printable` or `repaired`. Otherwise the repair fails and returns no model.
     Printable,
 }
 
-/// What is solid, by how many times the surface winds around it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+/// The winding rule: the space that counts as solid, by how often the surface winds around it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
-pub enum InsideRule {
-    /// As the plan's rungs try it: `positive`, and `nonzero` where that is not good.
+pub enum WindingRuleChoice {
+    /// Try both `positive` and `nonzero`, as the plan's strategies order them.
     #[default]
     Auto,
-    /// Once or more outward: a part that is inside out is no material.
+    /// Solid where the surface winds once or more outward. A part that is inside out is not solid.
     Positive,
-    /// Any number of times but none: parts that are inside out are solid too.
+    /// Solid where the winding number is not zero. Parts that are inside out are solid too.
     Nonzero,
-    /// An odd number of times: a solid within a solid is a cavity, whichever way it is turned.
+    /// Solid where the winding number is odd. A solid inside a solid is a cavity, whatever its orientation.
     Odd,
 }
 
 /// The format of the result.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum OutputFormat {
-    /// STL where that says all that the file holds, the input's own format where it does not: with objects, colours or a unit.
+    /// STL if STL can store all that the input holds. The input's own format if the input has objects, colours or a unit.
     #[default]
     Auto,
     /// Binary STL.
@@ -175,27 +190,27 @@ pub enum OutputFormat {
     Ply,
     /// OFF.
     Off,
-    /// Lines `Vertex i x y z` and `Face j v1 v2 v3`.
+    /// Text with lines `Vertex i x y z` and `Face j v1 v2 v3`.
     Mesh,
     /// GLB (binary glTF 2.0), in metres.
     Glb,
-    /// OBJ with its materials and pictures in a ZIP archive.
+    /// OBJ with its materials and textures in a ZIP archive.
     Zip,
     /// 3MF.
     #[serde(rename = "3mf")]
-    #[value(name = "3mf")]
+    #[cfg_attr(feature = "clap", value(name = "3mf"))]
     ThreeMf,
     /// The input's own format.
     Same,
 }
 
 impl OutputFormat {
-    /// The concrete format for an input.
+    /// The file format of the result for an input.
     #[must_use]
     pub fn resolve(self, input: &ReadFile) -> Format {
         match self {
             Self::Auto if input.scene.is_none() => Format::Stl,
-            // Alone it has no materials.
+            // An OBJ file alone has no materials.
             Self::Auto if input.mesh.format == Format::Obj => Format::Zip,
             Self::Stl => Format::Stl,
             Self::Obj => Format::Obj,

@@ -1,25 +1,27 @@
+//! The outcome of a repair and the claims about the returned file.
+
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use crate::inspect::Measures;
 use crate::repair::options::Require;
 
-/// What became of a model, apart from whether the job ran.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+/// The outcome of a repair for the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// The input is printable; its geometry comes back untouched.
+    /// The input is printable; its geometry is returned unchanged.
     AlreadyPrintable,
-    /// The result passes every check, and no red flag is up.
+    /// The result passes every check and has no red flag.
     Repaired,
-    /// The result is better than the input, but fails a check, or passes all of them with a red flag up.
+    /// The result is better than the input, but fails a check or has a red flag.
     PartiallyRepaired,
-    /// Nothing that ran made the model better; the reason is in the report.
+    /// No repair step improved the model; the report gives the reason.
     Unrepairable,
 }
 
 impl Outcome {
-    /// Whether the file that is handed out is printable as it stands, with no red flag.
+    /// Whether the returned file is printable and has no red flag.
     #[must_use]
     pub fn is_printable(self) -> bool {
         matches!(self, Self::AlreadyPrintable | Self::Repaired)
@@ -27,7 +29,7 @@ impl Outcome {
 }
 
 impl Require {
-    /// Whether a result of this outcome is what was asked for.
+    /// Whether a result with this outcome meets the requirement.
     #[must_use]
     pub fn is_met_by(self, outcome: Outcome) -> bool {
         match self {
@@ -37,59 +39,60 @@ impl Require {
     }
 }
 
-/// What is claimed of the file that a repair hands out.
+/// The claims about the file that a repair returns.
 ///
-/// Every surface that tells an outcome takes its claims from here: report, exit codes, messages, webhooks, artifacts, the page and the
-/// widget.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Report, exit codes, messages, webhooks, artifacts, the page and the widget all take their claims from the verdict.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Verdict {
-    /// Whether the file can be printed as it stands: the outcome is `already_printable` or `repaired`.
+    /// Whether the file can be printed as it is: the outcome is `already_printable` or `repaired`.
     pub printable: bool,
-    /// Whether the file's mesh passes every check, as `meshmend inspect` finds on it. With a red flag up a mesh may pass and not be
-    /// `printable`.
+    /// Whether the file's mesh passes every check of `meshmend inspect`. With a red flag, a mesh may pass without being `printable`.
     pub passes: bool,
-    /// The file that is handed out.
-    pub file: HandedOut,
-    /// What was found true of the file's own bytes.
+    /// The file that is returned.
+    pub file: OfferedFile,
+    /// Properties that were verified on the file's own bytes.
     pub proven: Vec<Property>,
 }
 
-/// The file that a repair hands out.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+/// The file that a repair returns.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum HandedOut {
-    /// A result that is better than what came in, or was printable already.
+pub enum OfferedFile {
+    /// A result better than the input, or an input that was already printable.
     Model,
-    /// What came in, since nothing made it better.
+    /// The input, because no repair step improved it.
     Original,
-    /// None: nothing can be written, or the result is not what `require` asks for.
+    /// No file: nothing can be written, or the result does not meet `require`.
     #[default]
     None,
 }
 
 /// A property of a mesh that was checked on a file's own bytes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Property {
-    /// No edge has a face on one side only.
+    /// Every edge has faces on both sides.
     Closed,
-    /// Two faces meet at every edge, and the faces around every vertex are one fan.
+    /// Exactly two faces meet at every edge, and the faces around every vertex form one fan.
     Manifold,
-    /// All faces are turned outward.
+    /// All faces are oriented outward.
     Outward,
     /// No two faces intersect.
     NoIntersections,
 }
 
 impl Property {
-    /// What the measures of a file prove.
+    /// The properties that a file's measures prove.
     pub(super) fn proven_by(measures: &Measures) -> Vec<Self> {
-        let found = [
+        let properties = [
             (Self::Closed, measures.closed),
             (Self::Manifold, measures.manifold),
             (Self::Outward, measures.consistent && measures.outward),
             (Self::NoIntersections, measures.self_intersections.proven_none()),
         ];
-        found.into_iter().filter(|&(_, holds)| holds && measures.faces > 0).map(|(property, _)| property).collect()
+        properties.into_iter().filter(|&(_, holds)| holds && measures.faces > 0).map(|(property, _)| property).collect()
     }
 }

@@ -1,163 +1,170 @@
-//! What was planned, what was done, and the results that were judged.
+//! The repair plan, the steps that were run or skipped, and the results that were judged.
 
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 use super::findings::{OptionNotApplied, RedFlag};
 use crate::repair::change::Change;
 use crate::repair::options::{Category, Operator, Preset};
 use crate::repair::remesher::RemesherInfo;
 
-/// One thing a plan does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+/// An action of a plan, which runs one operator or several.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Action {
-    /// Tier 1: weld, drop degenerate, duplicate and unreferenced (the guide's `trimesh_basic`).
+    /// Tier 1: weld vertices; remove degenerate and duplicate faces and unreferenced vertices (MeshPrep's `trimesh_basic`).
     BasicCleanup,
-    /// Tier 1: consistent and outward normals (`fix_normals`).
+    /// Tier 1: orient faces consistently and outward (MeshPrep's `fix_normals`).
     FixNormals,
-    /// Tier 1: close simple holes (`fill_holes`).
+    /// Tier 1: close simple holes (MeshPrep's `fill_holes`).
     FillHoles,
-    /// Tier 2: close cracks and T-junctions, so that no hole has to be filled there.
+    /// Tier 2: close cracks and T-junctions, so that no hole is filled there.
     Stitch,
-    /// Tier 2: mend everything in one part (`pymeshfix_repair`).
-    Mend,
-    /// Tier 2: mend each part apart (`pymeshfix_repair_conservative`).
-    MendConservative,
-    /// Tier 2: separate non-manifold edges and vertices (`make_manifold`).
+    /// Tier 2: repair one part with several kinds of damage (MeshPrep's `pymeshfix_repair`).
+    FullRepair,
+    /// Tier 2: repair each part separately (MeshPrep's `pymeshfix_repair_conservative`).
+    ConservativeRepair,
+    /// Tier 2: split non-manifold edges and vertices (MeshPrep's `make_manifold`).
     MakeManifold,
-    /// Tier 2: remove what is bad and close the holes, while that makes it better.
+    /// Tier 2: remove defective regions and close the holes, as long as that reduces defects.
     CleanAndPatch,
-    /// Tier 2: make solids of open sheets.
+    /// Tier 2: turn open sheets into solids.
     CloseSheets,
-    /// Tier 2: unite what overlaps, so that no faces intersect.
-    Resolve,
-    /// Tier 2: keep apart by position what was cut apart by index.
-    Separate,
-    /// Remove faces as far as `max_faces` and `max_error` ask for it.
+    /// Tier 2: unite overlapping parts so that no faces intersect.
+    SelfUnion,
+    /// Tier 2: move apart vertices that were split but still share a position.
+    Perturb,
+    /// Tier 1: reduce faces as far as `max_faces` and `max_error` ask.
     Simplify,
-    /// Drop closed parts smaller than `min_part_volume_pct`.
+    /// Tier 1: remove closed parts smaller than `min_part_volume_pct`.
     DropSmallParts,
-    /// Tier 2: make the surface anew around what is inside.
+    /// Tier 2: rebuild the surface around the enclosed space.
     NativeRemesh,
-    /// Tier 3: voxel remesh (`blender_remesh`).
+    /// Tier 3: voxel remesh with Blender (MeshPrep's `blender_remesh`).
     VoxelRemesh,
-    /// Tier 3: boolean union with itself (`blender_make_manifold`).
+    /// Tier 3: boolean union of the mesh with itself in Blender (MeshPrep's `blender_make_manifold`).
     BooleanUnion,
-    /// Write, read back, weld by position and judge.
+    /// Write the result, read it back, weld it by position and judge it.
     Validate,
 }
 
-/// What is to be done, as data: made from the inspection, run afterwards.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// A repair plan: derived from the inspection and the options, and then run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Plan {
-    /// What kind of trouble the model is in.
+    /// The category of the model's damage.
     pub category: Category,
-    /// The preset in force, never `auto`.
+    /// The chosen preset; never `auto`.
     pub preset: Preset,
-    /// Why this preset.
+    /// The reason for the preset.
     pub reason: String,
-    /// The rungs in order; each starts from the input, and the next runs only if the one before was not good enough.
-    pub rungs: Vec<Rung>,
+    /// The strategies in order. Each starts from the input and runs only if the results before it were not good enough.
+    pub strategies: Vec<Strategy>,
 }
 
-/// When a rung runs, given that none before it was good.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+/// The condition for a strategy to run, given that no result before it was good enough.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum When {
-    /// Always.
+    /// Run always.
     #[default]
-    NothingGood,
-    /// When a result before it was open or had lost surface that can be seen: sheets that enclose nothing.
-    SheetsLeft,
-    /// When no result before it is closed.
-    NothingWhole,
+    NothingAcceptable,
+    /// Run if an earlier result was open or had lost visible surface, which points to open sheets.
+    OpenSheetsRemain,
+    /// Run if no earlier result is closed.
+    NothingClosed,
 }
 
-/// One try of a plan.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct Rung {
-    /// When it runs.
+/// One strategy of a plan: a sequence of actions from the input to a result.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Strategy {
+    /// The condition for the strategy to run.
     #[serde(default)]
     pub when: When,
-    /// The highest tier it uses.
+    /// The highest tier that the strategy uses.
     pub tier: u8,
-    /// The preset it comes from.
+    /// The preset that the strategy comes from.
     pub preset: Preset,
-    /// Its actions in order.
+    /// The actions in order.
     pub actions: Vec<PlannedAction>,
 }
 
-/// An action and what it comes to with the options in force.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// An action with the operators that the options leave it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PlannedAction {
     /// The action.
     pub action: Action,
-    /// Its operators in order; none for tier 3, for validation and in an abridged report.
+    /// The operators in order. Empty for tier 3, for validation and in an abridged report.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub operators: Vec<Operator>,
 }
 
-/// How a step ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// The status of a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum StepStatus {
-    /// It ran.
+    /// The step ran.
     Done,
-    /// It ran and made nothing; the note says why.
+    /// The step ran without a result; the note gives the reason.
     Failed,
-    /// It ran, made something worse than it was, and was undone; the note says what.
-    Undone,
-    /// It was not run; the note says why.
+    /// The step ran, made a defect worse, and was undone; the note names the defect.
+    Reverted,
+    /// The step was not run; the note gives the reason.
     Skipped,
 }
 
-/// One operator, remesh or validation that was run or passed over.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// One operator, remesh or validation that was run or skipped.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Step {
-    /// Index of the rung in the plan.
-    pub rung: u32,
+    /// Index of the strategy in the plan.
+    pub strategy: u32,
     /// The tier, 1 to 3; 0 for validation.
     pub tier: u8,
-    /// What it belongs to.
+    /// The action that the step belongs to.
     pub action: Action,
-    /// The operator; none for tier 3 and for validation.
+    /// The operator. Missing for tier 3 and for validation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub operator: Option<Operator>,
-    /// How it ended.
+    /// The status of the step.
     pub status: StepStatus,
-    /// How long it took.
+    /// The duration in milliseconds; 0 if the result was reused from an earlier strategy.
     pub milliseconds: f64,
-    /// What it changed.
+    /// The changes that the step made.
     pub changed: Vec<Change>,
-    /// The farthest that it moved a vertex, in the model's unit.
+    /// The farthest distance that the step moved a vertex, in the model's unit.
     #[serde(default)]
     pub moved: f64,
-    /// Why it failed or was skipped, or what it left, in words.
+    /// Why the step failed or was skipped, or what it could not fix, as text.
     pub note: Option<String>,
-    /// Options that it could follow only in part.
+    /// Options that the step could follow only in part.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub options_not_applied: Vec<OptionNotApplied>,
-    /// Faces that it could not fix.
+    /// Faces that the step could not fix.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unfixed: Option<UnfixedFaces>,
     /// For tier 3: the program that ran.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub program: Option<RemesherInfo>,
-    /// For tier 3: how often the program was started, more than once where it crashed.
+    /// For tier 3: the number of starts of the program; more than one after a crash.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub runs: u32,
-    /// For tier 3: the voxel edge in the model's unit.
+    /// For a remesh: the edge length of the voxels, in the model's unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
 }
 
-/// Faces that an operator could not fix, such as those of which it could not tell the outer side.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+/// Faces that an operator could not fix, such as faces whose outer side it could not determine.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct UnfixedFaces {
-    /// How many.
+    /// Number of faces of the input file.
     pub count: u64,
-    /// The faces of the input file that they come from, by index from 0 and ascending; at most 1000, and none that were made.
+    /// Indices of these faces in the input file, from 0 and ascending; at most 1000. Faces created by the repair are not listed.
     pub faces: Vec<u32>,
 }
 
@@ -166,10 +173,10 @@ fn is_zero(count: &u32) -> bool {
 }
 
 impl Step {
-    /// A step that nothing is known of yet but what it is to do.
-    pub(crate) fn new(rung: u32, tier: u8, action: Action, operator: Option<Operator>) -> Self {
+    /// Makes a step that has not changed anything yet.
+    pub(crate) fn new(strategy: u32, tier: u8, action: Action, operator: Option<Operator>) -> Self {
         Self {
-            rung,
+            strategy,
             tier,
             action,
             operator,
@@ -187,45 +194,51 @@ impl Step {
     }
 }
 
-/// A result that was judged.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+/// A repair result that was judged.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Candidate {
-    /// Index of the rung that made it; none for the input itself.
-    #[schema(required)]
-    pub rung: Option<u32>,
-    /// Whether it passed every check.
+    /// Index of the strategy that made the result; null for the input itself.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub strategy: Option<u32>,
+    /// Whether the result passed every check.
     pub printable: bool,
-    /// How many things are still wrong with it.
+    /// Number of remaining defects.
     pub defects: u64,
-    /// Its faces.
+    /// Number of faces.
     pub faces: u64,
-    /// Its red flags.
+    /// The red flags of the result.
     pub red_flags: Vec<RedFlag>,
-    /// Whether it is the one handed out.
+    /// Whether this result is the returned one.
     pub chosen: bool,
 }
 
 impl Plan {
-    /// A plan without a strategy, and why there is none.
-    pub(crate) fn nothing(reason: &str) -> Self {
-        Self { category: Category::Clean, preset: Preset::BasicCleanup, reason: reason.to_owned(), rungs: Vec::new() }
+    /// Makes a plan without strategies, with the reason for that.
+    pub(crate) fn without_strategies(reason: &str) -> Self {
+        Self {
+            category: Category::Clean,
+            preset: Preset::BasicCleanup,
+            reason: reason.to_owned(),
+            strategies: Vec::new(),
+        }
     }
 
-    /// Leaves out the strategies after the last that ran, and the planned actions of each: the steps name those that did something.
+    /// Removes the strategies after the last that ran, and all planned actions: the steps name the actions that had an effect.
     pub(super) fn abridge(&mut self, steps: &[Step]) {
         let ran =
-            steps.iter().filter(|step| step.status != StepStatus::Skipped).map(|step| step.rung as usize + 1).max();
-        self.rungs.truncate(ran.unwrap_or(0));
-        self.rungs.iter_mut().for_each(|rung| rung.actions.clear());
+            steps.iter().filter(|step| step.status != StepStatus::Skipped).map(|step| step.strategy as usize + 1).max();
+        self.strategies.truncate(ran.unwrap_or(0));
+        self.strategies.iter_mut().for_each(|strategy| strategy.actions.clear());
     }
 }
 
-/// Keeps steps that changed something or went wrong, and of them the first `8 * most`.
+/// Keeps the first `8 * most` steps that changed something or went wrong.
 pub(super) fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
     steps.retain(|step| match step.status {
         StepStatus::Done => !step.changed.is_empty() || step.program.is_some() || step.unfixed.is_some(),
-        StepStatus::Failed | StepStatus::Undone => true,
-        // That there is no Blender is worth knowing.
+        StepStatus::Failed | StepStatus::Reverted => true,
+        // Users should learn that Blender is missing.
         StepStatus::Skipped => step.tier == 3,
     });
     steps.truncate(8 * most);
@@ -234,7 +247,7 @@ pub(super) fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
     }
 }
 
-/// Keeps the chosen candidate and the first `most`; the flags of the chosen one are those of the report.
+/// Keeps the chosen candidate and the first `most` others. The chosen candidate's red flags are already in the report.
 pub(super) fn abridge_candidates(candidates: &mut Vec<Candidate>, most: usize) {
     let mut kept = 0;
     candidates.retain(|candidate| {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use glam::DVec3;
 use manifold_rust::cancel::CancelToken;
 use manifold_rust::manifold::Manifold;
-use manifold_rust::types::{Error, MeshGL64, WindingRule};
+use manifold_rust::types::{Error, MeshGL64, WindingRule as PeerRule};
 
 use meshmend::arrange::{ArrangeError, Arrangement, WindingRule, Rule, Solid};
 use meshmend::context::Context;

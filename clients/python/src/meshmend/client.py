@@ -33,7 +33,7 @@ class Client:
     """A service, and who asks it. Threads may share one.
 
     ``timeout`` is the number of seconds within which a request that fails may be tried again; ``transport`` is httpx'
-    own, for proxies, certificates and tests.
+    own, for proxies, reasons and tests.
     """
 
     def __init__(

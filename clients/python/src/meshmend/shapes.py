@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 from typing_extensions import NotRequired, TypedDict
 
-Action: TypeAlias = Literal['basic_cleanup', 'fix_normals', 'fill_holes', 'stitch', 'mend', 'mend_conservative', 'make_manifold', 'clean_and_patch', 'close_sheets', 'resolve', 'separate', 'simplify', 'drop_small_parts', 'native_remesh', 'voxel_remesh', 'boolean_union', 'validate']
+Action: TypeAlias = Literal['basic_cleanup', 'fix_normals', 'fill_holes', 'stitch', 'full_repair', 'conservative_repair', 'make_manifold', 'clean_and_patch', 'close_sheets', 'self_union', 'perturb', 'simplify', 'drop_small_parts', 'native_remesh', 'voxel_remesh', 'boolean_union', 'validate']
 """One thing a plan does."""
 
 
@@ -78,16 +78,12 @@ Category: TypeAlias = Literal['clean', 'holes', 'many_small_holes', 'non_manifol
 """What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping")."""
 
 
-Certificate: TypeAlias = Literal['duplicate', 'no_volume', 'inside_another', 'debris', 'dropped']
-"""Why an input part of which nothing is in the result is not missed."""
-
-
 class Change(TypedDict):
     """One kind of change that an operator made, such as 12 `duplicate_faces_removed`."""
 
     count: int
     """How many."""
-    what: str
+    kind: str
     """What was changed, as a name for programs."""
 
 
@@ -182,16 +178,12 @@ class Fit(TypedDict):
     """Whether it fits as it stands."""
     build_volume: list[float]
     """Sides of the build volume, in millimetres."""
-    turned: bool
+    rotated: bool
     """Whether it fits in some order of its axes."""
 
 
 Format: TypeAlias = Literal['stl', 'obj', 'ply', 'off', 'mesh', 'glb', '3mf', 'zip']
 """A file format that is both read and written."""
-
-
-HandedOut: TypeAlias = Literal['model', 'original', 'none']
-"""The file that a repair hands out."""
 
 
 class Histogram(TypedDict):
@@ -213,10 +205,6 @@ HoleFilling: TypeAlias = Literal['auto', 'smooth', 'planar', 'sharp']
 """How the triangles of a hole's patch are chosen."""
 
 
-InsideRule: TypeAlias = Literal['auto', 'positive', 'nonzero', 'odd']
-"""What is solid, by how many times the surface winds around it."""
-
-
 JobEvent: TypeAlias = Literal['job.succeeded', 'job.failed', 'job.canceled']
 """What endpoints can be told of."""
 
@@ -227,10 +215,6 @@ JobFile: TypeAlias = Literal['input', 'model']
 
 JobOutcome: TypeAlias = Literal['already_printable', 'repaired', 'partially_repaired', 'unrepairable', 'printable', 'not_printable', 'undecided']
 """What became of a job's model, apart from whether the job ran."""
-
-
-LeftOut: TypeAlias = Literal['input_verification', 'input_details', 'repair', 'verification', 'attributes', 'result_details', 'surface_changes']
-"""Work that the deadline left no time for."""
 
 
 Level: TypeAlias = Literal['none', 'basic', 'full']
@@ -315,7 +299,7 @@ class NewWebhookEndpoint(TypedDict, closed=True):
     """An https address, to which messages are posted."""
 
 
-NoWall: TypeAlias = Literal['no_surface', 'open_surface', 'no_opposite_sides', 'not_printable']
+NoWallReason: TypeAlias = Literal['no_surface', 'open_surface', 'no_opposite_sides', 'not_printable']
 """Why no wall was measured."""
 
 
@@ -323,11 +307,19 @@ NotAppliedCause: TypeAlias = Literal['nothing_to_do', 'limited', 'excluded', 'un
 """The kinds of reason why an option was not applied."""
 
 
+OfferedFile: TypeAlias = Literal['model', 'original', 'none']
+"""The file that a repair hands out."""
+
+
+OmittedSection: TypeAlias = Literal['input_verification', 'input_details', 'repair', 'verification', 'attributes', 'result_details', 'surface_changes']
+"""Work that the deadline left no time for."""
+
+
 OpenSheets: TypeAlias = Literal['auto', 'leave', 'thicken', 'base']
 """What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall."""
 
 
-Operator: TypeAlias = Literal['round_coordinates', 'remove_collapsed_faces', 'merge_vertices', 'weld', 'remove_duplicates', 'remove_caps', 'remove_slivers', 'orient', 'split_t_junctions', 'sew', 'stitch', 'unfold_foldovers', 'remove_overlapping_neighbours', 'remove_sheets_within', 'remove_membranes', 'cut_one_sided', 'cut_apart', 'free_fins', 'join_parts', 'fill_holes', 'clean_and_patch', 'thicken_sheets', 'add_base', 'resolve', 'remesh', 'remove_debris', 'separate', 'drop_small_parts', 'simplify']
+Operator: TypeAlias = Literal['round_coordinates', 'remove_collapsed_faces', 'merge_vertices', 'weld', 'remove_duplicates', 'remove_caps', 'remove_slivers', 'orient', 'split_t_junctions', 'sew', 'stitch', 'unfold_foldovers', 'remove_overlapping_neighbours', 'remove_internal_sheets', 'remove_internal_faces', 'cut_non_orientable', 'split_non_manifold', 'detach_fins', 'join_parts', 'fill_holes', 'clean_and_patch', 'thicken_sheets', 'add_base', 'self_union', 'remesh', 'remove_debris', 'perturb', 'drop_small_parts', 'simplify']
 """The operators by name: what a plan lists, what the options switch on and off, and what the report accounts for."""
 
 
@@ -367,19 +359,8 @@ Overlaps: TypeAlias = Literal['union', 'keep']
 """What becomes of parts that overlap."""
 
 
-class PartCertificate(TypedDict):
-    """A part that is not in the result, and why it is not missed."""
-
-    certificate: Certificate
-    """Why it is not missed."""
-    faces: int
-    """Its faces."""
-    first_face: int
-    """Its first face, by index in the file from 0."""
-    part: int
-    """The part, by number from 0 in the order of the parts' first faces."""
-    samples: int
-    """Points on it that were looked at; 0 where its faces alone tell."""
+PartReason: TypeAlias = Literal['duplicate', 'no_volume', 'inside_another', 'debris', 'dropped']
+"""Why an input part of which nothing is in the result is not missed."""
 
 
 class Place1(TypedDict):
@@ -441,12 +422,27 @@ Property: TypeAlias = Literal['closed', 'manifold', 'outward', 'no_intersections
 class Protection(TypedDict):
     """One wall."""
 
-    by: list[str]
-    """What it is made of."""
     detail: NotRequired[str | None]
     """What is missing and what would give it, or what a person should know."""
-    in_force: bool
+    enforced: bool
     """Whether it held when the service started and tried it."""
+    mechanisms: list[str]
+    """What it is made of."""
+
+
+class Protections(TypedDict):
+    """The walls around each job's processes, as they were tried."""
+
+    files: Protection
+    """Files outside the job's own folder can't be written, and only those of programs can be read."""
+    network: Protection
+    """No connection leads out, not even to this machine."""
+    processes: Protection
+    """No more processes and threads than `max_processes`."""
+    signals: Protection
+    """Processes outside can't be signalled."""
+    system_calls: Protection
+    """Calls that no job needs are refused, leaving the process group among them."""
 
 
 RawModel: TypeAlias = bytes
@@ -462,7 +458,7 @@ class Readiness(TypedDict):
     """Whether all that is needed works."""
 
 
-RedFlagCode: TypeAlias = Literal['face_loss', 'box_change', 'volume_change', 'surface_lost', 'deviation', 'parts_merged', 'part_lost', 'surface_invented', 'objects_intersect', 'vertex_loss']
+RedFlagCode: TypeAlias = Literal['face_loss', 'bounding_box_change', 'volume_change', 'surface_lost', 'deviation', 'parts_merged', 'part_lost', 'surface_invented', 'objects_intersect', 'vertex_loss']
 """The kinds of red flag."""
 
 
@@ -483,6 +479,21 @@ Require: TypeAlias = Literal['any', 'printable']
 
 SandboxMode: TypeAlias = Literal['auto', 'require', 'off']
 """What to do where the kernel can't give every wall."""
+
+
+class SandboxStatus(Protections):
+    """What holds each job's processes, and what they may use."""
+
+    file_bytes: int
+    """Largest file, in bytes."""
+    max_processes: int
+    """Most processes and threads of a job."""
+    memory_bytes: int
+    """Most address space of each process, in bytes."""
+    mode: SandboxMode
+    """What the service was told to do where a wall can't be had."""
+    scratch_bytes: int
+    """Most that a job may write into its folder, in bytes."""
 
 
 Scope: TypeAlias = Literal['jobs:read', 'jobs:write', 'webhooks', 'tokens', 'metrics', 'admin']
@@ -578,7 +589,7 @@ queued -> canceled
 """
 
 
-StepStatus: TypeAlias = Literal['done', 'failed', 'undone', 'skipped']
+StepStatus: TypeAlias = Literal['done', 'failed', 'reverted', 'skipped']
 """How a step ended."""
 
 
@@ -598,7 +609,7 @@ class StreamEvent(TypedDict):
 
 
 class SurfaceShare(TypedDict):
-    """How much surface had one fate."""
+    """How much surface had one provenance."""
 
     area: float
     """Their area, in the square of the model's unit; of a removed face only that of the pieces that are gone."""
@@ -820,7 +831,7 @@ class Verdict(TypedDict):
     widget.
     """
 
-    file: HandedOut
+    file: OfferedFile
     """The file that is handed out."""
     passes: bool
     """
@@ -840,21 +851,6 @@ class Volume(TypedDict):
     """Whether the mesh is closed and consistently oriented, without which the figure means little."""
     value: float
     """Cubic units; negative for a mesh that is inside out."""
-
-
-class Walls(TypedDict):
-    """The walls around each job's processes, as they were tried."""
-
-    files: Protection
-    """Files outside the job's own folder can't be written, and only those of programs can be read."""
-    network: Protection
-    """No connection leads out, not even to this machine."""
-    processes: Protection
-    """No more processes and threads than `max_processes`."""
-    signals: Protection
-    """Processes outside can't be signalled."""
-    system_calls: Protection
-    """Calls that no job needs are refused, leaving the process group among them."""
 
 
 class WebhookArtifact(TypedDict):
@@ -967,8 +963,27 @@ class WebhookSecret(TypedDict):
     """The secret, as libraries for Standard Webhooks take it."""
 
 
-When: TypeAlias = Literal['nothing_good', 'sheets_left', 'nothing_whole']
-"""When a rung runs, given that none before it was good."""
+When: TypeAlias = Literal['nothing_acceptable', 'open_sheets_remain', 'nothing_closed']
+"""When a strategy runs, given that none before it was good."""
+
+
+WindingRuleChoice: TypeAlias = Literal['auto', 'positive', 'nonzero', 'odd']
+"""What is solid, by how many times the surface winds around it."""
+
+
+class AccountedPart(TypedDict):
+    """A part that is not in the result, and why it is not missed."""
+
+    faces: int
+    """Its faces."""
+    first_face: int
+    """Its first face, by index in the file from 0."""
+    part: int
+    """The part, by number from 0 in the order of the parts' first faces."""
+    reason: PartReason
+    """Why it is not missed."""
+    samples: int
+    """Points on it that were looked at; 0 where its faces alone tell."""
 
 
 class ApiKey(TypedDict):
@@ -1171,40 +1186,6 @@ class JobProblem(TypedDict):
     """Where the code is documented."""
 
 
-class Ledger(TypedDict):
-    """
-    What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
-    a certificate, or is lost.
-    """
-
-    certificates: list[PartCertificate]
-    """The parts with a certificate, the first 1000."""
-    changed: int
-    """Parts of which some stands, whole, cut or moved."""
-    debris: int
-    """Parts with the certificate `debris`."""
-    dropped: NotRequired[int]
-    """Parts with the certificate `dropped`."""
-    duplicate: int
-    """Parts with the certificate `duplicate`."""
-    inside_another: int
-    """Parts with the certificate `inside_another`."""
-    kept: int
-    """Parts of which every face with an area stands in the result."""
-    lost: int
-    """Parts with neither: an error of the program."""
-    lost_parts: list[LostPart]
-    """The parts that were lost, the first 1000."""
-    no_volume: int
-    """Parts with the certificate `no_volume`."""
-    parts: int
-    """Parts of the input."""
-    united: int
-    """Of the parts that were kept or changed, those that share a part of the result with another."""
-    unknown: int
-    """Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else."""
-
-
 class LengthUnit(TypedDict):
     """What lengths are in."""
 
@@ -1256,16 +1237,16 @@ class Measures(TypedDict):
     """
     misoriented_edges: int
     """Edges of two faces that both run along it in the same direction."""
-    near_coincident_faults: NotRequired[int]
+    near_coincident_defects: NotRequired[int]
     """
     Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
     or to 1e-7 of the diagonal where that is finer.
     """
-    nonfinite_faces: int
+    non_finite_faces: int
     """Faces with a corner that is not a finite number; they are left out of every other count."""
-    nonmanifold_edges: int
+    non_manifold_edges: int
     """Edges that more than two faces use."""
-    nonmanifold_vertices: int
+    non_manifold_vertices: int
     """Vertices whose faces form more than one fan."""
     outward: bool
     """Closed, manifold, consistent, and no part is inside out."""
@@ -1318,8 +1299,7 @@ Options = TypedDict(
         'degenerate_tolerance': NotRequired[float],
         'fair_patches': NotRequired[bool],
         'hole_filling': NotRequired[HoleFilling],
-        'inside': NotRequired[InsideRule],
-        'max_box_change_pct': NotRequired[float],
+        'max_bounding_box_change_pct': NotRequired[float],
         'max_deviation': NotRequired[float | None],
         'max_error': NotRequired[float | None],
         'max_face_loss_pct': NotRequired[float],
@@ -1357,6 +1337,7 @@ Options = TypedDict(
         'voxel_resolution': NotRequired[int],
         'voxel_size': NotRequired[float | None],
         'weld_tolerance': NotRequired[float],
+        'winding_rule': NotRequired[WindingRuleChoice],
         'with': NotRequired[list[Operator]],
         'without': NotRequired[list[Operator]],
     },
@@ -1366,10 +1347,44 @@ Options = TypedDict(
 class Overhang(TypedDict):
     """Surface that faces down and may need support."""
 
-    beyond: list[OverhangArea]
+    areas: list[OverhangArea]
     """The area that hangs over by more than each of some angles, by rising angle. What lies on the build plate is left out."""
     up: list[float]
     """The direction in which the model is built, of length 1."""
+
+
+class PartAccounting(TypedDict):
+    """
+    What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
+    a reason, or is lost.
+    """
+
+    changed: int
+    """Parts of which some stands, whole, cut or moved."""
+    debris: int
+    """Parts with the reason `debris`."""
+    dropped: NotRequired[int]
+    """Parts with the reason `dropped`."""
+    duplicate: int
+    """Parts with the reason `duplicate`."""
+    inside_another: int
+    """Parts with the reason `inside_another`."""
+    kept: int
+    """Parts of which every face with an area stands in the result."""
+    lost: int
+    """Parts with neither: an error of the program."""
+    lost_parts: list[LostPart]
+    """The parts that were lost, the first 1000."""
+    no_volume: int
+    """Parts with the reason `no_volume`."""
+    parts: int
+    """Parts of the input."""
+    reasons: list[AccountedPart]
+    """The parts with a reason, the first 1000."""
+    united: int
+    """Of the parts that were kept or changed, those that share a part of the result with another."""
+    unknown: int
+    """Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else."""
 
 
 class PrintMeasures(TypedDict):
@@ -1380,7 +1395,7 @@ class PrintMeasures(TypedDict):
     centre_of_mass: NotRequired[list[float] | None]
     """Centre of mass of the enclosed volume; none where that is not reliable or zero."""
     fit: NotRequired[Fit | None]
-    no_wall: NotRequired[NoWall | None]
+    no_wall_reason: NotRequired[NoWallReason | None]
     overhang: Overhang
     """Surface that faces down."""
     size: list[float]
@@ -1482,34 +1497,6 @@ class RepairJobOptions(Options):
     mode: Literal['repair']
 
 
-class Rung(TypedDict):
-    """One try of a plan."""
-
-    actions: list[PlannedAction]
-    """Its actions in order."""
-    preset: Preset
-    """The preset it comes from."""
-    tier: int
-    """The highest tier it uses."""
-    when: NotRequired[When]
-    """When it runs."""
-
-
-class SandboxStatus(Walls):
-    """What holds each job's processes, and what they may use."""
-
-    file_bytes: int
-    """Largest file, in bytes."""
-    max_processes: int
-    """Most processes and threads of a job."""
-    memory_bytes: int
-    """Most address space of each process, in bytes."""
-    mode: SandboxMode
-    """What the service was told to do where a wall can't be had."""
-    scratch_bytes: int
-    """Most that a job may write into its folder, in bytes."""
-
-
 class SetSpacing(TypedDict):
     """Distances from the vertices of each mesh to the nearest point of any other mesh."""
 
@@ -1603,17 +1590,30 @@ class Step(TypedDict):
     options_not_applied: NotRequired[list[OptionNotApplied]]
     """Options that it could follow only in part."""
     program: NotRequired[RemesherInfo | None]
-    rung: int
-    """Index of the rung in the plan."""
     runs: NotRequired[int]
     """For tier 3: how often the program was started, more than once where it crashed."""
     status: StepStatus
     """How it ended."""
+    strategy: int
+    """Index of the strategy in the plan."""
     tier: int
     """The tier, 1 to 3; 0 for validation."""
     unfixed: NotRequired[UnfixedFaces | None]
     voxel_size: NotRequired[float | None]
     """For tier 3: the voxel edge in the model's unit."""
+
+
+class Strategy(TypedDict):
+    """One try of a plan."""
+
+    actions: list[PlannedAction]
+    """Its actions in order."""
+    preset: Preset
+    """The preset it comes from."""
+    tier: int
+    """The highest tier it uses."""
+    when: NotRequired[When]
+    """When it runs."""
 
 
 class Upload(TypedDict):
@@ -1705,8 +1705,8 @@ class Candidate(TypedDict):
     """Whether it passed every check."""
     red_flags: list[RedFlag]
     """Its red flags."""
-    rung: int | None
-    """Index of the rung that made it; none for the input itself."""
+    strategy: int | None
+    """Index of the strategy that made it; none for the input itself."""
 
 
 class Capabilities(TypedDict):
@@ -1741,29 +1741,23 @@ class Changes(TypedDict):
     value is zero or not reliable.
     """
 
+    added: NotRequired[Deviation | None]
     area_change_pct: NotRequired[float | None]
     """Change of the surface area."""
-    box_change_pct: NotRequired[float | None]
+    bounding_box_change_pct: NotRequired[float | None]
     """Largest move of a side of the box around all faces with an area, over its diagonal before."""
-    face_loss_pct: float
-    """Share of the faces lost; negative where faces were added."""
-    faces: int
-    """Faces after minus before."""
-    faces_buried_pct: NotRequired[float | None]
+    enclosed_faces_pct: NotRequired[float | None]
     """
     Of the input's faces that the result has not, the share with the result's material on both sides, in percent: walls inside
     parts that were united. None where the result has no fewer faces, or is not closed.
     """
+    face_loss_pct: float
+    """Share of the faces lost; negative where faces were added."""
+    faces: int
+    """Faces after minus before."""
     faces_kept_pct: float
     """Faces of the input that stand in the result at the same three positions, in percent."""
-    inside_overlap_pct: NotRequired[float | None]
-    """
-    Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
-    where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
-    input, the share of what is inside it that is inside the result.
-    """
     lost: NotRequired[Deviation | None]
-    made: NotRequired[Deviation | None]
     moved: NotRequired[Deviation | None]
     parts: int
     """Parts after minus before."""
@@ -1779,6 +1773,12 @@ class Changes(TypedDict):
     """
     Change of the volume, in percent of what the input encloses once its closed parts look outward; none where that is no more
     than rounding.
+    """
+    volume_overlap_pct: NotRequired[float | None]
+    """
+    Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
+    where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
+    input, the share of what is inside it that is inside the result.
     """
 
 
@@ -1832,8 +1832,8 @@ class Plan(TypedDict):
     """The preset in force, never `auto`."""
     reason: str
     """Why this preset."""
-    rungs: list[Rung]
-    """The rungs in order; each starts from the input, and the next runs only if the one before was not good enough."""
+    strategies: list[Strategy]
+    """The strategies in order; each starts from the input, and the next runs only if the one before was not good enough."""
 
 
 class SetReport(TypedDict):
@@ -1892,19 +1892,19 @@ class ObjectReport(TypedDict):
     candidates: list[Candidate]
     """Every result that was judged; the chosen one is marked."""
     changes: NotRequired[Changes | None]
-    ledger: NotRequired[Ledger | None]
-    left_out: NotRequired[list[LeftOut]]
-    """What the deadline left no time for, in the order of a repair."""
     milliseconds: float
     """Time that it took, in milliseconds."""
     name: NotRequired[str | None]
     """Its name in the file."""
     number: int
     """Its number among the file's objects, from 1."""
+    omitted: NotRequired[list[OmittedSection]]
+    """What the deadline left no time for, in the order of a repair."""
     options_not_applied: NotRequired[list[OptionNotApplied]]
     """Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do."""
     outcome: Outcome
     """What became of it."""
+    part_accounting: NotRequired[PartAccounting | None]
     places: int
     """In how many places it stands."""
     plan: Plan
@@ -1939,13 +1939,12 @@ class Report(TypedDict):
     """Name and version of the engine."""
     input: FileSummary
     """The input file."""
-    ledger: NotRequired[Ledger | None]
-    left_out: NotRequired[list[LeftOut]]
-    """What the deadline left no time for, in the order of a repair; empty where there was time for everything."""
     milliseconds: float
     """Time from first byte read to last byte written, in milliseconds."""
     objects: NotRequired[list[ObjectReport]]
     """Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order."""
+    omitted: NotRequired[list[OmittedSection]]
+    """What the deadline left no time for, in the order of a repair; empty where there was time for everything."""
     options: Options
     """The options that were in force; in an abridged report those that differ from their defaults."""
     options_not_applied: NotRequired[list[OptionNotApplied]]
@@ -1953,6 +1952,7 @@ class Report(TypedDict):
     outcome: Outcome
     """What became of the model."""
     output: FileSummary | None
+    part_accounting: NotRequired[PartAccounting | None]
     plan: Plan
     """What was going to be done, and why."""
     red_flags: list[RedFlag]

@@ -20,7 +20,7 @@ fn colors() -> impl Strategy<Value = [u8; 4]> {
     prop_oneof![any::<[u8; 4]>(), any::<[u8; 3]>().prop_map(|[r, g, b]| [r, g, b, 255])]
 }
 
-/// Few that differ little, so that some are alike.
+/// Few palettes with few differences, so that some are equal.
 fn palettes() -> impl Strategy<Value = Vec<Palette>> {
     let material = ("[ab]?", prop::sample::select(vec![[255; 4], [255, 0, 3, 128]]))
         .prop_map(|(name, color)| Material { name, color });
@@ -113,7 +113,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
     #[test]
-    fn what_is_written_is_read_and_written_alike(scene in scenes()) {
+    fn reading_and_writing_a_written_file_reproduces_it(scene in scenes()) {
         let bytes = write(&scene).expect("few and finite");
         match read(&bytes) {
             Ok(read) => {
@@ -121,14 +121,14 @@ proptest! {
                 let again = write(&read.scene).expect("as before");
                 prop_assert!(again == bytes, "{}\n{}", String::from_utf8_lossy(&bytes), String::from_utf8_lossy(&again));
             }
-            // Nothing with faces stands anywhere.
+            // No object with faces is placed.
             Err(error) => prop_assert_eq!(error.kind, super::super::super::ReadErrorKind::NoFaces),
         }
     }
 
     #[test]
-    fn what_is_read_of_it_is_the_scene_in_metres(mut scene in scenes()) {
-        // Faces without paint stay in order, and what is scaled to nothing is left out.
+    fn reading_a_written_file_gives_the_scene_in_metres(mut scene in scenes()) {
+        // Unpainted faces keep their order, and instances scaled to zero are dropped.
         let nothing = |transform: &DAffine3| transform.matrix3 == glam::DMat3::ZERO;
         scene.items.retain(|item| !nothing(&item.transform));
         for object in &mut scene.objects {
@@ -158,7 +158,7 @@ proptest! {
 }
 
 #[test]
-fn objects_in_objects_without_end_are_refused() {
+fn endlessly_nested_objects_are_rejected() {
     let mesh = PaintedMesh { soup: Soup { positions: vec![DVec3::ZERO], faces: vec![[0; 3]] }, paint: Vec::new() };
     let mut scene = Scene::of_mesh(mesh);
     for below in 0..40 {
@@ -167,14 +167,14 @@ fn objects_in_objects_without_end_are_refused() {
     }
     scene.items = vec![Item::of(40)];
     assert_eq!(write(&scene), Err(WriteError::TooManyParts { parts: 1 << 40, most: 1 << 20 }));
-    // One that is made of itself, against what a scene promises, has no places.
+    // An object that contains itself violates the scene's invariant and has no instances.
     scene.objects[40].shape = Shape::Components(vec![Component { object: 40, transform: DAffine3::IDENTITY }]);
     let bytes = write(&scene).expect("nothing to write");
     assert!(read(&bytes).is_err());
 }
 
 #[test]
-fn what_gltf_can_not_say_is_refused_or_said_otherwise() {
+fn scenes_that_gltf_cannot_store_are_rejected_or_changed() {
     let far = PaintedMesh { soup: Soup { positions: vec![DVec3::X * 1e39], faces: vec![[0; 3]] }, paint: Vec::new() };
     assert_eq!(write(&Scene::of_mesh(far)), Err(WriteError::OutOfRange { vertex: 0, value: 1e39 }));
     let mut scene = Scene::of_mesh(PaintedMesh {

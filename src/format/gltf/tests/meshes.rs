@@ -23,7 +23,7 @@ fn of_indices(bytes: &[u8], component: u32, count: usize, mode: u32) -> Model {
 }
 
 #[test]
-fn indices_of_every_width_are_read_and_none_are_as_vertices_follow() {
+fn indices_of_every_width_are_read_and_may_be_missing() {
     let wide: Vec<u8> = [3_u32, 2, 1].iter().flat_map(|v| v.to_le_bytes()).collect();
     for model in
         [of_indices(&[3, 2, 1], U8, 3, 4), of_indices(&shorts(&[3, 2, 1]), U16, 3, 4), of_indices(&wide, U32, 3, 4)]
@@ -37,14 +37,14 @@ fn indices_of_every_width_are_read_and_none_are_as_vertices_follow() {
 }
 
 #[test]
-fn strips_and_fans_become_triangles_that_are_turned_alike() {
+fn strips_and_fans_become_consistently_oriented_triangles() {
     assert_eq!(soup(&of_indices(&[0, 1, 2, 3, 0], U8, 5, 5)).faces, [[0, 1, 2], [1, 3, 2], [2, 3, 0]]);
     assert_eq!(soup(&of_indices(&[0, 1, 2, 3, 1], U8, 5, 6)).faces, [[1, 2, 0], [2, 3, 0], [3, 1, 0]]);
     assert_eq!(soup(&of_indices(&[0, 1, 2, 2, 3, 3, 0, 1], U8, 8, 5)).faces, [[0, 1, 2], [3, 1, 0]], "joined strips");
 }
 
 #[test]
-fn points_lines_and_what_has_no_positions_are_left_out_with_a_warning() {
+fn points_lines_and_primitives_without_positions_are_dropped_with_a_warning() {
     let mut model = Model::tetrahedron();
     let primitives = model.json["meshes"][0]["primitives"].as_array_mut().expect("a list");
     primitives.push(json!({ "attributes": { "POSITION": 0 }, "mode": 1 }));
@@ -64,7 +64,7 @@ fn primitives_with_the_same_vertices_share_them() {
 }
 
 #[test]
-fn vertices_that_are_not_used_are_left_out_where_they_are_many() {
+fn unused_vertices_are_dropped_if_they_are_many() {
     let many: Vec<f32> = (0..3000).map(|k| k as f32).collect();
     let mut model = Model::tetrahedron();
     let positions = model.accessor(&floats(&many), F32, "VEC3", 1000);
@@ -80,8 +80,8 @@ fn push_primitive(model: &mut Model, primitive: serde_json::Value) {
 }
 
 #[test]
-fn elements_may_be_apart_and_some_may_stand_elsewhere() {
-    // Positions of 12 bytes every 16.
+fn elements_may_have_a_stride_and_sparse_replacements() {
+    // Positions of 12 bytes with a stride of 16.
     let mut model = Model::tetrahedron();
     let apart: Vec<f32> =
         super::CORNERS.chunks(3).flat_map(|p| [p[0] * 2.0, p[1] * 2.0, p[2] * 2.0, f32::NAN]).collect();
@@ -104,7 +104,7 @@ fn elements_may_be_apart_and_some_may_stand_elsewhere() {
 }
 
 #[test]
-fn whole_numbers_are_positions_as_they_are_or_as_fractions() {
+fn integer_positions_are_read_as_integers_or_as_fractions() {
     let bytes: Vec<u8> =
         [[0_i8; 4], [-128, 0, 0, 0], [0, 127, 0, 0], [0, 0, -64, 0]].concat().iter().map(|b| *b as u8).collect();
     for (normalized, expected) in [
@@ -123,7 +123,7 @@ fn whole_numbers_are_positions_as_they_are_or_as_fractions() {
 }
 
 #[test]
-fn a_count_may_be_written_with_a_point() {
+fn a_count_may_be_written_with_a_decimal_point() {
     let model = Model::tetrahedron().with("/accessors/1/count", json!(12.0)).with("/accessors/0/count", json!(4.0));
     assert_eq!(soup(&model).faces.len(), 4);
     Model::tetrahedron()
@@ -133,14 +133,14 @@ fn a_count_may_be_written_with_a_point() {
 }
 
 #[test]
-fn positions_that_are_not_finite_are_passed_on() {
+fn non_finite_positions_are_kept() {
     let mut model = Model::tetrahedron();
     model.bytes[..4].copy_from_slice(&f32::NAN.to_le_bytes());
     assert!(soup(&model).positions[0].x.is_nan());
 }
 
 #[test]
-fn limits_hold_for_all_meshes_together() {
+fn limits_apply_to_all_meshes_together() {
     let mut model = Model::tetrahedron();
     let again = model.json["meshes"][0]["primitives"][0].clone();
     model.json["meshes"] = json!([{ "primitives": [again] }, { "primitives": [again] }]);
@@ -162,7 +162,7 @@ fn positions(model: &Model) -> Vec<DVec3> {
 }
 
 #[test]
-fn a_mesh_morphs_as_far_as_its_weights_say() {
+fn a_mesh_morphs_by_its_weights() {
     let mut model = Model::tetrahedron();
     let shifts = model.accessor(&floats(&[1.0; 12]), F32, "VEC3", 4);
     model.json["meshes"][0]["primitives"][0]["targets"] = json!([{ "NORMAL": 9 }, { "POSITION": shifts }]);
@@ -170,7 +170,7 @@ fn a_mesh_morphs_as_far_as_its_weights_say() {
     assert!(model.read().warnings[0].contains("rest pose"));
     let model = model.with("/meshes/0/weights", json!([1, 0.5]));
     assert_eq!(positions(&model)[1], DVec3::new(1.5, 0.5, 0.5));
-    // A node may say otherwise, and then shows another object.
+    // A node with its own weights shows another object.
     let model = model
         .with("/nodes", json!([{ "mesh": 0 }, { "mesh": 0, "weights": [0, 2] }, { "mesh": 0, "weights": [1, 0.5] }]));
     let scene = model.read().scene;
@@ -179,7 +179,7 @@ fn a_mesh_morphs_as_far_as_its_weights_say() {
     assert_eq!(scene.objects[1].mesh().expect("a mesh").soup.positions[0], DVec3::splat(2.0));
 }
 
-/// A tetrahedron whose corners hang on two joints: the last one on the second, the third on both.
+/// A tetrahedron with two joints: the last corner belongs to the second joint, the third corner to both.
 fn skinned() -> Model {
     let mut model = Model::tetrahedron();
     let joints = model.accessor(&[0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0], U8, "VEC4", 4);
@@ -196,7 +196,7 @@ fn skinned() -> Model {
 }
 
 #[test]
-fn a_skinned_mesh_stands_where_its_joints_hold_it_wherever_its_node_is() {
+fn a_skinned_mesh_is_placed_by_its_joints_not_its_node() {
     let read = skinned().read();
     let placed = read.scene.placed(4).expect("few faces").soup.positions;
     let expected = [DVec3::ZERO, DVec3::X, DVec3::new(2.0, 1.0, 0.0), DVec3::new(4.0, 0.0, 1.0)];
@@ -213,7 +213,7 @@ fn a_skin_on_a_mesh_without_joints_changes_nothing() {
 }
 
 #[test]
-fn skins_that_lack_something_are_refused() {
+fn incomplete_skins_are_rejected() {
     for (pointer, value, words) in [
         ("/skins/0/joints", json!([1]), "joint 1, and its skin has 1"),
         ("/skins/0/joints", json!([1, 2, 0]), "each of its joints"),
@@ -227,7 +227,7 @@ fn skins_that_lack_something_are_refused() {
     }
 }
 
-/// Rows of vertices on a bent sheet, and the faces between them.
+/// A bent grid of vertices, and its faces.
 fn sheet(n: u32) -> (Vec<f32>, Vec<[u32; 3]>) {
     let at = |k: u32| f64::from(k) / f64::from(n);
     let positions = (0..=n)
@@ -248,7 +248,7 @@ fn attribute(of: GeometryAttributeType, width: u8, kind: DataType, bytes: &[u8],
     attribute
 }
 
-/// A sheet, packed. Attribute 0 has positions, attribute 1 a colour for each vertex.
+/// A grid compressed with Draco. Attribute 0 has positions, attribute 1 vertex colours.
 fn packed(n: u32, options: &EncoderOptions) -> Vec<u8> {
     let (positions, faces) = sheet(n);
     let count = positions.len() / 3;
@@ -268,7 +268,7 @@ fn packed(n: u32, options: &EncoderOptions) -> Vec<u8> {
     out.data().to_vec()
 }
 
-/// By rows of faces as they come, by the usual way around, and by the closest one.
+/// The grid encoded sequentially, with the default options, and with the highest compression level.
 fn all_ways(n: u32) -> Vec<Vec<u8>> {
     let mut in_order = EncoderOptions::new();
     in_order.set_encoding_method(0);
@@ -277,7 +277,7 @@ fn all_ways(n: u32) -> Vec<Vec<u8>> {
     [in_order, EncoderOptions::new(), close].iter().map(|options| packed(n, options)).collect()
 }
 
-/// A file with a sheet that is packed so.
+/// A file with a compressed grid.
 fn model(data: &[u8]) -> Model {
     let mut model = Model::empty();
     let view = model.view(data);
@@ -293,7 +293,7 @@ fn model(data: &[u8]) -> Model {
 }
 
 #[test]
-fn packed_primitives_are_unpacked() {
+fn compressed_primitives_are_decoded() {
     let (positions, faces) = sheet(8);
     let middle = |corners: [DVec3; 3]| corners.iter().sum::<DVec3>() / 3.0;
     let at = |v: u32| DVec3::from_array([0, 1, 2].map(|k| f64::from(positions[3 * v as usize + k])));
@@ -314,7 +314,7 @@ fn packed_primitives_are_unpacked() {
 }
 
 #[test]
-fn packed_data_that_lacks_an_attribute_is_refused() {
+fn compressed_data_without_a_declared_attribute_is_rejected() {
     let data = all_ways(2).remove(1);
     let model =
         model(&data).with("/meshes/0/primitives/0/extensions/KHR_draco_mesh_compression/attributes/COLOR_0", json!(7));
@@ -322,11 +322,11 @@ fn packed_data_that_lacks_an_attribute_is_refused() {
 }
 
 #[test]
-fn packed_data_that_is_damaged_anywhere_is_answered() {
+fn compressed_data_with_any_damage_gives_a_result_or_an_error() {
     for data in all_ways(4) {
         for end in 0..data.len() {
             let answer = read(&model(&data[..end]).glb());
-            // The last bytes may be of no use.
+            // The last bytes may be unused.
             assert!(answer.is_err() || end > data.len() / 2, "{end} of {} bytes were enough", data.len());
         }
         for at in 0..data.len() {
@@ -344,7 +344,7 @@ fn packed_data_that_is_damaged_anywhere_is_answered() {
 }
 
 #[test]
-fn packed_data_is_unpacked_within_the_limits() {
+fn compressed_data_is_decoded_within_the_limits() {
     for data in all_ways(8) {
         let bytes = model(&data).glb();
         assert!(read_within(&bytes, Limits { max_faces: 128, max_vertices: 81, ..Limits::default() }).is_ok());

@@ -1,4 +1,4 @@
-//! Reading, writing, and what is refused; each test makes its own file.
+//! Reading, writing and rejecting glTF; each test builds its own file.
 
 mod cycle;
 mod meshes;
@@ -6,7 +6,7 @@ mod scenes;
 
 use serde_json::{Value, json};
 
-use super::super::errors::Place;
+use super::super::errors::FileLocation;
 use super::super::sidecar::Sidecars;
 use super::super::{Format, Limits, ReadError, ReadErrorKind, ReadOptions, ReadScene};
 use super::container::assemble;
@@ -17,25 +17,25 @@ const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
 
-/// The corners of a tetrahedron, and its faces, turned outward.
+/// The corners of a tetrahedron, and its outward-facing faces.
 const CORNERS: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 const FACES: [u16; 12] = [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3];
 
-/// A file in the making.
+/// A file under construction.
 struct Model {
     json: Value,
     bytes: Vec<u8>,
 }
 
 impl Model {
-    /// Without anything in it.
+    /// A document without content.
     fn empty() -> Self {
         let json =
             json!({ "asset": { "version": "2.0" }, "accessors": [], "bufferViews": [], "meshes": [], "nodes": [] });
         Self { json, bytes: Vec::new() }
     }
 
-    /// A tetrahedron at the origin: accessor 0 has its corners, accessor 1 its faces.
+    /// A tetrahedron at the origin: accessor 0 holds its corners, accessor 1 its faces.
     fn tetrahedron() -> Self {
         let mut model = Self::empty();
         model.accessor(&floats(&CORNERS), F32, "VEC3", 4);
@@ -46,7 +46,7 @@ impl Model {
         model
     }
 
-    /// The document with something changed, by the place of a member and its new value.
+    /// The document with the value at a JSON pointer changed.
     fn with(mut self, pointer: &str, value: Value) -> Self {
         let (parent, name) = pointer.rsplit_once('/').expect("a path");
         match self.json.pointer_mut(parent).expect("a member") {
@@ -56,7 +56,7 @@ impl Model {
         self
     }
 
-    /// A view of bytes that are put into the buffer.
+    /// Appends bytes to the buffer and adds a buffer view of them.
     fn view(&mut self, bytes: &[u8]) -> usize {
         let view = json!({ "buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len() });
         self.bytes.extend_from_slice(bytes);
@@ -105,11 +105,11 @@ fn shorts(values: &[u16]) -> Vec<u8> {
 }
 
 fn read(bytes: &[u8]) -> Result<ReadScene, ReadError> {
-    super::read(bytes, &ReadOptions::default(), &Sidecars::nothing())
+    super::read(bytes, &ReadOptions::default(), &Sidecars::none())
 }
 
 fn read_within(bytes: &[u8], limits: Limits) -> Result<ReadScene, ReadError> {
-    super::read(bytes, &ReadOptions::within(limits), &Sidecars::nothing())
+    super::read(bytes, &ReadOptions::within(limits), &Sidecars::none())
 }
 
 #[track_caller]
@@ -123,7 +123,7 @@ fn assert_refused(bytes: &[u8], kind: ReadErrorKind, words: &str) {
     }
 }
 
-/// A file of these chunks, whatever they are.
+/// A GLB file with these chunks, valid or not.
 fn file(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
     let mut bytes = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
     for (kind, chunk) in chunks {
@@ -136,7 +136,7 @@ fn file(chunks: &[(&[u8; 4], &[u8])]) -> Vec<u8> {
     bytes
 }
 
-/// The document and the bytes of a tetrahedron.
+/// The JSON and the binary data of a tetrahedron.
 fn parts() -> (Vec<u8>, Vec<u8>) {
     let mut model = Model::tetrahedron();
     model.json["buffers"] = json!([{ "byteLength": model.bytes.len() }]);
@@ -146,7 +146,7 @@ fn parts() -> (Vec<u8>, Vec<u8>) {
 }
 
 #[test]
-fn chunks_of_unknown_kinds_are_passed_over() {
+fn chunks_of_unknown_types_are_skipped() {
     let (text, bytes) = parts();
     let read = read(&file(&[(b"JSON", &text), (b"BIN\0", &bytes), (b"XYZ1", b"abcd"), (b"XYZ2", b"")])).expect("sound");
     assert_eq!((read.format, read.dialect.as_str(), read.warnings), (Format::Glb, "GLB", Vec::new()));
@@ -154,7 +154,7 @@ fn chunks_of_unknown_kinds_are_passed_over() {
 }
 
 #[test]
-fn chunks_in_another_order_are_refused_where_they_stand() {
+fn chunks_in_the_wrong_order_are_rejected_at_their_byte() {
     let (text, bytes) = parts();
     let (json, binary) = ((b"JSON", &text[..]), (b"BIN\0", &bytes[..]));
     let second = 20 + text.len();
@@ -167,13 +167,17 @@ fn chunks_in_another_order_are_refused_where_they_stand() {
         (&[json, (b"XYZ1", b"abcd"), binary], second + 12, "not its second chunk"),
     ] {
         let error = read(&file(chunks)).expect_err("out of order");
-        assert_eq!((error.kind, error.place), (ReadErrorKind::Malformed, Some(Place::Byte(at as u64))), "{error}");
+        assert_eq!(
+            (error.kind, error.place),
+            (ReadErrorKind::Malformed, Some(FileLocation::Byte(at as u64))),
+            "{error}"
+        );
         assert!(error.detail.contains(words), "{error}");
     }
 }
 
 #[test]
-fn a_file_that_is_cut_off_anywhere_is_refused() {
+fn a_file_truncated_anywhere_is_rejected() {
     let whole = Model::tetrahedron().glb();
     for end in 4..whole.len() {
         let error = read(&whole[..end]).expect_err("cut off");
@@ -182,7 +186,7 @@ fn a_file_that_is_cut_off_anywhere_is_refused() {
 }
 
 #[test]
-fn lengths_that_lie_are_refused() {
+fn wrong_lengths_are_rejected() {
     let whole = Model::tetrahedron().glb();
     let changed = |at: usize, value: u32| {
         let mut bytes = whole.clone();
@@ -198,7 +202,7 @@ fn lengths_that_lie_are_refused() {
 }
 
 #[test]
-fn what_is_sound_but_odd_is_read_with_a_warning() {
+fn odd_but_valid_files_are_read_with_a_warning() {
     let (text, bytes) = parts();
     let longer = [&bytes[..], &[0; 12]].concat();
     let unaligned = [&text[..], b" "].concat();
@@ -218,7 +222,7 @@ fn what_is_sound_but_odd_is_read_with_a_warning() {
 }
 
 #[test]
-fn json_with_its_buffer_in_it_is_read() {
+fn json_with_an_embedded_buffer_is_read() {
     use base64::Engine;
 
     let model = Model::tetrahedron();
@@ -240,18 +244,18 @@ fn json_with_its_buffer_in_it_is_read() {
 }
 
 #[test]
-fn a_document_that_is_no_json_is_refused_at_its_byte_or_line() {
+fn malformed_json_is_rejected_at_its_byte_or_line() {
     let (_, bytes) = parts();
     let error =
         read(&file(&[(b"JSON", b"{\n \"asset\": {\"version\": 2}}   "), (b"BIN\0", &bytes)])).expect_err("a number");
-    assert!(matches!(error.place, Some(Place::Byte(44..=45))), "{error}");
+    assert!(matches!(error.place, Some(FileLocation::Byte(44..=45))), "{error}");
     let error = read(b"{\n \"asset\": {\"version\": 2}}").expect_err("a number");
-    assert_eq!(error.place, Some(Place::Line(2)), "{error}");
+    assert_eq!(error.place, Some(FileLocation::Line(2)), "{error}");
     assert!(error.detail.contains("expected a text") && !error.detail.contains(" column "), "{error}");
 }
 
 #[test]
-fn other_versions_are_refused_by_name() {
+fn other_versions_are_rejected_by_name() {
     let of = |version: &str, least: Option<&str>| {
         Model::tetrahedron().with("/asset", json!({ "version": version, "minVersion": least }))
     };
@@ -261,7 +265,7 @@ fn other_versions_are_refused_by_name() {
 }
 
 #[test]
-fn extensions_are_refused_where_required_and_told_where_used() {
+fn required_extensions_are_rejected_and_used_ones_reported() {
     let model = Model::tetrahedron().with("/extensionsUsed", json!(["EXT_mesh_gpu_instancing", "KHR_materials_unlit"]));
     let read = model.read();
     assert_eq!(read.warnings.len(), 1);
@@ -273,7 +277,7 @@ fn extensions_are_refused_where_required_and_told_where_used() {
 }
 
 #[test]
-fn members_that_lie_are_refused() {
+fn wrong_members_are_rejected() {
     for (pointer, value, kind, words) in [
         ("/accessors/0/count", json!(5), Truncated, "accessor 0 has 5 elements"),
         ("/accessors/0/count", json!(u32::MAX), Truncated, "4294967295 elements"),
@@ -305,19 +309,19 @@ fn members_that_lie_are_refused() {
 }
 
 #[test]
-fn indices_beyond_the_vertices_are_refused_where_they_stand() {
+fn indices_out_of_range_are_rejected_at_their_byte() {
     let mut model = Model::tetrahedron();
     model.bytes[48 + 10] = 9;
     let error = read(&model.glb()).expect_err("vertex 9");
     assert_eq!(error.kind, IndexOutOfRange);
-    let Some(Place::Byte(at)) = error.place else { panic!("{error}") };
+    let Some(FileLocation::Byte(at)) = error.place else { panic!("{error}") };
     assert_eq!(model.glb()[at as usize], 9);
     model.bytes[48 + 10..48 + 12].copy_from_slice(&[255, 255]);
     model.assert_refused(IndexOutOfRange, "largest of its type");
 }
 
 #[test]
-fn sparse_elements_that_are_not_there_are_refused() {
+fn sparse_indices_out_of_range_are_rejected() {
     let of = |numbers: &[u8], sparse_count: usize| {
         let mut model = Model::tetrahedron();
         let (numbers, values) = (model.view(numbers), model.view(&floats(&[0.0; 6])));
@@ -334,7 +338,7 @@ fn sparse_elements_that_are_not_there_are_refused() {
     of(&[1, 2], usize::try_from(u32::MAX).expect("64 bits")).assert_refused(Malformed, "not enough bytes");
 }
 
-/// The model's positions or indices without any bytes, so many.
+/// A model whose positions or indices have a count but no data.
 fn of_zeros(accessor: usize, count: u32) -> Model {
     let mut model = Model::tetrahedron();
     let entry = model.json["accessors"][accessor].as_object_mut().expect("an object");
@@ -344,7 +348,7 @@ fn of_zeros(accessor: usize, count: u32) -> Model {
 }
 
 #[test]
-fn zeros_that_cost_no_byte_are_believed_up_to_the_length_of_the_file() {
+fn zero_elements_without_data_are_limited_by_the_file_size() {
     for accessor in [0, 1] {
         assert_eq!(of_zeros(accessor, 12).read().scene.objects.len(), 1);
         of_zeros(accessor, 1 << 31).assert_refused(TooLarge, "2147483648 elements without data");
@@ -353,7 +357,7 @@ fn zeros_that_cost_no_byte_are_believed_up_to_the_length_of_the_file() {
 }
 
 #[test]
-fn the_same_bytes_used_over_and_over_are_bounded_by_the_limits() {
+fn repeated_use_of_the_same_bytes_is_limited() {
     let mut model = Model::tetrahedron();
     let primitive = model.json["meshes"][0]["primitives"][0].clone();
     model.json["meshes"] = vec![json!({ "primitives": [primitive] }); 1000].into();
@@ -361,7 +365,7 @@ fn the_same_bytes_used_over_and_over_are_bounded_by_the_limits() {
     let limits = Limits { max_faces: 3000, ..Limits::default() };
     assert_eq!(read_within(&model.glb(), limits).expect_err("4000 faces").kind, TooLarge);
 
-    // Sparse elements, of which each use costs and none is counted as a vertex.
+    // Sparse elements cost work on each use, but do not count as vertices.
     let (numbers, values) = (model.view(&[0, 1, 2, 3]), model.view(&floats(&[0.0; 12])));
     model.json["accessors"][0]["sparse"] = json!({
         "count": 4, "indices": { "bufferView": numbers, "componentType": U8 }, "values": { "bufferView": values },
@@ -376,7 +380,7 @@ fn the_same_bytes_used_over_and_over_are_bounded_by_the_limits() {
 }
 
 #[test]
-fn pictures_over_each_other_are_refused() {
+fn overlapping_images_are_rejected() {
     let mut model = Model::tetrahedron();
     let places = model.accessor(&floats(&[0.0; 8]), F32, "VEC2", 4);
     let picture = [b"\xFF\xD8\xFF".repeat(1000), vec![0; 100_000]].concat();
@@ -398,7 +402,7 @@ fn pictures_over_each_other_are_refused() {
 }
 
 #[test]
-fn documents_that_are_deep_or_long_are_answered() {
+fn deep_or_long_documents_give_a_result_or_an_error() {
     let deep =
         format!("{{\"asset\": {{\"version\": \"2.0\"}}, \"x\": {}1{}}}", "[".repeat(100_000), "]".repeat(100_000));
     assert_refused(deep.as_bytes(), ReadErrorKind::NoFaces, "no mesh");
@@ -406,7 +410,7 @@ fn documents_that_are_deep_or_long_are_answered() {
     assert_refused(deep.as_bytes(), Malformed, "can't be read");
     let long = format!("{{\"asset\": {{\"version\": \"2.0\"}}, \"x\": [{}0]}}", "0,".repeat(17 << 20));
     assert_refused(long.as_bytes(), TooLarge, "longer than");
-    // Texts may be long, as buffers are.
+    // Strings may be long, because they hold buffers.
     let text = format!("{{\"asset\": {{\"version\": \"2.0\"}}, \"x\": \"{}\\\"\"}}", "A".repeat(34 << 20));
     assert_refused(text.as_bytes(), ReadErrorKind::NoFaces, "no mesh");
     for bad in ["NaN", "1e999", "Infinity", "\"1\"", "null"] {
@@ -417,7 +421,7 @@ fn documents_that_are_deep_or_long_are_answered() {
 }
 
 #[test]
-fn a_file_with_any_one_byte_changed_is_answered() {
+fn a_file_with_any_byte_changed_gives_a_result_or_an_error() {
     let whole = Model::tetrahedron().glb();
     for at in 0..whole.len() {
         for value in [0, b'9', b'"', b'{', b']', b',', b'-', 0x7F, 0xFF] {

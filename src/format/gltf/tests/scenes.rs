@@ -9,14 +9,14 @@ fn of_nodes(nodes: Value) -> Model {
     Model::tetrahedron().with("/nodes", nodes)
 }
 
-/// Where the corner (1, 2, 3) of each item comes to.
+/// The placed corner (1, 2, 3) of each item.
 fn corners(model: &Model) -> Vec<DVec3> {
     let scene = model.read().scene;
     scene.items.iter().map(|item| item.transform.transform_point3(DVec3::new(1.0, 2.0, 3.0))).collect()
 }
 
 #[test]
-fn coordinates_are_kept_and_the_scene_says_that_y_is_up() {
+fn coordinates_are_kept_and_the_scene_has_y_up() {
     let scene = Model::tetrahedron().read().scene;
     assert_eq!((scene.unit, scene.up), (Some(Unit::Metre), Some(Up::Y)));
     let mesh = scene.objects[0].mesh().expect("a mesh");
@@ -35,7 +35,7 @@ fn transforms_of_ancestors_are_multiplied_in_order() {
         { "children": [2], "rotation": [0, 0, half, half] },
         { "mesh": 0, "name": "leaf", "scale": [2, 1, 1] },
     ]));
-    // (1, 2, 3), doubled in x, turned about z, and shifted.
+    // (1, 2, 3), doubled in x, rotated about z, and translated.
     let [corner] = corners(&model)[..] else { panic!("one item") };
     assert!(corner.abs_diff_eq(DVec3::new(8.0, 2.0, 3.0), 1e-12), "{corner}");
     assert_eq!(model.read().scene.items[0].name.as_deref(), Some("leaf"));
@@ -44,7 +44,7 @@ fn transforms_of_ancestors_are_multiplied_in_order() {
 }
 
 #[test]
-fn a_mesh_in_several_places_is_one_object_and_items_are_in_depth_first_order() {
+fn a_mesh_with_several_nodes_is_one_object_and_items_are_depth_first() {
     let model = of_nodes(json!([
         { "mesh": 0, "name": "c" },
         { "mesh": 0, "name": "a", "children": [3, 2] },
@@ -61,7 +61,7 @@ fn a_mesh_in_several_places_is_one_object_and_items_are_in_depth_first_order() {
 }
 
 #[test]
-fn without_a_default_the_first_scene_is_read_and_without_scenes_all_roots() {
+fn the_first_scene_is_the_default_and_without_scenes_all_roots_are_read() {
     let nodes =
         json!([{ "mesh": 0, "name": "x", "children": [1] }, { "mesh": 0, "name": "y" }, { "mesh": 0, "name": "z" }]);
     assert_eq!(of_nodes(nodes.clone()).read().scene.items.len(), 3);
@@ -70,7 +70,7 @@ fn without_a_default_the_first_scene_is_read_and_without_scenes_all_roots() {
 }
 
 #[test]
-fn nodes_that_are_no_tree_are_refused() {
+fn nodes_that_form_no_tree_are_rejected() {
     for (nodes, words) in [
         (json!([{ "mesh": 0, "children": [0] }]), "own ancestors"),
         (json!([{ "mesh": 0, "children": [1] }, { "children": [2] }, { "children": [1] }]), "two parents"),
@@ -90,7 +90,7 @@ fn nodes_that_are_no_tree_are_refused() {
 }
 
 #[test]
-fn no_depth_of_nodes_is_too_much() {
+fn nodes_may_be_nested_to_any_depth() {
     let mut nodes: Vec<Value> =
         (1..100_000).map(|child| json!({ "children": [child], "translation": [0, 0, -1] })).collect();
     nodes.push(json!({ "mesh": 0 }));
@@ -98,7 +98,7 @@ fn no_depth_of_nodes_is_too_much() {
 }
 
 #[test]
-fn a_million_nodes_without_a_mesh_are_read_and_more_are_refused() {
+fn a_million_nodes_without_a_mesh_are_read_and_more_are_rejected() {
     let of = |count: usize| {
         let mut model = Model::empty();
         model.json["nodes"] = vec![json!({}); count].into();
@@ -109,7 +109,7 @@ fn a_million_nodes_without_a_mesh_are_read_and_more_are_refused() {
 }
 
 #[test]
-fn nodes_that_are_scaled_to_nothing_are_left_out() {
+fn nodes_with_a_scale_of_zero_are_dropped() {
     let read = of_nodes(json!([{ "mesh": 0, "scale": [0, 0, 0] }, { "mesh": 0, "scale": [-1, 1, 1] }])).read();
     assert_eq!(read.scene.items.len(), 1);
     assert_eq!(read.scene.items[0].transform.matrix3.x_axis, -DVec3::X);
@@ -117,7 +117,7 @@ fn nodes_that_are_scaled_to_nothing_are_left_out() {
 }
 
 #[test]
-fn a_scene_without_triangles_is_refused() {
+fn a_scene_without_triangles_is_rejected() {
     of_nodes(json!([])).assert_refused(ReadErrorKind::NoFaces, "scene shows no triangles");
     let dots = Model::tetrahedron().with("/meshes/0/primitives/0/mode", json!(0));
     dots.assert_refused(ReadErrorKind::NoFaces, "points or lines");
@@ -140,7 +140,7 @@ fn with_attribute(name: &str, bytes: &[u8], component: u32, shape: &str) -> Mode
     model
 }
 
-/// A tetrahedron with a picture, whose corners are at these places in it.
+/// A textured tetrahedron with these texture coordinates.
 fn with_picture(places: &[f32; 8], picture: &[u8]) -> Model {
     let mut model = with_attribute("TEXCOORD_0", &floats(places), F32, "VEC2");
     let view = model.view(picture);
@@ -174,7 +174,7 @@ fn a_material_is_kept_by_name_and_colour() {
 }
 
 #[test]
-fn materials_in_the_old_way_have_their_diffuse_colour() {
+fn specular_glossiness_materials_have_their_diffuse_colour() {
     let old =
         json!({ "KHR_materials_pbrSpecularGlossiness": { "diffuseFactor": [0, 1, 0, 1], "glossinessFactor": 0 } });
     let model = Model::tetrahedron()
@@ -185,7 +185,7 @@ fn materials_in_the_old_way_have_their_diffuse_colour() {
 }
 
 #[test]
-fn colours_of_vertices_are_turned_to_srgb_and_multiplied_with_the_material() {
+fn vertex_colours_are_converted_to_srgb_and_multiplied_with_the_material() {
     let half = 0.2122_f32;
     let four: Vec<f32> = [[1.0, 0.0, half], [half; 3], [0.0; 3], [1.0; 3]].concat();
     let scene = with_attribute("COLOR_0", &floats(&four), F32, "VEC3").read().scene;
@@ -206,7 +206,7 @@ fn colours_of_vertices_are_turned_to_srgb_and_multiplied_with_the_material() {
 }
 
 #[test]
-fn a_picture_is_kept_with_its_places_counted_from_below() {
+fn a_texture_is_kept_with_its_origin_in_the_lower_left_corner() {
     let read = with_picture(&[0.0, 0.0, 1.0, 0.25, 0.5, -1.0, 0.0, 1.0], PNG).read();
     let scene = read.scene;
     let [Palette::Textured { texture: 0, name, tint, places }] = &scene.palettes[..] else {
@@ -222,20 +222,20 @@ fn a_picture_is_kept_with_its_places_counted_from_below() {
 }
 
 #[test]
-fn places_are_transformed_as_the_material_says() {
+fn texture_coordinates_are_transformed_by_the_material() {
     let transform = json!({ "KHR_texture_transform": { "offset": [0.5, 0.25], "rotation": std::f64::consts::FRAC_PI_2, "scale": [2, 4] } });
     let model = with_picture(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0], PNG)
         .with("/materials/0/pbrMetallicRoughness/baseColorTexture/extensions", transform);
     let scene = model.read().scene;
     let Palette::Textured { places, .. } = &scene.palettes[0] else { panic!("{:?}", scene.palettes) };
-    // u goes up the picture by 2 after a quarter turn, v to the right by 4.
+    // After a quarter turn, u runs up the texture with scale 2, v to the right with scale 4.
     for (found, expected) in places.iter().zip([[0.5, 0.75], [0.5, 2.75], [4.5, 0.75]]) {
         assert!((found[0] - expected[0]).abs() < 1e-9 && (found[1] - expected[1]).abs() < 1e-9, "{places:?}");
     }
 }
 
 #[test]
-fn another_set_of_places_is_taken_where_the_material_names_it() {
+fn the_material_selects_the_texture_coordinate_set() {
     let mut model = with_picture(&[0.0; 8], PNG);
     let second = model.accessor(&shorts(&[65535, 0, 0, 0, 0, 0, 0, 0]), U16, "VEC2", 4);
     model.json["accessors"][second]["normalized"] = json!(true);
@@ -247,7 +247,7 @@ fn another_set_of_places_is_taken_where_the_material_names_it() {
 }
 
 #[test]
-fn of_picture_and_colours_the_picture_is_kept_with_a_warning() {
+fn a_texture_takes_precedence_over_vertex_colours_with_a_warning() {
     let mut model = with_picture(&[0.0; 8], PNG);
     let colors = model.accessor(&[255; 16], U8, "VEC4", 4);
     model.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = colors.into();
@@ -257,7 +257,7 @@ fn of_picture_and_colours_the_picture_is_kept_with_a_warning() {
 }
 
 #[test]
-fn a_picture_that_can_not_be_kept_leaves_the_material_with_a_warning() {
+fn a_texture_that_cannot_be_kept_leaves_the_material_with_a_warning() {
     let elsewhere = with_picture(&[0.0; 8], PNG).with("/images", json!([{ "uri": "skin.png" }]));
     let webp = with_picture(&[0.0; 8], b"RIFF....WEBP");
     let by_extension = with_picture(&[0.0; 8], PNG).with("/textures", json!([{ "extensions": {} }]));
@@ -270,7 +270,7 @@ fn a_picture_that_can_not_be_kept_leaves_the_material_with_a_warning() {
 }
 
 #[test]
-fn other_pictures_are_left_out_with_one_warning() {
+fn other_textures_are_dropped_with_one_warning() {
     let model = with_picture(&[0.0; 8], PNG)
         .with("/materials/0/normalTexture", json!({ "index": 0 }))
         .with("/materials/0/emissiveTexture", json!({ "index": 0 }));
@@ -280,7 +280,7 @@ fn other_pictures_are_left_out_with_one_warning() {
 }
 
 #[test]
-fn a_picture_in_an_address_is_kept() {
+fn a_texture_in_a_data_uri_is_kept() {
     let model = with_picture(&[0.0; 8], PNG).with("/images", json!([{ "uri": "data:image/jpeg;base64,/9j/4A==" }]));
     let scene = model.read().scene;
     assert_eq!(

@@ -1,26 +1,28 @@
-//! What is bad about a surface that is being patched, and the regions of it that are to be removed.
+//! Finds the defects of a surface that is being patched, and the regions to remove.
 
 use crate::inspect::{Analysis, doubled_areas, intersections};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
 use crate::repair::{Cancelled, Context};
 
-/// The origin of a face of a patch.
+/// The origin of a face that belongs to a patch.
 pub(super) const NEW: u32 = u32::MAX;
-/// No region.
+/// The value that stands for no region.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// A surface on its way, with what it was.
+/// A partly patched surface, with the origin of its faces in the input.
 #[derive(Clone)]
-pub(super) struct Patching {
+pub(super) struct PatchedSurface {
+    /// The surface with the patches so far.
     pub surface: Surface,
-    /// For each face the face of the input that it is, or [`NEW`].
+    /// For each face its index in the input, or [`NEW`].
     pub origin: Vec<u32>,
-    /// Of the input: the part of each face, and the faces of each part.
+    /// The part of each face of the input, and the number of faces of each part.
     input_parts: Parts,
     input_sizes: Vec<u64>,
 }
 
-impl Patching {
+impl PatchedSurface {
+    /// Starts with the input surface.
     pub fn new(input: &Surface) -> Self {
         let input_parts = Parts::new(input, &Edges::new(&input.faces));
         let mut input_sizes = vec![0; input_parts.count];
@@ -32,15 +34,17 @@ impl Patching {
         Self { surface: input.clone(), origin, input_parts, input_sizes }
     }
 
+    /// The part of a face of the input.
     pub fn input_part(&self, face: u32) -> u32 {
         self.input_parts.of_face[face as usize]
     }
 
+    /// The number of faces of a part of the input.
     pub fn input_faces(&self, part: usize) -> u64 {
         self.input_sizes[part]
     }
 
-    /// Faces of each part of the input that are gone.
+    /// For each part of the input the number of its faces that were removed.
     pub fn lost(&self) -> Vec<u64> {
         let mut lost = self.input_sizes.clone();
         for &origin in self.origin.iter().filter(|&&o| o != NEW) {
@@ -53,51 +57,57 @@ impl Patching {
     }
 }
 
-/// What is bad about a surface: open and non-manifold edges by index, and pairs of faces that intersect.
-pub(super) struct Bad {
+/// The defects of a surface: boundary and non-manifold edges by index, and pairs of faces that intersect.
+pub(super) struct Defects {
+    /// The edges of the surface.
     pub edges: Edges,
+    /// The parts of the surface.
     pub parts: Parts,
-    /// By face of the surface, the smaller first.
+    /// The pairs of intersecting faces, smaller index first.
     pub pairs: Vec<[u32; 2]>,
     /// Whether all pairs are listed.
     pub complete: bool,
-    /// Of each face whether its corners are on a line.
-    pub flat: Vec<bool>,
+    /// For each face whether its corners are collinear.
+    pub degenerate: Vec<bool>,
 }
 
-impl Bad {
+impl Defects {
+    /// Finds the defects of a surface.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
     pub fn of(surface: &Surface, context: &Context<'_>) -> Result<Self, Cancelled> {
         let edges = Edges::new(&surface.faces);
         let parts = Parts::new(surface, &edges);
         let soup = surface.to_soup();
         let analysis = Analysis::new((&soup).into(), context)?;
-        let found = intersections(&analysis, context)?;
-        let listed = found.pairs.len() as u64;
-        let mut flat = vec![false; surface.faces.len()];
-        for (&source, &is_flat) in analysis.surface.source.iter().zip(analysis.flat()) {
-            flat[source as usize] = is_flat;
+        let intersections = intersections(&analysis, context)?;
+        let listed = intersections.pairs.len() as u64;
+        let mut degenerate = vec![false; surface.faces.len()];
+        for (&source, &is_degenerate) in analysis.surface.source.iter().zip(analysis.flat()) {
+            degenerate[source as usize] = is_degenerate;
         }
         Ok(Self {
             edges,
             parts,
-            pairs: found.pairs.into_iter().map(|pair| pair.faces).collect(),
-            complete: found.counts.complete && found.counts.pairs == Some(listed),
-            flat,
+            pairs: intersections.pairs.into_iter().map(|pair| pair.faces).collect(),
+            complete: intersections.counts.complete && intersections.counts.pairs == Some(listed),
+            degenerate,
         })
     }
 
-    /// How much is bad.
+    /// The number of defects.
     pub fn total(&self) -> u64 {
         self.pairs.len() as u64 + self.edges.iter().filter(|h| h.len() != 2).count() as u64
     }
 
-    /// The pairs within one part; where parts overlap nothing is bad about either.
+    /// The pairs within one part; overlapping parts are not defective themselves.
     pub fn pairs_within_parts(&self) -> impl Iterator<Item = [u32; 2]> {
         let part = |f: u32| self.parts.of_face[f as usize];
         self.pairs.iter().copied().filter(move |&[f, g]| part(f) == part(g))
     }
 
-    /// Of each face whether it is bad.
+    /// For each face whether it is defective.
     pub fn faces(&self, surface: &Surface) -> Vec<bool> {
         let mut at = vec![false; surface.positions.len()];
         for (e, _) in self.edges.iter().enumerate().filter(|(_, h)| h.len() != 2) {
@@ -105,65 +115,73 @@ impl Bad {
                 at[v as usize] = true;
             }
         }
-        let mut bad: Vec<bool> = surface.faces.iter().map(|face| face.iter().any(|&v| at[v as usize])).collect();
+        let mut defects: Vec<bool> = surface.faces.iter().map(|face| face.iter().any(|&v| at[v as usize])).collect();
         for f in self.pairs_within_parts().flatten() {
-            bad[f as usize] = true;
+            defects[f as usize] = true;
         }
-        bad
+        defects
     }
 }
 
-/// How much may go, in percent of the part.
+/// The limits on removed faces, in percent of the part.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Limits {
-    /// Of its faces, in all.
-    pub in_all_pct: f64,
-    /// Of its faces and of its area, at one place.
-    pub at_one_place_pct: f64,
+pub(super) struct RemovalLimits {
+    /// The share of a part's faces that may be removed in all.
+    pub total_pct: f64,
+    /// The share of a part's faces and of its area that one region may have.
+    pub per_region_pct: f64,
 }
 
-/// The places to be removed: faces that hang together by vertices or by intersections. No two regions share a vertex.
+/// The regions to remove: faces connected by vertices or by intersections. No two regions share a vertex.
 pub(super) struct Regions {
     /// The region of each face, or [`NONE`].
     pub of_face: Vec<u32>,
+    /// The number of regions.
     pub count: usize,
-    /// Regions that were given up because of the limits, or since without them a part would fall in two.
+    /// The number of regions that were rejected: they exceed the limits, or their part would fall apart without them.
     pub too_large: u64,
 }
 
 impl Regions {
-    pub fn new(on: &Patching, bad: &Bad, rings: u32, limits: Limits) -> Self {
-        let surface = &on.surface;
-        let mut gone = bad.faces(surface);
+    /// Collects the regions around defects, extended by `rings` rings of faces.
+    pub fn new(patched: &PatchedSurface, defects: &Defects, rings: u32, limits: RemovalLimits) -> Self {
+        let surface = &patched.surface;
+        let mut removed = defects.faces(surface);
         for _ in 0..rings {
-            grow(surface, &mut gone);
+            grow_by_one_ring(surface, &mut removed);
         }
-        let cut_off = take_islands(surface, bad, &mut gone, limits);
-        let mut regions = connected(surface, bad, &gone);
-        regions.give_up_too_large(on, bad, &cut_off, limits);
+        let cut_off = absorb_islands(surface, defects, &mut removed, limits);
+        let mut regions = connected(surface, defects, &removed);
+        regions.reject_too_large(patched, defects, &cut_off, limits);
         regions
     }
 
-    /// Gives up the regions over the limits or at what would be cut off, and numbers the others anew.
-    fn give_up_too_large(&mut self, on: &Patching, bad: &Bad, cut_off: &[bool], limits: Limits) {
+    /// Rejects the regions that exceed the limits or touch a larger island, and renumbers the others.
+    fn reject_too_large(
+        &mut self,
+        patched: &PatchedSurface,
+        defects: &Defects,
+        cut_off: &[bool],
+        limits: RemovalLimits,
+    ) {
         let mut faces: Vec<RegionFace> = Vec::new();
-        let mut given_up = vec![false; self.count];
-        for (f, (&part, &region)) in (0u32..).zip(bad.parts.of_face.iter().zip(&self.of_face)) {
+        let mut rejected = vec![false; self.count];
+        for (f, (&part, &region)) in (0u32..).zip(defects.parts.of_face.iter().zip(&self.of_face)) {
             if region != NONE {
                 faces.push(RegionFace { region, part, face: f });
-                given_up[region as usize] |= on.surface.faces[f as usize].iter().any(|&v| cut_off[v as usize]);
+                rejected[region as usize] |= patched.surface.faces[f as usize].iter().any(|&v| cut_off[v as usize]);
             }
         }
         faces.sort_unstable();
-        give_up_large_shares(&on.surface, bad, &faces, limits, &mut given_up);
-        give_up_past_total(on, &faces, limits, &mut given_up);
-        self.too_large = given_up.iter().filter(|&&g| g).count() as u64;
+        reject_large_shares(&patched.surface, defects, &faces, limits, &mut rejected);
+        reject_past_total(patched, &faces, limits, &mut rejected);
+        self.too_large = rejected.iter().filter(|&&g| g).count() as u64;
         let mut next = 0;
-        let number: Vec<u32> = given_up
+        let number: Vec<u32> = rejected
             .iter()
-            .map(|&gone| {
-                next += u32::from(!gone);
-                if gone { NONE } else { next - 1 }
+            .map(|&removed| {
+                next += u32::from(!removed);
+                if removed { NONE } else { next - 1 }
             })
             .collect();
         self.count = next as usize;
@@ -173,7 +191,7 @@ impl Regions {
     }
 }
 
-/// A face of a region, with the part that it is of.
+/// A face of a region, with the face's part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct RegionFace {
     region: u32,
@@ -181,12 +199,18 @@ struct RegionFace {
     face: u32,
 }
 
-/// Gives up the regions that have too large a share of their part's faces or area.
-fn give_up_large_shares(surface: &Surface, bad: &Bad, faces: &[RegionFace], limits: Limits, given_up: &mut [bool]) {
+/// Rejects the regions that have too large a share of their part's faces or area.
+fn reject_large_shares(
+    surface: &Surface,
+    defects: &Defects,
+    faces: &[RegionFace],
+    limits: RemovalLimits,
+    rejected: &mut [bool],
+) {
     let areas = doubled_areas(surface);
-    let mut whole = vec![(0u64, 0.0f64); bad.parts.count];
-    for (&part, area) in bad.parts.of_face.iter().zip(&areas).filter(|(part, _)| **part != Parts::NONE) {
-        let (count, sum) = &mut whole[part as usize];
+    let mut totals = vec![(0u64, 0.0f64); defects.parts.count];
+    for (&part, area) in defects.parts.of_face.iter().zip(&areas).filter(|(part, _)| **part != Parts::NONE) {
+        let (count, sum) = &mut totals[part as usize];
         (*count, *sum) = (*count + 1, *sum + area);
     }
     for same in faces.chunk_by(|a, b| (a.region, a.part) == (b.region, b.part)) {
@@ -194,31 +218,31 @@ fn give_up_large_shares(surface: &Surface, bad: &Bad, faces: &[RegionFace], limi
         if part == Parts::NONE {
             continue;
         }
-        let (count, area) = whole[part as usize];
-        let own: f64 = same.iter().map(|it| areas[it.face as usize]).sum();
-        let share = limits.at_one_place_pct / 100.0;
-        given_up[region as usize] |= same.len() as f64 > share * count as f64 || own > share * area;
+        let (count, area) = totals[part as usize];
+        let own: f64 = same.iter().map(|face| areas[face.face as usize]).sum();
+        let share = limits.per_region_pct / 100.0;
+        rejected[region as usize] |= same.len() as f64 > share * count as f64 || own > share * area;
     }
 }
 
-/// Gives up the regions with which, and with the regions before them, too much of a part of the input would have gone.
-fn give_up_past_total(on: &Patching, faces: &[RegionFace], limits: Limits, given_up: &mut [bool]) {
-    let mut lost = on.lost();
+/// Rejects a region where, together with the regions before it, too many faces of an input part would be removed.
+fn reject_past_total(patched: &PatchedSurface, faces: &[RegionFace], limits: RemovalLimits, rejected: &mut [bool]) {
+    let mut lost = patched.lost();
     for of_region in faces.chunk_by(|a, b| a.region == b.region) {
         let region = of_region[0].region as usize;
-        if given_up[region] {
+        if rejected[region] {
             continue;
         }
-        let origins = of_region.iter().map(|it| on.origin[it.face as usize]);
-        let mut parts: Vec<u32> = origins.filter(|&o| o != NEW).map(|o| on.input_part(o)).collect();
+        let origins = of_region.iter().map(|face| patched.origin[face.face as usize]);
+        let mut parts: Vec<u32> = origins.filter(|&o| o != NEW).map(|o| patched.input_part(o)).collect();
         parts.retain(|&part| part != Parts::NONE);
         parts.sort_unstable();
         let over = |same: &[u32]| {
             let part = same[0] as usize;
-            (lost[part] + same.len() as u64) as f64 > limits.in_all_pct / 100.0 * on.input_faces(part) as f64
+            (lost[part] + same.len() as u64) as f64 > limits.total_pct / 100.0 * patched.input_faces(part) as f64
         };
         if parts.chunk_by(|a, b| a == b).any(over) {
-            given_up[region] = true;
+            rejected[region] = true;
         } else {
             for part in parts {
                 lost[part as usize] += 1;
@@ -227,38 +251,38 @@ fn give_up_past_total(on: &Patching, faces: &[RegionFace], limits: Limits, given
     }
 }
 
-/// Adds all faces with a vertex in common.
-fn grow(surface: &Surface, gone: &mut [bool]) {
+/// Adds all faces that share a vertex with a marked face.
+fn grow_by_one_ring(surface: &Surface, removed: &mut [bool]) {
     let mut at = vec![false; surface.positions.len()];
-    for (face, _) in surface.faces.iter().zip(&*gone).filter(|(_, gone)| **gone) {
+    for (face, _) in surface.faces.iter().zip(&*removed).filter(|(_, removed)| **removed) {
         for &v in face {
             at[v as usize] = true;
         }
     }
-    for (face, gone) in surface.faces.iter().zip(gone) {
-        *gone |= face.iter().any(|&v| at[v as usize]);
+    for (face, removed) in surface.faces.iter().zip(removed) {
+        *removed |= face.iter().any(|&v| at[v as usize]);
     }
 }
 
-/// Adds the small islands that would be left of a part beside its largest piece. Answers the vertices of larger ones: a
-/// region that has one of them would cut its part in two.
-fn take_islands(surface: &Surface, bad: &Bad, gone: &mut [bool], limits: Limits) -> Vec<bool> {
+/// Marks the small islands that would remain of a part besides its largest piece. Returns, for each vertex, whether it lies
+/// on a larger island: a region with such a vertex would divide its part.
+fn absorb_islands(surface: &Surface, defects: &Defects, removed: &mut [bool], limits: RemovalLimits) -> Vec<bool> {
     let faces = surface.faces.len();
     let mut sets = UnionFind::new(faces);
-    for half_edges in bad.edges.iter() {
-        let mut stay = half_edges.iter().map(|&h| h / 3).filter(|&f| !gone[f as usize]);
+    for half_edges in defects.edges.iter() {
+        let mut stay = half_edges.iter().map(|&h| h / 3).filter(|&f| !removed[f as usize]);
         if let Some(first) = stay.next() {
             stay.for_each(|f| sets.unite(first, f));
         }
     }
     let roots = sets.into_roots();
     let mut size = vec![0u64; faces];
-    let (mut of_part, mut largest) = (vec![0u64; bad.parts.count], vec![NONE; bad.parts.count]);
-    for (f, &part) in bad.parts.of_face.iter().enumerate().filter(|(_, p)| **p != Parts::NONE) {
+    let (mut of_part, mut largest) = (vec![0u64; defects.parts.count], vec![NONE; defects.parts.count]);
+    for (f, &part) in defects.parts.of_face.iter().enumerate().filter(|(_, p)| **p != Parts::NONE) {
         of_part[part as usize] += 1;
-        size[roots[f] as usize] += u64::from(!gone[f]);
+        size[roots[f] as usize] += u64::from(!removed[f]);
     }
-    for (f, &part) in (0u32..).zip(&bad.parts.of_face).filter(|(_, p)| **p != Parts::NONE) {
+    for (f, &part) in (0u32..).zip(&defects.parts.of_face).filter(|(_, p)| **p != Parts::NONE) {
         let best = &mut largest[part as usize];
         if roots[f as usize] == f && (*best == NONE || size[f as usize] > size[*best as usize]) {
             *best = f;
@@ -266,13 +290,13 @@ fn take_islands(surface: &Surface, bad: &Bad, gone: &mut [bool], limits: Limits)
     }
     let mut cut_off = vec![false; surface.positions.len()];
     for f in 0..faces {
-        let part = bad.parts.of_face[f];
-        if gone[f] || part == Parts::NONE || largest[part as usize] == roots[f] {
+        let part = defects.parts.of_face[f];
+        if removed[f] || part == Parts::NONE || largest[part as usize] == roots[f] {
             continue;
         }
-        let small = size[roots[f] as usize] as f64 <= limits.at_one_place_pct / 100.0 * of_part[part as usize] as f64;
+        let small = size[roots[f] as usize] as f64 <= limits.per_region_pct / 100.0 * of_part[part as usize] as f64;
         if small {
-            gone[f] = true;
+            removed[f] = true;
         } else {
             for &v in &surface.faces[f] {
                 cut_off[v as usize] = true;
@@ -282,11 +306,11 @@ fn take_islands(surface: &Surface, bad: &Bad, gone: &mut [bool], limits: Limits)
     cut_off
 }
 
-/// The faces that go, by what hangs together.
-fn connected(surface: &Surface, bad: &Bad, gone: &[bool]) -> Regions {
-    let mut sets = UnionFind::new(gone.len());
+/// Groups the removed faces into connected regions.
+fn connected(surface: &Surface, defects: &Defects, removed: &[bool]) -> Regions {
+    let mut sets = UnionFind::new(removed.len());
     let mut first = vec![NONE; surface.positions.len()];
-    for (f, face) in (0u32..).zip(&surface.faces).filter(|&(f, _)| gone[f as usize]) {
+    for (f, face) in (0u32..).zip(&surface.faces).filter(|&(f, _)| removed[f as usize]) {
         for &v in face {
             let first = &mut first[v as usize];
             if *first == NONE {
@@ -295,19 +319,19 @@ fn connected(surface: &Surface, bad: &Bad, gone: &[bool]) -> Regions {
             sets.unite(*first, f);
         }
     }
-    for [f, g] in bad.pairs_within_parts() {
+    for [f, g] in defects.pairs_within_parts() {
         sets.unite(f, g);
     }
     let mut of_face = sets.into_roots();
     let mut count = 0u32;
     for f in 0..of_face.len() {
-        of_face[f] = if !gone[f] {
+        of_face[f] = if !removed[f] {
             NONE
         } else if of_face[f] as usize == f {
             count += 1;
             count - 1
         } else {
-            // The root is smaller, so that it holds its number already.
+            // The root has a smaller index, so its number is known already.
             of_face[of_face[f] as usize]
         };
     }

@@ -1,4 +1,4 @@
-//! Candidates for a patch, and which of them is taken.
+//! Computes candidate patches for a hole and chooses one of them.
 
 use std::collections::{HashMap, HashSet};
 
@@ -6,41 +6,43 @@ use glam::DVec3;
 
 use super::group::{Hole, newell};
 use super::patch::{Clearance, Faults, Patch};
-use super::triangulate::{Weigh, least_weight, planar, sharp, shortest_cut};
+use super::triangulate::{Criterion, grow_from_sharp_corners, least_weight, planar, shortest_cut};
 use crate::math::{Precision, Sign, collinear, orient3d};
 use crate::mesh::Edges;
 use crate::repair::operators::names::HoleFilling;
 use crate::repair::{Cancelled, Context};
 
-/// Longest loop for the cubic triangulation: about 0.03 s.
-const MOST_FOR_LEAST_WEIGHT: usize = 128;
-/// Longest piece that a longer loop is cut to, and that of one over a thousand edges.
-const PIECES: [usize; 2] = [MOST_FOR_LEAST_WEIGHT, 32];
-/// Cubic steps that all loops together may take: about two seconds. Loops this short count none.
-const CUBIC_STEPS: u64 = 20_000_000;
-const SHORT: usize = 16;
-/// Steps that growth from sharp corners may take for one hole where it is one way of several.
-const SHARP_STEPS: u64 = 2_000_000;
+/// The most corners for the cubic triangulation, which then takes about 0.03 s.
+const MAX_CORNERS_FOR_LEAST_WEIGHT: usize = 128;
+/// The most corners of the pieces into which longer loops are split: for up to a thousand corners, and for more.
+const MAX_PIECE_CORNERS: [usize; 2] = [MAX_CORNERS_FOR_LEAST_WEIGHT, 32];
+/// The cubic steps for all loops together, about two seconds. Loops with up to `FREE_CORNERS` corners do not count.
+const CUBIC_BUDGET: u64 = 20_000_000;
+const FREE_CORNERS: usize = 16;
+/// The steps for growth from sharp corners in one hole, where it is one of several methods.
+const SHARP_BUDGET: u64 = 2_000_000;
 
-/// How far behind the middle of its hole the corner of a cone stands, in edges around it.
-const CONE: f64 = 0.05;
+/// How far a cone's apex lies behind the centre of its hole, in mean edge lengths.
+const APEX_DEPTH: f64 = 0.05;
+
+/// Fills holes.
 
 /// Which holes are closed, and how.
 #[derive(Debug, Clone, Copy)]
 pub struct FillHoles {
-    /// Most edges around a hole, those around islands in it counted; a million by default.
+    /// The most edges around a hole, including the edges around its islands; a million by default.
     pub max_edges: u32,
-    /// Largest extent of a hole, as a share of the model's diagonal; 1, which is any, by default.
+    /// The largest extent of a hole, as a share of the model's diagonal; 1 by default, which allows any size.
     pub max_size: f64,
-    /// Most holes; of more the smallest are closed. A million by default.
+    /// The most holes; of more the smallest are filled. A million by default.
     pub max_holes: u32,
-    /// How patches are chosen.
+    /// How the triangles of a patch are chosen.
     pub filling: HoleFilling,
-    /// Whether patches that are not plane get inner vertices, as close as those around.
+    /// Whether non-planar patches get inner vertices, as dense as the surface around them.
     pub refine: bool,
-    /// Whether patches are refined and go on smoothly from the surface.
+    /// Whether patches are refined and then smoothed to continue the surface.
     pub fair: bool,
-    /// Whether new positions are rounded to f32.
+    /// The precision to which new positions are rounded.
     pub precision: Precision,
 }
 
@@ -58,9 +60,9 @@ impl Default for FillHoles {
     }
 }
 
-/// A way to triangulate a hole.
+/// A method to triangulate a hole.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Way {
+enum Method {
     LeastFold,
     Planar,
     LeastArea,
@@ -68,36 +70,42 @@ enum Way {
     Chords,
 }
 
-/// Triangles by corner, and how many corners are left open.
+/// Triangles by corner index, and the number of corners that stay open.
 type Triangulated = (Vec<[usize; 3]>, usize);
 
-/// A patch for a hole: its faces, and what is known of it.
-pub(super) struct Chosen {
+/// A candidate patch for a hole.
+pub(super) struct PatchCandidate {
+    /// The faces of the patch.
     pub faces: Vec<[u32; 3]>,
-    /// None where it was not looked at, since the steps were spent.
+    /// The faults of the patch; `None` where the check exceeded its budget.
     pub faults: Option<Faults>,
-    /// Edges of the hole that are left where a patch could not grow on.
+    /// The number of the hole's edges that stay open, where growth from sharp corners stopped.
     pub open: usize,
 }
 
-/// Finds patches one after another, each against the surface and the patches before it.
+/// Fills one hole after another, each against the surface and the patches before it.
 pub(super) struct Filler<'a> {
+    /// The operator's parameters.
     pub params: &'a FillHoles,
-    /// The surface's, and those that patches added.
+    /// The positions of the surface, then those that patches added.
     pub positions: Vec<DVec3>,
+    /// The faces of the surface.
     pub faces: &'a [[u32; 3]],
+    /// The edges of the surface.
     pub edges: &'a Edges,
+    /// The intersection test.
     pub clearance: Clearance<'a>,
-    /// Edges that patches added, the smaller vertex first.
+    /// Edges that patches added, smaller vertex first.
     pub new_edges: HashSet<(u32, u32)>,
-    /// For each boundary vertex its neighbours on the surface, where patches are refined.
-    pub around: HashMap<u32, Vec<u32>>,
+    /// For each boundary vertex its neighbours on the surface; empty unless patches are refined.
+    pub neighbours: HashMap<u32, Vec<u32>>,
+    /// The context of the repair.
     pub context: &'a Context<'a>,
-    cubic_steps: u64,
+    cubic_budget: u64,
 }
 
-/// A hole as the triangulations see it.
-struct Corners<'h> {
+/// The corners of a hole: the vertices of its loops in sequence, with the end of each loop.
+struct HoleCorners<'h> {
     vertices: Vec<u32>,
     points: Vec<DVec3>,
     ends: Vec<usize>,
@@ -106,6 +114,7 @@ struct Corners<'h> {
 }
 
 impl<'a> Filler<'a> {
+    /// Prepares to fill the holes of a surface.
     pub fn new(
         params: &'a FillHoles,
         positions: Vec<DVec3>,
@@ -114,16 +123,16 @@ impl<'a> Filler<'a> {
         context: &'a Context<'a>,
     ) -> Self {
         let clearance = Clearance::new(&positions, faces);
-        let around = if params.refine || params.fair { boundary_neighbours(edges) } else { HashMap::new() };
+        let neighbours = if params.refine || params.fair { boundary_neighbours(edges) } else { HashMap::new() };
         let new_edges = HashSet::new();
-        Self { params, positions, faces, edges, clearance, new_edges, around, context, cubic_steps: CUBIC_STEPS }
+        Self { params, positions, faces, edges, clearance, new_edges, neighbours, context, cubic_budget: CUBIC_BUDGET }
     }
 
-    /// The first candidate without a fault, the prettier first, or that with the fewest. None where there is none.
+    /// The first candidate without a fault, or the one with the fewest faults; `None` where there is no candidate.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
-    pub fn choose(&mut self, hole: &Hole) -> Result<Option<Chosen>, Cancelled> {
+    pub fn choose(&mut self, hole: &Hole) -> Result<Option<PatchCandidate>, Cancelled> {
         let vertices = hole.loops.concat();
         let points: Vec<DVec3> = vertices.iter().map(|&v| self.clearance.unit()[v as usize]).collect();
         let ends: Vec<usize> = hole
@@ -135,39 +144,39 @@ impl<'a> Filler<'a> {
             })
             .collect();
         let normal = newell(&points[..ends[0]]);
-        let corners = Corners { vertices, points, ends, normal, hole };
-        let flat = corners.points.len() > 3 && coplanar(&corners.points);
-        let mut best: Option<(Chosen, Vec<[usize; 3]>)> = None;
-        for &way in self.ways(&corners, flat) {
+        let corners = HoleCorners { vertices, points, ends, normal, hole };
+        let planar_hole = corners.points.len() > 3 && coplanar(&corners.points);
+        let mut best: Option<(PatchCandidate, Vec<[usize; 3]>)> = None;
+        for &method in self.methods(&corners, planar_hole) {
             self.context.check()?;
-            let Some((triangles, open)) = self.triangulate(way, &corners)? else { continue };
+            let Some((triangles, open)) = self.triangulate(method, &corners)? else { continue };
             let faces: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|i| corners.vertices[i])).collect();
-            let fewest = best.as_ref().and_then(|(b, _)| b.faults).map(|f| f.crossings + f.flat);
-            let faults = self.clearance.faults(&faces, way == Way::Planar, fewest.unwrap_or(u64::MAX));
+            let fewest = best.as_ref().and_then(|(b, _)| b.faults).map(|f| f.crossings + f.degenerate);
+            let faults = self.clearance.faults(&faces, method == Method::Planar, fewest.unwrap_or(u64::MAX));
             let better = match (faults, fewest) {
-                (Some(faults), Some(fewest)) => faults.crossings + faults.flat < fewest,
+                (Some(faults), Some(fewest)) => faults.crossings + faults.degenerate < fewest,
                 (_, fewest) => fewest.is_none() && best.is_none(),
             };
             if better {
-                best = Some((Chosen { faces, faults, open }, triangles));
+                best = Some((PatchCandidate { faces, faults, open }, triangles));
             }
-            if self.params.filling != HoleFilling::Auto || faults.is_none_or(Faults::none) {
+            if self.params.filling != HoleFilling::Auto || faults.is_none_or(Faults::is_empty) {
                 break;
             }
         }
-        let Some((mut chosen, triangles)) = best else {
+        let Some((mut candidate, triangles)) = best else {
             let single = hole.loops.len() == 1 && self.params.filling == HoleFilling::Auto;
             return Ok(if single { self.cone(&corners) } else { None });
         };
-        let sound = chosen.open == 0 && chosen.faults.is_some_and(Faults::none);
-        if (self.params.refine || self.params.fair) && !flat && sound && corners.points.len() > 3 {
-            self.refine(&corners, triangles, &mut chosen);
+        let is_sound = candidate.open == 0 && candidate.faults.is_some_and(Faults::is_empty);
+        if (self.params.refine || self.params.fair) && !planar_hole && is_sound && corners.points.len() > 3 {
+            self.refine(&corners, triangles, &mut candidate);
         }
-        Ok(Some(chosen))
+        Ok(Some(candidate))
     }
 
-    /// A patch of which every face has the same new corner, for a hole all of whose triangulations need an edge that is there
-    /// already. The corner stands behind the middle of the hole, since before it the surface may be that of the edge.
+    /// A patch of faces with a common new apex, for a hole all of whose triangulations need an existing edge. The apex lies
+    /// behind the centre of the hole, since the existing edge's faces may be in front.
     ///
     /// ```text
     ///    ____           ____
@@ -175,124 +184,126 @@ impl<'a> Filler<'a> {
     ///   |    |   ->    | \/ |
     ///   |____|         |_/\_|
     /// ```
-    fn cone(&mut self, corners: &Corners<'_>) -> Option<Chosen> {
+    fn cone(&mut self, corners: &HoleCorners<'_>) -> Option<PatchCandidate> {
         let points: Vec<DVec3> = corners.vertices.iter().map(|&v| self.positions[v as usize]).collect();
         let n = points.len();
         let middle = points.iter().sum::<DVec3>() / n as f64;
         let length = (0..n).map(|i| points[i].distance(points[(i + 1) % n])).sum::<f64>() / n as f64;
-        let apex = self.params.precision.round(middle - corners.normal.normalize_or_zero() * (CONE * length));
+        let apex = self.params.precision.round(middle - corners.normal.normalize_or_zero() * (APEX_DEPTH * length));
         let new = u32::try_from(self.positions.len()).ok().filter(|_| apex.is_finite())?;
         let faces: Vec<[u32; 3]> = (0..n).map(|i| [corners.vertices[i], corners.vertices[(i + 1) % n], new]).collect();
         self.positions.push(apex);
         self.clearance.add_vertices(&[apex]);
         let faults = self.clearance.faults(&faces, false, u64::MAX);
-        Some(Chosen { faces, faults, open: 0 })
+        Some(PatchCandidate { faces, faults, open: 0 })
     }
 
-    /// The ways that are tried, in order.
-    fn ways(&mut self, corners: &Corners<'_>, flat: bool) -> &'static [Way] {
-        use Way::{Chords, LeastArea, LeastFold, Planar, Sharp};
+    /// The methods to try, in order.
+    fn methods(&mut self, corners: &HoleCorners<'_>, planar_hole: bool) -> &'static [Method] {
+        use Method::{Chords, LeastArea, LeastFold, Planar, Sharp};
         let n = corners.points.len();
         if corners.ends.len() > 1 {
             return &[Planar];
         }
         if n == 3 {
-            return if is_a_face(self.faces, self.edges, &corners.vertices) { &[] } else { &[LeastFold] };
+            return if bounds_single_face(self.faces, self.edges, &corners.vertices) { &[] } else { &[LeastFold] };
         }
         let cubic = (n * n * n / 6) as u64;
-        let short = n <= MOST_FOR_LEAST_WEIGHT && (n <= SHORT || self.cubic_steps >= cubic);
+        let short = n <= MAX_CORNERS_FOR_LEAST_WEIGHT && (n <= FREE_CORNERS || self.cubic_budget >= cubic);
         match self.params.filling {
             HoleFilling::Sharp => &[Sharp],
             HoleFilling::Planar if short => &[Planar, LeastArea],
             HoleFilling::Planar => &[Planar, Chords],
             HoleFilling::Smooth if short => &[LeastFold],
             HoleFilling::Smooth => &[Chords],
-            HoleFilling::Auto if short && flat => &[Planar, LeastFold, LeastArea, Sharp],
+            HoleFilling::Auto if short && planar_hole => &[Planar, LeastFold, LeastArea, Sharp],
             HoleFilling::Auto if short => &[LeastFold, Planar, LeastArea, Sharp],
             HoleFilling::Auto => &[Planar, Sharp, Chords],
         }
     }
 
-    /// Triangles by corner, and how many corners are left open. None where there are none of this kind.
-    fn triangulate(&mut self, way: Way, corners: &Corners<'_>) -> Result<Option<Triangulated>, Cancelled> {
-        let Corners { vertices, points, ends, normal, .. } = corners;
+    /// Triangulates a hole with one method; `None` where the method gives no triangulation.
+    fn triangulate(&mut self, method: Method, corners: &HoleCorners<'_>) -> Result<Option<Triangulated>, Cancelled> {
+        let HoleCorners { vertices, points, ends, normal, .. } = corners;
         let n = points.len();
         if n == 3 {
             return Ok(Some((vec![[0, 1, 2]], 0)));
         }
         let (edges, new_edges, context) = (self.edges, &self.new_edges, self.context);
-        let taken = |i: usize, j: usize| {
+        let edge_exists = |i: usize, j: usize| {
             let (a, b) = (vertices[i], vertices[j]);
             edges.find(a, b).is_some() || new_edges.contains(&(a.min(b), a.max(b)))
         };
-        let all = |triangles: Option<Vec<[usize; 3]>>| triangles.map(|t| (t, 0));
-        Ok(match way {
-            Way::LeastFold | Way::LeastArea => {
-                self.cubic_steps = self.cubic_steps.saturating_sub(if n > SHORT { (n * n * n / 6) as u64 } else { 0 });
-                let weigh = if way == Way::LeastFold { Weigh::Fold } else { Weigh::Area };
+        let complete = |triangles: Option<Vec<[usize; 3]>>| triangles.map(|t| (t, 0));
+        Ok(match method {
+            Method::LeastFold | Method::LeastArea => {
+                self.cubic_budget =
+                    self.cubic_budget.saturating_sub(if n > FREE_CORNERS { (n * n * n / 6) as u64 } else { 0 });
+                let criterion = if method == Method::LeastFold { Criterion::Fold } else { Criterion::Area };
                 let sides: Vec<DVec3> = (0..n).map(|i| self.face_normal(vertices[i], vertices[(i + 1) % n])).collect();
-                let found = least_weight(points, &sides, weigh, taken, || context.check().is_ok());
+                let triangulation = least_weight(points, &sides, criterion, edge_exists, || context.check().is_ok());
                 context.check()?;
-                all(found)
+                complete(triangulation)
             }
-            Way::Planar => all(planar(points, ends, *normal).filter(|triangles| {
+            Method::Planar => complete(planar(points, ends, *normal).filter(|triangles| {
                 let is_side = |i: usize, j: usize| corners.is_side(i, j);
-                let free = |i: usize, j: usize| is_side(i, j) || !taken(i, j);
+                let free = |i: usize, j: usize| is_side(i, j) || !edge_exists(i, j);
                 triangles.iter().all(|&[a, b, c]| free(a, b) && free(b, c) && free(c, a))
             })),
-            Way::Sharp => {
+            Method::Sharp => {
                 let clearance = &mut self.clearance;
                 let start = clearance.patches().len();
-                let enough = match self.params.filling {
+                let stop_at = match self.params.filling {
                     HoleFilling::Sharp => 0,
-                    _ => clearance.steps().saturating_sub(SHARP_STEPS),
+                    _ => clearance.steps().saturating_sub(SHARP_BUDGET),
                 };
-                let mut asked = 0u32;
-                let grown = sharp(points, *normal, |t, last| {
-                    asked += 1;
-                    if clearance.steps() <= enough || (asked.is_multiple_of(256) && context.check().is_err()) {
+                let mut queries = 0u32;
+                let growth = grow_from_sharp_corners(points, *normal, |t, last| {
+                    queries += 1;
+                    if clearance.steps() <= stop_at || (queries.is_multiple_of(256) && context.check().is_err()) {
                         return false;
                     }
                     let face = t.map(|i| vertices[i]);
-                    let free = last || !taken(t[0], t[2]);
-                    let may = free && clearance.faults(&[face], true, 0).is_some_and(Faults::none);
-                    if may {
-                        clearance.put(&[face]);
+                    let free = last || !edge_exists(t[0], t[2]);
+                    let is_allowed = free && clearance.faults(&[face], true, 0).is_some_and(Faults::is_empty);
+                    if is_allowed {
+                        clearance.add(&[face]);
                     }
-                    may
+                    is_allowed
                 });
-                clearance.take_out(start);
+                clearance.truncate_patches(start);
                 context.check()?;
-                let partly = self.params.filling == HoleFilling::Sharp && grown.open < n;
-                (grown.open == 0 || partly).then_some((grown.triangles, grown.open))
+                let is_partial = self.params.filling == HoleFilling::Sharp && growth.open < n;
+                (growth.open == 0 || is_partial).then_some((growth.triangles, growth.open))
             }
-            Way::Chords => all(self.by_chords(corners, taken)?),
+            Method::Chords => complete(self.split_by_chords(corners, edge_exists)?),
         })
     }
 
-    /// Cuts a long loop by short chords to pieces that are triangulated by least weight.
-    fn by_chords(
+    /// Splits a long loop by short chords into pieces, and triangulates these by least weight.
+    fn split_by_chords(
         &self,
-        corners: &Corners<'_>,
-        taken: impl Fn(usize, usize) -> bool,
+        corners: &HoleCorners<'_>,
+        edge_exists: impl Fn(usize, usize) -> bool,
     ) -> Result<Option<Vec<[usize; 3]>>, Cancelled> {
         let n = corners.points.len();
-        let longest = PIECES[usize::from(n > 1000)];
+        let longest = MAX_PIECE_CORNERS[usize::from(n > 1000)];
         let mut triangles = Vec::with_capacity(n - 2);
         let mut pieces: Vec<Vec<usize>> = vec![(0..n).collect()];
         while let Some(piece) = pieces.pop() {
             self.context.check()?;
             let m = piece.len();
             let points: Vec<DVec3> = piece.iter().map(|&i| corners.points[i]).collect();
-            let forbidden = |i: usize, j: usize| taken(piece[i], piece[j]);
+            let forbidden = |i: usize, j: usize| edge_exists(piece[i], piece[j]);
             if m <= longest {
                 let at = |i: usize| corners.vertices[piece[i % m]];
                 let sides: Vec<DVec3> = (0..m).map(|i| self.face_normal(at(i), at(i + 1))).collect();
-                let go_on = || self.context.check().is_ok();
-                let Some(found) = least_weight(&points, &sides, Weigh::Fold, forbidden, go_on) else {
+                let should_continue = || self.context.check().is_ok();
+                let Some(triangulation) = least_weight(&points, &sides, Criterion::Fold, forbidden, should_continue)
+                else {
                     return Ok(None);
                 };
-                triangles.extend(found.into_iter().map(|t| t.map(|i| piece[i])));
+                triangles.extend(triangulation.into_iter().map(|t| t.map(|i| piece[i])));
             } else {
                 let Some((i, j)) = shortest_cut(&points, forbidden) else { return Ok(None) };
                 pieces.push(piece[i..=j].to_vec());
@@ -302,32 +313,32 @@ impl<'a> Filler<'a> {
         Ok(Some(triangles))
     }
 
-    /// Takes the patch refined, and faired, where that has no fault.
-    fn refine(&mut self, corners: &Corners<'_>, triangles: Vec<[usize; 3]>, chosen: &mut Chosen) {
+    /// Replaces the candidate by the refined, and if requested smoothed, patch where that has no fault.
+    fn refine(&mut self, corners: &HoleCorners<'_>, triangles: Vec<[usize; 3]>, candidate: &mut PatchCandidate) {
         let vertices = &corners.vertices;
         let points: Vec<DVec3> = vertices.iter().map(|&v| self.positions[v as usize]).collect();
-        let none = Vec::new();
-        let around = |v: &u32| self.around.get(v).unwrap_or(&none);
+        let no_neighbours = Vec::new();
+        let neighbours = |v: &u32| self.neighbours.get(v).unwrap_or(&no_neighbours);
         let scale: Vec<f64> = vertices
             .iter()
             .zip(&points)
             .map(|(v, p)| {
-                let lengths = around(v).iter().map(|&w| p.distance(self.positions[w as usize]));
-                lengths.sum::<f64>() / around(v).len().max(1) as f64
+                let lengths = neighbours(v).iter().map(|&w| p.distance(self.positions[w as usize]));
+                lengths.sum::<f64>() / neighbours(v).len().max(1) as f64
             })
             .collect();
-        let taken = |i: usize, j: usize| self.edges.find(vertices[i], vertices[j]).is_some();
+        let edge_exists = |i: usize, j: usize| self.edges.find(vertices[i], vertices[j]).is_some();
         let round = |p: DVec3| self.params.precision.round(p);
         let mut refined = Patch { fixed: points.len(), points, triangles };
-        refined.refine(&scale, taken, round);
+        refined.refine(&scale, edge_exists, round);
         let mut candidates = vec![refined];
         if self.params.fair {
             let mut border: Vec<u32> = vertices.clone();
             border.sort_unstable();
             let outside = |w: &&u32| border.binary_search(w).is_err();
-            let place = |w: &u32| self.positions[*w as usize];
+            let position = |w: &u32| self.positions[*w as usize];
             let beyond: Vec<Vec<DVec3>> =
-                vertices.iter().map(|v| around(v).iter().filter(outside).map(place).collect()).collect();
+                vertices.iter().map(|v| neighbours(v).iter().filter(outside).map(position).collect()).collect();
             let mut faired = candidates[0].clone();
             faired.fair(&beyond);
             for p in &mut faired.points[vertices.len()..] {
@@ -348,23 +359,23 @@ impl<'a> Filler<'a> {
             self.clearance.add_vertices(&patch.points[fixed..]);
             let number = |i: usize| if i < fixed { vertices[i] } else { numbers[i - fixed] };
             let faces: Vec<[u32; 3]> = patch.triangles.iter().map(|t| t.map(number)).collect();
-            if self.clearance.faults(&faces, false, 0).is_some_and(Faults::none) {
+            if self.clearance.faults(&faces, false, 0).is_some_and(Faults::is_empty) {
                 self.positions.extend(&patch.points[fixed..]);
-                chosen.faces = faces;
+                candidate.faces = faces;
                 return;
             }
             self.clearance.drop_vertices(first);
         }
     }
 
-    /// The unit normal of the face at a border's edge, or zero.
+    /// The unit normal of the face at a boundary edge, or zero.
     fn face_normal(&self, a: u32, b: u32) -> DVec3 {
         face_normal(self.clearance.unit(), self.faces, self.edges, a, b)
     }
 }
 
-impl Corners<'_> {
-    /// Whether two corners follow one another on a loop.
+impl HoleCorners<'_> {
+    /// Whether two corners are adjacent on a loop.
     fn is_side(&self, i: usize, j: usize) -> bool {
         let (low, high) = (i.min(j), i.max(j));
         let end = self.ends[self.ends.partition_point(|&end| end <= low)];
@@ -373,20 +384,20 @@ impl Corners<'_> {
     }
 }
 
-/// The unit normal of the first face at an edge, or zero.
+/// The unit normal of the first face at an edge; zero where there is no such edge or the face has no area.
 pub(super) fn face_normal(positions: &[DVec3], faces: &[[u32; 3]], edges: &Edges, a: u32, b: u32) -> DVec3 {
     let Some(edge) = edges.find(a, b) else { return DVec3::ZERO };
     let [p, q, r] = faces[edges.half_edges(edge)[0] as usize / 3].map(|v| positions[v as usize]);
     (q - p).cross(r - p).normalize_or_zero()
 }
 
-/// Whether the loop is the border of a single face, whose patch would be the face's own back.
-fn is_a_face(faces: &[[u32; 3]], edges: &Edges, vertices: &[u32]) -> bool {
+/// Whether the loop is the border of a single face: a patch would be the face's own back.
+fn bounds_single_face(faces: &[[u32; 3]], edges: &Edges, vertices: &[u32]) -> bool {
     let &[a, b, c] = vertices else { return false };
     edges.find(a, b).is_some_and(|e| edges.half_edges(e).iter().any(|&h| faces[h as usize / 3].contains(&c)))
 }
 
-/// Whether points lie in one plane, exactly.
+/// Whether the points are exactly coplanar.
 fn coplanar(points: &[DVec3]) -> bool {
     let first = points[0];
     if (0..3).any(|k| points.iter().all(|p| p[k] == first[k])) {
@@ -398,20 +409,20 @@ fn coplanar(points: &[DVec3]) -> bool {
     points.iter().all(|&p| orient3d(first, second, third, p) == Sign::Zero)
 }
 
-/// For each vertex on the boundary the vertices that it shares an edge with.
+/// For each boundary vertex its neighbours.
 fn boundary_neighbours(edges: &Edges) -> HashMap<u32, Vec<u32>> {
-    let mut around: HashMap<u32, Vec<u32>> = HashMap::new();
+    let mut neighbours: HashMap<u32, Vec<u32>> = HashMap::new();
     for e in (0..edges.len()).filter(|&e| edges.half_edges(e).len() == 1) {
         for v in edges.vertices(e) {
-            around.entry(v).or_default();
+            neighbours.entry(v).or_default();
         }
     }
     for [a, b] in (0..edges.len()).map(|e| edges.vertices(e)) {
         for (v, w) in [(a, b), (b, a)] {
-            if let Some(list) = around.get_mut(&v) {
+            if let Some(list) = neighbours.get_mut(&v) {
                 list.push(w);
             }
         }
     }
-    around
+    neighbours
 }

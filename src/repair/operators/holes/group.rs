@@ -1,76 +1,77 @@
-//! Which boundary loops bound one hole: islands in it have loops of their own.
+//! Groups boundary loops into holes: a hole has an outer loop, and one more loop for each island in it.
 
 use glam::DVec3;
 
 use crate::math::{Box3, Frame, Tree};
 use crate::mesh::{BoundaryLoops, Parts};
 
-/// A loop in a hole runs against the hole's own: their normals have at most this cosine.
-const LEAST_OPPOSED: f64 = -0.9;
-/// An island may be this far off the hole's plane, as a share of the root of its area, ...
-const OFF_PLANE: f64 = 0.25;
-/// ... and this far where both loops bound the same part, which may also be a short tube open at both ends.
-const OFF_PLANE_WITHIN: f64 = 1e-4;
-/// A face that turns away from a patch by more than this cosine lies behind it: the patch would cover it.
-const BEHIND: f64 = -0.5;
-/// Corners that all questions whether a loop is in another may look at.
-const STEPS: u64 = 50_000_000;
+/// A loop of an island runs opposite to the outer loop: their normals have at most this cosine.
+const MAX_OPPOSED_COSINE: f64 = -0.9;
+/// The largest distance of an island from the hole's plane, as a share of the root of the hole's area.
+const MAX_OFF_PLANE: f64 = 0.25;
+/// The same where both loops bound one part, which may also be a short tube with two open ends.
+const MAX_OFF_PLANE_SAME_PART: f64 = 1e-4;
+/// A face whose normal has a lower cosine with the patch's normal lies behind the patch, which would cover the face.
+const BEHIND_COSINE: f64 = -0.5;
+/// The most corners that all containment tests may visit.
+const STEP_BUDGET: u64 = 50_000_000;
 
-/// A hole: its border, and the borders of islands in it.
+/// A hole: its outer loop, and the loops of islands in it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Hole {
-    /// The outer loop first. Patches run along all of them.
+    /// The loops, outer loop first. Patches run along all of them.
     pub loops: Vec<Vec<u32>>,
     /// For each loop the part that it bounds.
     pub parts: Vec<u32>,
-    /// Diagonal of the box around it.
+    /// The diagonal of the hole's bounding box.
     pub extent: f64,
 }
 
 impl Hole {
+    /// The number of edges of all loops.
     pub fn edges(&self) -> usize {
         self.loops.iter().map(Vec::len).sum()
     }
 }
 
-/// What a loop looks like.
-struct Shape {
+/// Geometric properties of a loop.
+struct LoopShape {
     bounds: Box3,
     normal: DVec3,
-    /// Root of its area, seen along its normal.
+    /// The root of the area of the loop's projection along its normal.
     size: f64,
-    /// Whether the faces around it lie behind a flat patch: one over it, or one around it.
+    /// Whether most faces at the loop lie behind a flat patch: a patch inside the loop, and a patch around the loop.
     behind: [bool; 2],
 }
 
-/// Twice the area vector of a closed polygon, after Newell.
+/// Twice the area vector of a closed polygon, by Newell's method.
 pub(super) fn newell(points: &[DVec3]) -> DVec3 {
-    let Some(&about) = points.first() else { return DVec3::ZERO };
+    let Some(&origin) = points.first() else { return DVec3::ZERO };
     let next = points.iter().cycle().skip(1);
-    points.iter().zip(next).map(|(p, q)| (p - about).cross(q - about)).sum()
+    points.iter().zip(next).map(|(p, q)| (p - origin).cross(q - origin)).sum()
 }
 
-/// Puts loops together that bound one hole: an inner loop lies near the plane of the outer one, within it as seen along its
-/// normal, and runs the other way.
+/// Groups the loops that bound one hole. The loop of an island lies close to the plane of the outer loop, inside it when
+/// projected along its normal, and runs in the opposite direction.
 ///
 /// ```text
 ///    ___________
 ///   |  _______  |      the patch is the ring between the loops,
-///   | |island | |      and joins the island to what is around it
+///   | |island | |      and joins the island to the surface around it
 ///   | |_______| |
 ///   |___________|
 /// ```
 ///
-/// Of several loops around a loop the smallest counts, and a loop in an inner loop is an outer one again. `face_normal`
-/// tells the normal of the face at a border's edge. O(n log n) for loops that lie side by side; nested ones are looked at
-/// within a bound, after which each is a hole of its own.
-pub(super) fn group(
+/// Of several loops around a loop the smallest counts. A loop inside an island is an outer loop again. `face_normal` returns
+/// the normal of the face at a boundary edge. O(n log n) time for loops side by side. Nested loops are tested within a budget;
+/// after that each loop is a separate hole.
+pub(super) fn group_loops(
     positions: &[DVec3],
     loops: BoundaryLoops,
     parts: &Parts,
     face_normal: impl Fn(u32, u32) -> DVec3,
 ) -> Vec<Hole> {
-    let shapes: Vec<Shape> = loops.simple.iter().map(|l| shape(positions, l, &face_normal)).collect();
+    let shapes: Vec<LoopShape> = loops.simple.iter().map(|l| loop_shape(positions, l, &face_normal)).collect();
     let part = |i: usize| parts.of_face[loops.face[i] as usize];
     let mut inner_of: Vec<Option<usize>> = vec![None; shapes.len()];
     if shapes.len() > 1 {
@@ -80,18 +81,18 @@ pub(super) fn group(
         let tree = Tree::in_frame(Frame::around(&corners, &boxes), &corners, &boxes);
         let mut order: Vec<usize> = (0..shapes.len()).collect();
         order.sort_by(|&i, &j| shapes[j].size.total_cmp(&shapes[i].size).then(i.cmp(&j)));
-        let mut steps = STEPS;
+        let mut steps = STEP_BUDGET;
         for &i in &order {
             let mut around: Option<usize> = None;
             tree.overlapping(&shapes[i].bounds, |f| {
                 let j = f as usize;
                 steps = steps.saturating_sub(1);
-                let off = if part(i) == part(j) { OFF_PLANE_WITHIN } else { OFF_PLANE };
+                let off = if part(i) == part(j) { MAX_OFF_PLANE_SAME_PART } else { MAX_OFF_PLANE };
                 let smaller =
                     shapes[j].size > shapes[i].size && around.is_none_or(|k| (shapes[j].size, k) < (shapes[k].size, j));
-                if smaller && shapes[i].normal.dot(shapes[j].normal).abs() >= -LEAST_OPPOSED {
+                if smaller && shapes[i].normal.dot(shapes[j].normal).abs() >= -MAX_OPPOSED_COSINE {
                     steps = steps.saturating_sub((loops.simple[i].len() + loops.simple[j].len()) as u64);
-                    if lies_in(positions, &loops.simple[i], &loops.simple[j], &shapes[j], off) {
+                    if is_inside(positions, &loops.simple[i], &loops.simple[j], &shapes[j], off) {
                         around = Some(j);
                     }
                 }
@@ -101,7 +102,7 @@ pub(super) fn group(
                 break;
             }
             let Some(j) = around else { continue };
-            let opposed = shapes[i].normal.dot(shapes[j].normal) <= LEAST_OPPOSED;
+            let opposed = shapes[i].normal.dot(shapes[j].normal) <= MAX_OPPOSED_COSINE;
             if inner_of[j].is_none() && opposed && !shapes[i].behind[1] && !shapes[j].behind[0] {
                 inner_of[i] = Some(j);
             }
@@ -127,44 +128,45 @@ pub(super) fn group(
     holes
 }
 
-fn shape(positions: &[DVec3], border: &[u32], face_normal: &impl Fn(u32, u32) -> DVec3) -> Shape {
+/// Measures a loop.
+fn loop_shape(positions: &[DVec3], border: &[u32], face_normal: &impl Fn(u32, u32) -> DVec3) -> LoopShape {
     let points: Vec<DVec3> = border.iter().map(|&v| positions[v as usize]).collect();
     let newell = newell(&points);
     let normal = newell.try_normalize().unwrap_or(DVec3::ZERO);
-    // A patch around an island looks the way of the outer loop, which runs against this one.
+    // A patch around an island faces as the outer loop does, which is opposite to the island's loop.
     let behind = [normal, -normal].map(|normal| {
         let next = border.iter().cycle().skip(1);
-        let count = border.iter().zip(next).filter(|&(&a, &b)| face_normal(a, b).dot(normal) < BEHIND).count();
+        let count = border.iter().zip(next).filter(|&(&a, &b)| face_normal(a, b).dot(normal) < BEHIND_COSINE).count();
         2 * count > border.len()
     });
     let size = (newell.length() / 2.0).sqrt();
-    Shape { bounds: Box3::of(points), normal, size, behind }
+    LoopShape { bounds: Box3::of(points), normal, size, behind }
 }
 
-/// Whether a loop lies near the plane of another, and its first vertex in it as seen along the normal.
-fn lies_in(positions: &[DVec3], inner: &[u32], outer: &[u32], shape: &Shape, off: f64) -> bool {
+/// Whether a loop is close to the plane of another, and its first vertex inside it when projected along the normal.
+fn is_inside(positions: &[DVec3], inner: &[u32], outer: &[u32], loop_shape: &LoopShape, off: f64) -> bool {
     let at = |v: &u32| positions[*v as usize];
     let count = f64::from(u32::try_from(outer.len()).unwrap_or(u32::MAX));
     let middle = outer.iter().map(at).sum::<DVec3>() / count;
-    if inner.iter().any(|v| (at(v) - middle).dot(shape.normal).abs() > off * shape.size) {
+    if inner.iter().any(|v| (at(v) - middle).dot(loop_shape.normal).abs() > off * loop_shape.size) {
         return false;
     }
-    let x = shape.normal.any_orthonormal_vector();
-    let y = shape.normal.cross(x);
-    let place = at(&inner[0]);
-    let seen = |v: &u32| ((at(v) - place).dot(x), (at(v) - place).dot(y));
+    let x = loop_shape.normal.any_orthonormal_vector();
+    let y = loop_shape.normal.cross(x);
+    let origin = at(&inner[0]);
+    let project = |v: &u32| ((at(v) - origin).dot(x), (at(v) - origin).dot(y));
     let next = outer.iter().cycle().skip(1);
-    // Sides that cross the ray to the right: an odd number where the point is in the polygon.
+    // The sides that cross the ray to the right: an odd number for a point inside the polygon.
     let crossed = outer.iter().zip(next).filter(|&(v, w)| {
-        let ((ax, ay), (bx, by)) = (seen(v), seen(w));
+        let ((ax, ay), (bx, by)) = (project(v), project(w));
         (ay > 0.0) != (by > 0.0) && ax - ay * (bx - ax) / (by - ay) > 0.0
     });
     crossed.count() % 2 == 1
 }
 
 impl Hole {
-    /// Each loop as a hole of its own, the last one first.
-    pub fn apart(self) -> impl Iterator<Item = Hole> {
+    /// Splits the hole into one hole for each loop, the last loop first.
+    pub fn split_loops(self) -> impl Iterator<Item = Hole> {
         let extent = self.extent;
         let each = self.loops.into_iter().zip(self.parts).rev();
         each.map(move |(border, part)| Hole { loops: vec![border], parts: vec![part], extent })

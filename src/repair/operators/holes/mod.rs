@@ -1,4 +1,7 @@
-//! Closing boundary loops.
+//! Fills holes: closes boundary loops with patches of triangles.
+//!
+//! `group.rs` finds the loops that bound one hole, `triangulate.rs` computes triangulations, `choose.rs` chooses among them,
+//! and `patch.rs` refines patches and finds intersections.
 
 mod choose;
 mod group;
@@ -12,62 +15,63 @@ use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 pub use choose::FillHoles;
-use choose::{Chosen, Filler, face_normal};
-use group::{Hole, group};
+use choose::{Filler, PatchCandidate, face_normal};
+use group::{Hole, group_loops};
 
 pub use super::names::HoleFilling;
 
-/// What filling did and left.
+/// The result of filling holes.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Filled {
-    /// By operator.
+    /// The changes with their counts.
     pub changes: Vec<Change>,
-    /// Loops that are still open in parts that were not taken for sheets.
+    /// The number of loops that are still open, in parts that do not count as sheets.
     pub holes_left: u64,
-    /// Of these, over a limit in edges, size or number.
+    /// The number of these that exceed a limit on edges, size or number.
     pub over_limit: u64,
-    /// Boundary edges in no loop, since the winding around them disagrees or they meet in a non-manifold edge.
+    /// The number of boundary edges in no loop, because of inconsistent winding or a non-manifold edge.
     pub unwalked_edges: u64,
-    /// Parts that were taken for open sheets and left open.
+    /// The number of parts that count as open sheets and stay open.
     pub open_sheets: u64,
-    /// Patches that intersect something, every other way being worse.
+    /// The number of patches that intersect a face, because every other triangulation is worse.
     pub intersecting: u64,
-    /// Patches that were not looked at, since the search took all the steps that it may.
+    /// The number of patches that were not checked for intersections, because the search reached its limit.
     pub unchecked: u64,
 }
 
 impl Filled {
-    /// What is left, if anything.
-    pub(super) fn in_words(&self) -> Option<String> {
-        let mut words = Vec::new();
-        let mut say = |count: u64, what: &str| {
+    /// The note on what was left; `None` where nothing was.
+    pub(super) fn unfixed_note(&self) -> Option<String> {
+        let mut notes = Vec::new();
+        let mut add_note = |count: u64, text: &str| {
             if count > 0 {
-                words.push(format!("{count} {what}"));
+                notes.push(format!("{count} {text}"));
             }
         };
-        say(self.over_limit, "holes are over the limits in edges, size or number and were left open");
-        say(self.holes_left - self.over_limit, "holes could not be closed");
-        say(self.unwalked_edges, "open edges form no loop");
-        say(self.open_sheets, "parts are open sheets that enclose nothing; they were left open");
-        say(self.intersecting, "patches intersect other faces, as every other way that was tried does");
-        say(self.unchecked, "patches were not checked against other faces, which would have taken too long");
-        (!words.is_empty()).then(|| words.join("; "))
+        add_note(self.over_limit, "holes exceed `max_hole_edges`, `max_hole_size` or `max_holes` and stay open");
+        add_note(self.holes_left - self.over_limit, "holes could not be filled");
+        add_note(self.unwalked_edges, "boundary edges form no closed loop");
+        add_note(self.open_sheets, "parts are open sheets that enclose no volume; they stay open");
+        add_note(self.intersecting, "patches intersect other faces, and so did every other triangulation tried");
+        add_note(self.unchecked, "patches were not checked for intersections: the search reached its limit");
+        (!notes.is_empty()).then(|| notes.join("; "))
     }
 }
 
 impl FillHoles {
     /// Closes boundary loops with triangles over their own vertices.
     ///
-    /// Candidates are made in order of beauty and the first without a fault is taken, or that with the fewest: a fault is
-    /// a pair of faces that intersect, decided exactly against the surface, the patch itself and the patches before
-    /// it, or a face without area. The candidates are the triangulation of least worst fold (Liepa 2003), the constrained
-    /// Delaunay triangulation in the hole's plane, the one of least area, and growth from the sharpest corners; over 128
-    /// edges the second, the fourth, and pieces cut by short chords. A hole that lies in a plane gets its plane patch
-    /// first, without overlap and without faces on a line. A diagonal is never an edge that is there already, so
-    /// that no edge gets a third face. A loop within another, near its plane and running against it, bounds an island:
-    /// both get one patch, and the island is joined. All loops of a body (parts that islands join) are closed or none:
-    /// see [`encloses`] for what tells a solid with holes from an open sheet. Where a loop cannot be closed the others of
-    /// its body still are, if their patches are small beside it: what is open shrinks, and the rest can be told.
+    /// Candidates are tried from smooth to robust. The first without a fault is taken, or else the one with the fewest. A fault
+    /// is a face without area, or a pair of intersecting faces, decided exactly against the surface, the patch itself and
+    /// earlier patches. The candidates are the triangulation with the smallest largest dihedral angle (Liepa 2003), the
+    /// constrained Delaunay triangulation in the hole's plane, the triangulation of least area, and growth from the sharpest
+    /// corners. For more than 128 edges they are the second, the fourth, and pieces split by short chords. A planar hole gets
+    /// its planar patch first. A diagonal is never an existing edge, so no edge gets a third face.
+    ///
+    /// A loop inside another, close to its plane and in the opposite direction, bounds an island: both get one common patch.
+    /// A body is a set of parts joined by islands. Its loops are filled all or none: [`encloses`] distinguishes a solid with
+    /// holes from an open sheet. Where one loop cannot be filled, the others still are if their patches are small relative to
+    /// the body.
     ///
     /// ```text
     ///    ___________          ___________
@@ -76,9 +80,9 @@ impl FillHoles {
     ///   |   \___/   |        |   \_|_/   |
     /// ```
     ///
-    /// Precondition: consistent winding, or walks along the boundary end and are left. Result: no vertex moves and no
-    /// face goes. Where every triangulation needs an edge that exists, a cone over a new vertex closes the hole. Leaves:
-    /// loops over the limits, those of open sheets, what a sharp patch could not reach.
+    /// Precondition: consistent winding; boundary walks that meet a conflict end and are left. Result: no vertex moves and no
+    /// face goes. Where every triangulation needs an existing edge, a cone over a new vertex fills the hole. Leaves: loops
+    /// over the limits, loops of open sheets, and corners that a sharp patch could not reach.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -92,10 +96,10 @@ impl FillHoles {
         let loops = boundary_loops(surface, &edges, &fans);
         let mut filled = Filled { unwalked_edges: loops.left, ..Filled::default() };
         let of_edge = |a, b| face_normal(&surface.positions, &surface.faces, &edges, a, b);
-        let holes = group(&surface.positions, loops, &parts, of_edge);
+        let holes = group_loops(&surface.positions, loops, &parts, of_edge);
         context.check()?;
-        let within = self.within_limits(surface, &holes);
-        let (bodies, by_body) = bodies(&parts, &holes);
+        let is_within_limits = self.within_limits(surface, &holes);
+        let (bodies, by_body) = merge_into_bodies(&parts, &holes);
         let solids = solids(surface, &edges, &bodies);
         let mut filler = Filler::new(self, surface.positions.clone(), &surface.faces, &edges, context);
         let (mut closed, mut joined) = (0u64, 0u64);
@@ -105,23 +109,23 @@ impl FillHoles {
             let mut body = BodyPatches::default();
             let mut work: Vec<Hole> = Vec::new();
             for &(_, i) in of_body.iter().rev() {
-                if within[i] {
+                if is_within_limits[i] {
                     work.push(holes[i].clone());
                 } else {
-                    body.over += holes[i].loops.len() as u64;
+                    body.over_limit += holes[i].loops.len() as u64;
                 }
             }
             body.close(work, &mut filler)?;
             let (patch_area, volume) = with_patches(solid, &filler, start.0);
-            if encloses(solid.area, patch_area, (body.left + body.over == 0).then_some(volume)) {
-                filled.holes_left += body.left + body.over;
-                filled.over_limit += body.over;
+            if encloses(solid.area, patch_area, (body.left + body.over_limit == 0).then_some(volume)) {
+                filled.holes_left += body.left + body.over_limit;
+                filled.over_limit += body.over_limit;
                 filled.intersecting += body.intersecting;
                 filled.unchecked += body.unchecked;
                 closed += body.closed;
                 joined += body.islands;
             } else {
-                body.take_back(start, &mut filler);
+                body.undo(start, &mut filler);
                 filled.open_sheets += 1;
             }
         }
@@ -143,24 +147,25 @@ impl FillHoles {
         Ok(filled)
     }
 
-    /// For each hole whether it is within the limits.
+    /// For each hole whether it is within the limits on edges, size and number.
     fn within_limits(&self, surface: &Surface, holes: &[Hole]) -> Vec<bool> {
         let diagonal = Box3::of(surface.faces.iter().flatten().map(|&v| surface.positions[v as usize])).diagonal();
         let small = |h: &Hole| self.max_size >= 1.0 || h.extent <= self.max_size * diagonal;
-        let mut within: Vec<bool> = holes.iter().map(|h| h.edges() <= self.max_edges as usize && small(h)).collect();
-        let mut order: Vec<usize> = (0..holes.len()).filter(|&i| within[i]).collect();
+        let mut is_within_limits: Vec<bool> =
+            holes.iter().map(|h| h.edges() <= self.max_edges as usize && small(h)).collect();
+        let mut order: Vec<usize> = (0..holes.len()).filter(|&i| is_within_limits[i]).collect();
         if order.len() > self.max_holes as usize {
             order.sort_by(|&i, &j| holes[i].extent.total_cmp(&holes[j].extent).then(i.cmp(&j)));
             for &i in &order[self.max_holes as usize..] {
-                within[i] = false;
+                is_within_limits[i] = false;
             }
         }
-        within
+        is_within_limits
     }
 }
 
-/// The parts, those that one hole joins as one, and the holes by body.
-fn bodies(parts: &Parts, holes: &[Hole]) -> (Parts, Vec<(u32, usize)>) {
+/// Merges parts with a common hole into bodies; returns the bodies and the holes sorted by body.
+fn merge_into_bodies(parts: &Parts, holes: &[Hole]) -> (Parts, Vec<(u32, usize)>) {
     let mut sets = UnionFind::new(parts.count);
     for hole in holes {
         for &part in &hole.parts[1..] {
@@ -175,32 +180,34 @@ fn bodies(parts: &Parts, holes: &[Hole]) -> (Parts, Vec<(u32, usize)>) {
     (Parts { of_face, count: parts.count }, by_body)
 }
 
-/// What became of the holes of one body.
+/// The outcome for the holes of one body.
 #[derive(Default)]
 struct BodyPatches {
     /// Loops that were closed.
     closed: u64,
-    /// Of these, those of islands.
+    /// The loops of islands among these.
     islands: u64,
-    /// Loops that could not be closed, or not wholly.
+    /// Loops that could not be closed, or only in part.
     left: u64,
     /// Loops over a limit.
-    over: u64,
+    over_limit: u64,
+    /// Patches that intersect a face.
     intersecting: u64,
+    /// Patches that were not checked for intersections.
     unchecked: u64,
-    /// Edges that its patches added.
+    /// Edges that the patches added.
     edges: Vec<(u32, u32)>,
 }
 
 impl BodyPatches {
-    /// Closes holes, the last of them first.
+    /// Fills holes, the last of `work` first.
     fn close(&mut self, mut work: Vec<Hole>, filler: &mut Filler<'_>) -> Result<(), Cancelled> {
         while let Some(hole) = work.pop() {
             filler.context.check()?;
-            let Some(chosen) = filler.choose(&hole)? else {
+            let Some(candidate) = filler.choose(&hole)? else {
                 if hole.loops.len() > 1 {
-                    // Islands that cannot be joined are holes of their own.
-                    work.extend(hole.apart());
+                    // Islands that cannot be joined become separate holes.
+                    work.extend(hole.split_loops());
                 } else {
                     self.left += 1;
                 }
@@ -208,17 +215,17 @@ impl BodyPatches {
             };
             self.closed += hole.loops.len() as u64;
             self.islands += hole.loops.len() as u64 - 1;
-            self.left += u64::from(chosen.open > 0);
-            self.intersecting += u64::from(chosen.faults.is_some_and(|f| f.crossings > 0));
-            self.unchecked += u64::from(chosen.faults.is_none());
-            self.put(&chosen, filler);
+            self.left += u64::from(candidate.open > 0);
+            self.intersecting += u64::from(candidate.faults.is_some_and(|f| f.crossings > 0));
+            self.unchecked += u64::from(candidate.faults.is_none());
+            self.add(&candidate, filler);
         }
         Ok(())
     }
 
-    /// Takes a patch over.
-    fn put(&mut self, chosen: &Chosen, filler: &mut Filler<'_>) {
-        for &[a, b, c] in &chosen.faces {
+    /// Adds a patch to the surface.
+    fn add(&mut self, candidate: &PatchCandidate, filler: &mut Filler<'_>) {
+        for &[a, b, c] in &candidate.faces {
             for (u, v) in [(a, b), (b, c), (c, a)] {
                 let edge = (u.min(v), u.max(v));
                 if filler.edges.find(u, v).is_none() && filler.new_edges.insert(edge) {
@@ -226,12 +233,12 @@ impl BodyPatches {
                 }
             }
         }
-        filler.clearance.put(&chosen.faces);
+        filler.clearance.add(&candidate.faces);
     }
 
-    /// Takes back all patches: those from a number of faces and of positions on.
-    fn take_back(self, (faces, positions): (usize, usize), filler: &mut Filler<'_>) {
-        filler.clearance.take_out(faces);
+    /// Removes all patches from face number `faces` and position number `positions` on.
+    fn undo(self, (faces, positions): (usize, usize), filler: &mut Filler<'_>) {
+        filler.clearance.truncate_patches(faces);
         filler.clearance.drop_vertices(positions);
         filler.positions.truncate(positions);
         for edge in self.edges {
@@ -240,7 +247,7 @@ impl BodyPatches {
     }
 }
 
-/// The area of the patches from a number on, and the volume of a body with them.
+/// The area of the patches from face number `start` on, and the body's volume with these patches.
 fn with_patches(body: &Solid, filler: &Filler<'_>, start: usize) -> (f64, f64) {
     let about = body.bounds.centre();
     let (mut patch_area, mut volume) = (0.0, body.volume);
@@ -254,7 +261,7 @@ fn with_patches(body: &Solid, filler: &Filler<'_>, start: usize) -> (f64, f64) {
 
 impl Operation for FillHoles {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
-    // A crack whose border lies on a line is closed by faces without area.
+    // A crack whose border is collinear is closed with faces without area.
     const MAY_RAISE: &'static [Counter] = &[Counter::DegenerateFaces];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
@@ -272,6 +279,6 @@ impl Operation for FillHoles {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let filled = self.apply(surface, context)?;
-        Ok(Applied { left: filled.in_words(), changes: filled.changes, ..Applied::default() })
+        Ok(Applied { left: filled.unfixed_note(), changes: filled.changes, ..Applied::default() })
     }
 }

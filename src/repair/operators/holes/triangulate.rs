@@ -1,4 +1,4 @@
-//! Triangulations of a hole: of least weight, by constrained Delaunay in a plane, and grown from the sharpest corners.
+//! Triangulations of a hole: by least weight, by constrained Delaunay in a plane, and by growth from the sharpest corners.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -7,39 +7,40 @@ use glam::DVec3;
 use spade::handles::FixedVertexHandle;
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation};
 
-/// Dihedral angles are compared in steps of this many degrees; what is equal then goes by area.
-const STEP_DEGREES: f64 = 5.0;
-/// The step of a triangle without area: worse than any fold.
-const NO_AREA: u16 = 60;
+/// Dihedral angles are compared in steps of this many degrees; triangulations in the same step are compared by area.
+const ANGLE_STEP_DEG: f64 = 5.0;
+/// The step of a triangle without area: worse than any dihedral angle.
+const NO_AREA_STEP: u16 = 60;
 
-/// The weight of a triangulation: its worst dihedral angle in steps, then its area (Liepa 2003, section 3).
+/// The weight of a triangulation: its largest dihedral angle in steps, then its area (Liepa 2003, section 3).
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 struct Weight(u16, f64);
 
-const NEVER: Weight = Weight(u16::MAX, f64::INFINITY);
+/// The weight of a polygon that cannot be triangulated.
+const IMPOSSIBLE: Weight = Weight(u16::MAX, f64::INFINITY);
 
-/// What a triangulation is weighed by.
+/// The criterion that a triangulation minimises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Weigh {
-    /// By its worst fold, then by its area.
+pub(super) enum Criterion {
+    /// The largest dihedral angle, then the area.
     Fold,
-    /// By its area alone.
+    /// The area.
     Area,
 }
 
-/// The triangulation of a closed polygon in space with the least worst fold and the least area, or the least area alone.
+/// The triangulation of a closed polygon in space with the least weight by `criterion`.
 ///
-/// `normals[i]` is the unit normal of the face across the side from corner `i` to corner `i + 1`, or zero where there
-/// is none; `forbidden(i, j)` says which diagonals may not be used. Triangles run the way the polygon runs.
-/// None where every triangulation needs a forbidden diagonal. O(n^3) time, O(n^2) memory.
+/// `normals[i]` is the unit normal of the face across the side from corner `i` to corner `i + 1`, or zero without a face.
+/// `forbidden(i, j)` reports which diagonals may not be used. Triangles have the polygon's direction. `None` where every
+/// triangulation needs a forbidden diagonal, or where `should_continue` returns `false`. O(n^3) time, O(n^2) memory.
 ///
 /// Liepa 2003, "Filling Holes in Meshes"; the recurrence is that of Barequet and Sharir 1995.
 pub(super) fn least_weight(
     points: &[DVec3],
     normals: &[DVec3],
-    weigh: Weigh,
+    criterion: Criterion,
     forbidden: impl Fn(usize, usize) -> bool,
-    mut go_on: impl FnMut() -> bool,
+    mut should_continue: impl FnMut() -> bool,
 ) -> Option<Vec<[usize; 3]>> {
     let n = points.len();
     let at = |i: usize, j: usize| i * n + j;
@@ -50,34 +51,36 @@ pub(super) fn least_weight(
         normal[at(i, (i + 1) % n)] = normals[i];
     }
     for span in 2..n {
-        if !go_on() {
+        if !should_continue() {
             return None;
         }
         for i in 0..n - span {
             let j = i + span;
-            let mut best = NEVER;
+            let mut best = IMPOSSIBLE;
             if !(forbidden(i, j) && span < n - 1) {
                 for k in i + 1..j {
                     let (left, right) = (weight[at(i, k)], weight[at(k, j)]);
-                    if left == NEVER || right == NEVER || left.0.max(right.0) > best.0 {
+                    if left == IMPOSSIBLE || right == IMPOSSIBLE || left.0.max(right.0) > best.0 {
                         continue;
                     }
                     let cross = (points[k] - points[i]).cross(points[j] - points[i]);
                     let length = cross.length();
-                    let own = if length > 0.0 { cross / length } else { DVec3::ZERO };
-                    let mut fold = if length > 0.0 { 0 } else { NO_AREA };
-                    if weigh == Weigh::Fold {
-                        fold = fold.max(step(own, normal[at(i, k)])).max(step(own, normal[at(k, j)]));
+                    let unit_normal = if length > 0.0 { cross / length } else { DVec3::ZERO };
+                    let mut fold = if length > 0.0 { 0 } else { NO_AREA_STEP };
+                    if criterion == Criterion::Fold {
+                        fold = fold
+                            .max(angle_step(unit_normal, normal[at(i, k)]))
+                            .max(angle_step(unit_normal, normal[at(k, j)]));
                     }
-                    if weigh == Weigh::Fold && span == n - 1 {
-                        fold = fold.max(step(own, normal[at(n - 1, 0)]));
+                    if criterion == Criterion::Fold && span == n - 1 {
+                        fold = fold.max(angle_step(unit_normal, normal[at(n - 1, 0)]));
                     }
-                    let it = Weight(fold.max(left.0).max(right.0), left.1 + right.1 + length);
-                    if it < best {
-                        best = it;
+                    let candidate = Weight(fold.max(left.0).max(right.0), left.1 + right.1 + length);
+                    if candidate < best {
+                        best = candidate;
                         apex[at(i, j)] = k;
                         if span < n - 1 {
-                            normal[at(i, j)] = own;
+                            normal[at(i, j)] = unit_normal;
                         }
                     }
                 }
@@ -85,7 +88,7 @@ pub(super) fn least_weight(
             weight[at(i, j)] = best;
         }
     }
-    if weight[at(0, n - 1)] == NEVER {
+    if weight[at(0, n - 1)] == IMPOSSIBLE {
         return None;
     }
     let mut triangles = Vec::with_capacity(n - 2);
@@ -103,15 +106,15 @@ pub(super) fn least_weight(
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an angle of at most 180 degrees")]
-fn step(a: DVec3, b: DVec3) -> u16 {
+fn angle_step(a: DVec3, b: DVec3) -> u16 {
     if a == DVec3::ZERO || b == DVec3::ZERO {
         return 0;
     }
-    (a.dot(b).clamp(-1.0, 1.0).acos().to_degrees() / STEP_DEGREES) as u16
+    (a.dot(b).clamp(-1.0, 1.0).acos().to_degrees() / ANGLE_STEP_DEG) as u16
 }
 
-/// A diagonal that cuts a long polygon into two of at least a quarter of its corners each, as short as can be found
-/// among about a thousand corners.
+/// A short diagonal that splits a long polygon into two with at least a quarter of its corners each. Up to about a thousand
+/// corners are tried.
 pub(super) fn shortest_cut(points: &[DVec3], forbidden: impl Fn(usize, usize) -> bool) -> Option<(usize, usize)> {
     let n = points.len();
     let stride = n.div_ceil(1000);
@@ -128,10 +131,10 @@ pub(super) fn shortest_cut(points: &[DVec3], forbidden: impl Fn(usize, usize) ->
     best.map(|(_, i, j)| (i, j))
 }
 
-/// A coordinate plane is tried while the normal's component across it is at least this share of the largest.
-const LEAST_TILT: f64 = 0.3;
+/// A coordinate plane is tried if the normal's component across it is at least this share of the largest component.
+const MIN_TILT: f64 = 0.3;
 
-/// A corner as it is seen along an axis.
+/// A corner projected along an axis.
 #[derive(Debug, Clone, Copy)]
 struct Corner(Point2<f64>);
 
@@ -143,11 +146,12 @@ impl HasPosition for Corner {
     }
 }
 
-/// The constrained Delaunay triangulation of what lies left of closed polygons, seen from where `normal` points: one
-/// that is counter-clockwise, and any number in it that are clockwise. `ends` says where each polygon ends in `points`.
+/// The constrained Delaunay triangulation of the area between closed polygons, projected along an axis: one outer polygon,
+/// counter-clockwise seen against `normal`, and any number of clockwise polygons inside it. `ends` holds the end of each
+/// polygon in `points`.
 ///
-/// The polygons are seen along an axis, so that no coordinate is rounded: their picture is simple exactly or not at all,
-/// and a patch whose picture covers it once does not intersect itself. None where no picture is simple. O(n log n).
+/// The projection along an axis rounds no coordinate, so the test whether it is simple is exact. A patch with a simple
+/// projection does not intersect itself. `None` where no projection is simple. O(n log n) time.
 pub(super) fn planar(points: &[DVec3], ends: &[usize], normal: DVec3) -> Option<Vec<[usize; 3]>> {
     let mut next: Vec<usize> = (1..=points.len()).collect();
     let mut start = 0;
@@ -158,28 +162,28 @@ pub(super) fn planar(points: &[DVec3], ends: &[usize], normal: DVec3) -> Option<
     let size = normal.abs();
     let mut axes = [0, 1, 2];
     axes.sort_by(|&i, &j| size[j].total_cmp(&size[i]));
-    axes.into_iter().filter(|&k| size[k] > 0.0 && size[k] >= LEAST_TILT * size[axes[0]]).find_map(|k| {
+    axes.into_iter().filter(|&k| size[k] > 0.0 && size[k] >= MIN_TILT * size[axes[0]]).find_map(|k| {
         let (x, y) = if normal[k] > 0.0 { ((k + 1) % 3, (k + 2) % 3) } else { ((k + 2) % 3, (k + 1) % 3) };
-        inside(points.iter().map(|p| Corner(Point2::new(p[x], p[y]))).collect(), &next, ends.len())
+        triangulate_projection(points.iter().map(|p| Corner(Point2::new(p[x], p[y]))).collect(), &next, ends.len())
     })
 }
 
-/// Triangles of the picture left of its constraints.
-fn inside(corners: Vec<Corner>, next: &[usize], polygons: usize) -> Option<Vec<[usize; 3]>> {
+/// Triangulates the area to the left of the constraints of a projection.
+fn triangulate_projection(corners: Vec<Corner>, next: &[usize], polygons: usize) -> Option<Vec<[usize; 3]>> {
     let n = corners.len();
     let sides = next.iter().enumerate().map(|(i, &j)| [i, j]).collect();
     let mut simple = true;
     let cdt = ConstrainedDelaunayTriangulation::<Corner>::try_bulk_load_cdt(corners, sides, |_| simple = false).ok()?;
-    // Corners that coincide are merged, and a side that passes through a corner is parted there.
+    // Coinciding corners are merged, and a side through a corner is split there.
     if !simple || cdt.num_vertices() != n || cdt.num_constraints() != n {
         return None;
     }
-    let mut taken = vec![false; cdt.num_all_faces()];
+    let mut visited = vec![false; cdt.num_all_faces()];
     let mut stack = Vec::new();
     for (i, &j) in next.iter().enumerate() {
         let side = cdt.get_edge_from_neighbors(FixedVertexHandle::from_index(i), FixedVertexHandle::from_index(j))?;
         let face = side.face();
-        if !std::mem::replace(&mut taken[face.fix().index()], true) {
+        if !std::mem::replace(&mut visited[face.fix().index()], true) {
             stack.push(face);
         }
     }
@@ -188,7 +192,7 @@ fn inside(corners: Vec<Corner>, next: &[usize], polygons: usize) -> Option<Vec<[
         let face = face.as_inner()?;
         for edge in face.adjacent_edges() {
             let beyond = edge.rev().face();
-            if !edge.is_constraint_edge() && !std::mem::replace(&mut taken[beyond.fix().index()], true) {
+            if !edge.is_constraint_edge() && !std::mem::replace(&mut visited[beyond.fix().index()], true) {
                 stack.push(beyond);
             }
         }
@@ -197,54 +201,58 @@ fn inside(corners: Vec<Corner>, next: &[usize], polygons: usize) -> Option<Vec<[
     (triangles.len() + 4 == n + 2 * polygons).then_some(triangles)
 }
 
-/// The triangles over a loop, and how many corners of it are not closed.
-pub(super) struct Grown {
+/// The triangles that grew over a loop, and the number of corners that stay open.
+pub(super) struct Growth {
     pub triangles: Vec<[usize; 3]>,
     pub open: usize,
 }
 
-/// Joins two neighbouring sides of a polygon by a triangle, the sharpest corner first, until none is left or none can be.
+/// Covers two adjacent sides of a polygon by a triangle, sharpest corner first, until no side is left or no triangle is allowed.
 ///
-/// `may(triangle, last)` says whether a triangle can be: of the last one no side is new. Corners that are reflex seen from
-/// where `normal` points are the bluntest. A corner that cannot be joined is asked again when a neighbour of it went.
-/// After *fill holes (sharp)* of Mesh Heal. O(n log n) besides what is asked, which is at most three times a corner.
-pub(super) fn sharp(points: &[DVec3], normal: DVec3, mut may: impl FnMut([usize; 3], bool) -> bool) -> Grown {
+/// `is_allowed(triangle, is_last)` reports whether a triangle may be added; the last triangle adds no new side. Corners that
+/// are reflex seen against `normal` count as the bluntest. A rejected corner is tried again when one of its neighbours is
+/// gone. After *fill holes (sharp)* of Mesh Heal. O(n log n) time, plus at most three calls of `is_allowed` for each corner.
+pub(super) fn grow_from_sharp_corners(
+    points: &[DVec3],
+    normal: DVec3,
+    mut is_allowed: impl FnMut([usize; 3], bool) -> bool,
+) -> Growth {
     let n = points.len();
     let mut around: Vec<[usize; 2]> = (0..n).map(|i| [(i + n - 1) % n, (i + 1) % n]).collect();
-    let mut turn = vec![0u32; n];
+    let mut version = vec![0u32; n];
     let key = |i: usize, [before, after]: [usize; 2]| {
         let (u, v) = (points[after] - points[i], points[before] - points[i]);
         let cross = u.cross(v);
         let angle = cross.length().atan2(u.dot(v));
-        // Positive numbers stand in the order of their bits.
+        // Positive floats have the order of their bit patterns.
         (if cross.dot(normal) < 0.0 { std::f64::consts::TAU - angle } else { angle }).to_bits()
     };
     let mut heap: BinaryHeap<_> = (0..n).map(|i| Reverse((key(i, around[i]), i, 0u32))).collect();
-    let mut grown = Grown { triangles: Vec::with_capacity(n.saturating_sub(2)), open: n };
-    while let Some(Reverse((_, i, of_turn))) = heap.pop() {
-        if turn[i] != of_turn {
+    let mut growth = Growth { triangles: Vec::with_capacity(n.saturating_sub(2)), open: n };
+    while let Some(Reverse((_, i, of_version))) = heap.pop() {
+        if version[i] != of_version {
             continue;
         }
         let [before, after] = around[i];
         let triangle = [before, i, after];
-        if !may(triangle, grown.open == 3) {
+        if !is_allowed(triangle, growth.open == 3) {
             continue;
         }
-        grown.triangles.push(triangle);
-        if grown.open == 3 {
-            grown.open = 0;
+        growth.triangles.push(triangle);
+        if growth.open == 3 {
+            growth.open = 0;
             break;
         }
-        grown.open -= 1;
-        turn[i] = u32::MAX;
+        growth.open -= 1;
+        version[i] = u32::MAX;
         around[before][1] = after;
         around[after][0] = before;
         for j in [before, after] {
-            turn[j] += 1;
-            heap.push(Reverse((key(j, around[j]), j, turn[j])));
+            version[j] += 1;
+            heap.push(Reverse((key(j, around[j]), j, version[j])));
         }
     }
-    grown
+    growth
 }
 
 #[cfg(test)]
@@ -267,11 +275,11 @@ mod tests {
         let triangles = planar(&points, &[400], DVec3::Z).unwrap();
         assert_eq!(triangles.len(), 398);
         assert!((area(&points, &triangles) - 200.0 * (std::f64::consts::TAU / 400.0).sin()).abs() < 1e-9);
-        assert_eq!(planar(&points, &[400], -DVec3::Z), None, "the other way round it is outside");
+        assert_eq!(planar(&points, &[400], -DVec3::Z), None, "seen from behind, the polygon is clockwise");
     }
 
     #[test]
-    fn polygons_in_a_polygon_are_left_out() {
+    fn holes_in_a_polygon_are_not_covered() {
         let mut points = circle(40, 2.0, |_| 0.0);
         points.extend(circle(20, 0.5, |_| 0.0).iter().rev().map(|p| *p + DVec3::X));
         points.extend(circle(20, 0.5, |_| 0.0).iter().rev().map(|p| *p - DVec3::X));
@@ -282,8 +290,8 @@ mod tests {
     }
 
     #[test]
-    fn a_polygon_whose_picture_crosses_or_touches_itself_has_none() {
-        // Twice around the axis, rising and falling once.
+    fn a_polygon_with_a_self_touching_or_crossing_projection_has_no_planar_patch() {
+        // The curve goes twice around the axis and rises and falls once.
         let coil: Vec<DVec3> = (0..48)
             .map(|i| {
                 let u = f64::from(i) / 24.0 * std::f64::consts::TAU;
@@ -298,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn sides_on_one_line_give_no_triangle_without_area() {
+    fn collinear_sides_give_no_triangle_without_area() {
         let mut points: Vec<DVec3> = (0..=10).map(|i| DVec3::new(f64::from(i), 0.0, 0.0)).collect();
         points.extend((0..=10).rev().map(|i| DVec3::new(f64::from(i), 1.0, 0.0)));
         let triangles = planar(&points, &[22], DVec3::Z).unwrap();
@@ -306,25 +314,25 @@ mod tests {
     }
 
     #[test]
-    fn a_bent_quad_is_cut_along_the_diagonal_that_folds_less() {
+    fn a_bent_quad_is_split_along_the_diagonal_with_the_smaller_fold() {
         let points = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.9), DVec3::Y];
         // The faces around lie flat except at the raised corner.
         let normals = [DVec3::Z, DVec3::ZERO, DVec3::ZERO, DVec3::Z];
-        let cut = least_weight(&points, &normals, Weigh::Fold, |_, _| false, || true).unwrap();
+        let cut = least_weight(&points, &normals, Criterion::Fold, |_, _| false, || true).unwrap();
         assert!(cut.contains(&[0, 1, 3]), "{cut:?}");
-        let other = least_weight(&points, &normals, Weigh::Fold, |i, j| (i, j) == (1, 3), || true).unwrap();
+        let other = least_weight(&points, &normals, Criterion::Fold, |i, j| (i, j) == (1, 3), || true).unwrap();
         assert!(other.contains(&[0, 1, 2]), "{other:?}");
-        assert_eq!(least_weight(&points, &normals, Weigh::Fold, |_, _| true, || true), None);
+        assert_eq!(least_weight(&points, &normals, Criterion::Fold, |_, _| true, || true), None);
     }
 
     #[test]
-    fn the_least_area_may_fold_more() {
-        // A long roof: the ridge is the longer diagonal.
+    fn the_triangulation_of_least_area_has_no_more_area_than_any_other() {
+        // A long roof, whose ridge is the longer diagonal.
         let points = [DVec3::ZERO, DVec3::new(1.0, 0.0, 1.0), DVec3::new(4.0, 0.0, 0.0), DVec3::new(1.0, 0.5, 1.0)];
         let area = |t: &[[usize; 3]]| -> f64 {
             t.iter().map(|t| (points[t[1]] - points[t[0]]).cross(points[t[2]] - points[t[0]]).length()).sum()
         };
-        let least = least_weight(&points, &[DVec3::ZERO; 4], Weigh::Area, |_, _| false, || true).unwrap();
+        let least = least_weight(&points, &[DVec3::ZERO; 4], Criterion::Area, |_, _| false, || true).unwrap();
         for other in [[[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]] {
             assert!(area(&least) <= area(&other));
         }
@@ -337,13 +345,13 @@ mod tests {
             t.iter().map(|t| (points[t[1]] - points[t[0]]).cross(points[t[2]] - points[t[0]]).z / 2.0).sum()
         };
         let whole = 20.0 * (std::f64::consts::TAU / 40.0).sin();
-        let t = least_weight(&points, &[DVec3::ZERO; 40], Weigh::Fold, |_, _| false, || true).unwrap();
+        let t = least_weight(&points, &[DVec3::ZERO; 40], Criterion::Fold, |_, _| false, || true).unwrap();
         assert_eq!(t.len(), 38);
         assert!((area(&t) - whole).abs() < 1e-9);
     }
 
     #[test]
-    fn a_long_polygon_is_cut_where_it_is_narrow_and_not_at_its_end() {
+    fn a_long_polygon_is_split_where_it_is_narrow_and_not_at_its_end() {
         let mut points = circle(400, 1.0, |u| u.sin());
         points.iter_mut().for_each(|p| p.y *= 0.1);
         let (i, j) = shortest_cut(&points, |_, _| false).unwrap();
@@ -355,10 +363,10 @@ mod tests {
     fn the_sharpest_corner_goes_first_and_a_reflex_one_last() {
         // A spearhead: its tip is the sharpest corner, and the notch is reflex.
         let spear = [DVec3::new(10.0, 0.0, 0.0), DVec3::Y, DVec3::new(2.0, 0.0, 0.0), -DVec3::Y];
-        let grown = sharp(&spear, DVec3::Z, |_, _| true);
-        assert_eq!((grown.triangles[0], grown.open), ([3, 0, 1], 0));
-        let kept = sharp(&spear, DVec3::Z, |t, _| t != [3, 0, 1]);
+        let growth = grow_from_sharp_corners(&spear, DVec3::Z, |_, _| true);
+        assert_eq!((growth.triangles[0], growth.open), ([3, 0, 1], 0));
+        let kept = grow_from_sharp_corners(&spear, DVec3::Z, |t, _| t != [3, 0, 1]);
         assert_eq!((kept.open, kept.triangles.len()), (0, 2));
-        assert_eq!(sharp(&spear, DVec3::Z, |_, _| false).open, 4);
+        assert_eq!(grow_from_sharp_corners(&spear, DVec3::Z, |_, _| false).open, 4);
     }
 }

@@ -16,7 +16,7 @@ function report(change: object): Report {
     before,
     after: { defects: [] },
     changes: { moved: { distance: { max: 0.002 } }, surface: { kept: { area: 98 }, moved: { area: 0 }, added: { area: 2 }, removed: { area: 9 } } },
-    ledger: { parts: 2, united: 2, duplicate: 0, no_volume: 0, debris: 0 },
+    part_accounting: { parts: 2, united: 2, duplicate: 0, no_volume: 0, debris: 0 },
     steps: [],
     candidates: [],
     ...change,
@@ -55,8 +55,8 @@ test("a printable model was not touched", () => {
 
 test("the rim of a sheet that was thickened is no hole that was closed", () => {
   const before = { defects: [{ kind: "hole", count: 62 }], print: { unit: "mm", size: [80, 80, 20] } };
-  const step = (what: string, count: number): object => ({ status: "done", rung: 1, changed: [{ what, count }] });
-  const made = { before, steps: [step("holes_closed", 3), step("sheets_thickened", 36), { ...step("holes_closed", 50), rung: 0 }], candidates: [{ chosen: true, rung: 1 }] };
+  const step = (kind: string, count: number): object => ({ status: "done", strategy: 1, changed: [{ kind, count }] });
+  const made = { before, steps: [step("holes_closed", 3), step("sheets_thickened", 36), { ...step("holes_closed", 50), strategy: 0 }], candidates: [{ chosen: true, strategy: 1 }] };
   assert.equal(inWords(report(made), en, figures, "mm")[0], "3 holes closed");
   const objects = [made, made];
   assert.equal(inWords(report({ before, objects }), en, figures, "mm")[0], "6 holes closed");

@@ -63,7 +63,7 @@ test("notes are sentences, and name options that were not applied", () => {
 });
 
 test("an option that decides otherwise keeps the others, and lists grow", () => {
-  assert.deepEqual(withOption({ max_tier: 2 }, "inside=nonzero"), { max_tier: 2, inside: "nonzero" });
+  assert.deepEqual(withOption({ max_tier: 2 }, "winding_rule=nonzero"), { max_tier: 2, inside: "nonzero" });
   assert.deepEqual(withOption({}, "max_hole_size=0.25"), { max_hole_size: 0.25 });
   assert.deepEqual(withOption({ without: ["sew"] }, "without=join_parts"), { without: ["sew", "join_parts"] });
 });

@@ -1,4 +1,4 @@
-import type { Inspection, Job, Ledger, ObjectReport, Report } from "meshmend-client";
+import type { Inspection, Job, PartAccounting, ObjectReport, Report } from "meshmend-client";
 import { type Figures, type Unit, inMillimetres } from "../units";
 import type { Words } from "../words/en";
 
@@ -12,7 +12,7 @@ export function isRemark(kind: string): boolean {
 }
 
 /** Changes that end the rim of a sheet without closing a hole. */
-const MADE_SOLID = ["sheets_thickened", "bases_added", "faces_around_open_rooms_thickened"];
+const MADE_SOLID = ["sheets_thickened", "bases_added", "faces_around_open_regions_thickened"];
 /** A move that is a smaller share of the model is rounding. */
 const NOTHING = 1e-6;
 
@@ -31,9 +31,9 @@ export function inWords(report: Account, words: Words, figures: Figures, unit: U
     const say = words.fixed[kind];
     if (gone > 0 && say && !REMARKS.has(kind)) lines.push(say(figures.count(gone), gone));
   }
-  const ledger = report.ledger;
-  if (ledger && ledger.united > 1) lines.push(words.united(figures.count(ledger.united)));
-  const left = ledger ? leftOut(ledger) : 0;
+  const part_accounting = report.part_accounting;
+  if (part_accounting && part_accounting.united > 1) lines.push(words.united(figures.count(part_accounting.united)));
+  const left = part_accounting ? leftOut(part_accounting) : 0;
   if (left > 0) lines.push(words.dropped(figures.count(left), left));
   return [...lines, ...ofSurface(report, words, figures, unit)];
 }
@@ -43,9 +43,9 @@ function holesClosed(report: Account, gone: number): number {
   const accounts: Account[] = "objects" in report && report.objects && report.objects.length > 0 ? report.objects : [report];
   const sum = (names: string[]): number =>
     accounts
-      .flatMap((account) => account.steps.filter((step) => step.status === "done" && isChosen(account, step.rung)))
+      .flatMap((account) => account.steps.filter((step) => step.status === "done" && isChosen(account, step.strategy)))
       .flatMap((step) => step.changed)
-      .reduce((sum, { what, count }) => (names.includes(what) ? sum + count : sum), 0);
+      .reduce((sum, { kind, count }) => (names.includes(kind) ? sum + count : sum), 0);
   return sum(MADE_SOLID) > 0 ? Math.min(gone, sum(["holes_closed"])) : gone;
 }
 
@@ -55,8 +55,8 @@ function isSame(report: Account): boolean {
   return !surface || surface.added.faces + surface.moved.faces + surface.removed.faces === 0;
 }
 
-function leftOut(ledger: Ledger): number {
-  return ledger.duplicate + ledger.no_volume + ledger.debris;
+function leftOut(part_accounting: PartAccounting): number {
+  return part_accounting.duplicate + part_accounting.no_volume + part_accounting.debris;
 }
 
 function ofSurface(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
@@ -65,7 +65,7 @@ function ofSurface(report: Account, words: Words, figures: Figures, unit: Unit):
   const whole = surface ? surface.kept.area + surface.moved.area + surface.added.area : 0;
   if (surface && whole > 0 && surface.added.area / whole >= 0.0005) lines.push(words.added(figures.percent(surface.added.area / whole)));
   const own = inMillimetres(unitOf(report));
-  const voxel = report.steps.find((step) => step.status === "done" && step.voxel_size && isChosen(report, step.rung))?.voxel_size;
+  const voxel = report.steps.find((step) => step.status === "done" && step.voxel_size && isChosen(report, step.strategy))?.voxel_size;
   if (voxel) lines.push(words.remade(figures.length(voxel * own, unit, 2)));
   const moved = report.changes?.moved?.distance.max;
   if (moved !== undefined) {
@@ -75,8 +75,8 @@ function ofSurface(report: Account, words: Words, figures: Figures, unit: Unit):
   return lines;
 }
 
-function isChosen(report: Account, rung: number): boolean {
-  return report.candidates.some((candidate) => candidate.chosen && candidate.rung === rung);
+function isChosen(report: Account, strategy: number): boolean {
+  return report.candidates.some((candidate) => candidate.chosen && candidate.strategy === strategy);
 }
 
 export function unitOf(report: Account): string {

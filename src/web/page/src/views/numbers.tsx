@@ -48,15 +48,15 @@ export function Numbers({ report }: { report: Report }) {
 
 function rows(before: Inspection, after: Inspection | null, words: Words, figures: Figures, own: number, unit: Unit): Row[] {
   const row = (name: keyof Words["measures"], tell: (it: Inspection) => string): Row => [words.measures[name], tell(before), after ? tell(after) : "–"];
-  const count = (name: "faces" | "vertices" | "parts" | "boundary_edges" | "boundary_loops" | "nonmanifold_edges" | "nonmanifold_vertices" | "misoriented_edges" | "degenerate_faces" | "duplicate_faces" | "inverted_parts"): Row =>
+  const count = (name: "faces" | "vertices" | "parts" | "boundary_edges" | "boundary_loops" | "non_manifold_edges" | "non_manifold_vertices" | "misoriented_edges" | "degenerate_faces" | "duplicate_faces" | "inverted_parts"): Row =>
     row(name, (it) => figures.count(it[name]));
   return [
     row("closed", (it) => (it.closed ? words.yes : words.no)),
     count("boundary_loops"),
     count("boundary_edges"),
     row("intersections", ({ self_intersections: { pairs } }) => (typeof pairs === "number" ? figures.count(pairs) : "–")),
-    count("nonmanifold_edges"),
-    count("nonmanifold_vertices"),
+    count("non_manifold_edges"),
+    count("non_manifold_vertices"),
     count("misoriented_edges"),
     count("degenerate_faces"),
     count("duplicate_faces"),
@@ -87,7 +87,7 @@ function Changes({ report, own }: { report: Report; own: number }) {
     [words.changes.added, share("added")],
     [words.changes.removed, share("removed")],
     [words.changes.volume, percent(changes.volume_change_pct)],
-    [words.changes.box, percent(changes.box_change_pct)],
+    [words.changes.box, percent(changes.bounding_box_change_pct)],
   ];
   return (
     <div>

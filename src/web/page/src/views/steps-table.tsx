@@ -26,7 +26,7 @@ export function StepsTable({ report, heading: Heading = "h3", all = false }: { r
               <td>{step.tier || "–"}</td>
               <td>{figures.seconds(step.milliseconds)}</td>
               <td>
-                {step.changed.map(({ what, count }) => `${figures.count(count)} ${what.replaceAll("_", " ")}`).join(", ")}
+                {step.changed.map(({ kind, count }) => `${figures.count(count)} ${kind.replaceAll("_", " ")}`).join(", ")}
                 {step.program && ` ${step.program.kind} ${step.program.version}`}
                 {step.note && (
                   <span class="aside" lang="en">

@@ -1,4 +1,4 @@
-//! Palettes of a scene as materials of glTF.
+//! Writing the palettes of a scene as glTF materials, textures and samplers.
 
 use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
@@ -7,58 +7,63 @@ use super::super::paint::{linear_factor, media_type};
 use super::document::{CLAMP_TO_EDGE, LINEAR, LINEAR_MIPMAP_LINEAR, MIRRORED_REPEAT, NEAREST, REPEAT};
 use crate::scene::{Paint, Palette, Scene, Wrap};
 
-/// How a face looks; faces that look alike are one primitive. Two looks are the same where their contents are, whatever their palettes, so that
-/// what was written and read again is written alike.
+/// The appearance of a face; faces with the same appearance form one primitive. Appearances are compared by content, not by palette, so
+/// writing a file that was read gives the same file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum Look {
-    /// Not painted.
-    Bare,
-    /// In the colour of a material.
-    Plain(usize),
-    /// In colours of vertices, over a white material.
-    Colored(usize),
-    /// With the picture of a material.
-    Pictured(usize),
+pub(super) enum Appearance {
+    /// No paint.
+    Unpainted,
+    /// The colour of a material, given by its index.
+    Material(usize),
+    /// Vertex colours, over a white material.
+    VertexColors(usize),
+    /// The texture of a material.
+    Textured(usize),
 }
 
-impl Look {
+impl Appearance {
+    /// The index of the appearance's material; `None` for unpainted faces.
     pub fn material(self) -> Option<usize> {
         match self {
-            Self::Bare => None,
-            Self::Plain(material) | Self::Colored(material) | Self::Pictured(material) => Some(material),
+            Self::Unpainted => None,
+            Self::Material(material) | Self::VertexColors(material) | Self::Textured(material) => Some(material),
         }
     }
 }
 
-/// What tells materials apart.
+/// What identifies a material.
 #[derive(PartialEq, Eq, Hash)]
-struct Key {
+struct MaterialKey {
     name: String,
     color: [u8; 4],
     texture: Option<usize>,
-    of_vertices: bool,
+    has_vertex_colors: bool,
 }
 
-/// How a picture goes on beyond itself, and whether it is shown pixel by pixel.
+/// Wrap modes of a texture in u and v, and whether it has nearest-neighbour filtering.
 type Sampling = (Wrap, Wrap, bool);
 
-/// The materials that were asked for, in that order.
-pub(super) struct Looks<'s> {
+/// The materials, textures, samplers and images in the order of first use.
+pub(super) struct MaterialTable<'s> {
     scene: &'s Scene,
+    /// glTF materials.
     pub materials: Vec<Value>,
-    known: FxHashMap<Key, usize>,
-    /// Looks of palettes' entries that were asked for; of one with a picture there is one look.
-    entries: FxHashMap<(u32, u32), Look>,
+    known: FxHashMap<MaterialKey, usize>,
+    /// Appearance of palette entries; all entries of a textured palette have one appearance.
+    entries: FxHashMap<(u32, u32), Appearance>,
+    /// glTF textures.
     pub textures: Vec<Value>,
     known_textures: FxHashMap<(usize, usize), usize>,
+    /// glTF samplers.
     pub samplers: Vec<Value>,
     samplings: Vec<Sampling>,
-    /// Picture files, each once.
+    /// Image files, each once.
     pub images: Vec<&'s [u8]>,
     known_images: FxHashMap<&'s [u8], usize>,
 }
 
-impl<'s> Looks<'s> {
+impl<'s> MaterialTable<'s> {
+    /// No materials yet.
     pub fn new(scene: &'s Scene) -> Self {
         Self {
             scene,
@@ -74,18 +79,23 @@ impl<'s> Looks<'s> {
         }
     }
 
-    /// How a face looks that is painted so. Paint that the scene does not have is none.
-    pub fn of(&mut self, paint: Paint) -> Look {
+    /// The appearance of a face with this paint. Invalid paint counts as none.
+    pub fn appearance_of(&mut self, paint: Paint) -> Appearance {
         let scene = self.scene;
-        let Some(palette) = scene.palettes.get(paint.palette as usize) else { return Look::Bare };
+        let Some(palette) = scene.palettes.get(paint.palette as usize) else { return Appearance::Unpainted };
         if paint.at.iter().any(|&at| at as usize >= palette.len()) {
-            return Look::Bare;
+            return Appearance::Unpainted;
         }
-        // Of colours a look follows from all three corners; of others from one entry, or from none.
+        // A gradient depends on all three corners, a material on one entry, a texture on none.
         let entry = match palette {
             Palette::Colors(colors) => {
                 let blended = paint.at.iter().any(|&at| colors[at as usize][3] < 255);
-                return Look::Colored(self.material("", [255, 255, 255, if blended { 0 } else { 255 }], None, true));
+                return Appearance::VertexColors(self.material(
+                    "",
+                    [255, 255, 255, if blended { 0 } else { 255 }],
+                    None,
+                    true,
+                ));
             }
             Palette::Materials(_) => paint.at[0],
             Palette::Textured { .. } => 0,
@@ -93,30 +103,31 @@ impl<'s> Looks<'s> {
         if let Some(known) = self.entries.get(&(paint.palette, entry)) {
             return *known;
         }
-        let look = match palette {
+        let appearance = match palette {
             Palette::Materials(materials) => {
                 let material = &materials[entry as usize];
-                Look::Plain(self.material(&material.name, material.color, None, false))
+                Appearance::Material(self.material(&material.name, material.color, None, false))
             }
             Palette::Textured { texture, name, tint, .. } => {
                 let name = name.as_deref().unwrap_or_default();
                 match self.texture(*texture) {
-                    Some(texture) => Look::Pictured(self.material(name, *tint, Some(texture), false)),
-                    None => Look::Plain(self.material(name, *tint, None, false)),
+                    Some(texture) => Appearance::Textured(self.material(name, *tint, Some(texture), false)),
+                    None => Appearance::Material(self.material(name, *tint, None, false)),
                 }
             }
-            Palette::Colors(_) => Look::Bare,
+            Palette::Colors(_) => Appearance::Unpainted,
         };
-        self.entries.insert((paint.palette, entry), look);
-        look
+        self.entries.insert((paint.palette, entry), appearance);
+        appearance
     }
 
-    fn material(&mut self, name: &str, color: [u8; 4], texture: Option<usize>, of_vertices: bool) -> usize {
+    fn material(&mut self, name: &str, color: [u8; 4], texture: Option<usize>, has_vertex_colors: bool) -> usize {
         let next = self.materials.len();
-        let at = *self.known.entry(Key { name: name.to_owned(), color, texture, of_vertices }).or_insert(next);
+        let at =
+            *self.known.entry(MaterialKey { name: name.to_owned(), color, texture, has_vertex_colors }).or_insert(next);
         if at == next {
             let mut surface = json!({ "metallicFactor": 0.0, "roughnessFactor": 0.8 });
-            if color != [255; 4] && !of_vertices {
+            if color != [255; 4] && !has_vertex_colors {
                 surface["baseColorFactor"] = json!(linear_factor(color));
             }
             if let Some(texture) = texture {
@@ -134,7 +145,7 @@ impl<'s> Looks<'s> {
         at
     }
 
-    /// The number of a texture, if it is a picture that glTF takes.
+    /// The index of a texture; `None` if its image is neither PNG nor JPEG.
     fn texture(&mut self, number: u32) -> Option<usize> {
         let texture = self.scene.textures.get(number as usize)?;
         media_type(&texture.bytes)?;
@@ -153,7 +164,7 @@ impl<'s> Looks<'s> {
     }
 
     fn sampler(&mut self, (u, v, nearest): Sampling) -> usize {
-        // A picture with nothing beyond it is not to be had in glTF; its last pixels are nearest to that.
+        // glTF has no wrap mode without continuation; clamping is nearest to it.
         let [u, v] = [u, v].map(|wrap| if wrap == Wrap::None { Wrap::Clamp } else { wrap });
         if let Some(known) = self.samplings.iter().position(|known| *known == (u, v, nearest)) {
             return known;
@@ -169,16 +180,16 @@ impl<'s> Looks<'s> {
         self.samplings.len() - 1
     }
 
-    /// What a vertex has of a face's paint, as bits that tell vertices apart: its colour, or its place in the picture.
-    pub fn of_corner(&self, look: Look, paint: Paint, corner: usize) -> u64 {
+    /// The colour or texture coordinate of a face's corner, as bits. Vertices with different bits are written separately.
+    pub fn corner_bits(&self, appearance: Appearance, paint: Paint, corner: usize) -> u64 {
         let at = paint.at[corner] as usize;
-        match (look, self.scene.palettes.get(paint.palette as usize)) {
-            (Look::Colored(_), Some(Palette::Colors(colors))) => u64::from(u32::from_le_bytes(colors[at])),
-            (Look::Pictured(_), Some(Palette::Textured { places, .. })) => {
+        match (appearance, self.scene.palettes.get(paint.palette as usize)) {
+            (Appearance::VertexColors(_), Some(Palette::Colors(colors))) => u64::from(u32::from_le_bytes(colors[at])),
+            (Appearance::Textured(_), Some(Palette::Textured { places, .. })) => {
                 let [u, v] = places[at];
                 #[expect(clippy::cast_possible_truncation, reason = "glTF has f32 only")]
                 let bits = |x: f64| u64::from((x.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32).to_bits());
-                // From the upper left corner, as glTF counts.
+                // glTF's origin is the upper left corner.
                 bits(u) << 32 | bits(1.0 - v)
             }
             _ => 0,

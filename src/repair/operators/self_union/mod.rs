@@ -1,43 +1,49 @@
-//! Intersections resolved, and kept resolved after rounding.
+//! Self-union: replaces intersecting faces by the boundary of the volume that they enclose.
+//!
+//! This file holds the entry points for a whole surface and for separate parts; `rounds.rs` holds the rounds of arranging,
+//! rounding and snapping.
 
 mod rounds;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
-use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_made, position_key};
+use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated, position_key};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
-use crate::repair::{Cancelled, Change, ChangeKind, Context, InsideRule, Overlaps};
-pub use rounds::Resolve;
+use crate::repair::{Cancelled, Change, ChangeKind, Context, Overlaps, WindingRuleChoice};
+pub use rounds::SelfUnionRounds;
 use rounds::{
-    Done, Rounds, TANGLE_A_FACE, append, count, crossings, dense_faces, grid_step, index, is_manifold_by_position, snap,
+    MAX_PIECES_PER_FACE, Rounds, Totals, append, count, crossings, dense_faces, grid_step, index,
+    is_manifold_by_position, snap,
 };
 
-/// Bits of the grid to which dense clusters of intersections are moved before all else: a thousand faces through one point would
-/// be cut into more pieces than there are positions for.
+/// Grid resolution in bits for dense clusters of intersections, which are snapped first. A thousand faces through one point
+/// would otherwise be split into more pieces than there are positions.
 const DENSE_GRID: i32 = 10;
 
-/// Pairs of faces that intersect from which on it is a tangle for sure: each pair cuts at least one piece off, and mostly two.
+/// The number of intersecting pairs above which the surface counts as tangled: each pair splits off one piece at least, and
+/// mostly two.
 const TANGLED_PAIRS: u64 = 500_000;
-/// What became of the intersections.
+
+/// The result of a self-union.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Resolved {
-    /// What changed.
+    /// The changes with their counts.
     pub changes: Vec<Change>,
-    /// The farthest that a vertex was moved.
+    /// The largest vertex displacement, in the model's unit.
     pub moved: f64,
-    /// Pairs of faces that still intersect.
+    /// The number of face pairs that still intersect.
     pub pairs_left: u64,
-    /// Why nothing was done.
+    /// Why the surface is unchanged.
     pub error: Option<ArrangeError>,
 }
 
-/// Whether so many pairs of faces intersect that cutting them would make a tangle, and take minutes to find that out.
+/// Whether so many pairs of faces intersect that an arrangement would be too large to finish in minutes.
 fn is_tangled(pairs: u64, surface: &Surface) -> bool {
-    pairs > TANGLED_PAIRS.max(TANGLE_A_FACE as u64 * surface.faces.len() as u64 / 2)
+    pairs > TANGLED_PAIRS.max(MAX_PIECES_PER_FACE as u64 * surface.faces.len() as u64 / 2)
 }
 
-impl Resolve {
-    /// Resolves faces that intersect into the boundary of what they enclose: overlapping parts are united, walls inside go.
+impl SelfUnionRounds {
+    /// Replaces intersecting faces by the boundary of the enclosed volume: overlapping parts are united, internal faces go.
     ///
     /// ```text
     ///    +-----+              +-----+
@@ -46,18 +52,18 @@ impl Resolve {
     ///       +-----+              +-----+
     /// ```
     ///
-    /// Precondition: closed and consistently wound. Result: no two faces intersect. New vertices are rounded to f32 one by one so
-    /// that no faces come to meet (`rounding.rs`); where that can't be done and faces intersect again, their vertices are
-    /// moved to ever coarser grids and the arrangement is made again (after the snap rounding of Valque and Lazard).
-    /// Leaves: the surface as it was where it is not closed, nothing intersects and no room is open, or the arrangement fails;
-    /// pairs that stay after the coarsest grid.
+    /// Precondition: closed and consistently wound. Result: no two faces intersect. New vertices are rounded to f32 one by
+    /// one without making faces meet (`rounding.rs`). Where that fails and faces intersect again, their vertices snap to
+    /// ever coarser grids and the arrangement is computed again (after the snap rounding of Valque and Lazard).
+    /// Leaves: the input surface where it is not closed, where nothing intersects and no region is opened, or where the
+    /// arrangement fails; pairs that still intersect after the coarsest grid.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply(
         &self,
         surface: &mut Surface,
-        by: &dyn Arrangement,
+        engine: &dyn Arrangement,
         context: &Context<'_>,
     ) -> Result<Resolved, Cancelled> {
         let undone = |pairs_left, error| Resolved { pairs_left, error: Some(error), ..Resolved::default() };
@@ -65,20 +71,20 @@ impl Resolve {
         if let Err(open) = ClosedSurface::new(surface, &edges) {
             return Ok(undone(0, open.into()));
         }
-        let found = crossings(surface, context)?;
-        let before = count(&found);
-        // Where nothing intersects, a part may still be walled in by another whose holes were closed.
-        let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_made(source));
+        let intersections = crossings(surface, context)?;
+        let before = count(&intersections);
+        // Without intersections, one part may still enclose another because its holes were filled.
+        let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_generated(source));
         if before == 0 && !may_open && !self.always {
             return Ok(Resolved::default());
         }
         let faces_before = surface.faces.len() as u64;
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
-        let mut done = Done::default();
+        let mut done = Totals::default();
         let mut work = surface.clone();
         let mut pairs = before;
-        if let Some(dense) = dense_faces(&found) {
+        if let Some(dense) = dense_faces(&intersections) {
             let step = grid_step(&work, DENSE_GRID);
             if step <= self.max_deviation {
                 (done.snapped, done.moved) = snap(&mut work, &dense, step);
@@ -86,22 +92,22 @@ impl Resolve {
             }
         }
         if is_tangled(pairs, &work) {
-            let error = format!("{pairs} pairs of them do, too many to be cut apart");
+            let error = format!("{pairs} pairs of faces intersect, too many to split");
             return Ok(undone(before, ArrangeError::Failed(error)));
         }
-        let mut rounds = Rounds::new(self, done, by, context);
+        let mut rounds = Rounds::new(self, done, engine, context);
         let best = match rounds.run(work) {
             Ok(best) => best,
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),
         };
-        let done = rounds.done;
+        let done = rounds.totals;
         if before == 0 && done.opened == 0 && (!self.always || have_same_faces(surface, &best.surface)) {
             return Ok(Resolved::default());
         }
-        // Half done it must at least be closed: faces that intersect are the lesser evil.
+        // An incomplete result must at least be closed; intersecting faces are the lesser defect.
         if best.pairs > 0 && !is_manifold_by_position(&best.surface) {
-            let error = "rounding left faces that intersect and edges of more than two faces";
+            let error = "rounding left intersecting faces and non-manifold edges";
             return Ok(undone(before, ArrangeError::Failed(error.to_owned())));
         }
         *surface = best.surface;
@@ -109,29 +115,29 @@ impl Resolve {
             (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(surface, &Edges::new(&surface.faces)))),
             (ChangeKind::IntersectingPairsResolved, before.saturating_sub(best.pairs)),
             (ChangeKind::FacesCut, faces_before),
-            (ChangeKind::FacesMade, surface.faces.len() as u64),
+            (ChangeKind::FacesCreated, surface.faces.len() as u64),
             (ChangeKind::VerticesSnapped, done.snapped),
             (ChangeKind::VerticesMerged, done.merged),
             (ChangeKind::FacesWithoutThicknessThickened, done.thickened),
-            (ChangeKind::FacesAroundOpenRoomsThickened, done.opened),
+            (ChangeKind::FacesAroundOpenRegionsThickened, done.opened),
         ]);
-        Ok(Resolved { changes, moved: done.moved + best.aside, pairs_left: best.pairs, error: None })
+        Ok(Resolved { changes, moved: done.moved + best.perturbed, pairs_left: best.pairs, error: None })
     }
 
-    /// Resolves each part by itself, and leaves it as it is where nothing would be left of it, as of a cavity. What parts have
-    /// in common stays, and is counted in `pairs_left`.
+    /// Computes the self-union of each part alone. A part whose union would be empty, such as a cavity, stays as it is.
+    /// Intersections between parts stay and are counted in `pairs_left`.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply_to_parts(
         &self,
         surface: &mut Surface,
-        by: &dyn Arrangement,
+        engine: &dyn Arrangement,
         context: &Context<'_>,
     ) -> Result<Resolved, Cancelled> {
         let parts = Parts::new(surface, &Edges::new(&surface.faces));
         let mut whole = Surface::default();
-        let (mut all, mut cut, mut made) = (Resolved::default(), 0, 0);
+        let (mut all, mut cut, mut created) = (Resolved::default(), 0, 0);
         let mut local = vec![u32::MAX; surface.positions.len()];
         for faces in parts.faces() {
             let mut part = Surface::default();
@@ -151,14 +157,14 @@ impl Resolve {
                 local[v as usize] = u32::MAX;
             }
             let before = part.faces.len() as u64;
-            let done = self.apply(&mut part, by, context)?;
+            let done = self.apply(&mut part, engine, context)?;
             all.moved = all.moved.max(done.moved);
             if !done.changes.is_empty() {
-                (cut, made) = (cut + before, made + part.faces.len() as u64);
+                (cut, created) = (cut + before, created + part.faces.len() as u64);
             }
             append(&mut whole, part);
         }
-        all.changes = Change::list([(ChangeKind::FacesCut, cut), (ChangeKind::FacesMade, made)]);
+        all.changes = Change::list([(ChangeKind::FacesCut, cut), (ChangeKind::FacesCreated, created)]);
         if cut > 0 {
             *surface = whole;
         }
@@ -167,7 +173,7 @@ impl Resolve {
     }
 }
 
-/// Whether two surfaces have faces with the same corners, turned the same way.
+/// Whether two surfaces have faces with the same corners and the same winding.
 fn have_same_faces(one: &Surface, other: &Surface) -> bool {
     let faces = |surface: &Surface| {
         let mut faces: Vec<[[u64; 3]; 3]> = (0..surface.faces.len())
@@ -184,15 +190,15 @@ fn have_same_faces(one: &Surface, other: &Surface) -> bool {
     one.faces.len() == other.faces.len() && faces(one) == faces(other)
 }
 
-/// Unites what overlaps, or resolves each part alone where parts are to be kept apart.
+/// Unites overlapping volumes; with `overlaps` set to keep, computes the union of each part alone.
 #[derive(Debug, Clone, Copy)]
-pub struct ResolveOverlaps {
-    resolve: Resolve,
+pub struct SelfUnion {
+    rounds: SelfUnionRounds,
     overlaps: Overlaps,
 }
 
-impl Operation for ResolveOverlaps {
-    const FIXES: &'static [Counter] = &[Counter::NonmanifoldEdges];
+impl Operation for SelfUnion {
+    const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[
         Counter::BoundaryEdges,
         Counter::MisorientedEdges,
@@ -205,22 +211,22 @@ impl Operation for ResolveOverlaps {
         let options = scope.options;
         let thickness =
             || options.thickness.unwrap_or(THICKNESS * surface.bounds().diagonal()).min(scope.max_deviation);
-        let resolve = Resolve {
-            inside: scope.inside,
+        let rounds = SelfUnionRounds {
+            winding_rule: scope.winding_rule,
             max_deviation: scope.max_deviation,
             sheets: scope.closes_sheets.then(thickness),
-            always: options.inside != InsideRule::Auto,
+            always: options.winding_rule != WindingRuleChoice::Auto,
         };
-        Self { resolve, overlaps: options.overlaps }
+        Self { rounds, overlaps: options.overlaps }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let it = match self.overlaps {
-            Overlaps::Union => self.resolve.apply(surface, &Exact, context)?,
-            Overlaps::Keep => self.resolve.apply_to_parts(surface, &Exact, context)?,
+        let result = match self.overlaps {
+            Overlaps::Union => self.rounds.apply(surface, &Exact, context)?,
+            Overlaps::Keep => self.rounds.apply_to_parts(surface, &Exact, context)?,
         };
-        let left = (it.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", it.pairs_left));
-        let failed = it.error.map(Into::into);
-        Ok(Applied { changes: it.changes, moved: it.moved, left, failed, ..Applied::default() })
+        let left = (result.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", result.pairs_left));
+        let failed = result.error.map(Into::into);
+        Ok(Applied { changes: result.changes, moved: result.moved, left, failed, ..Applied::default() })
     }
 }

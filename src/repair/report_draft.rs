@@ -1,71 +1,90 @@
-//! The account of the repair of one body, of an object, or of a file, as values, and the reports that are made of it.
+//! The draft of a report for one body or for a file, and the reports of files and objects that are made from it.
 
 use std::time::Duration;
 
 use super::input::Input;
 use super::options::{Category, Options};
-use super::options_not_applied::limited_options;
+use super::options_limited::limited_options;
 use super::report::{
-    Assumption, Candidate, FileSummary, LeftOut, NotAppliedCause, ObjectReport, OptionNotApplied, Outcome, Plan,
+    Assumption, Candidate, FileSummary, NotAppliedCause, ObjectReport, OmittedSection, OptionNotApplied, Outcome, Plan,
     REPORT_VERSION, RedFlag, RedFlagCode, Report, Step, Verdict,
 };
-use crate::inspect::{Changes, Inspection, InstanceContact, Ledger};
+use crate::inspect::{Changes, Inspection, InstanceContact, PartAccounting};
 
-/// What was done to one body, or to all bodies of a file, and what became of it.
-pub(super) struct Account {
+/// The draft of a report: what was done to one body, or to all bodies of a file, and with what result.
+///
+/// The fields have the meanings of the [`Report`] fields of the same names.
+pub(super) struct ReportDraft {
+    /// The outcome for the body or file.
     pub outcome: Outcome,
+    /// The outcome as text.
     pub summary: String,
+    /// The inspection of the result.
     pub after: Option<Inspection>,
+    /// The changes from the input to the result.
     pub changes: Option<Changes>,
-    pub ledger: Option<Ledger>,
+    /// The whereabouts of the input's parts.
+    pub part_accounting: Option<PartAccounting>,
+    /// The repair plan.
     pub plan: Plan,
+    /// The steps that were run or skipped.
     pub steps: Vec<Step>,
+    /// The results that were judged.
     pub candidates: Vec<Candidate>,
+    /// The red flags of the chosen result.
     pub red_flags: Vec<RedFlag>,
+    /// The assumptions behind the chosen result.
     pub assumptions: Vec<Assumption>,
+    /// The options that were not followed.
     pub options_not_applied: Vec<OptionNotApplied>,
-    pub left_out: Vec<LeftOut>,
-    /// Warnings about the repair; those about the input are [`Input::warnings`].
+    /// The work left out for lack of time.
+    pub omitted: Vec<OmittedSection>,
+    /// Warnings about the repair; [`Input::warnings`] gives those about the input.
     pub warnings: Vec<String>,
 }
 
-/// What a report says of the file beyond the account of its repair.
-pub(super) struct FileAccount<'a> {
+/// The parts of a file's report that do not come from the repair of its bodies.
+pub(super) struct FileDetails<'a> {
+    /// The input.
     pub input: &'a Input<'a>,
+    /// The input file's size in bytes.
     pub bytes: u64,
+    /// The options of the repair.
     pub options: &'a Options,
+    /// Format and size of the returned file.
     pub output: FileSummary,
-    /// The accounts of its objects, where they were repaired apart.
+    /// The reports of objects that were repaired separately.
     pub objects: Vec<ObjectReport>,
-    /// What was assumed of the file before its repair.
+    /// Assumptions about the file, made before its repair.
     pub assumptions: Vec<Assumption>,
     /// Options that concern the file rather than its meshes.
     pub options_not_applied: Option<OptionNotApplied>,
+    /// Warnings about the written file.
     pub warnings: Vec<String>,
 }
 
-impl Account {
-    /// The account of an unrepairable body of which nothing is known but a plan.
+impl ReportDraft {
+    /// Makes the draft for a body that counts as unrepairable until a result is known.
     pub fn of_plan(plan: Plan) -> Self {
         Self {
             outcome: Outcome::Unrepairable,
             summary: String::new(),
             after: None,
             changes: None,
-            ledger: None,
+            part_accounting: None,
             plan,
             steps: Vec::new(),
             candidates: Vec::new(),
             red_flags: Vec::new(),
             assumptions: Vec::new(),
             options_not_applied: Vec::new(),
-            left_out: Vec::new(),
+            omitted: Vec::new(),
             warnings: Vec::new(),
         }
     }
 
-    /// The report of the file; only its time is missing.
-    pub fn into_report(self, file: FileAccount<'_>) -> Report {
+    /// Makes the report of the file. Only its duration is missing.
+    pub fn into_report(self, file: FileDetails<'_>) -> Report {
         let mesh = file.input.mesh;
         let mut report = Report {
             version: REPORT_VERSION,
@@ -82,7 +101,7 @@ impl Account {
             verified_from_output_bytes: self.after.is_some(),
             after: self.after,
             changes: self.changes,
-            ledger: self.ledger,
+            part_accounting: self.part_accounting,
             plan: self.plan,
             steps: self.steps,
             candidates: self.candidates,
@@ -90,7 +109,7 @@ impl Account {
             assumptions: [file.assumptions, self.assumptions].concat(),
             options_not_applied: file.options_not_applied.into_iter().chain(self.options_not_applied).collect(),
             objects: file.objects,
-            left_out: self.left_out,
+            omitted: self.omitted,
             warnings: [file.input.warnings(), file.warnings, self.warnings].concat(),
             milliseconds: 0.0,
         };
@@ -101,12 +120,12 @@ impl Account {
         report
     }
 
-    /// The account of a file by those of its objects: what was planned and done for a single one is what was done to the file.
+    /// Makes the draft of a file's report from the reports of its objects. Plan and steps of a single object become the file's.
     pub fn of_objects(sections: &[ObjectReport]) -> Self {
         let mut whole = Self {
-            summary: "The file has no object that is to be printed; it is handed back unchanged.".to_owned(),
+            summary: "The file has no object to print; it is returned unchanged.".to_owned(),
             options_not_applied: options_of(sections),
-            ..Self::of_plan(Plan::nothing(""))
+            ..Self::of_plan(Plan::without_strategies(""))
         };
         for section in sections {
             let titled =
@@ -115,8 +134,10 @@ impl Account {
             whole.red_flags.extend(flags.map(|flag| RedFlag { detail: titled(&flag.detail), ..flag.clone() }));
             whole.warnings.extend(section.warnings.iter().map(|warning| titled(warning)));
             let assumed = section.assumptions.iter();
-            whole.assumptions.extend(assumed.map(|it| Assumption { detail: titled(&it.detail), ..it.clone() }));
-            whole.left_out.extend(&section.left_out);
+            let with_title =
+                |assumption: &Assumption| Assumption { detail: titled(&assumption.detail), ..assumption.clone() };
+            whole.assumptions.extend(assumed.map(with_title));
+            whole.omitted.extend(&section.omitted);
         }
         match sections {
             [] => {}
@@ -124,14 +145,14 @@ impl Account {
                 whole.summary.clone_from(&only.summary);
                 (whole.plan, whole.steps, whole.candidates) =
                     (only.plan.clone(), only.steps.clone(), only.candidates.clone());
-                (whole.changes, whole.ledger) = (only.changes, only.ledger.clone());
+                (whole.changes, whole.part_accounting) = (only.changes, only.part_accounting.clone());
             }
             several => {
-                whole.summary = objects_in_words(several);
+                whole.summary = summary_of_objects(several);
                 whole.plan = Plan {
                     category: Category::MultipleComponents,
                     preset: several[0].plan.preset,
-                    ..Plan::nothing("each object has a plan of its own")
+                    ..Plan::without_strategies("each object has its own plan")
                 };
             }
         }
@@ -139,52 +160,53 @@ impl Account {
     }
 }
 
-/// Places of each kind that the account of an object has: with those of all, reports of many objects would be too large.
-const PLACES: usize = 5;
+/// Most places of each defect in an object's report. It keeps the reports of files with many objects small.
+const MAX_PLACES: usize = 5;
 
-/// Contacts of objects, and members of a union, that a sentence names.
+/// Most contacts of objects, or members of a union, that a sentence names.
 pub(super) const MAX_NAMED: usize = 5;
 
-/// An object, and where it stands.
+/// The name, index and number of instances of an object.
 pub(super) struct ObjectPlace {
+    /// The object's name in the file.
     pub name: Option<String>,
-    /// Its number among the file's objects, from 0.
+    /// The object's index in the file, from 0.
     pub index: usize,
-    /// In how many places it stands.
+    /// The number of instances of the object.
     pub places: u64,
 }
 
 impl ObjectReport {
-    /// The report of an object of its repair's account.
-    pub(super) fn new(place: ObjectPlace, input: &Input<'_>, account: Account, time: Duration) -> Self {
-        let (mut before, mut after) = (input.before.clone(), account.after);
+    /// Makes the report of an object from the draft of its repair.
+    pub(super) fn new(place: ObjectPlace, input: &Input<'_>, draft: ReportDraft, time: Duration) -> Self {
+        let (mut before, mut after) = (input.before.clone(), draft.after);
         for inspection in std::iter::once(&mut before).chain(&mut after) {
-            inspection.keep_places(PLACES);
+            inspection.keep_places(MAX_PLACES);
         }
         Self {
             name: place.name,
             number: u32::try_from(place.index + 1).unwrap_or(u32::MAX),
             places: place.places,
-            outcome: account.outcome,
-            summary: account.summary,
+            outcome: draft.outcome,
+            summary: draft.summary,
             before,
             after,
-            changes: account.changes,
-            ledger: account.ledger,
-            plan: account.plan,
-            steps: account.steps,
-            candidates: account.candidates,
-            red_flags: account.red_flags,
-            assumptions: account.assumptions,
-            options_not_applied: account.options_not_applied,
-            left_out: account.left_out,
-            warnings: [input.warnings(), account.warnings].concat(),
+            changes: draft.changes,
+            part_accounting: draft.part_accounting,
+            plan: draft.plan,
+            steps: draft.steps,
+            candidates: draft.candidates,
+            red_flags: draft.red_flags,
+            assumptions: draft.assumptions,
+            options_not_applied: draft.options_not_applied,
+            omitted: draft.omitted,
+            warnings: [input.warnings(), draft.warnings].concat(),
             milliseconds: time.as_secs_f64() * 1e3,
         }
     }
 }
 
-/// The outcome of the file: that of its objects, as far as they are printable where they stand.
+/// The outcome of the file: that of its objects, unless they are printable separately but not in their places.
 pub(super) fn outcome_of(sections: &[ObjectReport], is_printable: bool, has_union: bool) -> Outcome {
     let all = |outcome| sections.iter().all(|section| section.outcome == outcome);
     let all_good = sections.iter().all(|section| section.outcome.is_printable());
@@ -201,27 +223,28 @@ pub(super) fn outcome_of(sections: &[ObjectReport], is_printable: bool, has_unio
     }
 }
 
-/// The options that some object's result does not follow; one that found nothing to do counts only where that is so of all objects.
+/// The options that some object's result does not follow. An option with nothing to do counts only if it had nothing to do in any object.
 fn options_of(sections: &[ObjectReport]) -> Vec<OptionNotApplied> {
     let mut all: Vec<OptionNotApplied> = Vec::new();
     for section in sections {
-        for it in &section.options_not_applied {
-            let same = |other: &&OptionNotApplied| (&other.option, &other.value) == (&it.option, &it.value);
+        for entry in &section.options_not_applied {
+            let same = |other: &&OptionNotApplied| (&other.option, &other.value) == (&entry.option, &entry.value);
             let by_all = || sections.iter().all(|section| section.options_not_applied.iter().any(|other| same(&other)));
-            let is_listed = all.iter().any(|other| same(&other) && other.cause == it.cause);
-            if is_listed || (it.cause == NotAppliedCause::NothingToDo && !by_all()) {
+            let is_listed = all.iter().any(|other| same(&other) && other.cause == entry.cause);
+            if is_listed || (entry.cause == NotAppliedCause::NothingToDo && !by_all()) {
                 continue;
             }
-            let is_shared = sections.len() == 1 || it.cause == NotAppliedCause::NothingToDo;
-            let reason = if is_shared { it.reason.clone() } else { format!("{}: {}", section.title(), it.reason) };
-            all.push(OptionNotApplied { reason, ..it.clone() });
+            let is_shared = sections.len() == 1 || entry.cause == NotAppliedCause::NothingToDo;
+            let reason =
+                if is_shared { entry.reason.clone() } else { format!("{}: {}", section.title(), entry.reason) };
+            all.push(OptionNotApplied { reason, ..entry.clone() });
         }
     }
     all
 }
 
-/// What became of all objects together, in words.
-fn objects_in_words(sections: &[ObjectReport]) -> String {
+/// The summary of a file with several objects.
+fn summary_of_objects(sections: &[ObjectReport]) -> String {
     let count = |outcome| sections.iter().filter(|section| section.outcome == outcome).count();
     let outcomes = [
         (Outcome::AlreadyPrintable, "already printable"),
@@ -243,7 +266,7 @@ fn objects_in_words(sections: &[ObjectReport]) -> String {
     text
 }
 
-/// The red flag for objects that have points in common where they stand; none where there are no such objects.
+/// The red flag for objects that intersect in their placed positions; none if no objects do.
 pub(super) fn objects_intersect(contacts: &[(InstanceContact, [String; 2])], contained: &[String]) -> Option<RedFlag> {
     if contacts.is_empty() && contained.is_empty() {
         return None;
@@ -258,7 +281,7 @@ pub(super) fn objects_intersect(contacts: &[(InstanceContact, [String; 2])], con
         named.push(format!("{} more pairs of objects", contacts.len() - MAX_NAMED));
     }
     let detail = match pairs {
-        0 if contacts.is_empty() => format!("objects lie inside bodies of another material: {}", contained.join(", ")),
+        0 if contacts.is_empty() => format!("objects lie inside objects of another material: {}", contained.join(", ")),
         0 => format!("objects touch: {}", named.join("; ")),
         1 => format!("objects intersect in 1 pair of faces: {}", named.join("; ")),
         _ => format!("objects intersect in {pairs} pairs of faces: {}", named.join("; ")),

@@ -1,0 +1,277 @@
+//! Provenance of surface: which surface of an input a result keeps or moves, and what the result adds or removes.
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::original::{FAR, Original, ROUNDING};
+use crate::context::{Cancelled, Context};
+use crate::inspect::analysis::Pair;
+use crate::inspect::matching::Common;
+use crate::inspect::sampling::run_queries;
+use crate::inspect::{Analysis, finite};
+use crate::math::Nearest;
+
+/// Up to this number of faces without an identical counterpart, each is sampled at four points; above, at its centre
+/// only.
+const FOUR_SAMPLE_FACES: usize = 60_000;
+/// Face pieces are at most 1/4096 of the input's area, limited by the number of recursive four-way splits of one
+/// face.
+const PIECES_PER_AREA: f64 = 4096.0;
+const MAX_SPLITS: u32 = 4;
+/// Budget of all searches in one direction: boxes and triangles visited, plus an allowance per point.
+const BUDGET: u64 = 10_000_000;
+const BUDGET_PER_POINT: u64 = 500;
+
+/// Origin of a piece of surface when one mesh, the input, becomes another, the result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Provenance {
+    /// Present in both meshes at the same place, whole or with different triangles.
+    Kept,
+    /// In the result; the input has nearby surface that corresponds, farther away than rounding explains.
+    Moved,
+    /// In the result, without a counterpart in the input, for example a hole's patch.
+    Added,
+    /// In the input, without a counterpart in the result, for example an internal face.
+    Removed,
+}
+
+impl Provenance {
+    /// All variants, in the order of legends.
+    pub const ALL: [Self; 4] = [Self::Kept, Self::Moved, Self::Added, Self::Removed];
+}
+
+/// Amount of surface with one provenance.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct SurfaceShare {
+    /// Number of faces of the result. For `removed`, faces of the input of which at least a piece is missing.
+    pub faces: u64,
+    /// Area in square model units. For a removed face, only the area of its missing pieces.
+    pub area: f64,
+}
+
+/// Amounts of surface that were kept, moved, added and removed.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct SurfaceShares {
+    /// Surface of the result that the input has at the same place.
+    pub kept: SurfaceShare,
+    /// Surface of the result whose counterpart in the input is nearby, farther away than rounding explains.
+    pub moved: SurfaceShare,
+    /// Surface of the result without a counterpart in the input.
+    pub added: SurfaceShare,
+    /// Surface of the input without a counterpart in the result.
+    pub removed: SurfaceShare,
+    /// Whether the search covered all surface. False if it ran out of its budget; surface not covered counts as kept.
+    pub complete: bool,
+}
+
+/// Provenance of all surface of an input and a result.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SurfaceProvenance {
+    /// For each face of the result's file its provenance; `None` for a face with a non-finite corner.
+    pub of_face: Vec<Option<Provenance>>,
+    /// Removed surface of the input as triangles: whole faces, and pieces of larger faces.
+    pub removed: Vec<[DVec3; 3]>,
+    /// Totals by provenance.
+    pub shares: SurfaceShares,
+}
+
+impl Original<'_> {
+    /// Determines the provenance of all surface of this mesh and of the result `after`.
+    ///
+    /// Kept: a face at the same three positions in both meshes, or surface within rounding distance of the other
+    /// mesh. Added: other surface of the result farther than 0.5 % of the diagonal from the input, or near only to
+    /// input surface that is kept, which already has its counterpart. Moved: the remaining surface of the result.
+    /// Removed: surface of the input with only kept and added surface within that distance. Large input faces are
+    /// split into pieces, so that of a face running into a solid only the internal piece is removed. O(n log n).
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the context says stop.
+    pub fn provenance(&self, after: &Analysis<'_>, context: &Context<'_>) -> Result<SurfaceProvenance, Cancelled> {
+        let before = self.analysis;
+        let common = if std::ptr::eq(before, after) {
+            Common::whole(before.surface.faces.len())
+        } else {
+            Common::new(&before.keys(before.scale()), &after.keys(before.scale()))
+        };
+        context.check()?;
+        let pieces = Pieces::of(before, &common.first);
+        let nearby = find_nearby(Pair::new(before, after), before.unit_diagonal(), &pieces.centres, context)?;
+        // An input face with at least half of its pieces kept is no counterpart for nearby surface of the result.
+        let mut kept_balance = vec![0i64; before.surface.faces.len()];
+        for (piece, matched) in pieces.all.iter().zip(&nearby.matches) {
+            let is_kept = matched.is_some_and(|found| found.is_within(ROUNDING));
+            kept_balance[piece.face as usize] += if is_kept { 1 } else { -1 };
+        }
+        let is_kept = |face: u32| common.first[face as usize] || kept_balance[face as usize] > 0;
+        let (of_face, complete) = of_result(before, after, &common.second, is_kept, context)?;
+        let mut provenance =
+            SurfaceProvenance { of_face: vec![None; after.subject.soup.faces.len()], ..SurfaceProvenance::default() };
+        provenance.shares.complete = nearby.complete && complete;
+        for (f, &kind) in (0u32..).zip(&of_face) {
+            provenance.of_face[after.surface.source[f as usize] as usize] = Some(kind);
+            provenance.shares.add(kind, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
+        }
+        let unit = before.unit_length();
+        let mut last = None;
+        for (piece, matched) in pieces.all.iter().zip(&nearby.matches) {
+            let has_counterpart = match matched {
+                Some(Match::Unknown) => true,
+                Some(Match::Found(n)) => n.distance <= ROUNDING || of_face[n.face as usize] == Provenance::Moved,
+                None => false,
+            };
+            if !has_counterpart {
+                provenance.shares.add(
+                    Provenance::Removed,
+                    u64::from(last != Some(piece.face)),
+                    area(piece.corners) * unit * unit,
+                );
+                last = Some(piece.face);
+                provenance.removed.push(piece.corners.map(|p| p * unit));
+            }
+        }
+        Ok(provenance)
+    }
+}
+
+impl SurfaceShares {
+    fn add(&mut self, provenance: Provenance, faces: u64, area: f64) {
+        let share = match provenance {
+            Provenance::Kept => &mut self.kept,
+            Provenance::Moved => &mut self.moved,
+            Provenance::Added => &mut self.added,
+            Provenance::Removed => &mut self.removed,
+        };
+        share.faces += faces;
+        share.area = finite(share.area + area);
+    }
+}
+
+/// Result of searching the other mesh around a point.
+#[derive(Clone, Copy)]
+enum Match {
+    /// The search ran out of its budget.
+    Unknown,
+    /// The nearest point within the search radius; its distance is in unit coordinates of the point's own mesh.
+    Found(Nearest),
+}
+
+impl Match {
+    fn is_within(&self, within: f64) -> bool {
+        matches!(self, Self::Found(nearest) if nearest.distance <= within)
+    }
+}
+
+struct Nearby {
+    /// For each point, the match; `None` if the other mesh has no surface within the search radius.
+    matches: Vec<Option<Match>>,
+    complete: bool,
+}
+
+/// Finds the nearest point of the other mesh for each point, within [`FAR`] of the diagonal.
+fn find_nearby(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Context<'_>) -> Result<Nearby, Cancelled> {
+    let mut matches = vec![Some(Match::Unknown); points.len()];
+    if points.is_empty() {
+        return Ok(Nearby { matches, complete: true });
+    }
+    let (tree, ratio) = (pair.to.tree(), pair.ratio);
+    let reach = (FAR * diagonal).max(ROUNDING);
+    let budget = BUDGET + BUDGET_PER_POINT * points.len() as u64;
+    let answers = run_queries(points.len(), budget, context, |i, steps| {
+        let nearest = tree.nearest(points[i] * ratio, reach * ratio, steps, |f| pair.to.unit_corners(f));
+        let found = nearest.map(|n| Match::Found(Nearest { distance: n.distance / ratio, ..n }));
+        Some(if *steps == 0 { Some(Match::Unknown) } else { found })
+    })?;
+    for (found, answer) in matches.iter_mut().zip(answers.values) {
+        *found = answer.unwrap_or(Some(Match::Unknown));
+    }
+    Ok(Nearby { matches, complete: answers.complete })
+}
+
+/// Returns the provenance of each face of the result's surface, and whether the search finished.
+fn of_result(
+    before: &Analysis<'_>,
+    after: &Analysis<'_>,
+    identical: &[bool],
+    is_kept: impl Fn(u32) -> bool,
+    context: &Context<'_>,
+) -> Result<(Vec<Provenance>, bool), Cancelled> {
+    let unmatched: Vec<u32> = (0u32..).zip(identical).filter(|&(_, &kept)| !kept).map(|(f, _)| f).collect();
+    let samples_per_face = if unmatched.len() <= FOUR_SAMPLE_FACES { 4 } else { 1 };
+    let sample_points = |&f: &u32| {
+        let [a, b, c] = after.unit_corners(f);
+        let centre = (a + b + c) / 3.0;
+        // Halfway from the centre to each corner, since the corners themselves are often shared with kept faces.
+        [centre, (centre + a) / 2.0, (centre + b) / 2.0, (centre + c) / 2.0].into_iter().take(samples_per_face)
+    };
+    let points: Vec<DVec3> = unmatched.iter().flat_map(sample_points).collect();
+    let pair = Pair::new(after, before);
+    let nearby = find_nearby(pair, before.unit_diagonal() / pair.ratio, &points, context)?;
+    let mut provenance = vec![Provenance::Kept; identical.len()];
+    for (&f, matches) in unmatched.iter().zip(nearby.matches.chunks(samples_per_face)) {
+        let is_on_input = |found: &Option<Match>| {
+            found.is_some_and(|found| matches!(found, Match::Unknown) || found.is_within(ROUNDING))
+        };
+        let is_counterpart = |found: &Option<Match>| match found {
+            Some(Match::Found(nearest)) => !is_kept(nearest.face) && nearest.distance > ROUNDING,
+            _ => false,
+        };
+        provenance[f as usize] = if matches.iter().all(is_on_input) {
+            Provenance::Kept
+        } else if matches.iter().all(Option::is_some) && matches.iter().any(is_counterpart) {
+            Provenance::Moved
+        } else {
+            Provenance::Added
+        };
+    }
+    Ok((provenance, nearby.complete))
+}
+
+/// Pieces of the input faces without an identical face in the result. Large faces are split.
+#[derive(Default)]
+struct Pieces {
+    all: Vec<Piece>,
+    centres: Vec<DVec3>,
+}
+
+struct Piece {
+    face: u32,
+    corners: [DVec3; 3],
+}
+
+impl Pieces {
+    fn of(analysis: &Analysis<'_>, kept: &[bool]) -> Self {
+        let total: f64 = analysis.surface.faces.iter().zip(0u32..).map(|(_, f)| area(analysis.unit_corners(f))).sum();
+        let mut pieces = Self::default();
+        for (face, _) in (0u32..).zip(kept).filter(|&(_, &kept)| !kept) {
+            let corners = analysis.unit_corners(face);
+            let (mut splits, mut left) = (0, area(corners));
+            while splits < MAX_SPLITS && left > total / PIECES_PER_AREA {
+                (splits, left) = (splits + 1, left / 4.0);
+            }
+            pieces.split(face, corners, splits);
+        }
+        pieces
+    }
+
+    /// Splits a triangle recursively into four at the midpoints of its edges.
+    fn split(&mut self, face: u32, corners: [DVec3; 3], splits: u32) {
+        let [a, b, c] = corners;
+        if splits == 0 {
+            self.centres.push((a + b + c) / 3.0);
+            self.all.push(Piece { face, corners });
+            return;
+        }
+        let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
+        for piece in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+            self.split(face, piece, splits - 1);
+        }
+    }
+}
+
+fn area([a, b, c]: [DVec3; 3]) -> f64 {
+    (b - a).cross(c - a).length() / 2.0
+}
