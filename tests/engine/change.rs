@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use meshmend::format::{self, Format, Limits, read};
-use meshmend::inspect::{Analysis, CompareOptions, Provenance, SurfaceProvenance, Original, measures};
+use meshmend::inspect::{Analysis, CompareOptions, Original, Provenance, SurfaceProvenance, measures};
 use meshmend::mesh::Soup;
 use meshmend::render::{Drawing, draw_change};
 use meshmend::repair::{Options, Outcome, draw, repair};

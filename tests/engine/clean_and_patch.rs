@@ -158,7 +158,8 @@ fn auto_plans_clean_and_patch_after_the_other_strategies() {
     let bytes = write(&broken.to_soup(), Format::Stl).unwrap();
     let options = Options { max_tier: 2, pictures: false, voxel_resolution: 50, ..Options::default() };
     let report = with_context(|c| repair(&bytes, &options, &Limits::default(), None, c)).unwrap().report;
-    let has = |strategy: &meshmend::repair::Strategy| strategy.actions.iter().any(|a| a.action == Action::CleanAndPatch);
+    let has =
+        |strategy: &meshmend::repair::Strategy| strategy.actions.iter().any(|a| a.action == Action::CleanAndPatch);
     assert_eq!(report.plan.strategies.iter().position(has), Some(4));
     assert_eq!(report.plan.strategies.iter().filter(|strategy| has(strategy)).count(), 1);
     assert_eq!(report.outcome, Outcome::Repaired, "{}", report.summary);

@@ -36,7 +36,7 @@ fn assert_close(found: f64, expected: f64, tolerance: f64) {
 }
 
 fn deviations(comparison: &Comparison) -> [meshmend::inspect::Deviation; 3] {
-    [comparison.changes.lost.unwrap(), comparison.deviation.unwrap(), comparison.changes.made.unwrap()]
+    [comparison.changes.lost.unwrap(), comparison.deviation.unwrap(), comparison.changes.added.unwrap()]
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn comparing_huge_tiny_empty_or_broken_meshes_gives_no_nan() {
     // From a ball the size of an atom to an astronomically large one, and back.
     let scaled = compared(&ball(1.0), &ball(1e200));
     assert_close(scaled.deviation.unwrap().distance.max / 1e200, 0.95, 0.06);
-    assert_close(scaled.changes.made.unwrap().distance.max / 1e200, 1.0, 1e-6);
+    assert_close(scaled.changes.added.unwrap().distance.max / 1e200, 1.0, 1e-6);
 }
 
 #[test]

@@ -11,9 +11,9 @@ use meshmend::inspect::Level;
 use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{
-    Action, Context, OmittedSection, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, Progress, RemeshAction,
-    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Stage, StepStatus,
-    promised_overrun, repair,
+    Action, Context, NoProgress, OmittedSection, Operator, Options, Outcome, OutputFormat, Preset, Progress,
+    RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Stage,
+    StepStatus, promised_overrun, repair,
 };
 use meshmend::simplify::Simplify;
 
@@ -97,7 +97,10 @@ fn a_repair_overruns_its_deadline_by_at_most_a_tenth_and_two_seconds() {
             match result {
                 Ok(repaired) => {
                     let omitted = &repaired.report.omitted;
-                    assert_eq!(omitted.contains(&OmittedSection::Repair), repaired.report.summary.contains("deadline_s"));
+                    assert_eq!(
+                        omitted.contains(&OmittedSection::Repair),
+                        repaired.report.summary.contains("deadline_s")
+                    );
                     assert!(
                         !repaired.bytes.is_empty()
                             && repaired.report.after.is_some()
@@ -142,7 +145,10 @@ fn a_model_that_could_not_be_inspected_is_called_neither_printable_nor_broken() 
         let repaired = run(&ball, &options, None, &At(Stage::Inspect, DEADLINE, &clock), &clock).unwrap();
         assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
         let omitted = &repaired.report.omitted;
-        assert!(omitted.contains(&OmittedSection::InputVerification) && omitted.contains(&OmittedSection::Repair), "{omitted:?}");
+        assert!(
+            omitted.contains(&OmittedSection::InputVerification) && omitted.contains(&OmittedSection::Repair),
+            "{omitted:?}"
+        );
         assert!(repaired.report.summary.contains("not known whether it is printable"), "{}", repaired.report.summary);
         assert_eq!((repaired.report.before.level, repaired.report.after.unwrap().level), (Level::None, Level::None));
         let read = format::read(&repaired.bytes, &Limits::default()).unwrap().soup;

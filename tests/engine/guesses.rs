@@ -132,7 +132,7 @@ fn thickening_spares_parts_that_are_almost_closed_and_thickens_sheets_beside_the
     };
     let applied = with_context(|c| thicken.apply(&mut surface, c)).unwrap();
     let count = |what: &str| {
-        applied.changes.iter().find(|change| change.what.as_str() == what).map_or(0, |change| change.count)
+        applied.changes.iter().find(|change| change.kind.as_str() == what).map_or(0, |change| change.count)
     };
     assert_eq!((count("sheets_thickened"), count("solids_left_open")), (1, 1));
 }

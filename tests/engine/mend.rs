@@ -6,7 +6,7 @@ use meshmend::inspect::measure;
 use meshmend::mesh::{NotClosed, Soup, Surface};
 use meshmend::repair::operators::debris::remove_debris;
 use meshmend::repair::operators::perturb::Perturb;
-use meshmend::repair::operators::self_union::{SelfUnionRounds, Resolved};
+use meshmend::repair::operators::self_union::{Resolved, SelfUnionRounds};
 use meshmend::repair::operators::split_non_manifold::{Pairing, Pinches, split_non_manifold};
 use meshmend::repair::{Context, NoProgress};
 use proptest::prelude::*;
@@ -98,7 +98,8 @@ fn a_fin_is_cut_off_and_the_solid_stays_closed() {
     let mut soup = cube(DVec3::ZERO, 1.0, 1);
     push(&mut soup, [DVec3::ZERO, DVec3::X, DVec3::new(0.5, -0.01, -0.01)]);
     let (mut surface, _) = Surface::from_soup(&soup);
-    let changes = with_context(|c| split_non_manifold(&mut surface, Pairing::FinsLast, Pinches::KeepAtBoundaries, c)).unwrap();
+    let changes =
+        with_context(|c| split_non_manifold(&mut surface, Pairing::FinsLast, Pinches::KeepAtBoundaries, c)).unwrap();
     assert_eq!(change_count(&changes, "faces_without_partner"), 1);
     let changes = with_context(|c| remove_debris(&mut surface, c)).unwrap();
     assert_eq!(
@@ -188,11 +189,13 @@ proptest! {
 fn resolved(soup: &Soup) -> (Surface, Resolved) {
     let (mut surface, _) = Surface::from_soup(soup);
     let result = with_context(|c| {
-        SelfUnionRounds { winding_rule: WindingRule::Positive, max_deviation: f64::INFINITY, sheets: None, always: false }.apply(
-            &mut surface,
-            &Exact,
-            c,
-        )
+        SelfUnionRounds {
+            winding_rule: WindingRule::Positive,
+            max_deviation: f64::INFINITY,
+            sheets: None,
+            always: false,
+        }
+        .apply(&mut surface, &Exact, c)
     })
     .unwrap();
     (surface, result)
@@ -249,7 +252,12 @@ fn a_resolve_that_is_cancelled_leaves_the_surface_as_it_was() {
     let cancel = std::sync::atomic::AtomicBool::new(true);
     let clock = || std::time::Duration::ZERO;
     let context = Context::new(&NoProgress, &cancel, &clock, std::time::Duration::from_secs(1));
-    let resolve = SelfUnionRounds { winding_rule: WindingRule::Positive, max_deviation: f64::INFINITY, sheets: None, always: false };
+    let resolve = SelfUnionRounds {
+        winding_rule: WindingRule::Positive,
+        max_deviation: f64::INFINITY,
+        sheets: None,
+        always: false,
+    };
     assert!(resolve.apply(&mut surface, &Exact, &context).is_err());
     assert_eq!(surface, before);
 }

@@ -6,8 +6,8 @@ use meshmend::mesh::Soup;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    AssumptionKind, Category, ChangeKind, Compared, WindingRuleChoice, NotAppliedCause, OpenSheets, Operator, Options,
-    Outcome, OutputFormat, Preset, RedFlagCode, Repaired, Standing, red_flags,
+    AssumptionKind, Category, ChangeKind, Compared, NotAppliedCause, OpenSheets, Operator, Options, Outcome,
+    OutputFormat, Preset, RedFlagCode, Repaired, Standing, WindingRuleChoice, red_flags,
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};

@@ -292,7 +292,8 @@ fn coincident_vertices_that_may_not_move_are_left_and_reported() {
     let mut surface = moebius_band(20, 2);
     with_context(|c| KEEP.apply(&mut surface, c)).unwrap();
     let cut =
-        with_context(|c| CutNonOrientable { max_deviation: 0.0, precision: Precision::F32 }.apply(&mut surface, c)).unwrap();
+        with_context(|c| CutNonOrientable { max_deviation: 0.0, precision: Precision::F32 }.apply(&mut surface, c))
+            .unwrap();
     assert_eq!((change_count(&cut.changes, "coincident_vertices_left"), cut.moved), (3, 0.0));
 }
 

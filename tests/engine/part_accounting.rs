@@ -6,8 +6,8 @@ use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, Original, measures};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    PartReason, PartAccounting, OpenSheets, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed,
-    Remesher, RemesherInfo, Repaired, part_accounting, repair,
+    OpenSheets, Operator, Options, Outcome, PartAccounting, PartReason, RedFlagCode, RemeshError, RemeshRequest,
+    Remeshed, Remesher, RemesherInfo, Repaired, part_accounting, repair,
 };
 use proptest::prelude::*;
 
@@ -21,7 +21,8 @@ fn account_parts(before: &Soup, after: &Soup) -> PartAccounting {
         let original = Original::new(&before, &measured, CompareOptions::BRIEF);
         part_accounting(&original, &after, &Options::default(), context).unwrap()
     });
-    let PartAccounting { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } = accounts;
+    let PartAccounting { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } =
+        accounts;
     assert_eq!(
         kept + changed + duplicate + no_volume + inside_another + debris + lost + unknown,
         parts,

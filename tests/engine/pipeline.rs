@@ -415,7 +415,9 @@ fn a_result_that_is_not_printable_and_lost_a_part_is_not_preferred_to_the_input(
     let judged = repaired.report.candidates.iter().find(|c| c.strategy == Some(1)).unwrap();
     assert!(!judged.printable && judged.defects < repaired.report.before.measures.defects());
     let flag = judged.red_flags.iter().find(|f| f.code == RedFlagCode::SurfaceLost).unwrap();
-    assert!((3.0..25.0).contains(&flag.value) && judged.red_flags.iter().all(|f| f.code != RedFlagCode::BoundingBoxChange));
+    assert!(
+        (3.0..25.0).contains(&flag.value) && judged.red_flags.iter().all(|f| f.code != RedFlagCode::BoundingBoxChange)
+    );
     assert_eq!((repaired.report.outcome, repaired.bytes), (Outcome::Unrepairable, bytes));
 }
 
@@ -424,7 +426,7 @@ fn the_report_says_how_far_the_result_is_from_the_input() {
     let apart = join(&cube(DVec3::ZERO, 1.0, 3), &cube(DVec3::new(1.004, 1.004, 0.0), 1.0, 3));
     let fake = FakeRemesher::returning(vec![Ok(apart)]);
     let changes = repair_soup(&non_manifold(), &without_tier_2(), Some(&fake)).report.changes.unwrap();
-    let (lost, made) = (changes.lost.unwrap(), changes.made.unwrap());
+    let (lost, made) = (changes.lost.unwrap(), changes.added.unwrap());
     for farthest in [lost.distance.max, made.distance.max] {
         assert!((0.0035..0.006).contains(&farthest), "{farthest}");
     }

@@ -5,7 +5,7 @@ use meshmend::context::{Cancelled, Context, NoProgress};
 use meshmend::inspect::measure;
 use meshmend::math::{Tree, r3};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
-use meshmend::remesh::{WindingRule, Remesh, RemeshError, Remeshed};
+use meshmend::remesh::{Remesh, RemeshError, Remeshed, WindingRule};
 use meshmend::repair::operators::remesh::RemeshInside;
 use proptest::prelude::*;
 
@@ -126,7 +126,7 @@ fn a_turned_box_keeps_its_volume_its_sides_and_its_edges() {
     let remeshed = solid(&soup, 64.0);
     assert_near(volume(&remeshed), 1.0, 1e-4);
     assert!(remeshed.deviation.lost.max < remeshed.cell / 4.0, "{:?}", remeshed.deviation);
-    assert!(remeshed.deviation.made.p99 < 0.02 * remeshed.cell, "{:?}", remeshed.deviation);
+    assert!(remeshed.deviation.added.p99 < 0.02 * remeshed.cell, "{:?}", remeshed.deviation);
     let corners: Vec<DVec3> = turned(Soup {
         positions: (0..8).map(|i| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2))).collect(),
         faces: Vec::new(),
@@ -145,7 +145,7 @@ fn a_turned_box_keeps_its_volume_its_sides_and_its_edges() {
 fn a_box_along_the_axes_has_flat_sides() {
     let remeshed = solid(&cube(DVec3::ZERO, 10.0, 2), 80.0);
     assert_near(volume(&remeshed), 1000.0, 1e-4);
-    assert!(remeshed.deviation.made.p99 < 1e-5, "{:?}", remeshed.deviation);
+    assert!(remeshed.deviation.added.p99 < 1e-5, "{:?}", remeshed.deviation);
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn a_ball_keeps_its_volume_and_its_shape() {
     let remeshed = solid(&sphere(DVec3::splat(5.0), 1.0, 48, 24), 100.0);
     let wanted = with_context(|c| measure(&sphere(DVec3::ZERO, 1.0, 48, 24), c)).unwrap().volume.value;
     assert_near(volume(&remeshed), wanted, 1e-3);
-    assert!(remeshed.deviation.lost.max < remeshed.cell / 4.0 && remeshed.deviation.made.max < remeshed.cell / 4.0);
+    assert!(remeshed.deviation.lost.max < remeshed.cell / 4.0 && remeshed.deviation.added.max < remeshed.cell / 4.0);
 }
 
 #[test]
@@ -367,7 +367,7 @@ proptest! {
             push(&mut soup, [corner(0), corner(1), corner(2)]);
         }
         for winding_rule in [WindingRule::Positive, WindingRule::Nonzero] {
-            match remeshed(&soup, n, inside) {
+            match remeshed(&soup, n, winding_rule) {
                 Ok(remeshed) => {
                     let m = measured_as_stl(&remeshed.surface);
                     prop_assert!(m.closed && m.manifold && m.consistent, "{:?}", m);

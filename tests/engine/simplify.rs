@@ -44,7 +44,7 @@ fn a_cube_of_many_faces_comes_back_as_twelve() {
     assert_eq!(surface.faces.len(), 12, "{done:?}");
     let measures = measured_as_stl(&surface);
     assert!(measures.printable() && measures.volume.value == 1.0, "{measures:?}");
-    assert!(done.error < 1e-12 && done.left.is_none(), "{done:?}");
+    assert!(done.error < 1e-12 && done.shortfall.is_none(), "{done:?}");
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn a_vertex_with_very_many_faces_is_handled_quickly() {
         soup.faces.extend([[0, a, b], [1, b, a]]);
     }
     let (_, done) = simplified(&soup, &Simplify { precision: Precision::F64, ..to_faces(100) });
-    assert!(done.left.unwrap().ends_with("the search was given up"));
+    assert!(done.shortfall.unwrap().ends_with("the search was given up"));
 }
 
 #[test]

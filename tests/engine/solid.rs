@@ -3,7 +3,7 @@
 use glam::DVec3;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::mesh::Soup;
-use meshmend::repair::{Action, WindingRuleChoice, Operator, Options, Outcome, OutputFormat, Overlaps, StepStatus};
+use meshmend::repair::{Action, Operator, Options, Outcome, OutputFormat, Overlaps, StepStatus, WindingRuleChoice};
 
 use crate::meshes::{cube, join, push};
 use crate::support::{repair_bytes, repair_soup};

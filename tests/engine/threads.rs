@@ -69,6 +69,6 @@ fn a_remesh_is_the_same_on_any_number_of_threads() {
     let one = on(1, remeshed);
     for again in [on(2, remeshed), on(2, remeshed)] {
         assert!(again.surface == one.surface, "the surfaces differ");
-        assert_eq!((again.deviation, again.made_inside), (one.deviation, one.made_inside));
+        assert_eq!((again.deviation, again.forced_inside), (one.deviation, one.forced_inside));
     }
 }

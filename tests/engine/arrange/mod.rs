@@ -149,7 +149,8 @@ fn fifty_thousand_intersections_are_resolved_in_seconds_at_the_same_volume() {
     let before = measured(&surface);
     assert!(before.self_intersections.pairs > Some(50_000), "{:?}", before.self_intersections);
     let start = Instant::now();
-    let resolve = SelfUnionRounds { winding_rule: WindingRule::Positive, max_deviation: 0.01, sheets: None, always: false };
+    let resolve =
+        SelfUnionRounds { winding_rule: WindingRule::Positive, max_deviation: 0.01, sheets: None, always: false };
     let done = with_context(|c| resolve.apply(&mut surface, &Exact, c)).unwrap();
     let measures = measured_as_stl(&surface);
     assert!(measures.printable(), "{done:?} {measures:?}");

@@ -1,7 +1,7 @@
 //! Doubtful patches: a region that is visible through a patch is not filled.
 
 use glam::DVec3;
-use meshmend::arrange::{Exact, WindingRule, Rule, Solid};
+use meshmend::arrange::{Exact, Rule, Solid, WindingRule};
 use meshmend::mesh::{NO_SOURCE, Soup, Surface};
 use meshmend::repair::{Options, Outcome};
 
@@ -29,7 +29,7 @@ fn solid(soup: &Soup, rule: Rule) -> Solid {
 }
 
 fn doubting(winding_rule: WindingRule) -> Rule {
-    Rule { winding_rule, doubts_patches: true }
+    Rule { winding_rule, reopens_patches: true }
 }
 
 fn volume(solid: &Solid) -> f64 {

@@ -8,7 +8,7 @@ use manifold_rust::cancel::CancelToken;
 use manifold_rust::manifold::Manifold;
 use manifold_rust::types::{Error, MeshGL64, WindingRule as PeerRule};
 
-use meshmend::arrange::{ArrangeError, Arrangement, WindingRule, Rule, Solid};
+use meshmend::arrange::{ArrangeError, Arrangement, Rule, Solid, WindingRule};
 use meshmend::context::Context;
 use meshmend::mesh::{ClosedSurface, NO_SOURCE, NotClosed, Soup, Surface};
 
@@ -25,9 +25,9 @@ impl Arrangement for ManifoldRust {
     fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
         let token = CancelToken::new();
         let mesh = to_mesh(&surface);
-        let rule = match rule.inside {
-            WindingRule::Positive => WindingRule::Positive,
-            WindingRule::Nonzero => WindingRule::Nonzero,
+        let rule = match rule.winding_rule {
+            WindingRule::Positive => PeerRule::Positive,
+            WindingRule::Nonzero => PeerRule::Nonzero,
             WindingRule::Odd => return Err(ArrangeError::Failed("the engine knows no odd rule".to_owned())),
         };
         let (send, receive) = channel();

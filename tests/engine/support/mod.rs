@@ -36,7 +36,7 @@ pub fn measured_as_stl(surface: &Surface) -> Measures {
 
 /// The count of the changes of one kind; 0 if there are none.
 pub fn change_count(changes: &[Change], kind: &str) -> u64 {
-    changes.iter().find(|change| change.what.as_str() == kind).map_or(0, |change| change.count)
+    changes.iter().find(|change| change.kind.as_str() == kind).map_or(0, |change| change.count)
 }
 
 pub fn arranged(engine: &dyn Arrangement, surface: &Surface, rule: Rule) -> Result<Solid, ArrangeError> {
