@@ -194,8 +194,8 @@ pub async fn put_upload(
 /// # Errors
 /// `upload_not_found` if no upload has this id, or if it has expired.
 pub async fn find_upload(state: &ApiState, id: &str) -> Result<PendingUpload, Problem> {
-    let known: UploadId = id.parse().map_err(|_| upload_not_found(id))?;
-    state.store.upload(known).await?.ok_or_else(|| upload_not_found(id))
+    let upload_id: UploadId = id.parse().map_err(|_| upload_not_found(id))?;
+    state.store.upload(upload_id).await?.ok_or_else(|| upload_not_found(id))
 }
 
 /// Creates the problem for an upload that does not exist or has expired.
