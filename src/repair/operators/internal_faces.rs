@@ -65,10 +65,11 @@ pub fn remove_internal_faces(surface: &mut Surface, context: &Context<'_>) -> Re
             flags[patch_of(h)] = true;
         }
     }
-    let goes: Vec<bool> = is_inner.iter().zip(&is_other).map(|(&inner, &other)| inner && !other).collect();
-    let removed = goes.iter().filter(|&&goes| goes).count() as u64;
-    let gone = patches.remove(&goes, surface);
-    Ok(Change::list([(ChangeKind::InternalWallsRemoved, removed), (ChangeKind::InternalFacesRemoved, gone)]).into())
+    let is_removed: Vec<bool> = is_inner.iter().zip(&is_other).map(|(&inner, &other)| inner && !other).collect();
+    let patch_count = is_removed.iter().filter(|&&is_removed| is_removed).count() as u64;
+    let face_count = patches.remove(&is_removed, surface);
+    Ok(Change::list([(ChangeKind::InternalWallsRemoved, patch_count), (ChangeKind::InternalFacesRemoved, face_count)])
+        .into())
 }
 
 /// Removes single-layer internal faces from solids.
@@ -129,20 +130,20 @@ pub fn remove_internal_sheets(surface: &mut Surface, context: &Context<'_>) -> R
         *is_candidate = is_inside(&mut caster, surface, &patches.of_face, &faces);
     }
     // Where several sheets share an edge, they must be removed together.
-    let goes = surplus_patches(&edges, &patches, Some(&is_candidate));
-    let count = goes.iter().filter(|&&goes| goes).count() as u64;
+    let is_removed = surplus_patches(&edges, &patches, Some(&is_candidate));
+    let count = is_removed.iter().filter(|&&is_removed| is_removed).count() as u64;
     if count == 0 {
         return Ok(Applied::default());
     }
-    let faces = patches.remove(&goes, surface);
+    let faces = patches.remove(&is_removed, surface);
     Ok(Change::list([(ChangeKind::InternalSheetsRemoved, count), (ChangeKind::SheetFacesRemoved, faces)]).into())
 }
 
-/// The patches with a boundary that are surplus: at each non-manifold edge on their border they have one face. With `goes`, only
-/// patches that may go, and only where the edge keeps an even number of faces.
-fn surplus_patches(edges: &Edges, patches: &Parts, goes: Option<&[bool]>) -> Vec<bool> {
+/// The patches with a boundary that are surplus: at each non-manifold edge on their border they have one face. With `is_removed`,
+/// only marked patches, and only where the edge keeps an even number of faces.
+fn surplus_patches(edges: &Edges, patches: &Parts, is_removed: Option<&[bool]>) -> Vec<bool> {
     let patch = |h: &u32| patches.of_face[*h as usize / 3];
-    let goes = |p: u32| goes.is_none_or(|goes| goes[p as usize]);
+    let is_removed = |p: u32| is_removed.is_none_or(|is_removed| is_removed[p as usize]);
     let (mut ends, mut stays) = (vec![false; patches.count], vec![false; patches.count]);
     for half_edges in edges.iter().filter(|h| h.len() != 2) {
         if let [h] = half_edges {
@@ -151,13 +152,13 @@ fn surplus_patches(edges: &Edges, patches: &Parts, goes: Option<&[bool]>) -> Vec
         }
         let mut here: Vec<u32> = half_edges.iter().map(patch).collect();
         here.sort_unstable();
-        let left = here.iter().filter(|&&p| !goes(p)).count();
+        let left = here.iter().filter(|&&p| !is_removed(p)).count();
         let even = left >= 2 && left % 2 == 0;
         for of_patch in here.chunk_by(|x, y| x == y) {
             stays[of_patch[0] as usize] |= of_patch.len() > 1 || !even && left > 0;
         }
     }
-    let is_surplus = |(p, at): (u32, usize)| goes(p) && ends[at] && !stays[at];
+    let is_surplus = |(p, at): (u32, usize)| is_removed(p) && ends[at] && !stays[at];
     (0u32..).zip(0..patches.count).map(is_surplus).collect()
 }
 

@@ -24,8 +24,6 @@ const COST_OF_CANDIDATE: u64 = 16;
 const MAX_AHEAD: usize = 64;
 
 /// Closes cracks whose two sides have different vertices.
-
-/// How wide a crack may be.
 #[derive(Debug, Clone, Copy)]
 pub struct Stitch {
     /// The largest width of a crack, as a share of the bounding box's diagonal; 0.001 by default. The width is also limited
@@ -136,9 +134,11 @@ impl Stitch {
         let too_wide = if self.counts_left { search.too_wide(&mut border, context)? } else { 0 };
         if too_wide > 0 {
             let option = if self.distance.is_some() { "stitch_distance" } else { "stitch_threshold" };
-            limited.push((option, format!(
-                "{too_wide} boundary vertices have a gap within the limit that is wider than half of the adjacent edges; such a gap counts as a hole"
-            )));
+            let reason = format!(
+                "{too_wide} boundary vertices have a gap within the limit that is wider than half of the adjacent edges; \
+                 such a gap counts as a hole"
+            );
+            limited.push((option, reason));
         }
         let left = border.exhausted_note();
         let moved = border.max_displacement().max(bent);

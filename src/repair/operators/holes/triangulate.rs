@@ -203,7 +203,9 @@ fn triangulate_projection(corners: Vec<Corner>, next: &[usize], polygons: usize)
 
 /// The triangles that grew over a loop, and the number of corners that stay open.
 pub(super) struct Growth {
+    /// The triangles by corner index.
     pub triangles: Vec<[usize; 3]>,
+    /// The number of corners that stay open.
     pub open: usize,
 }
 
