@@ -313,7 +313,7 @@ impl ApiState {
         if !self.health.draining.is_cancelled() {
             return Ok(());
         }
-        let detail = "This process is stopping and accepts no new work. Retry to reach another process.";
+        let detail = "This process is stopping and accepts no new work. Retry; another process may accept the request.";
         Err(Problem::new(ProblemCode::Unavailable, detail)
             .retry_after(RETRY_AFTER_S)
             .with_header(header::CONNECTION, "close"))

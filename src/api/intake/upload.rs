@@ -79,7 +79,7 @@ pub struct PutView {
         (status = 408, description = "The body timed out", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The file is too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "The body is not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "The maximum number of uploads wait for a job", body = Problem, content_type = "application/problem+json",
+        (status = 429, description = "Too many uploads are waiting for a job", body = Problem, content_type = "application/problem+json",
             headers(("Retry-After" = u32, description = "Seconds to wait before retrying"))),
         (status = 503, description = "The database or the file store is unavailable, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
@@ -118,7 +118,10 @@ pub async fn announce_upload(
         token_sha256: signed.is_none().then(|| SecretHash::of(&token).into()),
     };
     let Some(recorded) = state.store.add_upload(upload, state.config.max_queued).await? else {
-        let detail = format!("{} uploads wait for a job, the maximum. Retry later.", state.config.max_queued);
+        let detail = format!(
+            "The service already has {} uploads without a job, the maximum. Retry later.",
+            state.config.max_queued
+        );
         return Err(busy(ProblemCode::QueueFull, detail));
     };
     let put = PutView {
