@@ -46,8 +46,7 @@ pub(super) fn starts_as_text(head: &[u8]) -> bool {
     !head.contains(&0)
 }
 
-/// Whether the bytes after the header look like facets although the facet count is wrong: there is at least one record, and nine tenths of
-/// the numbers have a plausible magnitude.
+/// Whether facets may follow a header with a wrong count: at least one record, and 90 % of the numbers of plausible magnitude.
 pub(super) fn looks_like_facets(head: &[u8]) -> bool {
     let facets = head.get(HEADER_BYTES..).unwrap_or_default().chunks_exact(FACET_BYTES);
     let mut numbers = 0_u32;
@@ -352,8 +351,7 @@ impl<'a> AsciiReader<'a> {
         }
         self.limits.check_faces(self.positions.len() as u64 / 3 + 1)?;
         self.limits.check_vertices(self.positions.len() as u64 + 3)?;
-        // Limits keep the number of positions below 2^32.
-        #[expect(clippy::cast_possible_truncation, reason = "as checked")]
+        #[expect(clippy::cast_possible_truncation, reason = "limits keep the number of positions below 2^32")]
         self.normals.add((self.positions.len() / 3) as u32, self.facet.normal, self.facet.corners);
         self.positions.extend(self.facet.corners);
         Ok(())
@@ -410,7 +408,7 @@ fn is_keyword(word: Word<'_>) -> bool {
 /// [`WriteError`] for more than `u32::MAX` faces, or for a coordinate that is not finite as f32.
 pub(super) fn write(soup: &Soup) -> Result<Vec<u8>, WriteError> {
     let faces = soup.faces.len() as u64;
-    let count = u32::try_from(faces).map_err(|_| WriteError::TooManyFaces { faces, most: u64::from(u32::MAX) })?;
+    let count = u32::try_from(faces).map_err(|_| WriteError::TooManyFaces { faces, max: u64::from(u32::MAX) })?;
     let mut bytes = Vec::with_capacity(HEADER_BYTES + FACET_BYTES * soup.faces.len());
     // The header must not start with `solid`, because some readers would take the file for ASCII.
     bytes.extend_from_slice(b"meshmend");

@@ -202,6 +202,7 @@ fn byte_offset(text: &[u8], line: usize, column: usize) -> usize {
 pub(super) struct Integer(pub u32);
 
 impl Integer {
+    /// The number as a list index.
     pub fn index(self) -> usize {
         self.0 as usize
     }

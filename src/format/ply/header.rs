@@ -96,7 +96,9 @@ pub(super) enum Meaning {
 /// A property of an element.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Property {
+    /// One number or a list.
     pub value_type: PropertyType,
+    /// Its meaning for a mesh.
     pub meaning: Meaning,
 }
 

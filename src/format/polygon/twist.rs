@@ -9,8 +9,8 @@ const NO_AREA: f64 = 1000.0;
 /// How much smaller a fold must be, in degrees, for a quad_start to be split along the other diagonal.
 const ROUNDING_DEGREES: f64 = 1e-6;
 
-/// The squared sine of a polygon's twist. The twist is the largest angle between the plane across `normal` through the corners' centroid and
-/// the line from the centroid to a corner. `scale` keeps the products in range.
+/// The squared sine of a polygon's twist. The twist is the largest angle between the plane across `normal` through the corners' centroid
+/// and the line from the centroid to a corner. `scale` keeps the products in range.
 pub(super) fn squared_sine(positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) -> f64 {
     let origin = positions[corners[0] as usize];
     let at = |v: u32| (positions[v as usize] - origin) * scale;

@@ -1,3 +1,5 @@
+//! Writing and reading random scenes, and scenes that glTF cannot store.
+
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};

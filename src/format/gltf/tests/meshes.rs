@@ -1,3 +1,5 @@
+//! Reading meshes: topology, accessors, morph targets, skins and Draco compression.
+
 use draco_core::{
     DataType, EncoderBuffer, EncoderOptions, FaceIndex, GeometryAttributeType, Mesh, MeshEncoder, PointAttribute,
     PointIndex,

@@ -1,3 +1,5 @@
+//! Reading scenes: nodes, transforms, materials, colours and textures.
+
 use glam::DVec3;
 use serde_json::{Value, json};
 
