@@ -135,9 +135,9 @@ pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
     spread.into_iter().map(sample).collect()
 }
 
-/// Points spread evenly by area over some faces, each with its face: one point per `count`th of the area, placed
-/// within its face by the R2 sequence (Roberts 2018). `area` may return any constant multiple of a face's area. Empty
-/// if the area is 0.
+/// Points spread evenly by area over some faces, each with its face. The area is divided into `count` equal shares,
+/// with one point per share. The R2 sequence (Roberts 2018) places the point within its face. `area` may return any
+/// constant multiple of a face's area. Empty if the area is 0.
 pub(super) fn spread_by_area(
     analysis: &Analysis<'_>,
     faces: impl Iterator<Item = u32> + Clone,

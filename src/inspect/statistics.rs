@@ -36,8 +36,8 @@ pub struct Statistics {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EdgeAngles {
-    /// Angles in radians from 0 to 2 pi: pi at a flat edge, more than pi at a convex edge as seen from the side of
-    /// the normals, 0 where two faces coincide. Excludes boundary edges.
+    /// Angles in radians from 0 to 2 pi: pi at a flat edge, 0 where two faces coincide. Angles above pi belong to
+    /// edges that are convex as seen from the side of the normals. Excludes boundary edges.
     pub distribution: Option<Distribution>,
     /// Why the distribution is `null`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
