@@ -64,8 +64,8 @@ pub struct Polygons {
     /// Number of polygons twisted by more than [`ReadOptions::twist_angle_deg`](super::ReadOptions::twist_angle_deg). They were
     /// triangulated with the least fold.
     pub twisted: u64,
-    /// The largest twist of a polygon, in degrees. The twist is the largest angle between the plane through the corners' centroid and
-    /// the line from the centroid to a corner, as the program Mesh Heal defines it.
+    /// The largest twist of a polygon, in degrees, as the program Mesh Heal defines twist. It is the largest angle between the plane through
+    /// the corners' centroid and the line from the centroid to a corner.
     pub largest_twist_deg: f64,
 }
 

@@ -62,7 +62,7 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
         return Ok(Format::Off);
     }
     if !has_binary_bytes(head) {
-        if vertex_face::starts(head) {
+        if vertex_face::starts_with_element(head) {
             return Ok(Format::Mesh);
         }
         if is_off_without_keyword(head) {

@@ -365,15 +365,15 @@ impl<'a> AsciiReader<'a> {
         {
             self.end_facet(Word { bytes: b"", at: begin })?;
         }
-        let whole = self.positions.len() / 3;
+        let complete = self.positions.len() / 3;
         if self.facet.begin.is_some() {
-            if whole == 0 {
+            if complete == 0 {
                 return Err(self.text.ended("the rest of the first facet"));
             }
             warnings.push(format!(
-                "the file ends within a facet and was probably cut off; the {whole} complete facets before it were read"
+                "the file ends within a facet and was probably cut off; the {complete} complete facets before it were read"
             ));
-        } else if !self.is_closed && whole > 0 {
+        } else if !self.is_closed && complete > 0 {
             warnings.push("the file ends without 'endsolid' and may have been cut off".to_owned());
         }
         if self.positions.is_empty() {
