@@ -102,8 +102,8 @@ impl Operation for RemoveInternalFaces {
 ///
 /// Such a sheet is a patch (faces joined across edges with two faces) with a boundary that is one face too many at its other
 /// edges. Nearly all rays from the sheet cross an odd number of other faces; a few may fail, so that a hole in the solid does
-/// not matter. Other surface stays: from a solid's own surface only every second ray crosses the solid, a cavity's rays cross
-/// the cavity, and a patch that touches the outer surface in an edge has two faces there.
+/// not matter. Other surface stays: from a solid's own surface only every second ray crosses the solid. A cavity's rays cross
+/// the cavity. A patch that touches the outer surface in an edge has two faces there.
 ///
 /// Precondition: none. Result: no vertex moves, and no boundary appears. Leaves: sheets that reach out of the solid or whose
 /// rays cross the sheet itself; for those see [`super::debris`].
@@ -162,8 +162,8 @@ fn surplus_patches(edges: &Edges, patches: &Parts, is_removed: Option<&[bool]>) 
     (0u32..).zip(0..patches.count).map(is_surplus).collect()
 }
 
-/// Whether nearly all rays from a patch, and most rays from each sample, cross an odd number of other faces, and hardly any
-/// cross an odd number of the patch's own faces.
+/// Whether a patch lies inside other surface. Nearly all rays from the patch, and most from each sample, must cross an odd
+/// number of other faces. Hardly any may cross an odd number of the patch's own faces.
 fn is_inside(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: &[u32]) -> bool {
     let samples: Vec<u32> = faces.iter().step_by(faces.len().div_ceil(MAX_SAMPLES)).copied().collect();
     let rays = (TOTAL_RAYS / samples.len()).max(MIN_RAYS);
