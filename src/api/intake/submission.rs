@@ -121,11 +121,8 @@ pub fn inputs(id: JobId, files: Vec<ReceivedFile>) -> Result<Vec<Input>, Problem
                     ReadErrorKind::Empty => (ProblemCode::MissingFile, error.to_string()),
                     _ => (ProblemCode::UnsupportedModel, error.to_string()),
                 };
-                let subject = if count > 1 {
-                    format!("ReceivedFile {} of {count}, '{name}': ", number + 1)
-                } else {
-                    String::new()
-                };
+                let subject =
+                    if count > 1 { format!("File {} of {count}, '{name}': ", number + 1) } else { String::new() };
                 if count > 1 {
                     errors.push(FieldError::new(&format!("file[{number}]"), format!("{subject}{detail}")));
                 }

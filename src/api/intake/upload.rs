@@ -59,7 +59,6 @@ pub struct PutView {
     /// The URL. A URL without a host is relative to this service. Keep it secret: anyone who has it can send the file.
     url: String,
     /// The headers that the request must have.
-    /// Headers that it must have.
     headers: BTreeMap<String, String>,
     /// When the URL expires. The request must begin before then.
     #[serde(with = "crate::jobs::timestamp")]
