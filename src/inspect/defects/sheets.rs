@@ -1,4 +1,4 @@
-//! SheetSearch for sheets: zero-thickness surface whose two sides coincide.
+//! Search for sheets: zero-thickness surface whose two sides coincide.
 
 use rayon::prelude::*;
 

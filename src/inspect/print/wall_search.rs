@@ -240,7 +240,7 @@ fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
     parts.get(analysis.parts.of_face[face as usize] as usize).copied().unwrap_or(false)
 }
 
-/// WallSearch for the thinnest wall of each region, from all face centres and from points spread by area.
+/// Search for the thinnest wall of each region, from all face centres and from points spread by area.
 pub(super) struct WallSearch<'a> {
     analysis: &'a Analysis<'a>,
     corner: DVec3,
