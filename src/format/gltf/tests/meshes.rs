@@ -53,7 +53,7 @@ fn points_lines_and_primitives_without_positions_are_dropped_with_a_warning() {
     primitives.push(json!({ "attributes": {}, "indices": 1 }));
     let read = model.read();
     assert_eq!(read.scene.placed_faces(), 4);
-    assert!(read.warnings[0].ends_with("left out: 2"), "{:?}", read.warnings);
+    assert!(read.warnings[0].ends_with("dropped: 2"), "{:?}", read.warnings);
 }
 
 #[test]
@@ -217,13 +217,13 @@ fn a_skin_on_a_mesh_without_joints_changes_nothing() {
 #[test]
 fn incomplete_skins_are_rejected() {
     for (pointer, value, words) in [
-        ("/skins/0/joints", json!([1]), "joint 1, and its skin has 1"),
-        ("/skins/0/joints", json!([1, 2, 0]), "each of its joints"),
+        ("/skins/0/joints", json!([1]), "joint 1, but its skin has only 1"),
+        ("/skins/0/joints", json!([1, 2, 0]), "fewer inverse bind matrices than joints"),
         ("/skins/0/joints", json!([]), "no joints"),
         ("/skins/0/joints", json!([1, 7]), "node 7"),
-        ("/skins/0/inverseBindMatrices", json!(0), "each of its joints"),
+        ("/skins/0/inverseBindMatrices", json!(0), "fewer inverse bind matrices than joints"),
         ("/nodes/0/skin", json!(3), "skin 3"),
-        ("/accessors/3/count", json!(2), "WEIGHTS_0 for 2"),
+        ("/accessors/3/count", json!(2), "WEIGHTS_0 values for only 2"),
     ] {
         skinned().with(pointer, value).assert_refused(ReadErrorKind::Malformed, words);
     }
@@ -320,7 +320,7 @@ fn compressed_data_without_a_declared_attribute_is_rejected() {
     let data = all_encodings(2).remove(1);
     let model =
         model(&data).with("/meshes/0/primitives/0/extensions/KHR_draco_mesh_compression/attributes/COLOR_0", json!(7));
-    model.assert_refused(ReadErrorKind::Malformed, "lacks COLOR_0");
+    model.assert_refused(ReadErrorKind::Malformed, "no attribute COLOR_0");
 }
 
 #[test]
