@@ -252,7 +252,7 @@ pub(super) fn with_requests(mut strategy: Strategy, options: &Options) -> Strate
         let position = |action: Action| ORDER.iter().position(|&other| other == action);
         let at = strategy.actions.iter().skip(2).position(|planned| position(planned.action) > position(action));
         let at = at.map_or(strategy.actions.len(), |at| at + 2);
-        strategy.actions.insert(at, PlannedAction { action: action, operators: vec![operator] });
+        strategy.actions.insert(at, PlannedAction { action, operators: vec![operator] });
     }
     strategy
 }

@@ -90,7 +90,7 @@ impl Runner<'_> {
         let ended = match operator {
             Some(operator) => {
                 let ended = self.run_operator(operator, strategy, state, &mut run);
-                state.note_holes(&run.step);
+                state.record_holes(&run.step);
                 ended
             }
             None => self.remesh(action, percent, state, &mut run),
