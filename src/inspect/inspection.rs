@@ -74,7 +74,7 @@ impl Inspection {
 /// Inspects a mesh. The returned findings have more places than the report lists, and a mark on each face.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn inspect(
     subject: Subject<'_>,
     options: &InspectOptions,
@@ -86,7 +86,7 @@ pub fn inspect(
 /// Inspects a mesh whose structure is already analysed.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn inspect_analysis(
     analysis: &Analysis<'_>,
     options: &InspectOptions,
@@ -135,7 +135,7 @@ pub struct Characteristics {
 /// Computes the characteristics of a measured mesh.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn characteristics(
     analysis: &Analysis<'_>,
     measures: &Measures,

@@ -36,7 +36,7 @@ pub(super) struct Answers<T> {
 /// only, so that the results are the same for any number of threads.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub(super) fn run_queries<T: Send>(
     count: usize,
     budget: u64,
@@ -163,7 +163,7 @@ pub(super) fn spread_by_area(
 /// Distinguishes outer surface from internal faces, which a union removes. `None` for points beyond the budget.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub(super) fn visible(
     analysis: &Analysis<'_>,
     samples: &[Sample],

@@ -75,7 +75,7 @@ impl Side {
 /// Computes shape statistics of a mesh. O(n log n), since distributions sort their values.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn statistics(
     analysis: &Analysis<'_>,
     attributes: &Attributes,

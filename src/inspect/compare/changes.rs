@@ -158,7 +158,7 @@ impl Original<'_> {
     /// a hole's patch; `None` if unknown.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn changes(
         &self,
         after: &Analysis<'_>,
@@ -172,7 +172,7 @@ impl Original<'_> {
     /// Computes the changes, ignoring parts whose removal was requested.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn changes_but_for(&self, after: &ComparedMesh<'_>, context: &Context<'_>) -> Result<Changes, Cancelled> {
         let ComparedMesh { measures, gone, .. } = *after;
         let (mut changes, _) = self.changes_and_distances(after, context)?;

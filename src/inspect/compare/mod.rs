@@ -52,7 +52,7 @@ pub struct Comparison {
 /// Compares `before` with `after`. The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn compare(
     before: &Analysis<'_>,
     after: &Analysis<'_>,
@@ -67,7 +67,7 @@ impl Original<'_> {
     /// Compares this mesh with another one and returns the complete comparison.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn compare(
         &self,
         after: &Analysis<'_>,

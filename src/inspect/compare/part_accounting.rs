@@ -126,7 +126,7 @@ impl Original<'_> {
     /// part at the point, or inside the result. O(n log n) within a budget.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn part_accounting(
         &self,
         after: &Analysis<'_>,

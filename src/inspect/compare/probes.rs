@@ -101,7 +101,7 @@ impl<'a> PointLocator<'a> {
     /// Locates each point; `None` for points beyond the budget.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn locate(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<PointLocation>>, Cancelled> {
         let count = probes.points.len();
         let budget = BUDGET + BUDGET_PER_POINT * count as u64;

@@ -89,7 +89,7 @@ impl Original<'_> {
     /// split into pieces, so that of a face running into a solid only the internal piece is removed. O(n log n).
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn provenance(&self, after: &Analysis<'_>, context: &Context<'_>) -> Result<SurfaceProvenance, Cancelled> {
         let before = self.analysis;
         let common = if std::ptr::eq(before, after) {

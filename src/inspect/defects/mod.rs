@@ -21,7 +21,7 @@ use scan::Scan;
 /// whether a part is inside another; [`Findings::incomplete`] then lists its kind. O(n log n) in the number of faces.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn find_defects(
     analysis: &Analysis<'_>,
     tolerances: &Tolerances,

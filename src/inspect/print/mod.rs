@@ -80,7 +80,7 @@ pub struct Fit {
 /// walls.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn print_measures(
     analysis: &Analysis<'_>,
     measures: &Measures,
@@ -265,7 +265,7 @@ pub enum NoWallReason {
 /// parts may overlap, intersect or be inside out.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 fn thinnest_wall(
     analysis: &Analysis<'_>,
     measures: &Measures,
@@ -306,7 +306,7 @@ fn median(walls: &[Wall]) -> f64 {
 /// the wall is large enough.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn thin_walls(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Option<f64>, Cancelled> {
     let samples = samples(analysis, THIN_SAMPLES);
     let prober = WallProber::new(analysis, None);

@@ -293,7 +293,7 @@ impl<'a> WallSearch<'a> {
     /// Blocks depend on the mesh only, so the result is the same for any number of threads.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn run(&mut self, prober: &WallProber<'_>, is_printable: bool, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces = self.analysis.surface.faces.len();
         let count = (faces / 8).clamp(SPREAD_POINTS[0], SPREAD_POINTS[1]);
