@@ -251,7 +251,8 @@ impl Scene {
     /// in one grid cell merge at their mean, and faces with fewer than three distinct vertices disappear. Works for
     /// any mesh and keeps the paint of faces, but guarantees only visual similarity. O(n) per grid size.
     ///
-    /// [`RenderError::Cancelled`] on cancellation or timeout. [`RenderError::Cancelled`] when the work should stop.
+    /// # Errors
+    /// [`RenderError::Cancelled`] on cancellation or timeout.
     pub fn coarse(&self, most_faces: usize, context: &Context<'_>) -> Result<Self, RenderError> {
         let mut cells = CELLS;
         let (surface, paint) = loop {
