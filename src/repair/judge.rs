@@ -15,7 +15,7 @@ use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_generated};
 use crate::scene::{LengthUnit, UnitSource};
 
 /// Loss of visible surface, in percent, that makes even a printable result worse than the input.
-const MOST_LOST_PCT: f64 = 25.0;
+const MAX_LOST_PCT: f64 = 25.0;
 
 /// A result as bytes, with the findings on those bytes.
 pub(super) struct Judged {
@@ -226,7 +226,7 @@ impl Judged {
         let lost = raised(RedFlagCode::SurfaceLost);
         let parts_lost = raised(RedFlagCode::PartLost).is_some();
         let destroyed =
-            raised(RedFlagCode::BoundingBoxChange).is_some() || lost.is_some_and(|lost| lost > MOST_LOST_PCT);
+            raised(RedFlagCode::BoundingBoxChange).is_some() || lost.is_some_and(|lost| lost > MAX_LOST_PCT);
         let class = match self.measures.printable() {
             _ if destroyed => ResultClass::Destroyed,
             true if self.red_flags.is_empty() => ResultClass::Good,

@@ -333,9 +333,9 @@ impl SceneRepair<'_> {
         united: &UnitedScene,
         scene: &Scene,
         analysis: &Analysis<'_>,
-        found: &Inspection,
+        inspection: &Inspection,
     ) -> Result<Conflicts, RepairError> {
-        if found.measures.printable() {
+        if inspection.measures.printable() {
             return Ok(Conflicts::default());
         }
         let verification = &self.file_context.for_verification();
@@ -391,7 +391,7 @@ impl SceneRepair<'_> {
     fn assumed_union(&self, united: &UnitedScene, union: usize, united_contacts: &[InstanceContact]) -> Assumption {
         let members = &united.members[union];
         let name = |&object: &usize| {
-            let object_of = |scene: &Scene| scene.objects.get(object).map(|found| name_of(found, object));
+            let object_of = |scene: &Scene| scene.objects.get(object).map(|member| name_of(member, object));
             self.file.scene.as_ref().and_then(object_of).unwrap_or_default()
         };
         let mut names: Vec<String> = members.iter().take(MAX_NAMED).map(name).collect();

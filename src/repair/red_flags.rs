@@ -243,26 +243,26 @@ impl AddedSurface {
     /// Sums the areas of a surface's new faces. Linear time except for sorting.
     pub fn of(surface: &Surface) -> Self {
         let areas: Vec<f64> = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).collect();
-        let mut found = Self { area: areas.iter().sum(), ..Self::default() };
+        let mut added = Self { area: areas.iter().sum(), ..Self::default() };
         for ((f, &area), &source) in areas.iter().enumerate().zip(&surface.source) {
             let sum = match source {
-                SKIN_SOURCE => &mut found.skins,
-                OPENED_SKIN_SOURCE => &mut found.opened_skins,
-                BASE_SOURCE => &mut found.bases,
+                SKIN_SOURCE => &mut added.skins,
+                OPENED_SKIN_SOURCE => &mut added.opened_skins,
+                BASE_SOURCE => &mut added.bases,
                 _ => continue,
             };
-            if *sum == 0.0 && found.places.len() < MAX_PLACES {
-                found.places.push(surface.corners(f).iter().sum::<DVec3>() / 3.0);
+            if *sum == 0.0 && added.places.len() < MAX_PLACES {
+                added.places.push(surface.corners(f).iter().sum::<DVec3>() / 3.0);
             }
             *sum += area;
         }
         if surface.source.iter().any(|&source| is_generated(source)) {
-            found.patches = patches(surface, &areas);
-            let least = LARGE_PATCH * found.area;
-            found.patches.retain(|patch| patch.area > least);
-            found.patches.sort_by(|a, b| b.area.total_cmp(&a.area));
+            added.patches = patches(surface, &areas);
+            let least = LARGE_PATCH * added.area;
+            added.patches.retain(|patch| patch.area > least);
+            added.patches.sort_by(|a, b| b.area.total_cmp(&a.area));
         }
-        found
+        added
     }
 
     /// The surface added before a remesh, related to the remeshed result of this area.
@@ -293,14 +293,14 @@ fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
     }
     let roots = sets.into_roots();
     let mut number = vec![usize::MAX; surface.faces.len()];
-    let mut found: Vec<(Patch, Box3, f64)> = Vec::new();
+    let mut patch_sets: Vec<(Patch, Box3, f64)> = Vec::new();
     for f in (0..surface.faces.len()).filter(|&f| is_patch(f)) {
         let slot = &mut number[roots[f] as usize];
         if *slot == usize::MAX {
-            *slot = found.len();
-            found.push((Patch { area: 0.0, extent: 0.0, at: DVec3::ZERO }, Box3::EMPTY, -1.0));
+            *slot = patch_sets.len();
+            patch_sets.push((Patch { area: 0.0, extent: 0.0, at: DVec3::ZERO }, Box3::EMPTY, -1.0));
         }
-        let (patch, bounds, largest) = &mut found[*slot];
+        let (patch, bounds, largest) = &mut patch_sets[*slot];
         let corners = surface.corners(f);
         corners.iter().for_each(|&corner| bounds.extend(corner));
         patch.area += areas[f];
@@ -308,7 +308,7 @@ fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
             (*largest, patch.at) = (areas[f], corners.iter().sum::<DVec3>() / 3.0);
         }
     }
-    found.into_iter().map(|(patch, bounds, _)| Patch { extent: bounds.diagonal(), ..patch }).collect()
+    patch_sets.into_iter().map(|(patch, bounds, _)| Patch { extent: bounds.diagonal(), ..patch }).collect()
 }
 
 /// The red flag for more new surface than the options allow. Thickness that the options ask for does not count, and neither do bases,
