@@ -124,7 +124,10 @@ impl fmt::Display for BlenderMissing {
         for Rejected { program, reason } in &self.tried {
             write!(f, "; {} {reason}", program.display())?;
         }
-        f.write_str("; install Blender 3.0 or later, or run scripts/install-blender.sh, or set MESHMEND_BLENDER to Blender or to a Python that has bpy")
+        f.write_str(
+            "; install Blender 3.0 or later, or run scripts/install-blender.sh, or set MESHMEND_BLENDER to Blender or to a \
+             Python that has bpy",
+        )
     }
 }
 

@@ -151,8 +151,8 @@ impl<'a> Work<'a> {
         if remeshed.soup.faces.is_empty() { Err(RemeshError::Empty) } else { Ok(remeshed) }
     }
 
-    /// Waits for a slot and runs the script once. `voxels` are the voxel sizes of its stages, coarsest first, in frame units. The result of an
-    /// interrupted run is that of the last stage that finished.
+    /// Waits for a slot and runs the script once. `voxels` are the voxel sizes of its stages, coarsest first, in frame units. The
+    /// result of an interrupted run is that of the last stage that finished.
     fn run(&self, voxels: &[f64]) -> Result<StageResult, Failed> {
         let Self { program, request, context, .. } = *self;
         let scratch = program.config.scratch_folder().map_err(|error| scratch_failed(&error))?;

@@ -137,7 +137,7 @@ fn try_deny() -> Result<(), seccompiler::Error> {
     apply_filter(&denied)
 }
 
-/// The denied calls, each with rules of which one must match; no rules deny the call whatever its arguments.
+/// The denied calls, each with rules of which one must match; a call without rules is denied whatever its arguments.
 fn denied() -> Result<BTreeMap<i64, Vec<SeccompRule>>, seccompiler::BackendError> {
     let mut denied: BTreeMap<i64, Vec<SeccompRule>> =
         DENIED.iter().chain(DENIED_OLD).map(|&call| (call, Vec::new())).collect();

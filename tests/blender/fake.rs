@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
-use meshmend::blender::{BlenderConfig, BlenderRemesher, Warmth, warm_up};
+use meshmend::blender::{BlenderConfig, BlenderRemesher, WarmUpResult, warm_up};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
     Context, NoProgress, Progress, RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, Stage,
@@ -487,6 +487,6 @@ fn a_warm_up_tells_whether_the_program_works() {
         ..BlenderConfig::default()
     };
     let warm = |fake: &Fake| warm_up(fake.remesher().info().unwrap().clone(), config(fake));
-    assert!(matches!(warm(&Fake::new("cp $desk/mesh $target").with_mesh()), Warmth::Warm(_)));
-    assert!(matches!(warm(&Fake::new("exit 1")), Warmth::Failed(why) if why.contains("exit status: 1")));
+    assert!(matches!(warm(&Fake::new("cp $desk/mesh $target").with_mesh()), WarmUpResult::Warm(_)));
+    assert!(matches!(warm(&Fake::new("exit 1")), WarmUpResult::Failed(why) if why.contains("exit status: 1")));
 }

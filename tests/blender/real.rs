@@ -3,7 +3,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use glam::DVec3;
-use meshmend::blender::{BlenderConfig, BlenderRemesher, Warmth, warm_up};
+use meshmend::blender::{BlenderConfig, BlenderRemesher, WarmUpResult, warm_up};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
     Context, NoProgress, RemeshAction, RemeshError, RemeshRequest, Remesher, RemesherInfo, monotonic_clock,
@@ -211,5 +211,5 @@ fn a_remesh_in_stages_gives_the_last_one() {
 #[test]
 fn a_warm_up_finds_it_working() {
     let info = blender().info().expect("found").clone();
-    assert!(matches!(warm_up(info, config()), Warmth::Warm(_)));
+    assert!(matches!(warm_up(info, config()), WarmUpResult::Warm(_)));
 }
