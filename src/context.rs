@@ -1,38 +1,38 @@
-//! What surrounds a piece of work in the engine: progress, cancellation, deadline, clock.
+//! The context of a piece of work in the engine: progress, cancellation, deadline and clock.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-/// What a repair is doing now.
+/// The current stage of a repair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     /// Reading the file.
     Read,
-    /// Measuring what is wrong.
+    /// Inspecting the mesh for defects.
     Inspect,
     /// Running a tier's operators.
     Repair,
-    /// Waiting for a Blender, since as many run on the machine as memory allows.
+    /// Waiting for a slot to run Blender; the machine's memory limits how many run at once.
     Wait,
-    /// Writing, reading back and judging a result.
+    /// Writing, reading back and checking a result.
     Verify,
-    /// Handing over the best result.
+    /// Returning the best result.
     Finish,
 }
 
-/// Where a repair tells how far it is.
+/// Receives the progress of a repair.
 pub trait Progress: Sync {
-    /// `tier` is set while a tier runs; `percent` (0 to 100) is of the whole repair and never falls.
+    /// Reports the stage. `tier` is set while a tier runs. `percent` (0 to 100) counts the whole repair and never decreases.
     fn report(&self, stage: Stage, tier: Option<u8>, percent: u8);
-    /// A line for the job's log, in words.
+    /// Adds a line of text to the job's log.
     fn log(&self, line: &str);
 }
 
-/// Progress that goes nowhere.
+/// Discards all progress.
 #[derive(Debug, Clone, Copy)]
 pub struct NoProgress;
 
@@ -41,13 +41,13 @@ impl Progress for NoProgress {
     fn log(&self, _line: &str) {}
 }
 
-/// The work was asked to stop, or its time ran out.
+/// The work was cancelled, or its deadline passed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("stopped before it was finished")]
+#[error("the work was stopped before it finished")]
 pub struct Cancelled;
 
-/// What surrounds one repair: progress, cancellation, the deadline and the clock. Nothing in the engine asks the
-/// operating system for these.
+/// The context of a repair: progress, cancellation, deadline and clock. The engine gets these only from the context, never from the
+/// operating system.
 pub struct Context<'a> {
     progress: &'a dyn Progress,
     cancel: &'a AtomicBool,
@@ -58,7 +58,7 @@ pub struct Context<'a> {
 }
 
 impl<'a> Context<'a> {
-    /// `clock` gives the time since any fixed moment; `deadline` is on the same clock.
+    /// A context whose `clock` returns the time since any fixed moment; `deadline` is a time on that clock.
     pub fn new(
         progress: &'a dyn Progress,
         cancel: &'a AtomicBool,
@@ -68,42 +68,42 @@ impl<'a> Context<'a> {
         Self { progress, cancel, clock, deadline, end: deadline }
     }
 
-    /// The time on the clock.
+    /// The current time on the clock.
     #[must_use]
     pub fn now(&self) -> Duration {
         (self.clock)()
     }
 
-    /// Time left to the deadline, zero when it has passed.
+    /// The time until the deadline; zero if it has passed.
     #[must_use]
     pub fn remaining(&self) -> Duration {
         self.deadline.saturating_sub(self.now())
     }
 
-    /// Asked by long loops every few thousand steps.
+    /// Checks whether to continue. Long loops call this every few thousand steps.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop.
+    /// [`Cancelled`] when the work was cancelled or the deadline has passed.
     pub fn check(&self) -> Result<(), Cancelled> {
         if self.cancel.load(Ordering::Relaxed) || self.remaining().is_zero() { Err(Cancelled) } else { Ok(()) }
     }
 
-    /// Whether the work was asked to stop, apart from the deadline.
+    /// Whether the work was cancelled, whatever the deadline.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.cancel.load(Ordering::Relaxed)
     }
 
-    /// Whether the deadline has passed and nobody asked the work to stop.
+    /// Whether the deadline has passed without a cancellation.
     #[must_use]
     pub fn is_late(&self) -> bool {
         !self.is_cancelled() && self.remaining().is_zero()
     }
 
-    /// The result of work that may be left out: none where the deadline ended it.
+    /// The result of optional work; `None` if the deadline ended it.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work was asked to stop.
+    /// [`Cancelled`] when the work was cancelled.
     pub fn unless_late<T>(&self, result: Result<T, Cancelled>) -> Result<Option<T>, Cancelled> {
         match result {
             Err(Cancelled) if !self.is_cancelled() => Ok(None),
@@ -111,51 +111,51 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// The same surroundings, in which verification may go on for `time` after the deadline.
+    /// The same context, in which verification may continue for `time` after the deadline.
     #[must_use]
     pub fn with_overrun(&self, time: Duration) -> Context<'a> {
         Context { end: self.deadline.saturating_add(time), ..*self }
     }
 
-    /// The same surroundings for the verification of what is handed out, which ends later than other work.
+    /// The same context for the verification of the offered result, which may end later than other work.
     #[must_use]
     pub fn for_verification(&self) -> Context<'a> {
         Context { deadline: self.end, ..*self }
     }
 
-    /// The same surroundings with a deadline that leaves `time` for verification. Two fifths of the time after the deadline are
-    /// planned for it; the rest is for estimates that were too short.
+    /// The same context with a deadline that leaves `time` for verification. The plan uses two fifths of the time after the
+    /// deadline; the rest is a reserve for estimates that were too short.
     #[must_use]
     pub fn leaving(&self, time: Duration) -> Context<'a> {
         let planned_end = self.deadline.saturating_add(self.end.saturating_sub(self.deadline) * 2 / 5);
         Context { deadline: self.deadline.min(planned_end.saturating_sub(time)), ..*self }
     }
 
-    /// The same surroundings with a deadline, and an end of verification, that are earlier by `time`.
+    /// The same context with a deadline and an end of verification that are earlier by `time`.
     #[must_use]
     pub fn ending_before(&self, time: Duration) -> Context<'a> {
         Context { deadline: self.deadline.saturating_sub(time), end: self.end.saturating_sub(time), ..*self }
     }
 
-    /// The same surroundings with a deadline no later than `time` from now.
+    /// The same context with a deadline at most `time` from now.
     #[must_use]
     pub fn limited_to(&self, time: Duration) -> Context<'a> {
         let deadline = self.deadline.min(self.now().saturating_add(time));
         Context { deadline, ..*self }
     }
 
-    /// The same surroundings, but for where it tells how far it is.
+    /// The same context with another receiver of progress.
     #[must_use]
     pub fn with_progress<'b>(&'b self, progress: &'b dyn Progress) -> Context<'b> {
         Context { progress, ..*self }
     }
 
-    /// Tells how far the repair is.
+    /// Reports the repair's progress.
     pub fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
         self.progress.report(stage, tier, percent);
     }
 
-    /// Writes a line to the job's log.
+    /// Adds a line of text to the job's log.
     pub fn log(&self, line: &str) {
         self.progress.log(line);
     }

@@ -304,12 +304,12 @@ mod tests {
 
     #[test]
     fn a_secret_is_random_and_its_debug_output_hides_it() {
-        let (one, other) = (Secret::new(KeyKind::Api), Secret::new(KeyKind::Api));
-        assert_ne!(one.reveal(), other.reveal());
-        assert!(one.reveal().starts_with("mm_key_") && one.reveal().len() == 7 + 64, "{}", one.reveal());
-        assert!(!format!("{one:?}").contains(&one.reveal()[7..]));
-        assert_eq!(one.hash(), SecretHash::of(one.reveal()));
-        assert!(!one.hash().as_str().contains(&one.reveal()[7..]));
+        let (first, second) = (Secret::new(KeyKind::Api), Secret::new(KeyKind::Api));
+        assert_ne!(first.reveal(), second.reveal());
+        assert!(first.reveal().starts_with("mm_key_") && first.reveal().len() == 7 + 64, "{}", first.reveal());
+        assert!(!format!("{first:?}").contains(&first.reveal()[7..]));
+        assert_eq!(first.hash(), SecretHash::of(first.reveal()));
+        assert!(!first.hash().as_str().contains(&first.reveal()[7..]));
     }
 
     #[test]

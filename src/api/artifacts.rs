@@ -88,7 +88,7 @@ pub(super) async fn get_artifact(
         .ok_or_else(|| artifact_not_found(&job, &name))?;
     let etag = format!("\"{}\"", file.sha256);
     let tagged = [(header::ETAG, etag.clone()), (header::CACHE_CONTROL, "private, no-cache".to_owned())];
-    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| contains_etag(known, &etag)) {
+    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|list| contains_etag(list, &etag)) {
         return Ok((StatusCode::NOT_MODIFIED, tagged).into_response());
     }
     // Ranges are defined for GET only (RFC 9110, 14.2).
@@ -124,11 +124,11 @@ pub(super) async fn get_artifact(
 /// Creates the problem for a file that the job does not have, or not yet.
 fn artifact_not_found(job: &Job, name: &str) -> Problem {
     let detail = if job.status.is_final() {
-        let known: Vec<&str> = job.artifacts.keys().map(String::as_str).collect();
+        let names: Vec<&str> = job.artifacts.keys().map(String::as_str).collect();
         format!(
             "The job has no artifact '{}'. Its artifacts are: {}.",
             truncated(name),
-            if known.is_empty() { "none".into() } else { known.join(", ") }
+            if names.is_empty() { "none".into() } else { names.join(", ") }
         )
     } else {
         format!("The job is {}; it has no artifacts until it has finished.", job.status.as_str())

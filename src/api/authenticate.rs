@@ -210,7 +210,7 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
 /// Finds the caller by its secret. Without a secret the caller is the default tenant, if the service allows that.
 async fn find_caller(state: &ApiState, headers: &HeaderMap, secret: Option<&str>) -> Result<Caller, Problem> {
     let origin = headers.get(header::ORIGIN);
-    let known = match secret {
+    let key_and_limits = match secret {
         Some(secret) => Some(find_key(state, secret).await?),
         None if headers.contains_key(header::AUTHORIZATION) => {
             return Err(unauthorized("The header Authorization must have the form 'Bearer KEY'."));
@@ -220,10 +220,10 @@ async fn find_caller(state: &ApiState, headers: &HeaderMap, secret: Option<&str>
         }
         None => None,
     };
-    if let Some((key, _)) = &known {
+    if let Some((key, _)) = &key_and_limits {
         tracing::Span::current().record("key_id", key.id.as_str());
     }
-    match &known {
+    match &key_and_limits {
         Some((key, _)) if key.kind == KeyKind::Browser => {
             let own = key.origin.as_deref();
             if own.is_some() && origin.and_then(|origin| origin.to_str().ok()) != own {
@@ -237,7 +237,7 @@ async fn find_caller(state: &ApiState, headers: &HeaderMap, secret: Option<&str>
         }
         None => {}
     }
-    let (tenant, key, limits) = match known {
+    let (tenant, key, limits) = match key_and_limits {
         Some((key, limits)) => (key.tenant.clone(), Some(key), limits),
         None => (TenantName::default(), None, state.store.limits(DEFAULT_TENANT).await?),
     };
@@ -246,8 +246,9 @@ async fn find_caller(state: &ApiState, headers: &HeaderMap, secret: Option<&str>
 
 /// Returns the key of a secret and the limits of its tenant. Records the key's use if the last record is old.
 async fn find_key(state: &ApiState, secret: &str) -> Result<(AccessKey, TenantLimits), Problem> {
-    let known = if secret.len() <= SECRET_BYTES { state.store.find_key(&SecretHash::of(secret)).await? } else { None };
-    let Some((key, limits)) = known else {
+    let key_and_limits =
+        if secret.len() <= SECRET_BYTES { state.store.find_key(&SecretHash::of(secret)).await? } else { None };
+    let Some((key, limits)) = key_and_limits else {
         metrics::counter!(telemetry::KEYS_REFUSED).increment(1);
         return Err(unauthorized("This key is unknown, revoked or expired."));
     };

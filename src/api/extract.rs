@@ -16,9 +16,9 @@ use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Number, Value};
 use utoipa::{IntoParams, ToSchema};
 
-use super::check::{object_errors, unknown_field, value_errors};
 use super::problem::{FieldError, Problem, ProblemCode};
 use super::state::ApiState;
+use super::validation::{object_errors, unknown_field, value_errors};
 use crate::blobs::{BlobError, Blobs, Stored, UploadError};
 use crate::jobs::whole_number;
 
@@ -33,14 +33,14 @@ impl<T: DeserializeOwned + IntoParams, S: Sync> FromRequestParts<S> for ApiQuery
             serde_urlencoded::from_str(parts.uri.query().unwrap_or_default()).map_err(|_| {
                 Problem::invalid_request("The query is invalid: its percent-encoded characters must be UTF-8.")
             })?;
-        let known: BTreeMap<String, Value> = T::into_params(|| None)
+        let schemas: BTreeMap<String, Value> = T::into_params(|| None)
             .into_iter()
             .map(|parameter| (parameter.name, serde_json::to_value(parameter.schema).unwrap_or_default()))
             .collect();
         let (mut fields, mut errors) = (Map::new(), Vec::new());
         for (name, text) in pairs {
-            let Some(schema) = known.get(&name) else {
-                errors.push(unknown_field(&name, known.keys().map(String::as_str), "query parameter"));
+            let Some(schema) = schemas.get(&name) else {
+                errors.push(unknown_field(&name, schemas.keys().map(String::as_str), "query parameter"));
                 continue;
             };
             let value = query_value(schema, text);
@@ -49,12 +49,13 @@ impl<T: DeserializeOwned + IntoParams, S: Sync> FromRequestParts<S> for ApiQuery
                 errors.push(FieldError::new(&name, format!("`{name}` occurs twice; send it once.")));
             }
         }
-        if errors.is_empty()
-            && let Ok(query) = serde_json::from_value(Value::Object(fields))
-        {
-            return Ok(Self(query));
+        if !errors.is_empty() {
+            return Err(Problem::of_fields(ProblemCode::InvalidRequest, errors));
         }
-        Err(Problem::of_fields(ProblemCode::InvalidRequest, errors))
+        let query = serde_json::from_value(Value::Object(fields));
+        query
+            .map(Self)
+            .map_err(|_| Problem::invalid_request("The query is invalid; see /docs/api/ for its parameters."))
     }
 }
 
@@ -195,13 +196,13 @@ pub(super) struct RawModel(Vec<u8>);
 /// The size limit of one upload, shared by all its files.
 pub(super) struct UploadBudget {
     limit: u64,
-    left: u64,
+    remaining: u64,
 }
 
 impl UploadBudget {
     /// Creates a budget of `limit` bytes.
     pub fn new(limit: u64) -> Self {
-        Self { limit, left: limit }
+        Self { limit, remaining: limit }
     }
 
     /// Stores a file of at most the remaining bytes, and subtracts its size.
@@ -211,12 +212,12 @@ impl UploadBudget {
         key: &str,
         source: impl Stream<Item = Result<Bytes, E>>,
     ) -> Result<Stored, Problem> {
-        let stored = blobs.put_stream(key, source, self.left).await.map_err(|error| match error {
+        let stored = blobs.put_stream(key, source, self.remaining).await.map_err(|error| match error {
             UploadError::TooLarge(_) => too_large(self.limit),
             UploadError::Source(error) => source_problem(&error),
             UploadError::Store(error) => error.into(),
         })?;
-        self.left -= stored.bytes;
+        self.remaining -= stored.bytes;
         Ok(stored)
     }
 }

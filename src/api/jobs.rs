@@ -79,7 +79,7 @@ pub(super) async fn get_job(
     let position = state.store.queue_position(&job).await?;
     let report = query.include.and_then(|Include::Report| job.report.clone());
     let etag = etag(&job, position);
-    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|known| contains_etag(known, &etag)) {
+    if text_header(&headers, &header::IF_NONE_MATCH).is_some_and(|list| contains_etag(list, &etag)) {
         let headers = [(header::ETAG, etag), (header::CACHE_CONTROL, "no-cache".to_owned())];
         return Ok((StatusCode::NOT_MODIFIED, headers).into_response());
     }

@@ -389,7 +389,7 @@ mod tests {
 
     #[test]
     fn an_origin_is_normalized_to_the_form_that_browsers_send() {
-        for (given, clean) in [
+        for (origin, normalized) in [
             ("https://Shop.example/", Some("https://shop.example")),
             ("https://shop.example:443", Some("https://shop.example")),
             ("http://localhost:3000", Some("http://localhost:3000")),
@@ -399,7 +399,7 @@ mod tests {
             ("https://", None),
             ("https://a b", None),
         ] {
-            assert_eq!(normalize_origin(given).as_deref(), clean, "{given}");
+            assert_eq!(normalize_origin(origin).as_deref(), normalized, "{origin}");
         }
     }
 }

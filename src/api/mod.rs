@@ -6,7 +6,6 @@
 
 mod artifacts;
 mod authenticate;
-mod check;
 mod extract;
 mod idempotency;
 mod intake;
@@ -22,6 +21,7 @@ mod service;
 mod state;
 mod submit;
 mod tenants;
+mod validation;
 mod webhook_deliveries;
 mod webhook_endpoints;
 

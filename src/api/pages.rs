@@ -127,7 +127,7 @@ fn respond(file: &'static StaticFile, headers: &HeaderMap, cache: &'static str, 
         ],
     };
     let mut response =
-        if text_header(headers, &header::IF_NONE_MATCH).is_some_and(|known| contains_etag(known, file.etag())) {
+        if text_header(headers, &header::IF_NONE_MATCH).is_some_and(|list| contains_etag(list, file.etag())) {
             (StatusCode::NOT_MODIFIED, common).into_response()
         } else {
             let media_type = [(header::CONTENT_TYPE, file.media_type)];

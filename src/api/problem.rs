@@ -114,7 +114,7 @@ impl Problem {
 
     /// Creates a problem for an Idempotency-Key that another request is using.
     pub(super) fn key_in_use() -> Self {
-        let detail = "Another request with this Idempotency-Key is in progress. Retry after the Retry-After delay.";
+        let detail = "Another request with this Idempotency-Key is in progress. Retry in a few seconds.";
         Self::new(ProblemCode::IdempotencyKeyInUse, detail).retry_after(KEY_RETRY_AFTER_S)
     }
 

@@ -26,11 +26,11 @@ use tracing::field::Empty;
 use utoipa_swagger_ui::SwaggerUi;
 
 use super::authenticate::{authenticate, preflight, reject_while_draining};
-use super::check;
 use super::openapi;
 use super::pages;
 use super::problem::{PROBLEM_JSON, Problem, ProblemCode};
 use super::state::ApiState;
+use super::validation;
 use crate::telemetry;
 
 /// The header with the request's id.
@@ -51,7 +51,7 @@ pub fn router(state: ApiState) -> Router {
         .route_layer(from_fn_with_state(state.clone(), authenticate));
     let (routes, document) = authenticated.merge(openapi::public_routes()).split_for_parts();
     let document = openapi::finish(document);
-    check::use_document(&document);
+    validation::use_document(&document);
     let router = routes
         .merge(pages::routes())
         .route("/openapi-3.0.json", get(openapi_3_0))
@@ -133,8 +133,8 @@ async fn observe(request: Request, next: Next) -> Response {
     let id = request.extensions().get::<RequestId>().and_then(|id| id.header_value().to_str().ok());
     let id = id.unwrap_or_default().to_owned();
     // A client may invent methods, and the metrics keep every label value for ever.
-    let known = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
-    let method = known.into_iter().find(|known| request.method() == *known).unwrap_or("other");
+    let known_methods = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
+    let method = known_methods.into_iter().find(|method| request.method() == *method).unwrap_or("other");
     let path = request.uri().path().to_owned();
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
     let traceparent = request.headers().get(telemetry::TRACEPARENT).and_then(|value| value.to_str().ok());
@@ -222,13 +222,13 @@ fn panicked(panic: Box<dyn Any + Send + 'static>) -> Response {
 /// Rejects a request with an unsupported Content-Encoding.
 async fn check_coding(request: Request, next: Next) -> Response {
     let mut codings = request.headers().get_all(header::CONTENT_ENCODING).iter();
-    let (coding, more) = (codings.next(), codings.next());
-    let known = |coding: &HeaderValue| {
+    let (coding, second_coding) = (codings.next(), codings.next());
+    let is_supported = |coding: &HeaderValue| {
         coding
             .to_str()
             .is_ok_and(|coding| CODINGS.iter().chain(&["identity"]).any(|name| coding.eq_ignore_ascii_case(name)))
     };
-    if more.is_none() && coding.is_none_or(known) {
+    if second_coding.is_none() && coding.is_none_or(is_supported) {
         return next.run(request).await;
     }
     let detail = format!(
@@ -281,10 +281,10 @@ async fn linger(request: Request, next: Next) -> Response {
 
 /// Reads and discards up to [`DRAIN_BYTES`] of a body.
 async fn drain(mut body: SharedBody) {
-    let mut left = DRAIN_BYTES;
+    let mut remaining = DRAIN_BYTES;
     while let Some(Ok(frame)) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
-        let Some(rest) = left.checked_sub(frame.data_ref().map_or(0, Bytes::len)) else { break };
-        left = rest;
+        let Some(unread) = remaining.checked_sub(frame.data_ref().map_or(0, Bytes::len)) else { break };
+        remaining = unread;
     }
 }
 

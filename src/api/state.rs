@@ -254,11 +254,11 @@ impl Rates {
                 let bucket = RateLimiter::direct(Quota::per_minute(per_minute));
                 (per_minute, Arc::new(bucket.with_middleware::<StateInformationMiddleware>()))
             };
-            let known = buckets.entry(tenant.clone()).or_insert_with(new);
-            if known.0 != per_minute {
-                *known = new();
+            let entry = buckets.entry(tenant.clone()).or_insert_with(new);
+            if entry.0 != per_minute {
+                *entry = new();
             }
-            Arc::clone(&known.1)
+            Arc::clone(&entry.1)
         };
         let limit = per_minute.get();
         match bucket.check() {
@@ -313,7 +313,7 @@ impl ApiState {
         if !self.health.draining.is_cancelled() {
             return Ok(());
         }
-        let detail = "This process is stopping and accepts no new work. Retry to reach another process.";
+        let detail = "This process is stopping and accepts no new work. Retry; another process may accept the request.";
         Err(Problem::new(ProblemCode::Unavailable, detail)
             .retry_after(RETRY_AFTER_S)
             .with_header(header::CONNECTION, "close"))

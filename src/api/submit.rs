@@ -311,7 +311,7 @@ async fn find_result(store: &dyn JobStore, blobs: &Blobs, new: &NewJob) -> Optio
     match copy_artifacts(blobs, *id, &earlier, inputs).await {
         Ok(artifacts) => Some(Reused { from: earlier.id, outcome, report, artifacts }),
         Err(error) => {
-            tracing::info!(%error, from = %earlier.id, "earlier result expired; running job");
+            tracing::info!(%error, from = %earlier.id, "earlier result unavailable; running job");
             if let Err(error) = blobs.delete_attempts(*id, None).await {
                 tracing::warn!(%error, "failed to remove copies of earlier result");
             }

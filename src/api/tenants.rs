@@ -144,12 +144,12 @@ pub(super) async fn get_tenant(
     ApiPath(id): ApiPath<String>,
 ) -> Result<Json<TenantView>, Problem> {
     // A text that is no tenant's name need not reach the database.
-    let found = if id.parse::<TenantName>().is_ok() { state.store.tenant(&id).await? } else { None };
+    let tenant = if id.parse::<TenantName>().is_ok() { state.store.tenant(&id).await? } else { None };
     let not_found = || {
         let detail = format!("There is no tenant '{}' with a key or settings.", truncated(&id));
         Problem::new(ProblemCode::TenantNotFound, detail)
     };
-    found.map(|tenant| Json(tenant.into())).ok_or_else(not_found)
+    tenant.map(|tenant| Json(tenant.into())).ok_or_else(not_found)
 }
 
 /// Change a tenant's settings.

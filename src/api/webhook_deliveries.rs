@@ -215,8 +215,8 @@ pub(super) async fn test_endpoint(
 async fn accepted(state: &ApiState, caller: &Caller, id: String) -> Result<Response, Problem> {
     let query =
         DeliveryQuery { tenant: caller.tenant.to_string(), id: Some(id.clone()), limit: 1, ..Default::default() };
-    let found = state.store.deliveries(query).await?.items.pop().ok_or_else(|| not_found(&id))?;
-    Ok((StatusCode::ACCEPTED, Json(DeliveryView::from(found))).into_response())
+    let delivery = state.store.deliveries(query).await?.items.pop().ok_or_else(|| not_found(&id))?;
+    Ok((StatusCode::ACCEPTED, Json(DeliveryView::from(delivery))).into_response())
 }
 
 fn disabled() -> Problem {

@@ -282,8 +282,8 @@ pub(super) async fn delete_endpoint(
     ApiPath(id): ApiPath<String>,
 ) -> Result<StatusCode, Problem> {
     check_id(&id)?;
-    let found = state.store.delete_endpoint(caller.tenant.as_str(), &id).await?;
-    if found { Ok(StatusCode::NO_CONTENT) } else { Err(not_found(&id)) }
+    let was_deleted = state.store.delete_endpoint(caller.tenant.as_str(), &id).await?;
+    if was_deleted { Ok(StatusCode::NO_CONTENT) } else { Err(not_found(&id)) }
 }
 
 /// Rotate the secret of a webhook endpoint.

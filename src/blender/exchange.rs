@@ -1,29 +1,37 @@
+//! The files through which the engine and the Blender script exchange meshes.
+
 use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
-/// First bytes of a file that goes to or comes from the script; then the counts of vertices and of faces as u64, three
-/// f32 a vertex, three u32 a face, all little-endian. The script has the same constant.
+/// The first bytes of an exchange file. Then follow the counts of vertices and of faces as u64, three f32 per vertex, and three
+/// u32 per face, all little-endian. The script has the same constant.
 const MAGIC: [u8; 8] = *b"MMSOUP01";
 const HEADER_BYTES: u64 = 24;
 const ROW_BYTES: u64 = 12;
 
-/// A mesh as Blender keeps it.
+/// A mesh in Blender's precision.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct RawMesh {
+    /// Vertex positions.
     pub(super) positions: Vec<[f32; 3]>,
+    /// Triangles, as indices of vertices.
     pub(super) faces: Vec<[u32; 3]>,
 }
 
-/// Why a result file is no result.
+/// Why a result file can't be used. The texts continue the sentence "the program ended, but ...".
 #[derive(Debug, thiserror::Error)]
 pub(super) enum ReadResultError {
-    #[error("it left no result file")]
+    /// The file does not exist.
+    #[error("left no result file")]
     Missing,
+    /// The file's content is invalid.
     #[error("its result file {0}")]
     Malformed(String),
-    #[error("{0} faces")]
+    /// The result has more faces than requested.
+    #[error("its result has {0} faces")]
     TooManyFaces(u64),
+    /// The file could not be read.
     #[error("its result file could not be read: {0}")]
     Io(#[from] io::Error),
 }
@@ -43,19 +51,19 @@ pub(super) fn write(path: &Path, mesh: &RawMesh) -> io::Result<()> {
     file.into_inner().map_err(io::IntoInnerError::into_error)?.flush()
 }
 
-/// Most bytes that a result with `most_faces` faces may have: three vertices a face at worst.
-pub(super) fn most_bytes(most_faces: u64) -> u64 {
-    most_faces.saturating_mul(4 * ROW_BYTES).saturating_add(HEADER_BYTES)
+/// The largest size in bytes of a result with `max_faces` faces: three vertices per face at worst.
+pub(super) fn max_bytes(max_faces: u64) -> u64 {
+    max_faces.saturating_mul(4 * ROW_BYTES).saturating_add(HEADER_BYTES)
 }
 
-/// Reads a result. Nothing is believed: it must be a plain file, its counts must agree with its size before anything
-/// is allocated, positions must be finite and corners in range.
-pub(super) fn read(path: &Path, most_faces: u64) -> Result<RawMesh, ReadResultError> {
-    let malformed = |what: String| ReadResultError::Malformed(what);
-    // Opening a pipe would block, and a link could lead anywhere.
+/// Reads a result as untrusted input. It must be a regular file; its counts must match its size before memory is allocated;
+/// positions must be finite and corners in range.
+pub(super) fn read(path: &Path, max_faces: u64) -> Result<RawMesh, ReadResultError> {
+    let malformed = |reason: String| ReadResultError::Malformed(reason);
+    // Opening a pipe would block, and a link could lead to another file.
     match fs::symlink_metadata(path) {
-        Ok(found) if found.is_file() => {}
-        Ok(_) => return Err(malformed("is no plain file".to_owned())),
+        Ok(metadata) if metadata.is_file() => {}
+        Ok(_) => return Err(malformed("is not a regular file".to_owned())),
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(ReadResultError::Missing),
         Err(error) => return Err(error.into()),
     }
@@ -66,29 +74,29 @@ pub(super) fn read(path: &Path, most_faces: u64) -> Result<RawMesh, ReadResultEr
     }
     let mut file = BufReader::with_capacity(1 << 16, file);
     if read_array::<8>(&mut file)? != MAGIC {
-        return Err(malformed("does not begin as agreed".to_owned()));
+        return Err(malformed("does not begin with the expected bytes".to_owned()));
     }
     let vertices = u64::from_le_bytes(read_array(&mut file)?);
     let faces = u64::from_le_bytes(read_array(&mut file)?);
-    if faces > most_faces {
+    if faces > max_faces {
         return Err(ReadResultError::TooManyFaces(faces));
     }
     let expected = vertices.checked_add(faces).and_then(|rows| rows.checked_mul(ROW_BYTES)?.checked_add(HEADER_BYTES));
-    if expected != Some(size) || vertices > u64::from(u32::MAX) || size > most_bytes(most_faces).max(1 << 20) {
-        return Err(malformed(format!("has {size} bytes, which disagrees with {vertices} vertices and {faces} faces")));
+    if expected != Some(size) || vertices > u64::from(u32::MAX) || size > max_bytes(max_faces).max(1 << 20) {
+        return Err(malformed(format!("has {size} bytes, which does not match {vertices} vertices and {faces} faces")));
     }
     let mut mesh = RawMesh::default();
     for _ in 0..vertices {
         let position = read_row(&mut file)?.map(f32::from_le_bytes);
         if !position.iter().all(|c| c.is_finite()) {
-            return Err(malformed(format!("has a position that is not finite, {position:?}")));
+            return Err(malformed(format!("has the non-finite position {position:?}")));
         }
         mesh.positions.push(position);
     }
     for _ in 0..faces {
         let face = read_row(&mut file)?.map(u32::from_le_bytes);
         if !face.iter().all(|&corner| u64::from(corner) < vertices) {
-            return Err(malformed(format!("has a face {face:?} with only {vertices} vertices")));
+            return Err(malformed(format!("has the face {face:?}, but only {vertices} vertices")));
         }
         mesh.faces.push(face);
     }
@@ -114,11 +122,11 @@ mod tests {
         RawMesh { positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], faces: vec![[0, 1, 2]] }
     }
 
-    fn read_bytes(bytes: &[u8], most_faces: u64) -> Result<RawMesh, ReadResultError> {
+    fn read_bytes(bytes: &[u8], max_faces: u64) -> Result<RawMesh, ReadResultError> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("result");
         fs::write(&path, bytes).unwrap();
-        read(&path, most_faces)
+        read(&path, max_faces)
     }
 
     fn bytes_of(mesh: &RawMesh) -> Vec<u8> {
@@ -129,12 +137,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() {
+    fn a_written_mesh_is_read_back() {
         assert_eq!(read_bytes(&bytes_of(&triangle()), 1).unwrap(), triangle());
     }
 
     #[test]
-    fn a_file_cut_anywhere_or_with_bytes_to_spare_is_refused() {
+    fn a_truncated_or_too_long_file_is_refused() {
         let whole = bytes_of(&triangle());
         for end in 0..whole.len() {
             let error = read_bytes(&whole[..end], 1).unwrap_err();
@@ -146,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn huge_counts_are_refused_before_anything_is_allocated() {
+    fn huge_counts_are_refused_before_memory_is_allocated() {
         let mut bytes = bytes_of(&triangle());
         bytes[8..16].copy_from_slice(&u64::MAX.to_le_bytes());
         assert!(matches!(read_bytes(&bytes, 1), Err(ReadResultError::Malformed(_))));
@@ -155,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_header_alone_tells_that_there_are_too_many_faces() {
+    fn a_header_alone_reports_too_many_faces() {
         let mut bytes = bytes_of(&triangle());
         bytes.truncate(24);
         bytes[16..24].copy_from_slice(&77u64.to_le_bytes());
@@ -163,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_out_of_range_and_positions_that_are_not_finite_are_refused() {
+    fn corners_out_of_range_and_non_finite_positions_are_refused() {
         let mut corner = triangle();
         corner.faces[0][1] = 3;
         assert!(matches!(read_bytes(&bytes_of(&corner), 1), Err(ReadResultError::Malformed(_))));
@@ -173,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn no_file_and_a_folder_in_its_place_are_told_apart() {
+    fn a_missing_file_and_a_folder_give_different_errors() {
         let folder = tempfile::tempdir().unwrap();
         assert!(matches!(read(&folder.path().join("none"), 1), Err(ReadResultError::Missing)));
         assert!(matches!(read(folder.path(), 1), Err(ReadResultError::Malformed(_))));

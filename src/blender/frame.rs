@@ -1,4 +1,4 @@
-//! The frame that a model stands in while Blender has it, and soups on their way into it and back.
+//! The coordinate frame in which Blender gets a model, and the conversion of meshes into it and back.
 
 use std::collections::HashMap;
 
@@ -7,25 +7,25 @@ use glam::DVec3;
 use super::exchange::RawMesh;
 use crate::mesh::Soup;
 
-/// Where a model stands while Blender has it: its box centred on the origin and its larger half extent in [16, 32), so
-/// that f32 keeps 24 bits of the shape and not of the place, and Blender's absolute tolerances meet ordinary sizes.
+/// A coordinate frame that suits Blender. The model's bounding box is centred on the origin, and its largest half extent is in
+/// [16, 32). The 24 bits of f32 thus describe the shape and not its location, and Blender's absolute tolerances fit.
 ///
-/// The scale is a power of two, so that only the shift rounds.
+/// The scale is a power of two, so that only the translation rounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Frame {
     centre: DVec3,
-    /// Model to frame.
+    /// Frame units per model unit.
     scale: f64,
 }
 
-/// Binary exponents that are scaled: outside, a step to f32 and back would leave the normal numbers of f64.
+/// Binary exponents of extents that can be scaled. Outside, a conversion to f32 and back would leave f64's normal numbers.
 const EXPONENTS: std::ops::RangeInclusive<i64> = -900..=900;
-/// The half extent becomes 2^4 to 2^5.
+/// The largest half extent in the frame is in [2^4, 2^5).
 const FRAME_EXPONENT: i64 = 4;
 
 impl Frame {
-    /// The frame of the box around `positions`; none where a position is not finite, or the box is a point or of a
-    /// size that f64 can't scale (below 2^-900 or above 2^900).
+    /// The frame for the bounding box of `positions`. `None` if a position is not finite, if all positions coincide, or if the box is
+    /// smaller than 2^-900 or larger than 2^900.
     pub(super) fn around(positions: impl Iterator<Item = DVec3>) -> Option<Self> {
         let mut low = DVec3::INFINITY;
         let mut high = DVec3::NEG_INFINITY;
@@ -36,26 +36,26 @@ impl Frame {
             low = low.min(position);
             high = high.max(position);
         }
-        // Halves first: the sum of two large corners overflows.
+        // Each is halved first, since the sum of two large corners could overflow.
         let half = high * 0.5 - low * 0.5;
         let exponent = binary_exponent(half.max_element())?;
         Some(Self { centre: low * 0.5 + high * 0.5, scale: power_of_two(FRAME_EXPONENT - exponent) })
     }
 
-    /// A position in the frame, rounded as Blender keeps it. Negative zero becomes zero, so that equal positions have
+    /// A model position in the frame, rounded to f32 as Blender stores it. Negative zero becomes zero, so that equal positions have
     /// equal bits.
     pub(super) fn enter(&self, position: DVec3) -> [f32; 3] {
-        let inside = (position - self.centre) * self.scale;
+        let framed = (position - self.centre) * self.scale;
         #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
-        inside.to_array().map(|c| c as f32 + 0.0)
+        framed.to_array().map(|c| c as f32 + 0.0)
     }
 
-    /// A position of the frame in the model's unit and place.
+    /// A position of the frame in the model's coordinates.
     pub(super) fn leave(&self, position: [f32; 3]) -> DVec3 {
         DVec3::from_array(position.map(f64::from)) / self.scale + self.centre
     }
 
-    /// A length of the model in the frame.
+    /// A model length in the frame.
     pub(super) fn enter_length(&self, length: f64) -> f64 {
         length * self.scale
     }
@@ -66,8 +66,8 @@ impl Frame {
     }
 }
 
-/// The exponent e of a positive `value` in [2^e, 2^(e+1)); none outside [`EXPONENTS`]. Read from the bits, since a
-/// logarithm may differ from machine to machine.
+/// The exponent e of a positive `value` in [2^e, 2^(e+1)); `None` outside [`EXPONENTS`]. It is read from the bits, since a logarithm
+/// may differ between machines.
 fn binary_exponent(value: f64) -> Option<i64> {
     if !value.is_finite() || value <= 0.0 {
         return None;
@@ -81,12 +81,12 @@ fn power_of_two(exponent: i64) -> f64 {
     f64::from_bits((1023 + exponent).clamp(1, 2046).cast_unsigned() << 52)
 }
 
-/// A position of the frame.
-type Place = [f32; 3];
+/// A position in the frame.
+type FramePosition = [f32; 3];
 
-/// The faces of a soup in the frame, without those that have two corners in one place: they enclose nothing, their edges
-/// cancel, and Blender can't hold them.
-fn framed(soup: &Soup, frame: Frame) -> impl Iterator<Item = ([u32; 3], [Place; 3])> {
+/// The faces of a soup in the frame, without those that have two equal corners. Such faces enclose no volume, their edges cancel, and
+/// Blender can't represent them.
+fn framed(soup: &Soup, frame: Frame) -> impl Iterator<Item = ([u32; 3], [FramePosition; 3])> {
     soup.faces.iter().filter_map(move |face| {
         let corners = face.map(|v| soup.positions.get(v as usize).map(|&position| frame.enter(position)));
         let [Some(a), Some(b), Some(c)] = corners else { return None };
@@ -94,16 +94,16 @@ fn framed(soup: &Soup, frame: Frame) -> impl Iterator<Item = ([u32; 3], [Place; 
     })
 }
 
-/// What a voxel remesh is given: shared vertices stay shared, and vertices that no face uses are left out.
+/// The input of a voxel remesh: shared vertices stay shared, and unused vertices are omitted.
 pub(super) fn for_voxels(soup: &Soup, frame: Frame) -> RawMesh {
     let mut new_index: Vec<Option<u32>> = vec![None; soup.positions.len()];
     let mut mesh = RawMesh::default();
-    for (face, places) in framed(soup, frame) {
+    for (face, positions) in framed(soup, frame) {
         let mut corners = [0; 3];
-        for ((corner, v), place) in corners.iter_mut().zip(face).zip(places) {
+        for ((corner, v), position) in corners.iter_mut().zip(face).zip(positions) {
             let Some(known) = new_index.get_mut(v as usize) else { continue };
             *corner = *known.get_or_insert_with(|| {
-                mesh.positions.push(place);
+                mesh.positions.push(position);
                 index(mesh.positions.len() - 1)
             });
         }
@@ -112,52 +112,55 @@ pub(super) fn for_voxels(soup: &Soup, frame: Frame) -> RawMesh {
     mesh
 }
 
-/// What a boolean is given: each face with three vertices of its own. Blender's mesh can't hold two faces on the same
-/// three vertices, and to drop one side of a double wall would open what was closed; its exact boolean welds by
-/// position anyway.
+/// The input of a boolean: each face has its own three vertices. Blender's mesh can't hold two faces on the same three vertices, and
+/// dropping one side of a double wall would open a closed surface. Its exact boolean welds by position anyway.
 ///
-/// Faces on the same three places count as in chain arithmetic, up to one: copies turned the same way become one, which
-/// keeps a closed surface closed, and as many of one turn as of the other become one of each.
+/// Faces on the same three positions are counted per orientation, as in chain arithmetic, but at most once. Several copies of one
+/// orientation become one face, which keeps a closed surface closed. Equal counts of both orientations become one face of each.
 pub(super) fn for_boolean(soup: &Soup, frame: Frame) -> RawMesh {
-    /// Copies of one turn, then of the other.
-    type Turns = [u32; 2];
-    let mut turns: HashMap<[[u32; 3]; 3], Turns> = HashMap::with_capacity(soup.faces.len());
-    for (_, places) in framed(soup, frame) {
-        let (key, turn) = without_turn(places);
-        let count = &mut turns.entry(key).or_default()[turn];
+    /// The numbers of copies with even and with odd orientation.
+    type Counts = [u32; 2];
+    let mut counts: HashMap<[[u32; 3]; 3], Counts> = HashMap::with_capacity(soup.faces.len());
+    for (_, positions) in framed(soup, frame) {
+        let (key, orientation) = unoriented(positions);
+        let count = &mut counts.entry(key).or_default()[orientation];
         *count = count.saturating_add(1);
     }
     let mut mesh = RawMesh::default();
-    for (_, places) in framed(soup, frame) {
-        let (key, turn) = without_turn(places);
-        let Some(counts) = turns.get_mut(&key) else { continue };
-        if counts[turn] == 0 || counts[turn] < counts[1 - turn] {
+    for (_, positions) in framed(soup, frame) {
+        let (key, orientation) = unoriented(positions);
+        let Some(pair) = counts.get_mut(&key) else { continue };
+        if pair[orientation] == 0 || pair[orientation] < pair[1 - orientation] {
             continue;
         }
         let first = index(mesh.positions.len());
-        mesh.positions.extend(places);
+        mesh.positions.extend(positions);
         mesh.faces.push([first, first + 1, first + 2]);
-        // Taken; of two equal counts the other turn is still to come.
-        *counts = if counts[turn] == counts[1 - turn] { [u32::from(turn == 1), u32::from(turn == 0)] } else { [0, 0] };
+        // This orientation is done. If both counts were equal, the other orientation is still to come.
+        *pair = if pair[orientation] == pair[1 - orientation] {
+            [u32::from(orientation == 1), u32::from(orientation == 0)]
+        } else {
+            [0, 0]
+        };
     }
     mesh
 }
 
-/// The bits of three places in ascending order, and whether the order of the face is an even (0) or odd (1) exchange of it.
-fn without_turn(places: [Place; 3]) -> ([[u32; 3]; 3], usize) {
-    let [a, b, c] = places.map(|place| place.map(f32::to_bits));
+/// The bits of three positions in ascending order, and whether that order is an even (0) or odd (1) permutation of the face.
+fn unoriented(positions: [FramePosition; 3]) -> ([[u32; 3]; 3], usize) {
+    let [a, b, c] = positions.map(|position| position.map(f32::to_bits));
     let odd = usize::from(a > b) + usize::from(b > c) + usize::from(a > c);
     let mut key = [a, b, c];
     key.sort_unstable();
     (key, odd % 2)
 }
 
-/// An index of a mesh; the most faces that are sent keep it within u32.
+/// An index of a mesh. The limit on sent faces keeps indices within u32.
 fn index(position: usize) -> u32 {
     u32::try_from(position).unwrap_or(u32::MAX)
 }
 
-/// The first position of the soup for each place of the frame.
+/// The first position of the soup for each position of the frame, by its bits.
 pub(super) fn originals(soup: &Soup, frame: Frame) -> HashMap<[u32; 3], DVec3> {
     let mut originals = HashMap::with_capacity(soup.positions.len());
     for &position in &soup.positions {
@@ -166,8 +169,8 @@ pub(super) fn originals(soup: &Soup, frame: Frame) -> HashMap<[u32; 3], DVec3> {
     originals
 }
 
-/// What Blender made, in the model's unit and place, without vertices that no face uses. A vertex that is still where
-/// it was sent gets its position back to the last bit.
+/// Blender's result in the model's coordinates, without unused vertices. A vertex that Blender did not move gets its original position
+/// exactly.
 pub(super) fn unframed(mesh: &RawMesh, frame: Frame, originals: &HashMap<[u32; 3], DVec3>) -> Soup {
     const UNUSED: u32 = u32::MAX;
     let mut soup = Soup::default();
@@ -199,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_centres_the_box_and_scales_by_a_power_of_two() {
+    fn the_frame_centres_the_box_and_scales_by_a_power_of_two() {
         let corners = [DVec3::new(1000.0, 0.0, 0.0), DVec3::new(1003.0, 1.0, 0.0)];
         let frame = frame(&corners).unwrap();
         assert_eq!(frame.enter(corners[0]), [-24.0, -8.0, 0.0]);
@@ -232,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn negative_zero_enters_as_zero() {
+    fn negative_zero_enters_the_frame_as_zero() {
         let frame = frame(&[DVec3::splat(-1.0), DVec3::splat(1.0)]).unwrap();
         assert_eq!(frame.enter(DVec3::splat(-0.0)).map(f32::to_bits), [0; 3]);
     }

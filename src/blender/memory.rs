@@ -1,4 +1,5 @@
-//! What keeps Blender within the memory of its machine: how many programs run at once, and how heavy a voxel remesh will be.
+//! Keeps Blender within the machine's memory: slots limit how many programs run at once, and an estimate refuses voxel remeshes that
+//! need too much.
 
 use std::collections::HashSet;
 use std::fs::{self, DirBuilder, File, OpenOptions};
@@ -12,29 +13,28 @@ use glam::DVec3;
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 
-/// What a program takes before it begins with a mesh; Blender 3.4 to 5.0 take 150 to 400 MiB.
+/// The memory of a program before it loads a mesh, in bytes. Blender 3.4 to 5.0 use 150 to 400 MiB.
 const PROGRAM_BYTES: u64 = 512 << 20;
-/// Most slots, however much memory there is.
-const MOST: u64 = 64;
-/// Time between looks for a free slot.
+/// The most slots, however much memory there is.
+const MAX_SLOTS: u64 = 64;
+/// The pause between two attempts to take a slot.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// The right to run one Blender on this machine: a locked file, one of as many as memory allows. The kernel frees it when
-/// the process that holds it ends, however it ends.
+/// The right to run one Blender on this machine: a lock on one of the slot files, whose number depends on memory. The kernel
+/// releases the lock however the process ends.
 #[derive(Debug)]
 pub(super) struct Slot {
-    /// Locked as long as it is open. Programs that are started don't inherit it.
+    /// Locked while open. Started programs do not inherit it.
     _file: File,
 }
 
-/// How many Blenders of `each` bytes may run at once where all together may take `together` bytes; at least one, and one
-/// where they have no limit of their own.
-pub(super) fn count(each: u64, together: u64) -> u32 {
-    let fit = if each == 0 { 1 } else { together / each.saturating_add(PROGRAM_BYTES) };
-    u32::try_from(fit.clamp(1, MOST)).unwrap_or(1)
+/// The number of Blenders of `each` bytes that may run at once within `total` bytes: at least one, and one if `each` is 0 (no limit).
+pub(super) fn count(each: u64, total: u64) -> u32 {
+    let fitting = if each == 0 { 1 } else { total / each.saturating_add(PROGRAM_BYTES) };
+    u32::try_from(fitting.clamp(1, MAX_SLOTS)).unwrap_or(1)
 }
 
-/// Half of the memory that this machine has, or this container may use.
+/// Half of the memory of this machine, or of this container's limit, in bytes.
 pub(super) fn half_of_memory() -> u64 {
     let kib = |text: String| {
         text.lines()
@@ -42,39 +42,39 @@ pub(super) fn half_of_memory() -> u64 {
             .and_then(|rest| rest.trim().strip_suffix("kB")?.trim().parse::<u64>().ok())
     };
     let machine = fs::read_to_string("/proc/meminfo").ok().and_then(kib).map_or(0, |kib| kib << 10);
-    let own = |path| fs::read_to_string(path).ok().and_then(|text: String| text.trim().parse::<u64>().ok());
-    // Version 2 of control groups, then version 1, where no limit is a number beyond any machine's.
-    let container = own("/sys/fs/cgroup/memory.max").or_else(|| own("/sys/fs/cgroup/memory/memory.limit_in_bytes"));
-    container.map_or(machine, |most| most.min(machine)) / 2
+    let limit = |path| fs::read_to_string(path).ok().and_then(|text: String| text.trim().parse::<u64>().ok());
+    // Control groups v2, then v1, where no limit is a number larger than any machine's memory.
+    let container = limit("/sys/fs/cgroup/memory.max").or_else(|| limit("/sys/fs/cgroup/memory/memory.limit_in_bytes"));
+    container.map_or(machine, |max| max.min(machine)) / 2
 }
 
-/// Where slots are unless told otherwise: the same folder for every process of this user on this machine.
-pub(super) fn usual_folder() -> PathBuf {
+/// The default folder of slots: the same for every process of this user on this machine.
+pub(super) fn default_folder() -> PathBuf {
     PathBuf::from(format!("/tmp/meshmend-blender-{}", rustix::process::geteuid().as_raw()))
 }
 
-/// Takes one of `count` slots in `folder`, which is made where it is missing. Where none is free it calls `waiting` once,
-/// and then asks `watch` again and again whether to go on waiting.
+/// Takes one of `count` slots in `folder`, which is created if missing. If none is free, calls `waiting` once, and then `watch`
+/// repeatedly, until a slot is free or `watch` returns an error.
 ///
 /// # Errors
-/// The operating system's, where the folder or a file in it can't be used.
+/// The operating system's error when the folder or a file in it can't be used.
 pub(super) fn take<S>(
     folder: &Path,
     count: u32,
     waiting: &mut dyn FnMut(),
     watch: &mut dyn FnMut() -> Result<(), S>,
 ) -> io::Result<Result<Slot, S>> {
-    make_private(folder)?;
-    let mut told = false;
+    create_private(folder)?;
+    let mut is_waiting = false;
     loop {
         for number in 0..count {
             if let Some(slot) = try_take(open(folder, number)?)? {
                 return Ok(Ok(slot));
             }
         }
-        if !told {
+        if !is_waiting {
             waiting();
-            told = true;
+            is_waiting = true;
         }
         if let Err(stop) = watch() {
             return Ok(Err(stop));
@@ -83,17 +83,17 @@ pub(super) fn take<S>(
     }
 }
 
-/// Makes `count` slots in `folder`, so that taking one of them later needs no more than to read there.
+/// Creates `count` slots in `folder`, so that a process without write access can take them later.
 ///
 /// # Errors
-/// The operating system's, where the folder or a file in it can't be used.
+/// The operating system's error when the folder or a file in it can't be used.
 pub(super) fn prepare(folder: &Path, count: u32) -> io::Result<()> {
-    make_private(folder)?;
+    create_private(folder)?;
     (0..count).try_for_each(|number| open(folder, number).map(drop))
 }
 
-/// Others of this machine must neither read nor hold the files, or lead us elsewhere by links.
-fn make_private(folder: &Path) -> io::Result<()> {
+/// Creates the folder, or checks that it belongs to this user. Other users must neither lock its files nor redirect them by links.
+fn create_private(folder: &Path) -> io::Result<()> {
     match DirBuilder::new().mode(0o700).create(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
             DirBuilder::new().mode(0o700).recursive(true).create(folder)?;
@@ -101,14 +101,14 @@ fn make_private(folder: &Path) -> io::Result<()> {
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
         _ => {}
     }
-    let found = fs::symlink_metadata(folder)?;
-    if !found.is_dir() || found.uid() != rustix::process::geteuid().as_raw() {
-        return Err(io::Error::other("it is no folder of this user"));
+    let metadata = fs::symlink_metadata(folder)?;
+    if !metadata.is_dir() || metadata.uid() != rustix::process::geteuid().as_raw() {
+        return Err(io::Error::other("the path is not a folder of this user"));
     }
     Ok(())
 }
 
-/// Opens a slot's file, which is made where it is missing.
+/// Opens a slot's file, which is created if missing.
 fn open(folder: &Path, number: u32) -> io::Result<File> {
     #[expect(clippy::cast_possible_wrap, reason = "a flag")]
     let no_links = rustix::fs::OFlags::NOFOLLOW.bits() as i32;
@@ -130,40 +130,40 @@ fn try_take(file: File) -> io::Result<Option<Slot>> {
     }
 }
 
-/// Voxels along the edge of a block: the leaf nodes of OpenVDB, on which Blender's voxel remesh stands, are 8 voxels
-/// wide (Museth 2013, "VDB: High-resolution sparse volumes with dynamic topology").
+/// Voxels along the edge of a block. Blender's voxel remesh uses OpenVDB, whose leaf nodes are 8 voxels wide (Museth 2013, "VDB:
+/// High-resolution sparse volumes with dynamic topology").
 const BLOCK_VOXELS: f64 = 8.0;
 
-/// Bytes that a voxel remesh takes for each block that the surface touches. Measured with Blender 3.4, 4.5 and 5.0 on a
-/// box of one and of four million faces: 20 to 38 thousand, most of it for the new faces.
+/// Memory of a voxel remesh for each block that the surface touches, in bytes. Blender 3.4, 4.5 and 5.0 used 20,000 to 38,000 on a
+/// box of one and of four million faces, mostly for the new faces.
 const BLOCK_BYTES: u64 = 40_000;
 
-/// Why a voxel remesh is not begun.
+/// The voxel remesh needs too much memory or time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct TooHeavy;
 
-/// Checks that a voxel remesh of `triangles` with voxel edge `voxel` (in the same unit, above zero) stays within about
-/// `memory` bytes. The surface is sampled at half a block's distance, and the blocks that the samples lie in are counted;
-/// work and memory of the check itself are bounded by `memory` as well.
+/// Checks that a voxel remesh of `triangles` with voxel edge `voxel` stays within about `memory` bytes. `voxel` is positive and in
+/// the triangles' unit. The check samples the surface at half a block's distance and counts the blocks with samples; `memory` also
+/// bounds its own time and memory.
 ///
 /// # Errors
-/// [`TooHeavy`] when there are more blocks, or when so many layers of surface lie on each other that the remesh
-/// would take far longer than its size tells.
+/// [`TooHeavy`] when there are more blocks. Also when so many layers of surface coincide that the remesh would take far longer than
+/// its number of blocks suggests.
 pub(super) fn check_voxel_memory(
     triangles: impl Iterator<Item = [DVec3; 3]>,
     voxel: f64,
     memory: u64,
 ) -> Result<(), TooHeavy> {
     let block = voxel * BLOCK_VOXELS;
-    // At a whole block's distance rounding lets two samples fall into one block and none into the next.
-    let apart = block * 0.5;
-    let most_blocks = usize::try_from(memory / BLOCK_BYTES).unwrap_or(usize::MAX);
-    let mut samples_left = most_blocks.saturating_mul(64);
+    // At a whole block's distance, rounding can put two samples into one block and none into the next.
+    let spacing = block * 0.5;
+    let max_blocks = usize::try_from(memory / BLOCK_BYTES).unwrap_or(usize::MAX);
+    let mut samples_left = max_blocks.saturating_mul(64);
     let mut blocks = HashSet::new();
-    let mut touch = |place: DVec3| {
+    let mut touch = |point: DVec3| {
         #[expect(clippy::cast_possible_truncation, reason = "saturates, and such a grid has too many blocks anyway")]
-        blocks.insert((place / block).floor().to_array().map(|c| c as i64));
-        if blocks.len() > most_blocks { Err(TooHeavy) } else { Ok(()) }
+        blocks.insert((point / block).floor().to_array().map(|c| c as i64));
+        if blocks.len() > max_blocks { Err(TooHeavy) } else { Ok(()) }
     };
     for triangle in triangles {
         let [a, b, c] = longest_edge_first(triangle);
@@ -172,13 +172,13 @@ pub(super) fn check_voxel_memory(
             touch((a + b + c) / 3.0)?;
             continue;
         }
-        // Rows along the longest edge, so that a needle costs its length and not the square of it.
+        // Rows follow the longest edge, so that a needle's cost grows with its length, not with the square of its length.
         let height = (b - a).cross(c - a).length() / length;
-        let rows = (height / apart).ceil().max(1.0);
+        let rows = (height / spacing).ceil().max(1.0);
         let mut row = 0.0;
         while row <= rows {
             let (from, to) = (a.lerp(c, row / rows), b.lerp(c, row / rows));
-            let steps = (from.distance(to) / apart).ceil().max(1.0);
+            let steps = (from.distance(to) / spacing).ceil().max(1.0);
             let mut step = 0.0;
             while step <= steps {
                 samples_left = samples_left.checked_sub(1).ok_or(TooHeavy)?;
@@ -191,7 +191,7 @@ pub(super) fn check_voxel_memory(
     Ok(())
 }
 
-/// The corners in the same order, begun so that the longest edge is the first.
+/// The corners in cyclic order, starting with the longest edge.
 fn longest_edge_first([a, b, c]: [DVec3; 3]) -> [DVec3; 3] {
     let [ab, bc, ca] = [a.distance_squared(b), b.distance_squared(c), c.distance_squared(a)];
     if ab >= bc && ab >= ca {
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn there_are_as_many_as_memory_allows_and_at_least_one() {
+    fn memory_limits_the_number_of_slots_to_at_least_one() {
         assert_eq!(count(4 * GIB, 9 * GIB), 2);
         assert_eq!(count(4 * GIB, 8 * GIB), 1);
         assert_eq!(count(4 * GIB, 0), 1);
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_are_taken_than_there_are_and_one_that_is_dropped_is_free_again() {
+    fn no_more_slots_are_taken_than_exist_and_a_dropped_slot_is_free() {
         let folder = tempfile::tempdir().unwrap();
         let slots = folder.path().join("made/here");
         let (first, second) = (try_one(&slots, 2).unwrap(), try_one(&slots, 2).unwrap());
@@ -236,19 +236,19 @@ mod tests {
     }
 
     #[test]
-    fn waiting_is_told_once_and_ends_when_one_is_free() {
+    fn waiting_is_reported_once_and_ends_when_a_slot_is_free() {
         let folder = tempfile::tempdir().unwrap();
         let mut held = try_one(folder.path(), 1);
-        let (mut told, mut looks) = (0, 0);
-        let slot = take(folder.path(), 1, &mut || told += 1, &mut || {
-            looks += 1;
-            if looks == 3 {
+        let (mut reports, mut checks) = (0, 0);
+        let slot = take(folder.path(), 1, &mut || reports += 1, &mut || {
+            checks += 1;
+            if checks == 3 {
                 held = None;
             }
-            if looks < 100 { Ok(()) } else { Err(()) }
+            if checks < 100 { Ok(()) } else { Err(()) }
         });
         assert!(slot.unwrap().is_ok());
-        assert_eq!((told, looks), (1, 3));
+        assert_eq!((reports, checks), (1, 3));
     }
 
     #[test]
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_is_a_link_or_a_file_is_refused() {
+    fn a_link_or_a_file_instead_of_the_folder_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let (file, link) = (folder.path().join("file"), folder.path().join("link"));
         fs::write(&file, "").unwrap();
@@ -285,21 +285,21 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_square_touches_as_many_blocks_as_it_has_cells() {
+    fn a_flat_square_touches_as_many_blocks_as_the_grid_has_cells() {
         // 1 / (8 * 1/800) = 100 blocks along an edge, and the far border lies in the next.
         assert_eq!(check(&SQUARE, 1.0 / 800.0, 10_300), Ok(()));
         assert_eq!(check(&SQUARE, 1.0 / 800.0, 9_500), Err(TooHeavy));
     }
 
     #[test]
-    fn a_needle_costs_its_length_and_not_its_square() {
+    fn a_needles_cost_grows_with_its_length_not_its_square() {
         let needle = [[DVec3::ZERO, DVec3::X, DVec3::new(0.5, 1e-6, 0.0)]];
         assert_eq!(check(&needle, 1.0 / 80_000.0, 11_000), Ok(()));
         assert_eq!(check(&needle, 1.0 / 80_000.0, 9_000), Err(TooHeavy));
     }
 
     #[test]
-    fn faces_smaller_than_a_block_cost_nothing_more() {
+    fn faces_smaller_than_a_block_add_no_cost() {
         let crumbs = vec![SQUARE[0]; 100_000];
         assert_eq!(check(&crumbs, 1.0, 10), Ok(()));
     }

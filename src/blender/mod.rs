@@ -1,19 +1,19 @@
-//! Tier 3: Blender as a process of its own, with its script, its scratch folder and its deadline.
+//! Tier 3: runs Blender as a separate process, with its own script, scratch folder and deadline.
 //!
-//! [`BlenderRemesher::find`] looks for a program, either Blender or a Python with `bpy`; [`BlenderRemesher`] then
-//! implements [`Remesher`]. One run is one straight line:
+//! [`BlenderRemesher::find`] looks for a program, either Blender or a Python with `bpy`. [`BlenderRemesher`] implements
+//! [`Remesher`]. One run has these steps:
 //!
 //! ```text
 //! soup -> frame (centred, scaled) -> estimate -> exchange file -> slot -> process + script.py -> exchange file -> frame -> soup
 //! ```
 //!
-//! What is promised of a run, whatever the program does: it ends by its deadline, nothing of it lives on, it sees no
-//! environment and no user profile but its scratch folder, and its result is read as hostile input.
+//! Whatever the program does, a run ends by its deadline and leaves no process behind. The program sees no environment and no user
+//! profile except its scratch folder. Its result is read as untrusted input.
 //!
-//! Never more run at once on the machine than memory allows: each holds a slot, a locked file, and waits for one
-//! where none is free. The time that it waits is its job's. A program that crashes in a voxel remesh is started again
-//! once with larger voxels; a boolean is not, since the plan goes on to the remesh; nothing is started again that ran out of
-//! time. What a run had finished when it was stopped is its result.
+//! Memory limits how many programs run at once on the machine. Each holds a slot, a locked file, and waits if none is free; the wait
+//! counts towards the job's time. After a crash in a voxel remesh, the program runs once more with larger voxels. A crashed boolean is not
+//! repeated, since the plan continues with a remesh; nor is a run that timed out. The last stage that a stopped run finished is its
+//! result.
 
 mod exchange;
 mod find;
@@ -36,13 +36,13 @@ use crate::repair::{
 pub use find::{BlenderConfig, BlenderMissing, Rejected, installation};
 use run::{Program, Work};
 
-/// [`Remesher`] by a Blender that runs as a process of its own.
+/// A [`Remesher`] that runs Blender as a separate process.
 #[derive(Debug)]
 pub struct BlenderRemesher(Program);
 
 impl BlenderRemesher {
-    /// Finds a program and asks it for its version, which takes up to some seconds: once a process is enough, and
-    /// [`BlenderRemesher::new`] takes over what was found elsewhere.
+    /// Finds a program and asks for its version, which can take seconds. Call it once per process, and pass the result to
+    /// [`BlenderRemesher::new`] elsewhere.
     ///
     /// # Errors
     /// [`BlenderMissing`], with each program that was tried.
@@ -50,7 +50,7 @@ impl BlenderRemesher {
         Ok(Self::new(find::find(&config)?, config))
     }
 
-    /// A remesher by a program that was found before; it is not asked again.
+    /// A remesher with a program that was found before; it is not checked again.
     #[must_use]
     pub fn new(info: RemesherInfo, config: BlenderConfig) -> Self {
         Self(Program { info, config, runs: AtomicU32::new(0) })
@@ -71,8 +71,8 @@ impl Remesher for BlenderRemesher {
     }
 }
 
-/// [`BlenderRemesher`] that looks for Blender when it is first needed: asking a program for its version takes longer
-/// than most repairs, and most repairs don't need it.
+/// A [`BlenderRemesher`] that looks for Blender at its first use. Asking a program for its version takes longer than most repairs,
+/// and most repairs do not need Blender.
 #[derive(Debug)]
 pub struct OnDemandBlender {
     config: BlenderConfig,
@@ -80,7 +80,7 @@ pub struct OnDemandBlender {
 }
 
 impl OnDemandBlender {
-    /// Looks for nothing yet.
+    /// A remesher that has not looked for Blender yet.
     #[must_use]
     pub fn new(config: BlenderConfig) -> Self {
         Self { config, found: OnceLock::new() }
@@ -109,20 +109,19 @@ impl Remesher for OnDemandBlender {
     }
 }
 
-/// Most time for a warm-up: the first start from a cold disk.
+/// The time limit of a warm-up: a first start from a cold disk.
 const WARM_UP_TIME: Duration = Duration::from_secs(120);
 
-/// What came of a warm-up.
+/// The result of a warm-up.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum WarmUpResult {
-    /// It ran, and took so long.
+    /// Blender ran, and took this long.
     Warm(Duration),
-    /// It was found, but it does not work.
+    /// Blender was found, but the run failed; the text is the reason.
     Failed(String),
 }
 
-/// Runs a program once on a tetrahedron: what it loads is then in memory, and whether it works is known. It takes a slot like
-/// any run.
+/// Runs a program once on a tetrahedron, which loads it into memory and shows whether it works. Takes a slot like any run.
 #[must_use]
 pub fn warm_up(info: RemesherInfo, config: BlenderConfig) -> WarmUpResult {
     let remesher = BlenderRemesher::new(info, config);
@@ -138,8 +137,8 @@ pub fn warm_up(info: RemesherInfo, config: BlenderConfig) -> WarmUpResult {
         percent: 0,
     };
     let (never, clock) = (AtomicBool::new(false), monotonic_clock());
-    let made = remesher.remesh(&request, &Context::new(&NoProgress, &never, &clock, WARM_UP_TIME));
-    match made {
+    let result = remesher.remesh(&request, &Context::new(&NoProgress, &never, &clock, WARM_UP_TIME));
+    match result {
         Ok(_) => WarmUpResult::Warm(clock()),
         Err(error) => WarmUpResult::Failed(error.to_string()),
     }

@@ -1,3 +1,5 @@
+//! Runs a Blender process: isolates its environment, collects its output, and ends it with all its descendants.
+
 use std::io::{self, Read};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -12,21 +14,21 @@ use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::sandbox::processes::{MARK, end_descendants, end_strays};
 
-/// Time between looks at a running process.
+/// The pause between two checks of a running process.
 const PAUSE: Duration = Duration::from_millis(20);
-/// Most output that is passed on, in bytes; the rest is read and dropped, so that the process never blocks on it.
-const MOST_OUTPUT: u64 = 256 << 10;
-/// More that is passed on only in lines that begin with [`ERROR`]: they tell why it failed.
-const MOST_ERRORS: u64 = 16 << 10;
-/// Longer lines are cut in pieces.
-const MOST_LINE: usize = 4096;
-/// How the script begins a line that tells why it failed.
+/// The most output that is passed on, in bytes. The rest is read and dropped, so that the process never blocks on a full pipe.
+const MAX_OUTPUT: u64 = 256 << 10;
+/// The further output that is passed on after that, in lines that begin with [`ERROR`] and say why the script failed.
+const MAX_ERRORS: u64 = 16 << 10;
+/// Longer lines are split.
+const MAX_LINE: usize = 4096;
+/// The prefix of a line in which the script says why it failed.
 pub(super) const ERROR: &str = "meshmend-error: ";
-/// Time that the pipes may stay open after everything that was started has ended.
+/// How long the pipes may stay open after all processes have ended.
 const PIPES_CLOSE: Duration = Duration::from_secs(2);
 
-/// Gives `command` an environment of its own, in which every user profile lies in `scratch`, with `scratch` as the
-/// working folder. What stays is `PATH`, and `LD_LIBRARY_PATH`, which some installations need to start at all.
+/// Gives `command` its own environment, in which every user profile lies in `scratch`, and `scratch` as the working folder. It keeps
+/// `PATH`, and `LD_LIBRARY_PATH`, which some installations need to start.
 pub(super) fn isolate(command: &mut Command, scratch: &Path) {
     command.env_clear().current_dir(scratch).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let path = std::env::var_os("PATH").unwrap_or_else(|| "/usr/local/bin:/usr/bin:/bin".into());
@@ -54,14 +56,14 @@ pub(super) fn isolate(command: &mut Command, scratch: &Path) {
     command.env("LC_ALL", "C.UTF-8").env("PYTHONDONTWRITEBYTECODE", "1").env("PYTHONNOUSERSITE", "1");
 }
 
-/// Runs an isolated command to its end, passes its lines of output to `line`, and asks `watch` every 20 ms whether it
-/// may go on. Returns how it ended, or what `watch` said; then neither the process nor any of its children lives.
+/// Runs an isolated command to its end. Passes its lines of output to `line`, and calls `watch` every 20 ms; an error of `watch` stops
+/// the run. Returns the exit status or that error, after the process and all its descendants have ended.
 ///
-/// `own_group` starts it as leader of its own process group. Otherwise it stays in the caller's, so that who kills
+/// `own_group` starts the process as the leader of its own process group. Otherwise it stays in the caller's group, so that killing
 /// that group kills it too.
 ///
 /// # Errors
-/// The operating system's, where the process could not be started.
+/// The operating system's error when the process could not be started.
 pub(super) fn run<S>(
     command: &mut Command,
     scratch: &Path,
@@ -90,15 +92,15 @@ pub(super) fn run<S>(
         thread::sleep(PAUSE);
     };
     kill(&mut child, scratch, own_group);
-    // Ends when both pipes are closed; a process that has hidden from us could hold them open.
+    // Both pipes close at the end, unless a process that was not found holds them open.
     while let Ok(text) = lines.recv_timeout(PIPES_CLOSE) {
         line(&text);
     }
     Ok(ended)
 }
 
-/// Starts the process. A program that is still open for writing elsewhere (it was just installed, or a fork of this
-/// very process holds it for a moment) is tried again.
+/// Starts the process. Retries while the program is open for writing: after an installation, or while a fork of this process still
+/// holds the file.
 fn start(command: &mut Command) -> io::Result<Child> {
     let mut tries = 0;
     loop {
@@ -112,40 +114,40 @@ fn start(command: &mut Command) -> io::Result<Child> {
     }
 }
 
-/// Kills and reaps the process and whatever it started: by descent, by group, and by the mark that they carry.
+/// Kills and reaps the process and all that it started: by descent, by process group, and by the [`MARK`] in their environment.
 fn kill(child: &mut Child, scratch: &Path, own_group: bool) {
-    // Before the process is gone, since its children get another parent then.
+    // The search needs a living process: its children get another parent when it ends.
     if let Some(id) = i32::try_from(child.id()).ok().and_then(Pid::from_raw)
         && matches!(child.try_wait(), Ok(None))
     {
         end_descendants(id);
     }
-    // Before the leader is reaped: afterwards its id, and with it the group's, could be another's.
+    // The leader must not be reaped yet: afterwards its id, and the group's, may pass to another process.
     if own_group
         && let Ok(id) = i32::try_from(child.id())
         && matches!(child.try_wait(), Ok(None))
     {
-        // Fails only where the group has ended.
+        // Fails only if the group has ended.
         let _ = Pid::from_raw(id).map(|id| kill_process_group(id, Signal::KILL));
     }
-    // These fail only where it has ended.
+    // Both fail only if the process has ended.
     let _ = child.kill();
     let _ = child.wait();
     end_strays(scratch.as_os_str());
 }
 
-/// How much output has come, over both pipes.
+/// The output passed on so far, from both pipes.
 #[derive(Debug, Default)]
-struct Passed {
+struct PassedOutput {
     bytes: AtomicU64,
     error_bytes: AtomicU64,
-    cut_told: AtomicBool,
+    is_truncation_reported: AtomicBool,
 }
 
-/// Reads both pipes in threads of their own until they close.
+/// Starts a thread for each pipe, which reads the pipe until it closes.
 fn drain(child: &mut Child) -> Receiver<String> {
     let (sender, lines) = channel();
-    let passed = Arc::new(Passed::default());
+    let passed = Arc::new(PassedOutput::default());
     if let Some(pipe) = child.stdout.take() {
         read_in_thread(pipe, sender.clone(), Arc::clone(&passed));
     }
@@ -155,13 +157,13 @@ fn drain(child: &mut Child) -> Receiver<String> {
     lines
 }
 
-fn read_in_thread(pipe: impl Read + Send + 'static, sender: Sender<String>, passed: Arc<Passed>) {
-    // Where no thread can be had the pipe is closed, and the process ends on its next write.
+fn read_in_thread(pipe: impl Read + Send + 'static, sender: Sender<String>, passed: Arc<PassedOutput>) {
+    // If no thread can be started, the pipe is closed, and the process ends at its next write.
     let _ = thread::Builder::new().name("blender-output".to_owned()).spawn(move || read_lines(pipe, &sender, &passed));
 }
 
 /// Sends the lines of `pipe` until it closes.
-fn read_lines(mut pipe: impl Read, sender: &Sender<String>, passed: &Passed) {
+fn read_lines(mut pipe: impl Read, sender: &Sender<String>, passed: &PassedOutput) {
     let mut buffer = [0; 8192];
     let mut line = Vec::new();
     loop {
@@ -173,7 +175,7 @@ fn read_lines(mut pipe: impl Read, sender: &Sender<String>, passed: &Passed) {
         };
         for &byte in bytes {
             let ends = byte == b'\n' || byte == b'\r';
-            if ends || line.len() >= MOST_LINE {
+            if ends || line.len() >= MAX_LINE {
                 send(&line, sender, passed);
                 line.clear();
             }
@@ -185,18 +187,18 @@ fn read_lines(mut pipe: impl Read, sender: &Sender<String>, passed: &Passed) {
     send(&line, sender, passed);
 }
 
-fn send(line: &[u8], sender: &Sender<String>, passed: &Passed) {
+fn send(line: &[u8], sender: &Sender<String>, passed: &PassedOutput) {
     if line.is_empty() {
         return;
     }
     let cost = line.len() as u64 + 1;
-    let room = passed.bytes.fetch_add(cost, Ordering::Relaxed) < MOST_OUTPUT
-        || line.starts_with(ERROR.as_bytes()) && passed.error_bytes.fetch_add(cost, Ordering::Relaxed) < MOST_ERRORS;
-    // Sending fails only when nobody listens any more.
-    if room {
+    let is_within_limit = passed.bytes.fetch_add(cost, Ordering::Relaxed) < MAX_OUTPUT
+        || line.starts_with(ERROR.as_bytes()) && passed.error_bytes.fetch_add(cost, Ordering::Relaxed) < MAX_ERRORS;
+    // Sending fails only if nobody listens any more.
+    if is_within_limit {
         let text = String::from_utf8_lossy(line);
         let _ = sender.send(text.chars().map(|c| if c.is_control() && c != '\t' { ' ' } else { c }).collect());
-    } else if !passed.cut_told.swap(true, Ordering::Relaxed) {
-        let _ = sender.send(format!("output cut after {MOST_OUTPUT} bytes"));
+    } else if !passed.is_truncation_reported.swap(true, Ordering::Relaxed) {
+        let _ = sender.send(format!("output truncated after {MAX_OUTPUT} bytes"));
     }
 }

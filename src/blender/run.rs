@@ -1,4 +1,4 @@
-//! One request to Blender: what is sent, how often the program runs, and which result is taken.
+//! One remesh request: the input for Blender, the runs of the program, and the choice of the result.
 
 use std::collections::HashMap;
 use std::fs;
@@ -16,29 +16,33 @@ use super::memory::{Slot, check_voxel_memory};
 use super::process::{ERROR, isolate, run};
 use crate::repair::{Context, RemeshAction, RemeshError, RemeshRequest, Remeshed, RemesherInfo, Stage};
 
+/// The Python script that Blender runs.
 const SCRIPT: &str = include_str!("script.py");
-/// The first version that can be told to stay off the network.
+/// The first Blender version with the option `--offline-mode`.
 const OFFLINE_MODE: (u32, u32) = (4, 2);
-/// The smallest voxel of Blender's remesh modifier, in its own unit.
-const LEAST_VOXEL: f64 = 1e-4;
-/// Most faces to send.
-const MOST_FACES: usize = 500_000_000;
-/// How much larger voxels are made, again and again, until memory allows them.
+/// The smallest voxel of Blender's remesh modifier, in frame units.
+const MIN_VOXEL: f64 = 1e-4;
+/// The most faces to send.
+const MAX_FACES: usize = 500_000_000;
+/// The factor by which voxels grow, repeatedly, until the remesh fits into memory.
 const COARSER: f64 = 1.25;
-/// How much larger they are made after a crash, once.
+/// The factor by which voxels grow after a crash, once.
 const AFTER_A_CRASH: f64 = 1.5;
-/// From so many faces on a remesh with voxels larger by this comes first, for a quarter of the time, so that there is something
-/// when the time is over.
+/// From this number of faces on, a coarser remesh comes first. It takes a quarter of the time, and is the result if time runs out.
 const MANY_FACES: f64 = 200_000.0;
+/// The voxels of that first remesh are larger by this factor.
 const STAGE: f64 = 2.0;
-/// Exit code for an error in the script that it did not foresee.
+/// The exit code of the script after an unexpected error.
 const SCRIPT_ERROR: &str = "3";
 
-/// A program that was found, what it may use, and how often it was started.
+/// A program that was found, its configuration, and the number of its runs.
 #[derive(Debug)]
 pub(super) struct Program {
+    /// The program's kind, version and path.
     pub info: RemesherInfo,
+    /// The resources that it may use.
     pub config: BlenderConfig,
+    /// How often it was started.
     pub runs: AtomicU32,
 }
 
@@ -64,35 +68,39 @@ impl Program {
         }
     }
 
-    fn ended_badly(&self, status: ExitStatus, error: Option<String>) -> String {
+    fn describe_crash(&self, status: ExitStatus, error: Option<String>) -> String {
         match error {
             Some(error) => format!("{} {}: {error}", self.info.kind, self.info.version),
             None => format!(
-                "{} {} ended with {status}, perhaps for want of memory; what it printed is in the log",
+                "{} {} ended with {status}, possibly because memory ran out; the job's log has its output",
                 self.info.kind, self.info.version
             ),
         }
     }
 }
 
-/// One request.
+/// The work on one request.
 pub(super) struct Work<'a> {
-    by: &'a Program,
+    program: &'a Program,
     request: &'a RemeshRequest<'a>,
-    /// What is sent, in the frame's unit.
+    /// The mesh to send, in frame units.
     input: RawMesh,
     frame: Frame,
     context: &'a Context<'a>,
-    time: Time,
+    time: TimeLimit,
 }
 
 impl<'a> Work<'a> {
-    /// The work of a request, once it is clear that there is something to send.
+    /// Prepares the work on a request.
     ///
     /// # Errors
-    /// [`RemeshError`] where the mesh is empty, too large, or can't be scaled.
-    pub fn new(by: &'a Program, request: &'a RemeshRequest<'a>, context: &'a Context<'a>) -> Result<Self, RemeshError> {
-        let time = Time { begin: context.now(), limit: request.time_limit.min(context.remaining()) };
+    /// [`RemeshError`] when the mesh is empty, too large, or can't be scaled.
+    pub fn new(
+        program: &'a Program,
+        request: &'a RemeshRequest<'a>,
+        context: &'a Context<'a>,
+    ) -> Result<Self, RemeshError> {
+        let time = TimeLimit { begin: context.now(), limit: request.time_limit.min(context.remaining()) };
         time.check(context)?;
         let soup = request.soup;
         let corners = soup.faces.iter().flatten().filter_map(|&v| soup.positions.get(v as usize));
@@ -100,13 +108,16 @@ impl<'a> Work<'a> {
             return Err(RemeshError::Empty);
         }
         let frame = Frame::around(corners.copied()).ok_or_else(|| {
-            RemeshError::Failed("the mesh is a point, is not finite, or is too large or small to be scaled".to_owned())
+            RemeshError::Failed(
+                "the mesh can't be scaled: all its points coincide, are not finite, or are too large or too small"
+                    .to_owned(),
+            )
         })?;
-        // Blender counts corners in 31 bits.
-        if soup.faces.len() > MOST_FACES {
+        // Blender's counts of corners have 31 bits.
+        if soup.faces.len() > MAX_FACES {
             let faces = soup.faces.len();
             return Err(RemeshError::Failed(format!(
-                "{faces} faces are more than the {MOST_FACES} that Blender takes"
+                "the mesh has {faces} faces; Blender accepts at most {MAX_FACES}"
             )));
         }
         let input = match request.action {
@@ -118,20 +129,21 @@ impl<'a> Work<'a> {
         }
         let omitted = soup.faces.len() - input.faces.len();
         if omitted > 0 {
-            context.log(&format!("{}: {omitted} faces that are flat or there twice are left out", by.info.kind));
+            let kind = &program.info.kind;
+            context.log(&format!("{kind}: omitted {omitted} faces that have coinciding corners or are duplicates"));
         }
-        Ok(Self { by, request, input, frame, context, time })
+        Ok(Self { program, request, input, frame, context, time })
     }
 
-    /// Does the work.
+    /// Runs the request's action.
     ///
     /// # Errors
-    /// [`RemeshError`] where there is no result.
+    /// [`RemeshError`] when there is no result.
     pub fn remesh(&self) -> Result<Remeshed, RemeshError> {
         let remeshed = match self.request.action {
             RemeshAction::VoxelRemesh => self.voxels()?,
             RemeshAction::BooleanUnion => {
-                let Made { mesh, note, .. } = self.run(&[0.0])?;
+                let StageResult { mesh, note, .. } = self.run(&[0.0])?;
                 let soup = unframed(&mesh, self.frame, &originals(self.request.soup, self.frame));
                 Remeshed { soup, voxel_size: None, note }
             }
@@ -139,93 +151,96 @@ impl<'a> Work<'a> {
         if remeshed.soup.faces.is_empty() { Err(RemeshError::Empty) } else { Ok(remeshed) }
     }
 
-    /// Waits for a slot and runs the script once. `voxels` are its stages, coarsest first, in the frame's unit; of a run that did
-    /// not come to its end the result is that of the last stage that did.
-    fn run(&self, voxels: &[f64]) -> Result<Made, Failed> {
-        let Self { by, request, context, .. } = *self;
-        let scratch = by.config.scratch_folder().map_err(|error| scratch_failed(&error))?;
+    /// Waits for a slot and runs the script once. `voxels` are the voxel sizes of its stages, coarsest first, in frame units. The
+    /// result of an interrupted run is that of the last stage that finished.
+    fn run(&self, voxels: &[f64]) -> Result<StageResult, Failed> {
+        let Self { program, request, context, .. } = *self;
+        let scratch = program.config.scratch_folder().map_err(|error| scratch_failed(&error))?;
         let [script, source, target] = ["script.py", "input", "result"].map(|name| scratch.path().join(name));
         fs::write(&script, SCRIPT).map_err(|error| scratch_failed(&error))?;
         exchange::write(&source, &self.input).map_err(|error| scratch_failed(&error))?;
 
-        let mut command = by.command(&script);
+        let mut command = program.command(&script);
         isolate(&mut command, scratch.path());
         let sizes: Vec<String> = voxels.iter().map(f64::to_string).collect();
         command.arg("--").arg(action_name(request.action)).arg(&source).arg(&target).args([
             sizes.join(","),
             request.max_faces.to_string(),
-            by.config.memory.to_string(),
+            program.config.memory.to_string(),
             std::process::id().to_string(),
         ]);
-        let most_bytes = exchange::most_bytes(request.max_faces).max(1 << 20);
+        let max_bytes = exchange::max_bytes(request.max_faces).max(1 << 20);
         let mut last_error = None;
         let mut line = |text: &str| {
             if let Some(error) = text.strip_prefix(ERROR) {
                 last_error = Some(error.to_owned());
             }
-            context.log(&format!("{}: {text}", by.info.kind));
+            context.log(&format!("{}: {text}", program.info.kind));
         };
         let mut watch = || {
             self.time.check(context)?;
             match fs::symlink_metadata(&target) {
-                Ok(found) if found.len() > most_bytes => {
-                    Err(RemeshError::Failed(format!("the result file grew over {most_bytes} bytes")))
+                Ok(metadata) if metadata.len() > max_bytes => {
+                    Err(RemeshError::Failed(format!("the result file exceeds {max_bytes} bytes")))
                 }
                 _ => Ok(()),
             }
         };
         // Held until the program has ended.
         let slot = self.slot()?;
-        by.runs.fetch_add(1, Ordering::Relaxed);
-        let ended = run(&mut command, scratch.path(), by.config.own_process_group, &mut line, &mut watch);
+        program.runs.fetch_add(1, Ordering::Relaxed);
+        let ended = run(&mut command, scratch.path(), program.config.own_process_group, &mut line, &mut watch);
         drop(slot);
         let ended = ended
-            .map_err(|error| RemeshError::Start { program: by.info.program.clone(), reason: error.to_string() })?;
+            .map_err(|error| RemeshError::Start { program: program.info.program.clone(), reason: error.to_string() })?;
         let failed = match ended {
             Ok(status) if status.success() => None,
-            Ok(status) => Some(Failed::Crashed(by.ended_badly(status, last_error))),
+            Ok(status) => Some(Failed::Crashed(program.describe_crash(status, last_error))),
             Err(RemeshError::Cancelled) => return Err(RemeshError::Cancelled.into()),
             Err(stopped) => Some(stopped.into()),
         };
         self.result(&target, voxels.len().saturating_sub(1), failed)
     }
 
-    /// The result that a run left at `target`: that of its last stage, numbered `last`, or of the one before. `failed` says why the
-    /// run did not end well.
-    fn result(&self, target: &Path, last: usize, failed: Option<Failed>) -> Result<Made, Failed> {
-        let Self { by, request, .. } = *self;
+    /// The result of a run at `target`: that of its last stage, numbered `last`, or of an earlier one. `failed` says why the run failed, if
+    /// it did.
+    fn result(&self, target: &Path, last: usize, failed: Option<Failed>) -> Result<StageResult, Failed> {
+        let Self { program, request, .. } = *self;
         match (failed, exchange::read(target, request.max_faces)) {
-            (None, Ok(mesh)) => Ok(Made { mesh, stage: last, note: None }),
-            // It was there as a whole when time was over or what comes after it crashed.
+            (None, Ok(mesh)) => Ok(StageResult { mesh, stage: last, note: None }),
+            // The whole result was written before the timeout or a crash at exit.
             (Some(failed), Ok(mesh)) => {
-                Ok(Made { mesh, stage: last, note: Some(format!("{failed}, but its result was there")) })
+                Ok(StageResult { mesh, stage: last, note: Some(format!("{failed}, but the result was complete")) })
             }
             (failed, Err(error)) => {
-                let why = failed.unwrap_or_else(|| by.unreadable(error, request).into());
-                let made = (0..last).rev().find_map(|stage| {
+                let reason = failed.unwrap_or_else(|| program.unreadable(error, request).into());
+                let earlier = (0..last).rev().find_map(|stage| {
                     let mesh = exchange::read(&stage_file(target, stage), request.max_faces).ok()?;
-                    let note = Some(format!("{why}; the result is that of the coarser stage before"));
-                    Some(Made { mesh, stage, note })
+                    let note = Some(format!("{reason}; the result is that of the coarser stage before"));
+                    Some(StageResult { mesh, stage, note })
                 });
-                made.ok_or(why)
+                earlier.ok_or(reason)
             }
         }
     }
 
-    /// Waits until the machine has room for one more.
+    /// Waits for a slot of this machine.
     fn slot(&self) -> Result<Slot, RemeshError> {
-        let Self { by, request, context, .. } = *self;
+        let Self { program, request, context, .. } = *self;
         let begin = context.now();
-        let at_once = by.config.at_once();
+        let at_once = program.config.at_once();
         let mut waited = false;
         let mut waiting = || {
             waited = true;
-            context.log(&format!("waiting: {at_once} may run at once on this machine, and as many do"));
+            context.log(&format!(
+                "waiting for a slot: {at_once} programs may run at once on this machine, and all slots are taken"
+            ));
             context.report(Stage::Wait, Some(3), request.percent);
         };
-        let taken = by.config.slot(&mut waiting, &mut || self.time.check(context)).map_err(|error| {
-            RemeshError::Failed(format!("could not lock the file that says how many run on this machine: {error}"))
-        })?;
+        let taken = program
+            .config
+            .slot(&mut waiting, &mut || self.time.check(context))
+            .map_err(|error| RemeshError::Failed(format!("could not lock a slot file: {error}")))?;
         match taken {
             Ok(slot) => {
                 if waited {
@@ -240,28 +255,28 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// The voxel edge nearest above the one asked for that memory allows, in the frame's unit.
+    /// The smallest voxel size at or above the requested one that fits into memory, in frame units.
     fn fitting_voxel(&self) -> Result<f64, RemeshError> {
-        let Self { by, ref input, frame, context, .. } = *self;
+        let Self { program, ref input, frame, context, .. } = *self;
         let RemeshRequest { voxel_size: size, coarsest, .. } = *self.request;
         if !(size.is_finite() && size > 0.0) {
-            return Err(RemeshError::Failed(format!("the voxel_size is {size}; expected a length above zero")));
+            return Err(RemeshError::Failed(format!("`voxel_size` must be a length above zero; got {size}")));
         }
         let mut voxel = frame.enter_length(size);
-        if voxel < LEAST_VOXEL {
-            let least = frame.leave_length(LEAST_VOXEL);
+        if voxel < MIN_VOXEL {
+            let min = frame.leave_length(MIN_VOXEL);
             return Err(RemeshError::Failed(format!(
-                "a voxel_size of {size} is too small for a model of this size; choose more than {least}"
+                "`voxel_size` {size} is too small for a model of this size; it must be more than {min}"
             )));
         }
-        let most = frame.enter_length(coarsest);
-        let memory = by.config.memory;
+        let max = frame.enter_length(coarsest);
+        let memory = program.config.memory;
         let too_heavy = |voxel: f64| memory > 0 && check_voxel_memory(triangles(input), voxel, memory).is_err();
         while too_heavy(voxel) {
             self.time.check(context)?;
-            if voxel * COARSER > most {
+            if voxel * COARSER > max {
                 return Err(RemeshError::Failed(format!(
-                    "a remesh with a voxel_size of {} would take more than the {} MiB of memory it may; choose a larger voxel_size",
+                    "a remesh with `voxel_size` {} would exceed the memory limit of {} MiB; choose a larger `voxel_size`",
                     frame.leave_length(voxel),
                     memory >> 20
                 )));
@@ -271,34 +286,34 @@ impl<'a> Work<'a> {
         Ok(voxel)
     }
 
-    /// Remeshes with voxels, in stages where it takes long, and once more with larger ones where the program crashed.
+    /// Remeshes with voxels: in two stages if the remesh takes long, and again with larger voxels if the program crashed.
     fn voxels(&self) -> Result<Remeshed, RemeshError> {
-        let Self { by, request, frame, context, .. } = *self;
-        let most = frame.enter_length(request.coarsest);
+        let Self { program, request, frame, context, .. } = *self;
+        let max = frame.enter_length(request.coarsest);
         let voxel = self.fitting_voxel()?;
         let first = frame.enter_length(request.voxel_size);
         let mut notes = Vec::new();
         if voxel > first {
             notes.push(format!(
-                "the voxels were made larger than the {} asked for, to stay within {} MiB of memory",
+                "the voxels are larger than the requested {}, to stay within {} MiB of memory",
                 request.voxel_size,
-                by.config.memory >> 20
+                program.config.memory >> 20
             ));
         }
         let mut voxels = vec![voxel];
-        if voxel * STAGE <= most && estimated_faces(&self.input, voxel) > MANY_FACES {
+        if voxel * STAGE <= max && estimated_faces(&self.input, voxel) > MANY_FACES {
             voxels.insert(0, voxel * STAGE);
         }
-        let mut made = self.run(&voxels);
-        if let Err(Failed::Crashed(why)) = &made
-            && voxel * AFTER_A_CRASH <= most
+        let mut result = self.run(&voxels);
+        if let Err(Failed::Crashed(reason)) = &result
+            && voxel * AFTER_A_CRASH <= max
         {
-            context.log(&format!("{why}; it is started again with larger voxels"));
-            notes.push(format!("{why}, and was started again with larger voxels"));
+            context.log(&format!("{reason}; running again with larger voxels"));
+            notes.push(format!("{reason}, and ran again with larger voxels"));
             voxels = vec![voxel * AFTER_A_CRASH];
-            made = self.run(&voxels);
+            result = self.run(&voxels);
         }
-        let Made { mesh, stage, note } = made?;
+        let StageResult { mesh, stage, note } = result?;
         notes.extend(note);
         let used = voxels.get(stage).copied().unwrap_or(voxel);
         let voxel_size = (used != first).then(|| frame.leave_length(used));
@@ -307,20 +322,22 @@ impl<'a> Work<'a> {
     }
 }
 
-/// What a run made.
-struct Made {
+/// The result of a run.
+struct StageResult {
     mesh: RawMesh,
-    /// The stage that made it.
+    /// The number of the stage that produced the mesh, counted from 0.
     stage: usize,
+    /// What the user should know about the run.
     note: Option<String>,
 }
 
-/// Why a run made nothing.
+/// Why a run has no result.
 #[derive(Debug, thiserror::Error)]
 enum Failed {
-    /// The program ended by itself, and not well: it may do better with less to do.
+    /// The program crashed; a smaller task may succeed.
     #[error("{0}")]
     Crashed(String),
+    /// Another error.
     #[error(transparent)]
     Otherwise(#[from] RemeshError),
 }
@@ -328,34 +345,34 @@ enum Failed {
 impl From<Failed> for RemeshError {
     fn from(failed: Failed) -> Self {
         match failed {
-            Failed::Crashed(why) => Self::Failed(why),
+            Failed::Crashed(reason) => Self::Failed(reason),
             Failed::Otherwise(error) => error,
         }
     }
 }
 
-/// When a piece of work began and how long it may take, with all its runs and the waiting for them.
+/// The begin and the time limit of a request, which cover all its runs and the wait for slots.
 #[derive(Clone, Copy)]
-struct Time {
+struct TimeLimit {
     begin: Duration,
     limit: Duration,
 }
 
-impl Time {
-    /// Whether it may go on.
+impl TimeLimit {
+    /// Checks whether the work may continue.
     fn check(self, context: &Context<'_>) -> Result<(), RemeshError> {
         let Self { begin, limit } = self;
         if limit.is_zero() || context.now().saturating_sub(begin) >= limit {
             return Err(RemeshError::TimedOut(limit));
         }
         context.check().map_err(|_| {
-            // The context stops for two reasons.
+            // The context stops at its deadline or on cancellation.
             if context.remaining().is_zero() { RemeshError::TimedOut(limit) } else { RemeshError::Cancelled }
         })
     }
 }
 
-/// About how many triangles a voxel remesh makes.
+/// An estimate of the number of triangles of a voxel remesh.
 fn estimated_faces(input: &RawMesh, voxel: f64) -> f64 {
     let area = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).length() / 2.0;
     3.0 * triangles(input).map(area).sum::<f64>() / (voxel * voxel)
@@ -366,7 +383,7 @@ fn triangles(mesh: &RawMesh) -> impl Iterator<Item = [DVec3; 3]> {
     mesh.faces.iter().map(move |face| face.map(corner))
 }
 
-/// Where the script writes what a stage before the last made.
+/// The file of a stage before the last; the script uses the same name.
 fn stage_file(target: &Path, stage: usize) -> PathBuf {
     target.with_extension(stage.to_string())
 }

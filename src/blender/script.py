@@ -1,16 +1,17 @@
-"""One action of tier 3, run by Blender's Python or by a Python that has bpy.
+"""One remesh action of tier 3, run by Blender's Python or by a Python that has bpy.
 
-Arguments after `--`: action (voxel or union), input, output, voxel sizes, most faces, most bytes of memory (0: no limit),
-process id of the program that asked.
+Arguments after `--`: action (voxel or union), input file, output file, voxel sizes, most faces, memory limit in bytes (0: none),
+process id of the caller.
 
-Voxel sizes are one or more with commas between, coarsest first. Each is a stage: its result is written as soon as it is
-there, that of the last under the name of the output and those before it with a dot and their number, from 0, so that what was
-finished is there whatever comes after. A file is there as a whole or not at all.
+The voxel sizes are separated by commas, coarsest first. Each is a stage, whose result is written as soon as it is computed.
+The last stage's result gets the name of the output file; the result of each stage before gets that name, a dot and the
+stage's number, counted from 0. An interrupted run thus keeps the results of its finished stages. Each file is either whole or
+missing.
 
-Input and output are little-endian: the magic below, counts of vertices and of triangles as u64, positions as f32, corners
-as u32. A result with too many triangles is given as its header alone. A failure is told on a line of its own that
-begins with ERROR, with a non-zero exit code. Nothing of Blender's importers and exporters is used: they differ from
-version to version.
+Input and output are little-endian: the magic bytes below, the counts of vertices and of triangles as u64, positions as f32,
+corners as u32. A result with too many triangles is written as its header alone. A failure is reported by a line that begins
+with ERROR, and by a non-zero exit code. The script avoids Blender's importers and exporters, because they differ between
+versions.
 """
 
 import ctypes
@@ -34,14 +35,14 @@ ERROR = "meshmend-error: "
 
 
 def fail(message):
-    # Blender may have left a line unfinished.
+    # Blender may have printed a line without its end.
     print("\n" + ERROR + message, flush=True)
     sys.stderr.flush()
     os._exit(4)
 
 
 def ancestors():
-    """Process ids from the parent up; ends early where /proc can't be read."""
+    """Yields process ids from the parent up; stops where /proc can't be read."""
     pid = os.getppid()
     while pid > 0:
         yield pid
@@ -52,10 +53,10 @@ def ancestors():
             return
 
 
-def end_if_orphaned(asker):
-    """Ends where the asker died before its death could be signalled."""
-    if os.path.isdir("/proc/self") and asker not in ancestors():
-        fail("the program that asked has ended")
+def end_if_orphaned(caller):
+    """Exits if the caller ended before this process asked for a signal at its death."""
+    if os.path.isdir("/proc/self") and caller not in ancestors():
+        fail("the calling program has ended")
 
 
 def address_space():
@@ -67,7 +68,7 @@ def address_space():
 
 
 def lower(limit, value):
-    """Lowers a limit, never above what is already in force."""
+    """Lowers a limit, never above the current limits."""
     soft, hard = resource.getrlimit(limit)
     known = [bound for bound in (soft, hard) if bound != resource.RLIM_INFINITY]
     resource.setrlimit(limit, (min([value] + known), hard))
@@ -77,7 +78,7 @@ def limit_resources(memory, output_bytes):
     lower(resource.RLIMIT_CORE, 0)
     lower(resource.RLIMIT_FSIZE, output_bytes)
     if memory > 0:
-        # What is mapped already differs by gigabytes between builds, so the limit is on growth.
+        # The memory mapped at start differs by gigabytes between builds, so the limit applies to growth.
         lower(resource.RLIMIT_AS, address_space() + memory)
 
 
@@ -91,7 +92,7 @@ def read_mesh(bpy, path):
     with open(path, "rb") as file:
         magic, vertices, faces = HEADER.unpack(file.read(HEADER.size))
         if magic != MAGIC:
-            fail("the input file is not one of ours")
+            fail("the input file does not begin with the expected bytes")
         positions = array.array("f")
         corners = array.array("i")
         positions.fromfile(file, 3 * vertices)
@@ -109,51 +110,51 @@ def read_mesh(bpy, path):
     if not mesh.polygons[0].bl_rna.properties["loop_total"].is_readonly:
         mesh.polygons.foreach_set("loop_total", array.array("i", [3]) * faces)
     mesh.update(calc_edges=True)
-    # Drops what Blender's own data structure can't hold, such as a face given twice.
+    # Drops faces that Blender's data structure can't hold, such as duplicates.
     if mesh.validate():
-        print(f"Blender dropped {faces - len(mesh.polygons)} of {faces} faces that were there twice", flush=True)
+        print(f"Blender dropped {faces - len(mesh.polygons)} of {faces} faces as duplicate or invalid", flush=True)
     return mesh
 
 
 def add_object(bpy, mesh):
-    thing = bpy.data.objects.new("input", mesh)
-    bpy.context.scene.collection.objects.link(thing)
-    bpy.context.view_layer.objects.active = thing
-    return thing
+    obj = bpy.data.objects.new("input", mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    return obj
 
 
-def voxel_remesh(thing, voxel_size):
-    modifier = thing.modifiers.get("remesh") or thing.modifiers.new("remesh", "REMESH")
+def voxel_remesh(obj, voxel_size):
+    modifier = obj.modifiers.get("remesh") or obj.modifiers.new("remesh", "REMESH")
     modifier.mode = "VOXEL"
     modifier.voxel_size = voxel_size
     modifier.adaptivity = 0.0
     modifier.use_smooth_shade = False
 
 
-def union_with_itself(bpy, thing):
-    # The whole mesh is one operand: taken apart, an inner shell that bounds a cavity would be a body of negative volume.
-    thing.select_set(True)
+def union_with_itself(bpy, obj):
+    # The whole mesh is one operand. As separate operands, an inner shell that bounds a cavity would have negative volume.
+    obj.select_set(True)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.select_all(action="SELECT")
     bpy.ops.mesh.intersect_boolean(operation="UNION", use_swap=False, use_self=True, solver="EXACT")
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
-def write_result(bpy, thing, path, most_faces):
-    half = path + ".half"
-    write_mesh(bpy, thing, half, most_faces)
-    os.rename(half, path)
+def write_result(bpy, obj, path, max_faces):
+    temporary = path + ".half"
+    write_mesh(bpy, obj, temporary, max_faces)
+    os.rename(temporary, path)
 
 
-def write_mesh(bpy, thing, path, most_faces):
-    evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+def write_mesh(bpy, obj, path, max_faces):
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     mesh.calc_loop_triangles()
     vertices = len(mesh.vertices)
     faces = len(mesh.loop_triangles)
     with open(path, "wb") as file:
         file.write(HEADER.pack(MAGIC, vertices, faces))
-        if faces > most_faces:
+        if faces > max_faces:
             return
         positions = array.array("f", bytes(12 * vertices))
         corners = array.array("i", bytes(12 * faces))
@@ -170,28 +171,28 @@ def main():
         fail(f"expected 7 arguments, found {len(arguments)}")
     action, source, target = arguments[:3]
     voxel_sizes = [float(text) for text in arguments[3].split(",")]
-    most_faces, memory, asker = (int(text) for text in arguments[4:])
+    max_faces, memory, caller = (int(text) for text in arguments[4:])
 
-    end_if_orphaned(asker)
+    end_if_orphaned(caller)
     import bpy
 
-    # Vertices: at most three for each face.
-    limit_resources(memory, max(1 << 20, HEADER.size + 48 * most_faces))
+    # A result has at most three vertices per face.
+    limit_resources(memory, max(1 << 20, HEADER.size + 48 * max_faces))
     mesh = read_mesh(bpy, source)
-    thing = add_object(bpy, mesh)
+    obj = add_object(bpy, mesh)
     if action == "voxel":
         for stage, voxel_size in enumerate(voxel_sizes):
-            voxel_remesh(thing, voxel_size)
+            voxel_remesh(obj, voxel_size)
             last = stage == len(voxel_sizes) - 1
-            write_result(bpy, thing, target if last else f"{target}.{stage}", most_faces)
+            write_result(bpy, obj, target if last else f"{target}.{stage}", max_faces)
     elif action == "union":
-        union_with_itself(bpy, thing)
-        write_result(bpy, thing, target, most_faces)
+        union_with_itself(bpy, obj)
+        write_result(bpy, obj, target, max_faces)
     else:
-        fail(f"the action is '{action}'; expected voxel or union")
+        fail(f"the action must be voxel or union; got '{action}'")
     sys.stdout.flush()
     sys.stderr.flush()
-    # Blender's own teardown can crash and costs time; everything is written.
+    # All results are written. Blender's own teardown takes time and can crash.
     os._exit(0)
 
 

@@ -29,7 +29,9 @@ const SHORTEST: Duration = Duration::from_secs(1);
 /// The file store.
 #[derive(Debug, Clone)]
 pub struct Blobs {
+    /// The files by their keys.
     pub(super) store: Arc<dyn ObjectStore>,
+    /// The folder or the bucket behind `store`.
     pub(super) backend: Backend,
 }
 

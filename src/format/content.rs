@@ -61,10 +61,11 @@ impl ReadMesh {
 pub struct Polygons {
     /// Number of polygons with more than three corners.
     pub count: u64,
-    /// Number of polygons twisted by more than [`ReadOptions::twist_angle_deg`](super::ReadOptions::twist_angle_deg). They were triangulated with the least fold.
+    /// Number of polygons twisted by more than [`ReadOptions::twist_angle_deg`](super::ReadOptions::twist_angle_deg). They were
+    /// triangulated with the least fold.
     pub twisted: u64,
-    /// The largest twist of a polygon, in degrees. The twist is the largest angle between the plane through the corners' centroid and
-    /// the line from the centroid to a corner, as the program Mesh Heal defines it.
+    /// The largest twist of a polygon, in degrees, as the program Mesh Heal defines twist. It is the largest angle between the plane through
+    /// the corners' centroid and the line from the centroid to a corner.
     pub largest_twist_deg: f64,
 }
 
@@ -149,7 +150,9 @@ pub(super) enum Content {
 
 /// A mesh and the paint of its faces.
 pub(super) struct MeshAndPaint {
+    /// The mesh.
     pub mesh: ReadMesh,
+    /// The paint of its faces.
     pub paints: MeshPaint,
 }
 

@@ -64,22 +64,22 @@ impl ReadError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WriteError {
     /// More faces than the format's count field can hold.
-    #[error("the model has {faces} faces, but the format can count only {most}; choose another output format")]
+    #[error("the model has {faces} faces, but the format can count only {max}; choose another output format")]
     TooManyFaces {
         /// Number of faces in the mesh.
         faces: u64,
         /// Largest number of faces that the format can count.
-        most: u64,
+        max: u64,
     },
     /// More instances of objects than the format's readers accept.
     #[error(
-        "the model has {parts} instances of objects, but the format allows only {most}; join objects or choose another output format"
+        "the model has {parts} instances of objects, but the format allows only {max}; join objects or choose another output format"
     )]
     TooManyParts {
         /// Number of instances.
         parts: u64,
         /// Largest number of instances that the format allows.
-        most: u64,
+        max: u64,
     },
     /// A coordinate is outside the range of the format's number type.
     #[error(
@@ -106,11 +106,11 @@ pub(super) fn excerpt(word: &[u8]) -> String {
     excerpt_up_to(32, word)
 }
 
-/// As [`excerpt`], shortened after `most` bytes.
-pub(super) fn excerpt_up_to(most: usize, word: &[u8]) -> String {
+/// As [`excerpt`], shortened after `max` bytes.
+pub(super) fn excerpt_up_to(max_bytes: usize, word: &[u8]) -> String {
     let mut text: String =
-        String::from_utf8_lossy(&word[..word.len().min(most)]).chars().flat_map(char::escape_debug).collect();
-    if word.len() > most {
+        String::from_utf8_lossy(&word[..word.len().min(max_bytes)]).chars().flat_map(char::escape_debug).collect();
+    if word.len() > max_bytes {
         text.push_str("...");
     }
     text

@@ -15,11 +15,12 @@ pub(super) struct FaceCollector {
     limits: Limits,
     faces: Vec<[u32; 3]>,
     /// Normal and texture coordinate indices of the corners.
-    numbers: [CornerAttribute; ATTRIBUTES],
+    attributes: [CornerAttribute; ATTRIBUTES],
     triangulator: Triangulator,
     /// Polygons whose vertices had not been read yet, to be triangulated at the end.
     waiting: Vec<WaitingPolygon>,
     waiting_corners: Vec<u32>,
+    /// Number of polygons with fewer than three corners.
     dropped: u64,
 }
 
@@ -50,23 +51,23 @@ struct CornerAttribute {
 }
 
 impl CornerAttribute {
-    fn set(&mut self, triangle: usize, numbers: [u32; 3]) {
+    fn set(&mut self, triangle: usize, indices: [u32; 3]) {
         self.triangles.resize(triangle, [NO_INDEX; 3]);
-        self.triangles.push(numbers);
+        self.triangles.push(indices);
     }
 
-    fn wait(&mut self, begin: usize, numbers: &[u32]) {
+    fn wait(&mut self, begin: usize, indices: &[u32]) {
         self.waiting.resize(begin, NO_INDEX);
-        self.waiting.extend_from_slice(numbers);
+        self.waiting.extend_from_slice(indices);
     }
 }
 
 /// The attributes that a polygon's corners have, with their indices.
 fn present_attributes<'n>(
     all: &'n mut [CornerAttribute; ATTRIBUTES],
-    numbers: [&'n [u32]; ATTRIBUTES],
+    indices: [&'n [u32]; ATTRIBUTES],
 ) -> impl Iterator<Item = (&'n mut CornerAttribute, &'n [u32])> {
-    all.iter_mut().zip(numbers).filter(|(_, numbers)| !numbers.is_empty())
+    all.iter_mut().zip(indices).filter(|(_, indices)| !indices.is_empty())
 }
 
 /// A polygon that waits for its vertices: its first triangle, and its range in `waiting_corners`.
@@ -82,7 +83,7 @@ impl FaceCollector {
         Self {
             limits: options.limits,
             faces: Vec::with_capacity(expected),
-            numbers: Default::default(),
+            attributes: Default::default(),
             triangulator: Triangulator::new(options.twist_angle_deg),
             waiting: Vec::new(),
             waiting_corners: Vec::new(),
@@ -97,8 +98,8 @@ impl FaceCollector {
         Ok(())
     }
 
-    /// Adds a polygon whose indices the caller has checked, or checks before [`FaceCollector::finish`]. Polygons with fewer than three corners are
-    /// counted and dropped.
+    /// Adds a polygon whose indices the caller has checked, or checks before [`FaceCollector::finish`]. Polygons with fewer than three
+    /// corners are counted and dropped.
     ///
     /// # Errors
     /// A [`ReadError`] of kind `TooLarge` when there are more triangles than the limits allow.
@@ -111,13 +112,13 @@ impl FaceCollector {
         &mut self,
         positions: &[DVec3],
         corners: &[u32],
-        numbers: [&[u32]; ATTRIBUTES],
+        indices: [&[u32]; ATTRIBUTES],
     ) -> Result<(), ReadError> {
         match corners {
             [] | [_] | [_, _] => self.dropped += 1,
             &[a, b, c] => {
-                for (of_corners, numbers) in present_attributes(&mut self.numbers, numbers) {
-                    of_corners.set(self.faces.len(), [0, 1, 2].map(|k| numbers[k]));
+                for (attribute, indices) in present_attributes(&mut self.attributes, indices) {
+                    attribute.set(self.faces.len(), [0, 1, 2].map(|k| indices[k]));
                 }
                 self.triangle([a, b, c])?;
             }
@@ -126,16 +127,16 @@ impl FaceCollector {
                 self.limits.check_faces((self.faces.len() + triangles) as u64)?;
                 if corners.iter().all(|&v| (v as usize) < positions.len()) {
                     self.triangulator.triangulate(positions, corners, |triangle| {
-                        for (of_corners, numbers) in present_attributes(&mut self.numbers, numbers) {
-                            of_corners.set(self.faces.len(), triangle.map(|k| numbers[k]));
+                        for (attribute, indices) in present_attributes(&mut self.attributes, indices) {
+                            attribute.set(self.faces.len(), triangle.map(|k| indices[k]));
                         }
                         self.faces.push(triangle.map(|k| corners[k]));
                     });
                 } else {
                     let begin = self.waiting_corners.len();
-                    for (of_corners, numbers) in present_attributes(&mut self.numbers, numbers) {
-                        of_corners.wait(begin, numbers);
-                        of_corners.triangles.resize(self.faces.len() + triangles, [NO_INDEX; 3]);
+                    for (attribute, indices) in present_attributes(&mut self.attributes, indices) {
+                        attribute.wait(begin, indices);
+                        attribute.triangles.resize(self.faces.len() + triangles, [NO_INDEX; 3]);
                     }
                     self.waiting_corners.extend_from_slice(corners);
                     self.waiting.push(WaitingPolygon { face: self.faces.len(), begin, end: begin + corners.len() });
@@ -159,10 +160,10 @@ impl FaceCollector {
             let mut next = waiting.face;
             self.triangulator.triangulate(positions, corners, |triangle| {
                 self.faces[next] = triangle.map(|k| corners[k]);
-                for of_corners in &mut self.numbers {
-                    let numbers = of_corners.waiting.get(waiting.begin..waiting.end);
-                    if let (Some(numbers), Some(slot)) = (numbers, of_corners.triangles.get_mut(next)) {
-                        *slot = triangle.map(|k| numbers[k]);
+                for attribute in &mut self.attributes {
+                    let indices = attribute.waiting.get(waiting.begin..waiting.end);
+                    if let (Some(indices), Some(slot)) = (indices, attribute.triangles.get_mut(next)) {
+                        *slot = triangle.map(|k| indices[k]);
                     }
                 }
                 next += 1;
@@ -190,7 +191,7 @@ impl FaceCollector {
                 polygons.twisted, polygons.largest_twist_deg
             ));
         }
-        let [normals, texture_coordinates] = self.numbers.map(|of_corners| of_corners.triangles);
+        let [normals, texture_coordinates] = self.attributes.map(|attribute| attribute.triangles);
         CollectedFaces { faces: self.faces, normals, texture_coordinates, polygons }
     }
 

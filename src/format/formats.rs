@@ -87,7 +87,7 @@ pub enum Loss {
     /// Colours of faces, other than textures.
     Colors,
     /// Textures.
-    Pictures,
+    Textures,
     /// Names of materials, in a format that stores colours.
     Materials,
     /// A colour that a texture is multiplied with.
@@ -105,7 +105,7 @@ impl Loss {
         match self {
             Self::Objects => "separate objects",
             Self::Colors => "colours",
-            Self::Pictures => "textures",
+            Self::Textures => "textures",
             Self::Materials => "material names",
             Self::Tints => "texture tints",
             Self::Unit => "the unit",
@@ -118,7 +118,7 @@ impl Loss {
         match self {
             Self::Objects | Self::Unit | Self::Notes => !format.has_objects(),
             Self::Colors => !format.has_paint(),
-            Self::Pictures => !format.has_paint() || format == Format::Ply,
+            Self::Textures => !format.has_paint() || format == Format::Ply,
             // A format without colours loses the materials as `Colors`.
             Self::Materials => format == Format::Ply,
             Self::Tints => format == Format::ThreeMf,
@@ -205,8 +205,8 @@ fn paint_losses(scene: &Scene) -> Vec<Loss> {
                 &[Loss::Colors]
             }
             Palette::Materials(_) => &[Loss::Colors, Loss::Materials],
-            Palette::Textured { tint: [255, 255, 255, 255], .. } => &[Loss::Pictures],
-            Palette::Textured { .. } => &[Loss::Pictures, Loss::Tints],
+            Palette::Textured { tint: [255, 255, 255, 255], .. } => &[Loss::Textures],
+            Palette::Textured { .. } => &[Loss::Textures, Loss::Tints],
         };
         losses.extend(own.iter().filter(|loss| !losses.contains(*loss)).collect::<Vec<_>>());
     }
@@ -247,11 +247,11 @@ mod tests {
         let mut scene = painted(vec![Palette::Materials(vec![material]), textured([255; 4])]);
         scene.items.push(Item::of(0));
         scene.unit = Some(Unit::Inch);
-        use Loss::{Colors, Materials, Objects, Pictures};
+        use Loss::{Colors, Materials, Objects, Textures};
         for format in [Format::Stl, Format::Obj, Format::Off, Format::Mesh] {
-            assert_eq!(losses(&scene, format), [Objects, Colors, Pictures, Loss::Unit]);
+            assert_eq!(losses(&scene, format), [Objects, Colors, Textures, Loss::Unit]);
         }
-        assert_eq!(losses(&scene, Format::Ply), [Objects, Pictures, Materials, Loss::Unit]);
+        assert_eq!(losses(&scene, Format::Ply), [Objects, Textures, Materials, Loss::Unit]);
         assert_eq!(losses(&scene, Format::Zip), [Objects, Loss::Unit]);
         for format in [Format::Glb, Format::ThreeMf] {
             assert_eq!(losses(&scene, format), []);

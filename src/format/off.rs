@@ -45,7 +45,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Result<ReadMesh, Read
             ReadErrorKind::Truncated,
             counts_at,
             format!(
-                "the header counts {vertices} vertices and {faces} faces, but the {remaining} bytes after it can't hold them; the file was cut off or its counts are wrong, so export the model again"
+                "the header counts {vertices} vertices and {faces} faces, but {remaining} bytes can't hold them; the file is cut off or damaged, so export the model again"
             ),
         ));
     }

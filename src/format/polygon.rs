@@ -1,7 +1,8 @@
 //! Triangulation of polygons.
 //!
-//! The polygon is projected along the axis nearest to its Newell normal (Sutherland, Sproull and Schumacker 1974). Dropping a coordinate needs
-//! no rounding. Collinear corners therefore stay collinear, and a flat simple polygon stays simple. Ear cutting then runs in that plane.
+//! The polygon is projected along the axis nearest to its Newell normal (Sutherland, Sproull and Schumacker 1974). Dropping a coordinate
+//! needs no rounding. Collinear corners therefore stay collinear, and a flat simple polygon stays simple. Ear cutting then runs in that
+//! plane.
 //!
 //! Every polygon of n corners, whatever its shape, gives exactly n - 2 triangles. They have the polygon's orientation, and each edge of the
 //! polygon is a side of exactly one of them.
@@ -35,8 +36,8 @@ pub(super) struct Triangulator {
     max_squared_sine: f64,
 }
 
-/// Polygons with more corners are split as fans, which is right only for is_convex polygons. Ear cutting takes quadratic time on adversarial
-/// polygons.
+/// Polygons with more corners are split as fans, which is right only for is_convex polygons. Ear cutting takes quadratic time on
+/// adversarial polygons.
 const MAX_CORNERS: usize = 8192;
 
 /// Self-intersecting polygons with more corners are split as fans. Ear cutting can take cubic time on them, and its result is no better.

@@ -255,8 +255,9 @@ pub(super) struct ObjZipFiles {
     pub textures: Vec<(String, Arc<[u8]>)>,
 }
 
-/// File names of the OBJ and MTL files in an OBJ zip that meshmend writes.
+/// File name of the OBJ file in an OBJ zip that meshmend writes.
 const OBJ_NAME: &str = "model.obj";
+/// File name of the MTL file in an OBJ zip that meshmend writes.
 pub(super) const MTL_NAME: &str = "model.mtl";
 
 /// Packs an OBJ zip. The same files always give the same bytes.

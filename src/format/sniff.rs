@@ -62,7 +62,7 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
         return Ok(Format::Off);
     }
     if !has_binary_bytes(head) {
-        if vertex_face::starts(head) {
+        if vertex_face::starts_with_element(head) {
             return Ok(Format::Mesh);
         }
         if is_off_without_keyword(head) {
@@ -86,8 +86,8 @@ fn has_binary_bytes(head: &[u8]) -> bool {
     head.iter().any(|&b| b < 0x20 && !matches!(b, b'\t' | b'\n' | b'\r' | 0x0B | 0x0C | 0x1A))
 }
 
-/// Whether a program took a binary file for UTF-8 and replaced its invalid bytes by U+FFFD. The whole file is then valid UTF-8. The bytes of
-/// U+FFFD alone prove nothing: they may be a colour that repeats for every face.
+/// Whether a program took a binary file for UTF-8 and replaced its invalid bytes by U+FFFD. The whole file is then valid UTF-8. The bytes
+/// of U+FFFD alone prove nothing: they may be a colour that repeats for every face.
 fn is_damaged_by_text_conversion(head: &[u8]) -> bool {
     let is_text = std::str::from_utf8(head).map_or_else(|error| error.error_len().is_none(), |_| true);
     is_text && head.contains(&0) && head.windows(3).filter(|w| w == b"\xEF\xBF\xBD").count() >= 3
@@ -226,10 +226,10 @@ const SIGNATURES: [(&[u8], &str, &str); 40] = [
     (b"7z\xBC\xAF\x27\x1C", "a 7z archive", UNPACK),
     (b"Rar!\x1A\x07", "a RAR archive", UNPACK),
     (b"%PDF", "a PDF document", NOT_A_MODEL),
-    (b"\x89PNG", "a PNG picture", NOT_A_MODEL),
-    (b"\xFF\xD8\xFF", "a JPEG picture", NOT_A_MODEL),
-    (b"GIF8", "a GIF picture", NOT_A_MODEL),
-    (b"RIFF", "a RIFF file, such as a WebP picture", NOT_A_MODEL),
+    (b"\x89PNG", "a PNG image", NOT_A_MODEL),
+    (b"\xFF\xD8\xFF", "a JPEG image", NOT_A_MODEL),
+    (b"GIF8", "a GIF image", NOT_A_MODEL),
+    (b"RIFF", "a RIFF file, such as a WebP image", NOT_A_MODEL),
     (b"\x7FELF", "a program", NOT_A_MODEL),
     (b"PAR1", "a Parquet file", NOT_A_MODEL),
 ];

@@ -46,8 +46,7 @@ pub(super) fn starts_as_text(head: &[u8]) -> bool {
     !head.contains(&0)
 }
 
-/// Whether the bytes after the header look like facets although the facet count is wrong: there is at least one record, and nine tenths of
-/// the numbers have a plausible magnitude.
+/// Whether facets may follow a header with a wrong count: at least one record, and 90 % of the numbers of plausible magnitude.
 pub(super) fn looks_like_facets(head: &[u8]) -> bool {
     let facets = head.get(HEADER_BYTES..).unwrap_or_default().chunks_exact(FACET_BYTES);
     let mut numbers = 0_u32;
@@ -352,8 +351,7 @@ impl<'a> AsciiReader<'a> {
         }
         self.limits.check_faces(self.positions.len() as u64 / 3 + 1)?;
         self.limits.check_vertices(self.positions.len() as u64 + 3)?;
-        // Limits keep the number of positions below 2^32.
-        #[expect(clippy::cast_possible_truncation, reason = "as checked")]
+        #[expect(clippy::cast_possible_truncation, reason = "limits keep the number of positions below 2^32")]
         self.normals.add((self.positions.len() / 3) as u32, self.facet.normal, self.facet.corners);
         self.positions.extend(self.facet.corners);
         Ok(())
@@ -367,15 +365,15 @@ impl<'a> AsciiReader<'a> {
         {
             self.end_facet(Word { bytes: b"", at: begin })?;
         }
-        let whole = self.positions.len() / 3;
+        let complete = self.positions.len() / 3;
         if self.facet.begin.is_some() {
-            if whole == 0 {
+            if complete == 0 {
                 return Err(self.text.ended("the rest of the first facet"));
             }
             warnings.push(format!(
-                "the file ends within a facet and was probably cut off; the {whole} complete facets before it were read"
+                "the file ends within a facet and was probably cut off; the {complete} complete facets before it were read"
             ));
-        } else if !self.is_closed && whole > 0 {
+        } else if !self.is_closed && complete > 0 {
             warnings.push("the file ends without 'endsolid' and may have been cut off".to_owned());
         }
         if self.positions.is_empty() {
@@ -410,7 +408,7 @@ fn is_keyword(word: Word<'_>) -> bool {
 /// [`WriteError`] for more than `u32::MAX` faces, or for a coordinate that is not finite as f32.
 pub(super) fn write(soup: &Soup) -> Result<Vec<u8>, WriteError> {
     let faces = soup.faces.len() as u64;
-    let count = u32::try_from(faces).map_err(|_| WriteError::TooManyFaces { faces, most: u64::from(u32::MAX) })?;
+    let count = u32::try_from(faces).map_err(|_| WriteError::TooManyFaces { faces, max: u64::from(u32::MAX) })?;
     let mut bytes = Vec::with_capacity(HEADER_BYTES + FACET_BYTES * soup.faces.len());
     // The header must not start with `solid`, because some readers would take the file for ASCII.
     bytes.extend_from_slice(b"meshmend");

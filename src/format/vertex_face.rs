@@ -15,7 +15,7 @@ use crate::mesh::{Numbering, OmittedFace, Soup};
 const MAX_RECORDED: usize = 10_000;
 
 /// Whether the first line is a `Vertex` or `Face` line.
-pub(super) fn starts(head: &[u8]) -> bool {
+pub(super) fn starts_with_element(head: &[u8]) -> bool {
     let mut text = Text::new(head).with_comments();
     let keyword = text.word().is_some_and(|word| word.is("vertex") || word.is("face"));
     keyword && text.word_on_line().is_some_and(|word| integer(word.bytes).is_some())

@@ -77,7 +77,7 @@ impl<'a> Analysis<'a> {
     /// Builds the connectivity. O(n log n) in the number of faces.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn new(subject: Subject<'a>, context: &Context<'_>) -> Result<Self, Cancelled> {
         let (surface, ingest) = match subject.materials {
             Some(materials) => Surface::from_assembly(subject.soup, materials),
@@ -168,7 +168,7 @@ impl<'a> Analysis<'a> {
     /// For each part the other closed parts that contain it, as [`nesting`] computes for all parts.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub(super) fn containers(&self, context: &Context<'_>) -> Result<&[Option<Vec<u32>>], Cancelled> {
         let find = || {
             let all = vec![true; self.solids.len()];
@@ -180,7 +180,7 @@ impl<'a> Analysis<'a> {
     /// For each part the number of closed parts that contain it; `None` if undecided.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn depths(&self, context: &Context<'_>) -> Result<&[Option<u32>], Cancelled> {
         let containers = self.containers(context)?;
         Ok(self.depths.get_or_init(|| depths_of(containers)))

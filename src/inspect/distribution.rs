@@ -55,7 +55,7 @@ pub enum BinSpacing {
     Linear,
     /// Each bin is wider than the previous one by a constant factor, from the smallest positive value to the maximum.
     /// Zeros are in the first bin, which then starts at 0. Used if the maximum exceeds 16 times the smallest positive
-    /// value, since equal widths would put almost all faces of a typical mesh into the first bin.
+    /// value. Equal widths would then put almost all faces of a typical mesh into the first bin.
     Geometric,
 }
 

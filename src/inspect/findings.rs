@@ -217,7 +217,8 @@ pub struct DefectGroup {
     pub kind: DefectKind,
     /// Exact number of defects of this kind. A lower bound if the inspection lists the kind as incomplete.
     pub count: u64,
-    /// The first of these defects; all of them if the request asks for the full list.
+    /// The first of these defects, as many as the option `places` allows; all of them with `meshmend inspect
+    /// --offenders`.
     pub places: Vec<Defect>,
 }
 

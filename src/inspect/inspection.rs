@@ -74,7 +74,7 @@ impl Inspection {
 /// Inspects a mesh. The returned findings have more places than the report lists, and a mark on each face.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn inspect(
     subject: Subject<'_>,
     options: &InspectOptions,
@@ -86,7 +86,7 @@ pub fn inspect(
 /// Inspects a mesh whose structure is already analysed.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn inspect_analysis(
     analysis: &Analysis<'_>,
     options: &InspectOptions,
@@ -135,7 +135,7 @@ pub struct Characteristics {
 /// Computes the characteristics of a measured mesh.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn characteristics(
     analysis: &Analysis<'_>,
     measures: &Measures,
@@ -274,9 +274,9 @@ pub enum Lack {
     EdgeLength,
 }
 
-/// Decides whether a mesh is good as meshalyzer defines the term: closed, manifold, outward, no intersecting,
-/// degenerate or non-finite face, no orphan or missing vertex, contiguous numbers if the format has numbers, and
-/// shapes within the thresholds.
+/// Decides whether a mesh is good as the tool meshalyzer defines the term. A good mesh is closed, manifold and
+/// outward. No face intersects another, is degenerate or has a non-finite corner. No vertex is orphaned or missing.
+/// Numbers are contiguous if the format has numbers, and shapes are within the thresholds.
 ///
 /// The inspection must be at level `full`; otherwise intersections are unknown and the mesh is never good.
 #[must_use]

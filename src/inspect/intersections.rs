@@ -24,7 +24,7 @@ impl Analysis<'_> {
     /// Intersecting faces of this mesh, computed once by [`intersections()`].
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn intersections(&self, context: &Context<'_>) -> Result<&Intersections, Cancelled> {
         get_or_try_init(&self.intersections, || intersections(self, context))
     }
@@ -32,7 +32,7 @@ impl Analysis<'_> {
     /// Faces of the file that lie inside a body of another material.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn faces_in_other_materials(&self, context: &Context<'_>) -> Result<&[u32], Cancelled> {
         get_or_try_init(&self.faces_in_other_materials, || faces_in_other_materials(self, context)).map(Vec::as_slice)
     }
@@ -45,7 +45,7 @@ impl Analysis<'_> {
 /// counts are lower bounds. Runs on the current thread pool; the result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn intersections(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Intersections, Cancelled> {
     let budget = STEPS + STEPS_PER_FACE * analysis.surface.faces.len() as u64;
     intersections_within(analysis, budget, context)
@@ -79,7 +79,7 @@ fn intersections_within(
 /// share no vertices, so touching at a vertex counts.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn intersections_between(
     a: &Analysis<'_>,
     b: &Analysis<'_>,
@@ -172,7 +172,7 @@ pub(super) fn materials_in(of_face: &[u32]) -> Vec<u32> {
 /// and the winding number just behind its centre decides.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
     let Some(materials) = analysis.subject.materials else { return Ok(Vec::new()) };
     let unit = analysis.unit();
@@ -310,7 +310,7 @@ pub struct InstanceContact {
 /// instances whose intersecting faces have overlapping bounding boxes also count as in contact.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn instance_contacts(
     analysis: &Analysis<'_>,
     instance_of: impl Fn(u32) -> u32,

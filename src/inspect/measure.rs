@@ -20,7 +20,7 @@ const OF_DIAGONAL: f64 = 1e7;
 /// O(n log n) in the number of faces and of face pairs whose boxes overlap.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled> {
     measure_analysis(&Analysis::new(soup.into(), context)?, context)
 }
@@ -28,7 +28,7 @@ pub fn measure(soup: &Soup, context: &Context<'_>) -> Result<Measures, Cancelled
 /// Measures a mesh whose structure is already analysed, and counts its self-intersections.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn measure_analysis(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
     let mut counts = measures(analysis, context)?;
     counts.self_intersections = analysis.intersections(context)?.counts;
@@ -38,7 +38,7 @@ pub fn measure_analysis(analysis: &Analysis<'_>, context: &Context<'_>) -> Resul
 /// Measures a mesh whose structure is already analysed. [`Measures::self_intersections`] stays unchecked.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn measures(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
     analysis.measures(context).cloned()
 }

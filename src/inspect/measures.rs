@@ -42,8 +42,8 @@ pub struct Measures {
     /// Faces that name a vertex missing from the file. All other counts exclude these faces.
     #[serde(default)]
     pub unreadable_faces: u64,
-    /// Faces that collapse and edges that lose their opposite face when a reader rounds positions to eight decimals,
-    /// as trimesh does, or to 1e-7 of the diagonal if that is finer.
+    /// Faces that collapse and edges that lose their opposite face when a reader rounds positions. Counted for
+    /// rounding to eight decimals, as in trimesh, or to 1e-7 of the diagonal if that is finer.
     #[serde(default)]
     pub near_coincident_defects: u64,
     /// Closed parts turned inside out: of negative volume and not a cavity of another part.

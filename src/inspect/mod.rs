@@ -1,7 +1,7 @@
 //! Mesh inspection: finds and measures the defects of a mesh, in the same way for a repair's input and output.
 //!
-//! [`Analysis`] builds the connectivity once. [`measures()`] counts, the other files each search for one type of
-//! defect or measure one quantity, and [`inspect`] combines the results in one [`Inspection`].
+//! [`Analysis`] builds the connectivity once, and [`measures()`] counts. The other files each search for one type of
+//! defect or measure one quantity. [`inspect`] combines the results in one [`Inspection`].
 
 mod analysis;
 mod check;

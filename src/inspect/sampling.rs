@@ -36,7 +36,7 @@ pub(super) struct Answers<T> {
 /// only, so that the results are the same for any number of threads.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub(super) fn run_queries<T: Send>(
     count: usize,
     budget: u64,
@@ -135,9 +135,9 @@ pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
     spread.into_iter().map(sample).collect()
 }
 
-/// Points spread evenly by area over some faces, each with its face: one point per `count`th of the area, placed
-/// within its face by the R2 sequence (Roberts 2018). `area` may return any constant multiple of a face's area. Empty
-/// if the area is 0.
+/// Points spread evenly by area over some faces, each with its face. The area is divided into `count` equal shares,
+/// with one point per share. The R2 sequence (Roberts 2018) places the point within its face. `area` may return any
+/// constant multiple of a face's area. Empty if the area is 0.
 pub(super) fn spread_by_area(
     analysis: &Analysis<'_>,
     faces: impl Iterator<Item = u32> + Clone,
@@ -163,7 +163,7 @@ pub(super) fn spread_by_area(
 /// Distinguishes outer surface from internal faces, which a union removes. `None` for points beyond the budget.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub(super) fn visible(
     analysis: &Analysis<'_>,
     samples: &[Sample],

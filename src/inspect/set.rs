@@ -104,7 +104,7 @@ impl SetReport {
     /// or if neither is requested.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn of(
         meshes: &[&Soup],
         intersections: bool,
@@ -138,7 +138,7 @@ impl SetIntersections {
     /// whether the count is complete. Calls `between` only for meshes whose bounding boxes overlap.
     ///
     /// # Errors
-    /// [`Cancelled`] when the work should stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn count(
         meshes: &[&Analysis<'_>],
         context: &Context<'_>,
@@ -207,7 +207,7 @@ pub struct Spacing {
 /// share one unit and one coordinate system.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn spacing(meshes: &[&Analysis<'_>], context: &Context<'_>) -> Result<Vec<Spacing>, Cancelled> {
     let scales: Vec<f64> = meshes.iter().map(|mesh| mesh.scale()).collect();
     let boxes: Vec<Box3> = meshes.iter().map(|mesh| Box3::of(mesh.unit().iter().copied())).collect();

@@ -201,7 +201,7 @@ impl Tally {
 /// Describes the parts of a mesh and counts their orientations. O(n log n).
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn shells(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Shells, OrientationCounts), Cancelled> {
     let Analysis { surface, parts, solids, .. } = analysis;
     let tallies = tally(analysis);

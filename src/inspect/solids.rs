@@ -87,7 +87,7 @@ pub fn doubled_areas(surface: &Surface) -> Vec<f64> {
 /// For each closed part the number of other closed parts that contain it, as [`nesting`] computes.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn nesting_depths(
     surface: &Surface,
     parts: &Parts,
@@ -114,7 +114,7 @@ pub(super) fn depths_of(containers: &[Option<Vec<u32>>]) -> Vec<Option<u32>> {
 /// side cost O(n log n).
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn nesting(
     surface: &Surface,
     parts: &Parts,

@@ -36,8 +36,8 @@ pub struct Statistics {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EdgeAngles {
-    /// Angles in radians from 0 to 2 pi: pi at a flat edge, more than pi at a convex edge as seen from the side of
-    /// the normals, 0 where two faces coincide. Excludes boundary edges.
+    /// Angles in radians from 0 to 2 pi: pi at a flat edge, 0 where two faces coincide. Angles above pi belong to
+    /// edges that are convex as seen from the side of the normals. Excludes boundary edges.
     pub distribution: Option<Distribution>,
     /// Why the distribution is `null`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -75,7 +75,7 @@ impl Side {
 /// Computes shape statistics of a mesh. O(n log n), since distributions sort their values.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn statistics(
     analysis: &Analysis<'_>,
     attributes: &Attributes,

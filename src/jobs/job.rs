@@ -141,7 +141,7 @@ pub type Metadata = BTreeMap<String, String>;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ProblemKind {
-    /// The file can't be read as a mesh, or the options don't fit it.
+    /// The file can't be read as a mesh, or the options don't suit the file.
     BadInput,
     /// The result can't be written in the requested format.
     BadOutput,
@@ -190,7 +190,7 @@ impl JobProblem {
     pub fn worker_lost(workers: u32) -> Self {
         let detail = format!(
             "The job failed because {workers} workers were lost while they ran it. Unless the service was stopped or killed meanwhile, \
- this model may crash workers: please report it."
+             this model may crash workers: please report it."
         );
         Self::new(ProblemKind::WorkerLost, detail)
     }

@@ -257,7 +257,7 @@ impl RetryPolicy {
 }
 
 /// Notifies waiting requests and idle workers of one process when a job changes or work arrives, so that they need not poll. A
-/// notification can be missed (another process has its own notifier), so every listener also polls now and then.
+/// notification can be missed (another process has its own notifier), so every listener also polls at intervals.
 #[derive(Debug)]
 pub struct Notifier {
     changed: broadcast::Sender<JobId>,

@@ -115,7 +115,7 @@ const EXAMPLE_HOST: &str = "http://127.0.0.1:8080/";
 
 /// Renders a page: the template with the list of pages, the list of the page's sections, and the text.
 pub(super) fn document(name: &str, markdown: &str, pages: &[(&str, Outline)]) -> String {
-    let Some((_, outline)) = pages.iter().find(|(known, _)| *known == name) else { return String::new() };
+    let Some((_, outline)) = pages.iter().find(|(page, _)| *page == name) else { return String::new() };
     let list = pages.iter().fold(String::new(), |mut list, (other, outline)| {
         let current = if *other == name { " aria-current=\"page\"" } else { "" };
         // Writing to a string succeeds.
@@ -213,7 +213,7 @@ fn linked(link: &str) -> Option<String> {
 /// Renders an image element with its size, so that the page layout does not shift when the image loads.
 fn image(address: &str, alt: &str) -> String {
     let name = address.strip_prefix("pictures/").unwrap_or(address);
-    let bytes = PICTURES.iter().find(|(known, _)| *known == name).map_or(&[][..], |(_, bytes)| bytes);
+    let bytes = PICTURES.iter().find(|(file, _)| *file == name).map_or(&[][..], |(_, bytes)| bytes);
     let (width, height) =
         png::Decoder::new(Cursor::new(bytes)).read_info().map_or((0, 0), |reader| reader.info().size());
     format!("<img src=\"{address}\" alt=\"{}\" width=\"{width}\" height=\"{height}\" loading=\"lazy\">", escaped(alt))

@@ -64,7 +64,7 @@ pub fn picture(name: &str) -> Option<&'static StaticFile> {
     static FILES: OnceLock<Vec<(&str, StaticFile)>> = OnceLock::new();
     let files = FILES
         .get_or_init(|| markdown::PICTURES.iter().map(|&(name, bytes)| (name, StaticFile::new(name, bytes))).collect());
-    files.iter().find(|(known, _)| *known == name).map(|(_, file)| file)
+    files.iter().find(|(file, _)| *file == name).map(|(_, file)| file)
 }
 
 /// Returns the list of all pages for language models, in the format of llmstxt.org.

@@ -36,7 +36,7 @@ const DOT: f64 = 0.012;
 /// are multiplied by `extras.scale`.
 ///
 /// # Errors
-/// [`RenderError::Cancelled`] on cancellation, [`RenderError::TooLarge`] beyond the format's 4 GiB.
+/// [`RenderError::Cancelled`] on cancellation or timeout, [`RenderError::TooLarge`] beyond the format's 4 GiB.
 pub fn write_glb(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
     let mut file = GlbFile::new(scene);
     for (paint, faces) in groups_with_lines(scene) {
@@ -257,7 +257,7 @@ fn assemble(text: &[u8], bytes: &[u8]) -> Result<Vec<u8>, RenderError> {
 /// Comments hold the legend. Positions are `float` if that is exact, otherwise `double`.
 ///
 /// # Errors
-/// [`RenderError::Cancelled`] on cancellation, [`RenderError::TooLarge`] beyond 2^32 vertices.
+/// [`RenderError::Cancelled`] on cancellation or timeout, [`RenderError::TooLarge`] beyond 2^32 vertices.
 pub fn write_ply(scene: &Scene, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
     let mut body = PlyBody { wide: !scene.surface.positions.iter().all(|&p| fits_f32(p)), ..PlyBody::default() };
     let mut compactor = Compactor::new(scene.surface.positions.len());

@@ -35,7 +35,7 @@ const FAINT: Colour = Colour([0x6B, 0x75, 0x82]);
 /// the bounding box. `title` starts the header.
 ///
 /// # Errors
-/// [`RenderError::Cancelled`] on cancellation, [`RenderError::Png`] from the encoder.
+/// [`RenderError::Cancelled`] on cancellation or timeout, [`RenderError::Png`] from the encoder.
 pub fn write_picture(scene: &Scene, title: &str, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
     context.check()?;
     let points: Vec<Vec3> = scene.surface.positions.iter().map(|&p| scene.frame.to_cube(p).as_vec3()).collect();

@@ -16,8 +16,8 @@ const MAX_COVERED: f64 = 6e7;
 const LIGHT: Vec3 = Vec3::new(-0.32, 0.50, 0.80);
 /// Intensity on a face turned away from the light. Intensity rises smoothly to 1, so that shaded faces differ too.
 const SHADOW: f32 = 0.44;
-/// Depth offset of a face per severity step, in samples, so that the most severe of coincident faces is visible; and
-/// the offset by which inner sides recede.
+/// Depth offset of a face per severity step, in samples, so that the most severe of coincident faces is visible.
+/// `DROP` is the offset by which inner sides recede.
 const LIFT: f32 = 0.05;
 const DROP: f32 = 0.03;
 /// Width of the line along a face's edges in samples, and its darkness on large faces.

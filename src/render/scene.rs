@@ -142,7 +142,7 @@ impl Scene {
     /// Lays out a mesh with its findings. O(n log n) in the number of faces.
     ///
     /// # Errors
-    /// [`RenderError::Cancelled`] on cancellation.
+    /// [`RenderError::Cancelled`] on cancellation or timeout.
     pub fn new(soup: &Soup, findings: &Findings, context: &Context<'_>) -> Result<Self, RenderError> {
         let (surface, _) = Surface::from_soup(soup);
         context.check()?;
@@ -172,7 +172,7 @@ impl Scene {
     /// Lays out the changes to a mesh: the faces of `after` by provenance, and the removed surface. O(n log n).
     ///
     /// # Errors
-    /// [`RenderError::Cancelled`] on cancellation, [`RenderError::TooLarge`] beyond 2^32 vertices.
+    /// [`RenderError::Cancelled`] on cancellation or timeout, [`RenderError::TooLarge`] beyond 2^32 vertices.
     pub fn of_change(after: &Soup, provenance: &SurfaceProvenance, context: &Context<'_>) -> Result<Self, RenderError> {
         let mut both = after.clone();
         for corners in &provenance.removed {
@@ -251,7 +251,8 @@ impl Scene {
     /// in one grid cell merge at their mean, and faces with fewer than three distinct vertices disappear. Works for
     /// any mesh and keeps the paint of faces, but guarantees only visual similarity. O(n) per grid size.
     ///
-    /// [`RenderError::Cancelled`] on cancellation. [`RenderError::Cancelled`] when the work should stop.
+    /// # Errors
+    /// [`RenderError::Cancelled`] on cancellation or timeout.
     pub fn coarse(&self, most_faces: usize, context: &Context<'_>) -> Result<Self, RenderError> {
         let mut cells = CELLS;
         let (surface, paint) = loop {

@@ -5,7 +5,7 @@
 use super::conclusion::{Conclusion, RepairedBody, why_no_face_was_removed};
 use super::escalation::{Attempts, Escalation};
 use super::export::{judged_soup, judging_format};
-use super::input::{Input, MeshSource, RepairError, RepairRequest, inspected};
+use super::input::{Input, MeshSource, RepairError, RepairRequest, with_inspected_input};
 use super::judge::{Judged, rank_of_input, read_own, verdict_text};
 use super::options::{Category, Options, Preset};
 use super::options_not_applied::{Ending, options_not_applied};
@@ -100,12 +100,12 @@ fn attempt(
 ) -> Result<Conclusion, RepairError> {
     let Runner { options, format, context, .. } = runner;
     let Baseline { measures, printable, fewer, mut warnings } = baseline;
-    let escalation = Escalation::open(input, runner, cache)?;
+    let escalation = Escalation::start(input, runner, cache)?;
     let sheets = if measures.boundary_edges > 0 { escalation.sheet_share()? } else { 0.0 };
     let damage = if printable.is_some() { Category::Clean } else { categorise(&measures, sheets) };
     let category = options.category.filter(|_| options.preset == Preset::Auto).unwrap_or(damage);
     let plan = make_plan(&measures, category, options);
-    context.log(&format!("plan: {} because {}", plan.preset.as_str(), plan.reason));
+    context.log(&format!("plan: {} ({})", plan.preset.as_str(), plan.reason));
     let Attempts { steps, mut candidates, best } = escalation.run(&plan.strategies)?;
 
     let is_better = |best: &Judged| match &printable {
@@ -224,7 +224,7 @@ impl ObjectRepair<'_> {
         let start = context.now();
         let mesh = self.file.mesh.of_same_file(object.mesh().map(|mesh| mesh.soup.clone()).unwrap_or_default());
         let source = MeshSource { bytes: None, mesh: &mesh, unit: self.file.unit.as_ref() };
-        inspected(&source, request, |input| {
+        with_inspected_input(&source, request, |input| {
             let body = repair_body(&input, judging_format(self.format), request)?;
             let soup = if body.bytes.is_empty() { None } else { Some(judged_soup(&body.bytes)?) };
             let welded = input.analysis.ingest.merged_vertices > 0 && self.format == Format::ThreeMf;

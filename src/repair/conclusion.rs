@@ -90,7 +90,8 @@ fn harmless_rest(after: &Inspection) -> String {
     let kinds = [(DefectKind::DegenerateFace, "with a very short edge"), (DefectKind::FlatFace, "of almost no height")];
     let remaining = kinds.map(|(kind, property)| {
         let count = after.count(kind);
-        (count > 0).then(|| format!("{} {property}", counted(count, "face", "faces")))
+        let faces = if count == 1 { "one face".to_owned() } else { format!("{count} faces") };
+        (count > 0).then(|| format!("{faces} {property}"))
     });
     let remaining: Vec<String> = remaining.into_iter().flatten().collect();
     if remaining.is_empty() {

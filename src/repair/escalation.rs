@@ -74,7 +74,7 @@ impl<'a> Escalation<'a> {
     ///
     /// # Errors
     /// [`Cancelled`] if the job was canceled.
-    pub fn open(input: &'a Input<'a>, runner: Runner<'a>, cache: PrefixCache) -> Result<Self, Cancelled> {
+    pub fn start(input: &'a Input<'a>, runner: Runner<'a>, cache: PrefixCache) -> Result<Self, Cancelled> {
         let common_start = CommonStart::run(input, &runner)?;
         let steps = common_start.steps.iter().map(|step| step.clone().into()).collect();
         Ok(Self {
@@ -237,14 +237,14 @@ impl<'a> Escalation<'a> {
         let mut intersections = Intersections::Unknown;
         for KnownResult { step, failure, .. } in prefix.iter().filter_map(|reused| reused.known.as_ref()) {
             intersections = intersections.after(step, failure.as_ref());
-            state.note_holes(step);
+            state.record_holes(step);
         }
         let shared_lengths = shared_prefixes(strategy, later, COMMON_ACTIONS.len(), options);
         for (at, &task) in tasks.iter().enumerate().skip(prefix.len()) {
             if end != TaskEnd::Finished {
                 break;
             }
-            if !intersections.make_needless(task) {
+            if !intersections.makes_needless(task) {
                 let percent = percent(&span(index), at, tasks.len());
                 let run = self.runner.run(indexed, task, percent, &mut state)?;
                 let TaskRun { step, failure, has_changed, .. } = run;
@@ -271,7 +271,7 @@ impl<'a> Escalation<'a> {
         let mut prefix = Vec::new();
         for &task in tasks {
             let mut known = None;
-            if !intersections.make_needless(task) {
+            if !intersections.makes_needless(task) {
                 let cached = task.key(strategy, self.runner.options).and_then(|key| self.cache.known(surface, key));
                 let Some(cached) = cached else { break };
                 surface = cached.surface;
@@ -403,6 +403,7 @@ fn has_boundary(surface: &Surface) -> bool {
     Counts::of(surface).get(Counter::BoundaryEdges) > 0
 }
 
+/// Which faces of a strategy's result are patches of holes.
 fn patches_of(strategy: &Strategy) -> Patches {
     let remeshes = |planned: &PlannedAction| {
         remesh_action(planned.action).is_some() || planned.operators.contains(&Operator::Remesh)
@@ -410,6 +411,7 @@ fn patches_of(strategy: &Strategy) -> Patches {
     if strategy.actions.iter().any(remeshes) { Patches::None } else { Patches::BySource }
 }
 
+/// The step of a validation that began at `start`.
 fn validation(strategy: u32, start: Duration, context: &Context<'_>) -> Step {
     let milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
     Step { milliseconds, ..Step::new(strategy, 0, Action::Validate, None) }

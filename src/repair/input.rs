@@ -243,7 +243,7 @@ pub(super) struct MeshSource<'a> {
 ///
 /// # Errors
 /// The errors of `repair`, and [`Cancelled`] if the job was canceled or there was no time for the inspection.
-pub(super) fn inspected<T>(
+pub(super) fn with_inspected_input<T>(
     source: &MeshSource<'_>,
     &RepairRequest { options, context, .. }: &RepairRequest<'_>,
     repair: impl FnOnce(Input<'_>) -> Result<T, RepairError>,

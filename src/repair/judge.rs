@@ -1,8 +1,8 @@
 //! The judging of results: each result is written, read back, measured and compared with the input, and gets a rank.
 
 use super::options::{Options, OutputFormat};
-use super::part_accounting::{part_accounting, parts_dropped, standing};
-use super::red_flags::{AddedSurface, Compared, part_lost, red_flags, surface_invented};
+use super::part_accounting::{part_accounting, parts_dropped, surviving_input};
+use super::red_flags::{AddedSurface, Comparison, part_lost, red_flags, surface_invented};
 use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode};
 use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
@@ -15,7 +15,7 @@ use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_generated};
 use crate::scene::{LengthUnit, UnitSource};
 
 /// Loss of visible surface, in percent, that makes even a printable result worse than the input.
-const MOST_LOST_PCT: f64 = 25.0;
+const MAX_LOST_PCT: f64 = 25.0;
 
 /// A result as bytes, with the findings on those bytes.
 pub(super) struct Judged {
@@ -124,15 +124,15 @@ impl Judging<'_, '_> {
         }
         let added_surface =
             before_remesh.map_or_else(|| AddedSurface::of(surface), |before| before.in_remesh(measures.area));
-        let standing = standing(surface, input.analysis(), &part_accounting);
-        let compared = Compared {
+        let surviving = surviving_input(surface, input.analysis(), &part_accounting);
+        let comparison = Comparison {
             before: input.measures(),
             settled: input.settled_volume(verification)?,
             after: &measures,
             changes: &changes,
-            standing,
+            surviving,
         };
-        let mut red_flags = red_flags(&compared, options);
+        let mut red_flags = red_flags(&comparison, options);
         red_flags.extend(part_lost(&part_accounting, context));
         red_flags.extend(surface_invented(&added_surface, options));
         let details = self.details(&analysis, is_final(&measures, &red_flags))?;
@@ -226,7 +226,7 @@ impl Judged {
         let lost = raised(RedFlagCode::SurfaceLost);
         let parts_lost = raised(RedFlagCode::PartLost).is_some();
         let destroyed =
-            raised(RedFlagCode::BoundingBoxChange).is_some() || lost.is_some_and(|lost| lost > MOST_LOST_PCT);
+            raised(RedFlagCode::BoundingBoxChange).is_some() || lost.is_some_and(|lost| lost > MAX_LOST_PCT);
         let class = match self.measures.printable() {
             _ if destroyed => ResultClass::Destroyed,
             true if self.red_flags.is_empty() => ResultClass::Good,

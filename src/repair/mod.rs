@@ -46,7 +46,7 @@ pub use options_not_applied::options_accounted_for;
 pub use part_accounting::part_accounting;
 pub use pipeline::{Repaired, repair};
 pub use plan::{categorise, make_plan};
-pub use red_flags::{Compared, Standing, red_flags};
+pub use red_flags::{Comparison, SurvivingInput, red_flags};
 pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};
 pub use report::{
     Action, Assumption, AssumptionKind, Candidate, FileSummary, NotAppliedCause, ObjectReport, OfferedFile,

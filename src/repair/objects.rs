@@ -30,7 +30,7 @@ const MAX_ROUNDS: usize = 4;
 const PERCENT: [f64; 2] = [5.0, 90.0];
 
 /// Whether the objects of a file are repaired separately for a result of this format. Adds a warning if there are too many.
-pub(super) fn keeps_apart(file: &mut ReadFile, format: Format, options: &Options) -> bool {
+pub(super) fn keeps_objects_separate(file: &mut ReadFile, format: Format, options: &Options) -> bool {
     let Some(scene) = file.scene.as_ref().filter(|_| format.has_objects() && file.mesh.format.has_objects()) else {
         return false;
     };
@@ -57,11 +57,11 @@ pub(super) struct SceneRepair<'a> {
     /// The output format.
     pub format: Format,
     /// Whether the file may be returned byte for byte if no object needs a change.
-    pub as_it_is: bool,
+    pub may_return_input: bool,
     /// The request, with the context of the objects' repairs.
     pub request: RepairRequest<'a>,
     /// The context of the work on all objects together, with a later deadline.
-    pub whole: &'a Context<'a>,
+    pub file_context: &'a Context<'a>,
 }
 
 /// The result of one object.
@@ -127,12 +127,12 @@ impl SceneRepair<'_> {
     pub fn run(&self, scene: &Scene, bytes: &[u8]) -> Result<AssembledFile, RepairError> {
         let start = instances_of(scene).map_err(|_| WriteError::TooLarge)?;
         let mut united = UnitedScene::of(scene);
-        let (mut met, mut cuts) = (Vec::new(), Vec::new());
+        let (mut united_contacts, mut cuts) = (Vec::new(), Vec::new());
         if self.request.options.merge == Merge::Auto {
-            met = contacts_of(&start, self.input.analysis, &self.whole.for_verification())?;
+            united_contacts = contacts_of(&start, self.input.analysis, &self.file_context.for_verification())?;
             let materials = self.materials_of(scene, &start);
-            met.retain(|contact| is_of_one_material(materials.as_deref(), contact));
-            let groups = connected(start.len(), &met);
+            united_contacts.retain(|contact| is_of_one_material(materials.as_deref(), contact));
+            let groups = connected(start.len(), &united_contacts);
             if !groups.is_empty() {
                 united = united.unite(&start, &groups);
             }
@@ -147,19 +147,19 @@ impl SceneRepair<'_> {
             let judged = self.judge(united, results, &palettes, bytes)?;
             let is_last = round == MAX_ROUNDS || self.request.context.is_late();
             if self.request.options.merge != Merge::Auto || judged.after.measures.printable() || is_last {
-                return Ok(self.conclude(judged, &met, cuts));
+                return Ok(self.conclude(judged, &united_contacts, cuts));
             }
             let instances = instances_of(&judged.scene).map_err(|_| WriteError::TooLarge)?;
             let materials = self.materials_of(&judged.scene, &instances);
             let groups = next_groups(&judged, &instances, materials.as_deref());
             united = if groups.is_empty() {
                 let Some(cut) = self.cut_overlaps(&judged, &instances, materials.as_deref(), &mut palettes)? else {
-                    return Ok(self.conclude(judged, &met, cuts));
+                    return Ok(self.conclude(judged, &united_contacts, cuts));
                 };
                 cuts.extend(cut.assumptions);
                 cut.united
             } else {
-                met.extend(judged.conflicts.contacts.iter().map(|(contact, _)| *contact));
+                united_contacts.extend(judged.conflicts.contacts.iter().map(|(contact, _)| *contact));
                 judged.united.unite(&instances, &groups)
             };
             let mut old = judged.results;
@@ -182,7 +182,7 @@ impl SceneRepair<'_> {
         palettes: &mut [Palette],
     ) -> Result<Option<CutScene>, RepairError> {
         let Some(materials) = materials else { return Ok(None) };
-        let verification = &self.whole.for_verification();
+        let verification = &self.file_context.for_verification();
         let overlaps = |a: usize, b: usize| {
             let is_met = |(contact, _): &(InstanceContact, _)| contact.instances.map(|i| i as usize) == [a, b];
             let is_contained = round.conflicts.contained.contains(&a) || round.conflicts.contained.contains(&b);
@@ -297,10 +297,10 @@ impl SceneRepair<'_> {
         palettes: &[Palette],
         bytes: &[u8],
     ) -> Result<RepairRound, RepairError> {
-        let (input, context) = (self.input, self.whole);
+        let (input, context) = (self.input, self.file_context);
         let verification = &context.for_verification();
         let is_untouched =
-            self.as_it_is && !united.is_changed && results.iter().flatten().all(|result| result.is_untouched);
+            self.may_return_input && !united.is_changed && results.iter().flatten().all(|result| result.is_untouched);
         if is_untouched {
             let (scene, after) = (united.scene.clone(), input.before.clone());
             let conflicts = self.conflicts(&united, &scene, input.analysis, &after)?;
@@ -333,12 +333,12 @@ impl SceneRepair<'_> {
         united: &UnitedScene,
         scene: &Scene,
         analysis: &Analysis<'_>,
-        found: &Inspection,
+        inspection: &Inspection,
     ) -> Result<Conflicts, RepairError> {
-        if found.measures.printable() {
+        if inspection.measures.printable() {
             return Ok(Conflicts::default());
         }
-        let verification = &self.whole.for_verification();
+        let verification = &self.file_context.for_verification();
         let instances = &instances_of(scene).map_err(|_| WriteError::TooLarge)?;
         let contacts = contacts_of(instances, analysis, verification)?;
         let name = |instance: u32| self.instance_name(united, &instances[instance as usize]);
@@ -351,14 +351,19 @@ impl SceneRepair<'_> {
     }
 
     /// Concludes the repair of the whole file after the last round.
-    fn conclude(&self, round: RepairRound, met: &[InstanceContact], cuts: Vec<Assumption>) -> AssembledFile {
+    fn conclude(
+        &self,
+        round: RepairRound,
+        united_contacts: &[InstanceContact],
+        cuts: Vec<Assumption>,
+    ) -> AssembledFile {
         let RepairRound { united, scene, results, bytes, dialect, after, changes, conflicts } = round;
         let Conflicts { contacts, contained } = conflicts;
         let instances = instances_of(&scene).unwrap_or_default();
         let contained: Vec<String> =
             contained.iter().take(MAX_NAMED).map(|&i| self.instance_name(&united, &instances[i])).collect();
         let unions = (0..united.members.len()).filter(|&object| united.is_union(object));
-        let unions: Vec<Assumption> = unions.map(|union| self.assumed_union(&united, union, met)).collect();
+        let unions: Vec<Assumption> = unions.map(|union| self.assumed_union(&united, union, united_contacts)).collect();
         let sections: Vec<ObjectReport> = results.into_iter().flatten().map(|result| result.section).collect();
         let mut draft = ReportDraft::of_objects(&sections);
         draft.outcome = outcome_of(&sections, after.measures.printable(), united.is_changed);
@@ -383,10 +388,10 @@ impl SceneRepair<'_> {
     }
 
     /// The assumption that intersecting objects are meant to be one solid.
-    fn assumed_union(&self, united: &UnitedScene, union: usize, met: &[InstanceContact]) -> Assumption {
+    fn assumed_union(&self, united: &UnitedScene, union: usize, united_contacts: &[InstanceContact]) -> Assumption {
         let members = &united.members[union];
         let name = |&object: &usize| {
-            let object_of = |scene: &Scene| scene.objects.get(object).map(|found| name_of(found, object));
+            let object_of = |scene: &Scene| scene.objects.get(object).map(|member| name_of(member, object));
             self.file.scene.as_ref().and_then(object_of).unwrap_or_default()
         };
         let mut names: Vec<String> = members.iter().take(MAX_NAMED).map(name).collect();
@@ -400,7 +405,7 @@ impl SceneRepair<'_> {
         let within = |at: &[f64; 3]| bounds.holds((*at).into());
         Assumption::new(AssumptionKind::ObjectsUnited, members.len() as u64, detail)
             .with_amount(members.len() as f64)
-            .at(met.iter().map(|contact| contact.at).filter(within))
+            .at(united_contacts.iter().map(|contact| contact.at).filter(within))
             .unless("merge=none")
     }
 }
@@ -409,13 +414,8 @@ impl SceneRepair<'_> {
 ///
 /// If each object is printable and none intersects another, one object lies inside another, and all instances are one group.
 fn next_groups(round: &RepairRound, instances: &[Instance], materials: Option<&[u32]>) -> Vec<Vec<usize>> {
-    let contacts: Vec<InstanceContact> = round
-        .conflicts
-        .contacts
-        .iter()
-        .map(|(contact, _)| *contact)
-        .filter(|c| is_of_one_material(materials, c))
-        .collect();
+    let contacts = round.conflicts.contacts.iter().map(|(contact, _)| *contact);
+    let contacts: Vec<InstanceContact> = contacts.filter(|c| is_of_one_material(materials, c)).collect();
     let groups = connected(instances.len(), &contacts);
     let all_good = round.results.iter().flatten().all(|result| result.section.outcome.is_printable());
     if !groups.is_empty() || !all_good || materials.is_some() {

@@ -48,16 +48,16 @@ fn other_voxel_size(
     candidates: &[Candidate],
     before: &Inspection,
 ) -> Option<OptionNotApplied> {
-    let asked = report.options.voxel_size?;
+    let requested = report.options.voxel_size?;
     let strategy = candidates.iter().find(|candidate| candidate.chosen)?.strategy?;
     let step = steps.iter().rev().find(|step| step.strategy == strategy && step.voxel_size.is_some())?;
     let used = step.voxel_size?;
-    if used <= asked * SAME_SIZE && asked <= used * SAME_SIZE {
+    if used <= requested * SAME_SIZE && requested <= used * SAME_SIZE {
         return None;
     }
     let diagonal = before.measures.bounding_box.as_ref().map_or(0.0, BoundingBox::diagonal);
     let is_native = step.operator == Some(Operator::Remesh);
-    let why = if used < asked {
+    let why = if used < requested {
         "larger voxels would be too coarse for the model".to_owned()
     } else if is_native && used <= diagonal / FINEST * SAME_SIZE {
         format!("voxels cannot be smaller than 1/{FINEST} of the bounding box's diagonal")

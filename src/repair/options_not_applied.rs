@@ -184,11 +184,11 @@ pub(super) fn options_not_applied(
 }
 
 /// Checks the options that concern the file rather than its meshes: `merge`.
-pub(super) fn of_file(options: &Options, has_objects: bool, kept_apart: bool) -> Option<OptionNotApplied> {
+pub(super) fn merge_not_applied(options: &Options, has_objects: bool, keeps_objects: bool) -> Option<OptionNotApplied> {
     let (cause, reason) = match (options.merge, has_objects) {
         (Merge::Auto, _) => return None,
         (_, false) => (NotAppliedCause::NothingToDo, "the file has no objects"),
-        (Merge::None, true) if !kept_apart => (
+        (Merge::None, true) if !keeps_objects => (
             NotAppliedCause::Unavailable,
             "the result's format has no objects, or the file has too many objects to keep separate",
         ),
@@ -317,12 +317,11 @@ impl OptionCheck<'_> {
             SpecialRule::OverlapAngle if !self.options.with.contains(&Operator::RemoveOverlappingNeighbours) => {
                 Some((NotAppliedCause::Excluded, "also set `with=remove_overlapping_neighbours`".to_owned()))
             }
-            SpecialRule::Overlaps if self.options.overlaps == Overlaps::Keep && self.is_remeshed() => Some((
-                NotAppliedCause::Excluded,
-                "the surface was is_remeshed, which unites overlapping parts".to_owned(),
-            )),
+            SpecialRule::Overlaps if self.options.overlaps == Overlaps::Keep && self.is_remeshed() => {
+                Some((NotAppliedCause::Excluded, "the surface was remeshed, which unites overlapping parts".to_owned()))
+            }
             SpecialRule::MaxHoleSize | SpecialRule::MaxHoles if self.is_remeshed() => {
-                Some((NotAppliedCause::Limited, "the surface was is_remeshed, which closes every hole".to_owned()))
+                Some((NotAppliedCause::Limited, "the surface was remeshed, which closes every hole".to_owned()))
             }
             SpecialRule::MaxHoles if self.has_patched_regions() => {
                 Some((NotAppliedCause::Limited, "`clean_and_patch` closes the holes that it opens".to_owned()))

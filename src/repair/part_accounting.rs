@@ -1,12 +1,12 @@
 //! The part accounting: for each part of the input, whether it is in the result, or the reason why it may be missing.
 //!
-//! [`standing`] counts which faces, vertices and parts of the input are left, for the red flags.
+//! [`surviving_input`] counts which faces, vertices and parts of the input are left, for the red flags.
 
 use super::operators::debris::is_debris;
 use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::Orient;
 use super::options::Options;
-use super::red_flags::Standing;
+use super::red_flags::SurvivingInput;
 use super::sheets::open_sheets;
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Analysis, Dispensable, Original, PartAccounting, PartReason, solids};
@@ -111,7 +111,11 @@ fn volumes_enclosed(input: &Analysis<'_>, missed: &[u32], context: &Context<'_>)
 }
 
 /// Counts the faces, vertices and parts of the input that a surface still has. If every part is accounted for, no part counts as gone.
-pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, part_accounting: &PartAccounting) -> Standing {
+pub(super) fn surviving_input(
+    surface: &Surface,
+    input: &Analysis<'_>,
+    part_accounting: &PartAccounting,
+) -> SurvivingInput {
     let mut is_left = vec![false; input.subject.soup.faces.len()];
     for &source in surface.source.iter().filter(|&&source| !is_generated(source)) {
         if let Some(is_left) = is_left.get_mut(source as usize) {
@@ -130,7 +134,7 @@ pub(super) fn standing(surface: &Surface, input: &Analysis<'_>, part_accounting:
     let dropped = parts_dropped(part_accounting, input.parts.count);
     let is_dropped = |part: &&u32| dropped.get(**part as usize) == Some(&true);
     let faces_dropped = input.parts.of_face.iter().filter(is_dropped).count() as u64;
-    Standing { faces: count(&is_left), parts_gone, vertices, vertices_before, faces_dropped }
+    SurvivingInput { faces: count(&is_left), parts_gone, vertices, vertices_before, faces_dropped }
 }
 
 /// For each part, whether it was dropped because of `min_part_volume_pct`. Empty if no part was dropped.

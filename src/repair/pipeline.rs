@@ -7,10 +7,10 @@ use std::time::Duration;
 use super::body::repair_body;
 use super::conclusion::{Conclusion, RepairedBody};
 use super::export::{export_one, judging_format};
-use super::input::{Input, MeshSource, RepairError, RepairRequest, inspected};
-use super::objects::{AssembledFile, SceneRepair, keeps_apart};
+use super::input::{Input, MeshSource, RepairError, RepairRequest, with_inspected_input};
+use super::objects::{AssembledFile, SceneRepair, keeps_objects_separate};
 use super::options::Options;
-use super::options_not_applied::of_file;
+use super::options_not_applied::merge_not_applied;
 use super::remesher::Remesher;
 use super::report::{Assumption, FileSummary, OmittedSection, Report};
 use super::report_draft::FileDetails;
@@ -69,12 +69,12 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
     let &RepairRequest { options, context, .. } = request;
     let start = context.now();
     context.report(Stage::Read, None, 0);
-    let opened = Opened::read(bytes, options, limits)?;
+    let opened = OpenedFile::read(bytes, options, limits)?;
     context.report(Stage::Inspect, None, 3);
     let file = &opened.file;
-    let returnable = opened.as_it_is.then_some(bytes);
+    let returnable = opened.may_return_input.then_some(bytes);
     let source = MeshSource { bytes: returnable, mesh: &file.mesh, unit: file.unit.as_ref() };
-    let (bytes, mut report) = inspected(&source, request, |input| {
+    let (bytes, mut report) = with_inspected_input(&source, request, |input| {
         context.log(&format!("read {}: {}", file.mesh.dialect, input.before.measures.in_short()));
         let repaired = opened.repair(bytes, &input, request)?;
         let output = FileSummary::of(opened.format, &repaired.dialect, &repaired.bytes);
@@ -86,7 +86,7 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
             output,
             objects: repaired.sections,
             assumptions: file.unit.as_ref().and_then(Assumption::of_unit).into_iter().collect(),
-            options_not_applied: of_file(options, file.has_objects(), opened.apart),
+            options_not_applied: merge_not_applied(options, file.has_objects(), opened.separate_objects),
             warnings: scene.and_then(|scene| format::losses_in_words(scene, opened.format)).into_iter().collect(),
         });
         Ok((repaired.bytes, report))
@@ -98,28 +98,30 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
 }
 
 /// A file that was read, with the decisions that follow from its contents and the options.
-struct Opened {
+struct OpenedFile {
     file: ReadFile,
     /// The format of the result.
     format: Format,
     /// Whether objects are repaired separately.
-    apart: bool,
+    separate_objects: bool,
     /// Whether the file may be returned byte for byte.
-    as_it_is: bool,
+    may_return_input: bool,
 }
 
-impl Opened {
+impl OpenedFile {
     fn read(bytes: &[u8], options: &Options, limits: &Limits) -> Result<Self, RepairError> {
         let reading = ReadOptions { limits: *limits, twist_angle_deg: options.twist_angle_deg };
         let mut file = format::read_file(bytes, &reading)?;
         let unit = file.settle_unit(options.unit, options.scale_to);
         let format = options.output.resolve(&file);
-        let apart = keeps_apart(&mut file, format, options);
+        let separate_objects = keeps_objects_separate(&mut file, format, options);
         // An archive cannot be returned in place of the model inside it.
         let is_alone = format::sniff(bytes, Some(bytes.len() as u64)).is_ok_and(|sniffed| sniffed == format);
-        let as_it_is =
-            format == file.mesh.format && is_alone && unit.scaled_from.is_none() && (apart || !file.has_objects());
-        Ok(Self { file, format, apart, as_it_is })
+        let may_return_input = format == file.mesh.format
+            && is_alone
+            && unit.scaled_from.is_none()
+            && (separate_objects || !file.has_objects());
+        Ok(Self { file, format, separate_objects, may_return_input })
     }
 
     /// Repairs the file's bodies and assembles their results.
@@ -129,7 +131,7 @@ impl Opened {
         input: &Input<'_>,
         request: &RepairRequest<'_>,
     ) -> Result<AssembledFile, RepairError> {
-        match self.file.scene.as_ref().filter(|_| self.apart) {
+        match self.file.scene.as_ref().filter(|_| self.separate_objects) {
             None => {
                 let body = repair_body(input, judging_format(self.format), request)?;
                 Ok(export_one(body, input, &self.file, self.format, request.context)?.into())
@@ -145,19 +147,19 @@ impl Opened {
         input: &Input<'_>,
         request: &RepairRequest<'_>,
     ) -> Result<AssembledFile, RepairError> {
-        let &Self { ref file, format, as_it_is, .. } = self;
-        let &RepairRequest { options, context: whole, .. } = request;
+        let &Self { ref file, format, may_return_input, .. } = self;
+        let &RepairRequest { options, context: file_context, .. } = request;
         // The assembled file is verified as a whole at the end, so the objects' repairs must leave time for that.
-        let until = &whole.ending_before(input.time.verification(input.analysis.surface.faces.len()));
+        let until = &file_context.ending_before(input.time.verification(input.analysis.surface.faces.len()));
         let request = RepairRequest { context: until, ..*request };
-        match (SceneRepair { file, input, format, as_it_is, request, whole }).run(scene, bytes) {
-            Err(RepairError::Cancelled(_)) if !whole.is_cancelled() && input.bytes.is_some() => {
+        match (SceneRepair { file, input, format, may_return_input, request, file_context }).run(scene, bytes) {
+            Err(RepairError::Cancelled(_)) if !file_context.is_cancelled() && input.bytes.is_some() => {
                 input.time.omit(OmittedSection::Repair);
                 input.time.omit(OmittedSection::Verification);
-                let untouched = input.unchanged_input(format, options, whole)?;
+                let untouched = input.unchanged_input(format, options, file_context)?;
                 let mut conclusion = Conclusion::with_input(untouched, "");
                 conclusion.draft.candidates.clear();
-                Ok(RepairedBody::of(conclusion, input, options, whole)?.into())
+                Ok(RepairedBody::of(conclusion, input, options, file_context)?.into())
             }
             repaired => repaired,
         }

@@ -156,13 +156,13 @@ struct Thresholds {
     /// Least number of parts of a fragmented model, which must also meet one of the next two thresholds.
     fragments: u64,
     /// Most faces per part, on average.
-    faces_a_fragment: u64,
+    faces_per_fragment: u64,
     /// Least number of boundary loops per part.
     open_fragments: f64,
 }
 
 const THRESHOLDS: Thresholds =
-    Thresholds { sheet_share: SHEET_SHARE, many_loops: 8, fragments: 10, faces_a_fragment: 20, open_fragments: 0.5 };
+    Thresholds { sheet_share: SHEET_SHARE, many_loops: 8, fragments: 10, faces_per_fragment: 20, open_fragments: 0.5 };
 
 /// The category of a model's damage, by its measures and the share of its area in open sheets (0 to 1).
 #[must_use]
@@ -175,7 +175,7 @@ pub fn categorise(m: &Measures, sheet_share: f64) -> Category {
     if m.boundary_edges > 0 && sheet_share >= t.sheet_share {
         return Category::OpenSheet;
     }
-    let small = m.faces <= m.parts.saturating_mul(t.faces_a_fragment);
+    let small = m.faces <= m.parts.saturating_mul(t.faces_per_fragment);
     let open = m.boundary_loops as f64 >= m.parts as f64 * t.open_fragments;
     if m.parts >= t.fragments && (small || open) {
         return Category::Fragmented;

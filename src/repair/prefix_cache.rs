@@ -10,7 +10,7 @@ use super::report::{Step, Strategy};
 use super::tasks::{SurfaceState, Task, TaskKey};
 
 /// Most surfaces that are kept, besides the one that every strategy starts from.
-const MOST_KEPT: usize = 4;
+const MAX_KEPT: usize = 4;
 
 /// The number of the surface that every strategy starts from.
 pub(super) const START: u32 = 0;
@@ -89,7 +89,7 @@ impl PrefixCache {
             return;
         }
         self.kept.push((surface, tasks, state.clone()));
-        if self.kept.len() > MOST_KEPT
+        if self.kept.len() > MAX_KEPT
             && let Some(nearest) = (0..self.kept.len()).min_by_key(|&at| self.kept[at].1)
         {
             self.kept.remove(nearest);

@@ -104,11 +104,11 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
 /// An action with the operators that the options leave it.
 pub(super) fn planned(action: Action, options: &Options) -> PlannedAction {
     let runs = |operator: &Operator| {
-        let is_asked = match operator {
+        let is_requested = match operator {
             Operator::MergeVertices => options.merge_distance.is_some_and(|distance| distance > 0.0),
             _ => !operator.is_on_request() || options.with.contains(operator),
         };
-        is_asked && !options.without.contains(operator)
+        is_requested && !options.without.contains(operator)
     };
     PlannedAction {
         action,
@@ -207,7 +207,7 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
     let defaults = Options::default();
     let above_zero = |value: Option<f64>| value.is_some_and(|value| value > 0.0);
     let is_raised = options.degenerate_tolerance > defaults.degenerate_tolerance;
-    let asked = [
+    let requested = [
         (options.nested == Nested::Alternate, Operator::Orient),
         (options.winding_rule != WindingRuleChoice::Auto, Operator::SelfUnion),
         (is_raised, Operator::RemoveSlivers),
@@ -217,8 +217,8 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
         (above_zero(options.stitch_threshold) || above_zero(options.stitch_distance), Operator::Stitch),
         (options.min_part_volume_pct > 0.0, Operator::DropSmallParts),
     ];
-    let asked = asked.into_iter().filter(|(is_asked, _)| *is_asked).map(|(_, operator)| operator);
-    let mut all: Vec<Operator> = asked.chain(options.with.iter().copied()).collect();
+    let requested = requested.into_iter().filter(|(is_requested, _)| *is_requested).map(|(_, operator)| operator);
+    let mut all: Vec<Operator> = requested.chain(options.with.iter().copied()).collect();
     // These operators open holes, so hole filling must follow.
     if all.iter().any(|operator| matches!(operator, Operator::RemoveOverlappingNeighbours | Operator::JoinParts)) {
         all.push(Operator::FillHoles);
@@ -252,7 +252,7 @@ pub(super) fn with_requests(mut strategy: Strategy, options: &Options) -> Strate
         let position = |action: Action| ORDER.iter().position(|&other| other == action);
         let at = strategy.actions.iter().skip(2).position(|planned| position(planned.action) > position(action));
         let at = at.map_or(strategy.actions.len(), |at| at + 2);
-        strategy.actions.insert(at, PlannedAction { action: action, operators: vec![operator] });
+        strategy.actions.insert(at, PlannedAction { action, operators: vec![operator] });
     }
     strategy
 }

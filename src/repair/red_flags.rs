@@ -18,7 +18,7 @@ const ROUNDING: f64 = 2.0 / (1u64 << 23) as f64;
 
 /// Counts of the input's faces, vertices and parts that a result still has, whole or cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Standing {
+pub struct SurvivingInput {
     /// Faces of the input file that are left.
     pub faces: u64,
     /// Parts of which no face is left.
@@ -33,7 +33,7 @@ pub struct Standing {
 
 /// The input and a result, as the red flags compare them.
 #[derive(Debug, Clone, Copy)]
-pub struct Compared<'a> {
+pub struct Comparison<'a> {
     /// The measures of the input.
     pub before: &'a Measures,
     /// The input's volume after its parts are oriented consistently.
@@ -43,7 +43,7 @@ pub struct Compared<'a> {
     /// The changes between the two.
     pub changes: &'a Changes,
     /// The faces, vertices and parts of the input that the result still has.
-    pub standing: Standing,
+    pub surviving: SurvivingInput,
 }
 
 /// The red flags of a result: signs that the repair damaged the model.
@@ -55,10 +55,11 @@ pub struct Compared<'a> {
 /// - Volume: where faces intersect, their volume counts space twice, so the enclosed spaces are compared instead. Elsewhere the input's
 ///   volume is `settled`, so that inverted parts count like the others.
 #[must_use]
-pub fn red_flags(compared: &Compared<'_>, options: &Options) -> Vec<RedFlag> {
-    let of_size = [compared.face_loss(options), compared.vertex_loss(options), compared.bounding_box_change(options)];
-    let of_shape = [compared.volume_change(options), compared.surface_lost(options), compared.deviation(options)];
-    let all = of_size.into_iter().chain(of_shape).chain([compared.parts_merged(options)]);
+pub fn red_flags(comparison: &Comparison<'_>, options: &Options) -> Vec<RedFlag> {
+    let of_size =
+        [comparison.face_loss(options), comparison.vertex_loss(options), comparison.bounding_box_change(options)];
+    let of_shape = [comparison.volume_change(options), comparison.surface_lost(options), comparison.deviation(options)];
+    let all = of_size.into_iter().chain(of_shape).chain([comparison.parts_merged(options)]);
     all.flatten().filter(|flag| flag.value > flag.threshold).collect()
 }
 
@@ -66,17 +67,17 @@ fn flag(code: RedFlagCode, value: f64, threshold: f64, detail: String) -> Option
     Some(RedFlag { code, value, threshold, detail, places: Vec::new() })
 }
 
-impl Compared<'_> {
+impl Comparison<'_> {
     /// Whether lost faces and vertices are a sign of damage: not if faces were removed on request, nor after a remesh.
     fn counts_losses(&self, options: &Options) -> bool {
-        !options.asks_for_fewer_faces() && self.standing.faces != 0
+        !options.asks_for_fewer_faces() && self.surviving.faces != 0
     }
 
     /// The number of input faces that are neither degenerate, duplicate nor non-finite, nor of parts dropped on request.
     fn sound_faces(&self) -> u64 {
         let before = self.before;
         let unsound = before.degenerate_faces + before.duplicate_faces + before.non_finite_faces;
-        before.faces.saturating_sub(unsound + self.standing.faces_dropped)
+        before.faces.saturating_sub(unsound + self.surviving.faces_dropped)
     }
 
     fn face_loss(&self, options: &Options) -> Option<RedFlag> {
@@ -95,11 +96,11 @@ impl Compared<'_> {
     }
 
     fn vertex_loss(&self, options: &Options) -> Option<RedFlag> {
-        let standing = self.standing;
-        let lost = vertices_lost_pct(self.after, self.changes, standing);
+        let surviving = self.surviving;
+        let lost = vertices_lost_pct(self.after, self.changes, surviving);
         let detail = format!(
             "{lost:.1} % of the vertices were lost: {} before, {} of them at faces that are left",
-            standing.vertices_before, standing.vertices
+            surviving.vertices_before, surviving.vertices
         );
         let value = if self.counts_losses(options) { lost } else { 0.0 };
         flag(RedFlagCode::VertexLoss, value, options.max_vertex_loss_pct, detail)
@@ -159,10 +160,10 @@ impl Compared<'_> {
     }
 
     fn parts_merged(&self, options: &Options) -> Option<RedFlag> {
-        let Self { before, after, standing, .. } = self;
+        let Self { before, after, surviving, .. } = self;
         // After faces were reduced on request, the faces that are left say nothing about merged parts.
-        let is_united = standing.parts_gone == 0 || options.asks_for_fewer_faces();
-        let are_faces_left = standing.faces as f64 >= MIN_SHARE_LEFT * self.sound_faces() as f64;
+        let is_united = surviving.parts_gone == 0 || options.asks_for_fewer_faces();
+        let are_faces_left = surviving.faces as f64 >= MIN_SHARE_LEFT * self.sound_faces() as f64;
         if before.parts <= 1 || after.parts != 1 || is_united || are_faces_left {
             return None;
         }
@@ -173,9 +174,9 @@ impl Compared<'_> {
 
 /// Share of the lost vertices, in percent: vertices at no face that is left, limited by how many fewer vertices the result has.
 /// Vertices now inside the result were on internal faces and do not count; neither do merged vertices.
-fn vertices_lost_pct(after: &Measures, changes: &Changes, standing: Standing) -> f64 {
-    let before = standing.vertices_before as f64;
-    let gone = before - standing.vertices as f64;
+fn vertices_lost_pct(after: &Measures, changes: &Changes, surviving: SurvivingInput) -> f64 {
+    let before = surviving.vertices_before as f64;
+    let gone = before - surviving.vertices as f64;
     let internal = gone * changes.enclosed_faces_pct.unwrap_or(0.0) / 100.0;
     let lost = (gone - internal).min(before - internal - after.vertices as f64);
     percent(lost, before).unwrap_or(0.0).max(0.0)
@@ -242,26 +243,26 @@ impl AddedSurface {
     /// Sums the areas of a surface's new faces. Linear time except for sorting.
     pub fn of(surface: &Surface) -> Self {
         let areas: Vec<f64> = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).collect();
-        let mut found = Self { area: areas.iter().sum(), ..Self::default() };
+        let mut added = Self { area: areas.iter().sum(), ..Self::default() };
         for ((f, &area), &source) in areas.iter().enumerate().zip(&surface.source) {
             let sum = match source {
-                SKIN_SOURCE => &mut found.skins,
-                OPENED_SKIN_SOURCE => &mut found.opened_skins,
-                BASE_SOURCE => &mut found.bases,
+                SKIN_SOURCE => &mut added.skins,
+                OPENED_SKIN_SOURCE => &mut added.opened_skins,
+                BASE_SOURCE => &mut added.bases,
                 _ => continue,
             };
-            if *sum == 0.0 && found.places.len() < MAX_PLACES {
-                found.places.push(surface.corners(f).iter().sum::<DVec3>() / 3.0);
+            if *sum == 0.0 && added.places.len() < MAX_PLACES {
+                added.places.push(surface.corners(f).iter().sum::<DVec3>() / 3.0);
             }
             *sum += area;
         }
         if surface.source.iter().any(|&source| is_generated(source)) {
-            found.patches = patches(surface, &areas);
-            let least = LARGE_PATCH * found.area;
-            found.patches.retain(|patch| patch.area > least);
-            found.patches.sort_by(|a, b| b.area.total_cmp(&a.area));
+            added.patches = patches(surface, &areas);
+            let least = LARGE_PATCH * added.area;
+            added.patches.retain(|patch| patch.area > least);
+            added.patches.sort_by(|a, b| b.area.total_cmp(&a.area));
         }
-        found
+        added
     }
 
     /// The surface added before a remesh, related to the remeshed result of this area.
@@ -292,14 +293,14 @@ fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
     }
     let roots = sets.into_roots();
     let mut number = vec![usize::MAX; surface.faces.len()];
-    let mut found: Vec<(Patch, Box3, f64)> = Vec::new();
+    let mut patch_sets: Vec<(Patch, Box3, f64)> = Vec::new();
     for f in (0..surface.faces.len()).filter(|&f| is_patch(f)) {
         let slot = &mut number[roots[f] as usize];
         if *slot == usize::MAX {
-            *slot = found.len();
-            found.push((Patch { area: 0.0, extent: 0.0, at: DVec3::ZERO }, Box3::EMPTY, -1.0));
+            *slot = patch_sets.len();
+            patch_sets.push((Patch { area: 0.0, extent: 0.0, at: DVec3::ZERO }, Box3::EMPTY, -1.0));
         }
-        let (patch, bounds, largest) = &mut found[*slot];
+        let (patch, bounds, largest) = &mut patch_sets[*slot];
         let corners = surface.corners(f);
         corners.iter().for_each(|&corner| bounds.extend(corner));
         patch.area += areas[f];
@@ -307,7 +308,7 @@ fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
             (*largest, patch.at) = (areas[f], corners.iter().sum::<DVec3>() / 3.0);
         }
     }
-    found.into_iter().map(|(patch, bounds, _)| Patch { extent: bounds.diagonal(), ..patch }).collect()
+    patch_sets.into_iter().map(|(patch, bounds, _)| Patch { extent: bounds.diagonal(), ..patch }).collect()
 }
 
 /// The red flag for more new surface than the options allow. Thickness that the options ask for does not count, and neither do bases,

@@ -195,8 +195,7 @@ impl Report {
     pub fn refusal(&self) -> Option<String> {
         (!self.options.require.is_met_by(self.outcome)).then(|| {
             format!(
-                "No model is returned: the result is not printable, as `require=printable` demands. {} Set `require=any` to get the \
-                 best result.",
+                "The result does not meet `require=printable`, so no model is returned. {} Set `require=any` to get the best result.",
                 self.summary
             )
         })

@@ -223,7 +223,8 @@ pub(super) fn outcome_of(sections: &[ObjectReport], is_printable: bool, has_unio
     }
 }
 
-/// The options that some object's result does not follow. An option with nothing to do counts only if it had nothing to do in any object.
+/// The options that some object's result does not follow. An option that had nothing to do counts only if that
+/// holds for all objects.
 fn options_of(sections: &[ObjectReport]) -> Vec<OptionNotApplied> {
     let mut all: Vec<OptionNotApplied> = Vec::new();
     for section in sections {

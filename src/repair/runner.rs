@@ -24,14 +24,14 @@ use crate::mesh::{NO_SOURCE, Surface, is_generated};
 const TRIANGLES_PER_VOXEL_AREA: f64 = 3.5;
 
 /// Voxels across a thin wall. With fewer than two, a remesh has holes in the wall.
-const VOXELS_A_WALL: f64 = 3.0;
+const VOXELS_PER_WALL: f64 = 3.0;
 /// Largest factor by which thin walls may make voxels smaller than the resolution asks.
-const MOST_FINER: f64 = 4.0;
+const MAX_REFINEMENT: f64 = 4.0;
 /// Fewest voxels along the diagonal; with fewer, a model is no longer recognisable.
-const LEAST_VOXELS: f64 = 16.0;
+const MIN_VOXELS_ALONG_DIAGONAL: f64 = 16.0;
 
 /// Largest share of the remaining time that is reserved for verifying Blender's result.
-const MOST_RESERVED: f64 = 0.5;
+const MAX_RESERVED_SHARE: f64 = 0.5;
 
 /// Runs the tasks of strategies.
 #[derive(Clone, Copy)]
@@ -90,7 +90,7 @@ impl Runner<'_> {
         let ended = match operator {
             Some(operator) => {
                 let ended = self.run_operator(operator, strategy, state, &mut run);
-                state.note_holes(&run.step);
+                state.record_holes(&run.step);
                 ended
             }
             None => self.remesh(action, percent, state, &mut run),
@@ -249,7 +249,7 @@ impl Runner<'_> {
         }
         let Voxels { size: voxel_size, coarsest, faces } = voxels.unwrap_or_default();
         // An unverified result is useless, so time is reserved. Most of its faces may be removed before the verification.
-        let reserve = self.time.verification(faces).min(self.context.remaining().mul_f64(MOST_RESERVED));
+        let reserve = self.time.verification(faces).min(self.context.remaining().mul_f64(MAX_RESERVED_SHARE));
         let time_limit = self.context.leaving(reserve).remaining().max(Duration::from_millis(1));
         let max_faces = self.options.max_remesh_faces;
         let request = RemeshRequest { soup: &soup, action, voxel_size, coarsest, max_faces, time_limit, percent };
@@ -308,7 +308,7 @@ impl TaskRun {
 fn limits_of(operator: Operator, options: &Options, diagonal: f64, reach: f64) -> Vec<(&'static str, String)> {
     let defaults = Options::default();
     let threshold = options.stitch_threshold.filter(|_| options.stitch_distance.is_none());
-    let asked = match operator {
+    let requested = match operator {
         Operator::MergeVertices => ("merge_distance", options.merge_distance),
         Operator::Weld if options.weld_tolerance != defaults.weld_tolerance => {
             ("weld_tolerance", Some(options.weld_tolerance * diagonal))
@@ -321,7 +321,7 @@ fn limits_of(operator: Operator, options: &Options, diagonal: f64, reach: f64) -
         Operator::ThickenSheets | Operator::AddBase => ("thickness", options.thickness),
         _ => return Vec::new(),
     };
-    let (name, Some(length)) = asked else { return Vec::new() };
+    let (name, Some(length)) = requested else { return Vec::new() };
     if length <= reach {
         return Vec::new();
     }
@@ -368,19 +368,19 @@ impl Voxels {
             None => {
                 let defaults = diagonal / f64::from(options.voxel_resolution);
                 let thin = thin_walls(&Analysis::new((&surface.to_soup()).into(), context)?, context)?;
-                thin.map_or(defaults, |thin| (thin / VOXELS_A_WALL).clamp(defaults / MOST_FINER, defaults))
+                thin.map_or(defaults, |thin| (thin / VOXELS_PER_WALL).clamp(defaults / MAX_REFINEMENT, defaults))
             }
         };
         let area: f64 = doubled_areas(surface).iter().sum::<f64>() / 2.0;
         let size = wanted.max((TRIANGLES_PER_VOXEL_AREA * area / options.max_remesh_faces as f64).sqrt());
         let faces = (TRIANGLES_PER_VOXEL_AREA * area / (size * size)).min(options.max_remesh_faces as f64) as usize;
-        Ok(Self { size, coarsest: size.max(diagonal / LEAST_VOXELS), faces })
+        Ok(Self { size, coarsest: size.max(diagonal / MIN_VOXELS_ALONG_DIAGONAL), faces })
     }
 
     /// Why no remesh starts: the voxels would have to be too large. None if they are small enough.
     fn too_coarse(&self, options: &Options) -> Option<String> {
-        let asked = options.voxel_size.is_some_and(|asked| asked >= self.size);
-        (!asked && self.size >= self.coarsest && self.size > 0.0).then(|| {
+        let is_requested = options.voxel_size.is_some_and(|requested| requested >= self.size);
+        (!is_requested && self.size >= self.coarsest && self.size > 0.0).then(|| {
             format!(
                 "a remesh with at most {} faces needs voxels of size {}, too large for this model; raise `max_remesh_faces`",
                 options.max_remesh_faces, self.size

@@ -61,7 +61,7 @@ impl SurfaceState {
     }
 
     /// Records the holes that a step left open, including a step reused from an earlier strategy.
-    pub fn note_holes(&mut self, step: &Step) {
+    pub fn record_holes(&mut self, step: &Step) {
         if step.operator == Some(Operator::FillHoles) {
             self.over_limit =
                 step.changed.iter().find(|change| change.kind == ChangeKind::HolesOverLimit).map_or(0, |c| c.count);
@@ -187,7 +187,7 @@ impl Intersections {
     }
 
     /// Whether a task is a self-union that would change nothing.
-    pub fn make_needless(self, task: Task) -> bool {
+    pub fn makes_needless(self, task: Task) -> bool {
         self != Self::Unknown && task.operator == Some(Operator::SelfUnion)
     }
 }

@@ -19,7 +19,7 @@ const PROMISED_S: f64 = 2.0;
 const PROMISED_SHARE: f64 = 0.1;
 
 /// Ratio of a verification's duration to that of measuring a mesh: a verification also writes, reads and compares the mesh.
-const TIMES_MEASURING: f64 = 2.5;
+const VERIFICATION_PER_MEASURING: f64 = 2.5;
 /// Safety factor on the duration of the last verification.
 const MARGIN: f64 = 1.2;
 /// Share of the remaining time that the details of the input's inspection may take.
@@ -51,7 +51,7 @@ pub(super) struct TimeBudget {
 impl TimeBudget {
     /// Makes a budget from the time that analysing and measuring the input took.
     pub fn new(input_faces: usize, measuring: Duration) -> Self {
-        let seconds = TIMES_MEASURING * measuring.as_secs_f64();
+        let seconds = VERIFICATION_PER_MEASURING * measuring.as_secs_f64();
         let seconds_per_face = Cell::new(seconds / (2 * input_faces).max(1) as f64);
         Self { seconds_per_face, input_faces, omitted: RefCell::default() }
     }

@@ -1,4 +1,4 @@
-//! The layers of the sandbox, and how a process enters them.
+//! The layers of the sandbox, and how a process enters them: namespaces, capabilities, Landlock and seccomp.
 
 use std::fs;
 use std::io;
@@ -16,57 +16,63 @@ use serde::{Deserialize, Serialize};
 
 use super::seccomp;
 
-/// What to do where the kernel can't give every wall.
+/// What to do where the kernel can't provide every protection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum SandboxMode {
-    /// Use what there is.
+    /// Use the protections that the kernel offers.
     #[default]
     Auto,
-    /// Run nothing where the network or the files are open.
+    /// Refuse to run jobs without protection of the network and of files.
     Require,
-    /// No walls; for debugging.
+    /// Use no protections; for debugging.
     Off,
 }
 
-/// A sandbox for the calling process and all that it starts.
+/// The sandbox of a process and of all processes that it starts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sandbox {
-    /// What to do where a wall can't be had.
+    /// What to do where a protection is not available.
     pub mode: SandboxMode,
-    /// Files and folders to read, and to start programs from, beside those of the system.
+    /// Files and folders that may be read, and from which programs may be started, besides those of the system.
     pub readable: Vec<PathBuf>,
-    /// Most processes and threads, where a user namespace counts them.
+    /// The most processes and threads, where a user namespace counts them.
     pub max_processes: u64,
 }
 
-/// What came of each layer: how it is called, or why it is not there.
+/// The result of each layer: an error says why the layer is missing.
 #[derive(Debug)]
 pub(super) struct Layers {
+    /// Separate network without connections.
     pub network_namespace: Result<(), String>,
+    /// Limit on processes and threads.
     pub process_count: Result<(), String>,
+    /// Limit on files and signals, with the mechanism's name and version.
     pub landlock: Result<String, String>,
+    /// Limit on system calls.
     pub seccomp: Result<(), String>,
 }
 
 impl Sandbox {
-    /// Enters the sandbox, in which `folder` can be written and nothing else. There is no way out.
+    /// Enters the sandbox for good. Of all files, only those in `folder` can be written then.
     ///
     /// # Errors
-    /// When the process has more than one thread, since only the calling one would be inside, and where a wall is missing that is
-    /// required.
+    /// When the process has several threads, since only the calling thread would enter. Also when a required protection is missing.
     pub fn enter(&self, folder: &Path) -> io::Result<()> {
         self.enter_layers(folder).map(drop)
     }
 
+    /// Enters the sandbox, and returns the result of each layer; `None` if the mode is `off`.
     pub(super) fn enter_layers(&self, folder: &Path) -> io::Result<Option<Layers>> {
         if self.mode == SandboxMode::Off {
             return Ok(None);
         }
         let threads = fs::read_dir("/proc/self/task")?.count();
         if threads != 1 {
-            return Err(io::Error::other(format!("a sandbox is for a process of one thread; this one has {threads}")));
+            return Err(io::Error::other(format!(
+                "a process must have a single thread to enter the sandbox; this process has {threads}"
+            )));
         }
         rustix::thread::set_no_new_privs(true)?;
         let (network_namespace, process_count) = enter_namespaces(self.max_processes);
@@ -84,37 +90,37 @@ impl Sandbox {
 }
 
 impl Layers {
-    /// Why the network or the files are open.
+    /// The reason why the network or files are not protected, if any.
     fn missing(&self) -> Option<String> {
         match (&self.network_namespace, &self.seccomp, &self.landlock) {
-            (Err(namespace), Err(seccomp), _) => Some(format!("the network is open: {namespace}; {seccomp}")),
-            (.., Err(landlock)) => Some(format!("the files are open: {landlock}")),
+            (Err(namespace), Err(seccomp), _) => Some(format!("the network is not blocked: {namespace}; {seccomp}")),
+            (.., Err(landlock)) => Some(format!("files are not protected: {landlock}")),
             _ => None,
         }
     }
 }
 
-/// The first kernel that counts the processes of a user namespace apart from those of the same user outside.
+/// The first kernel that counts a user namespace's processes separately from the same user's other processes.
 const COUNTS_BY_NAMESPACE: (u32, u32) = (5, 14);
 
-/// Moves this process into a network of its own, which has no way out, and limits the processes there. Gives what came of
-/// each.
+/// Moves this process into its own network namespace without connections, and limits its processes. Returns the results of the
+/// network namespace and of the limit.
 fn enter_namespaces(max_processes: u64) -> (Result<(), String>, Result<(), String>) {
     let (user, group) = (geteuid().as_raw(), getegid().as_raw());
-    let refused = match unshare(CloneFlags::CLONE_NEWUSER | CloneFlags::CLONE_NEWNET) {
+    let error = match unshare(CloneFlags::CLONE_NEWUSER | CloneFlags::CLONE_NEWNET) {
         Ok(()) => {
-            keep_names(user, group);
+            keep_ids(user, group);
             return (Ok(()), limit_processes(user, max_processes));
         }
         Err(error) => error,
     };
-    let no_count = Err(format!("the kernel refuses a user namespace ({refused})"));
-    // Without a user namespace, for those who may.
+    let no_count = Err(format!("the kernel refuses a user namespace ({error})"));
+    // A privileged process needs no user namespace for a network namespace.
     match unshare(CloneFlags::CLONE_NEWNET) {
         Ok(()) => (Ok(()), no_count),
         Err(_) => (
             Err(format!(
-                "the kernel refuses a network namespace ({refused}); on the host, see the settings user.max_user_namespaces, \
+                "the kernel refuses a network namespace ({error}); on the host, check the settings user.max_user_namespaces, \
                  kernel.unprivileged_userns_clone and kernel.apparmor_restrict_unprivileged_userns; in a container, use a \
                  seccomp profile that allows unshare"
             )),
@@ -123,24 +129,27 @@ fn enter_namespaces(max_processes: u64) -> (Result<(), String>, Result<(), Strin
     }
 }
 
-/// Lets the user and the group be called inside what they are called outside. Where that is refused they have no name inside,
-/// and own their files all the same.
-fn keep_names(user: u32, group: u32) {
+/// Maps the user id and the group id to themselves in the namespace. Without the mapping, both ids are unknown inside, but the
+/// process still owns its files.
+fn keep_ids(user: u32, group: u32) {
     let _ = fs::write("/proc/self/setgroups", "deny");
     let _ = fs::write("/proc/self/gid_map", format!("{group} {group} 1"));
     let _ = fs::write("/proc/self/uid_map", format!("{user} {user} 1"));
 }
 
+/// Limits the processes and threads of the user namespace.
 fn limit_processes(user: u32, max: u64) -> Result<(), String> {
     if user == 0 {
-        return Err("the kernel puts no limit on root's processes; run the service as another user".to_owned());
+        return Err("the kernel does not limit root's processes; run the service as another user".to_owned());
     }
     let release = rustix::system::uname().release().to_string_lossy().into_owned();
     if kernel_version(&release).is_none_or(|version| version < COUNTS_BY_NAMESPACE) {
-        return Err(format!("Linux {release} counts all processes of the user; Linux 5.14 counts those of a sandbox"));
+        return Err(format!(
+            "Linux {release} counts all processes of the user; Linux 5.14 or later counts those of a sandbox separately"
+        ));
     }
     let limit = Resource::NPROC.get().and_then(|(_, hard)| Resource::NPROC.set(max.min(hard), max.min(hard)));
-    limit.map_err(|error| format!("the limit was refused ({error})"))
+    limit.map_err(|error| format!("the limit on processes was refused ({error})"))
 }
 
 /// Major and minor number of a release such as `6.1.0-18-amd64`.
@@ -149,25 +158,25 @@ fn kernel_version(release: &str) -> Option<(u32, u32)> {
     Some((numbers.next()?.ok()?, numbers.next()?.ok()?))
 }
 
-/// Gives up what a privileged user may do, and what comes with a user namespace: most of the kernel that unprivileged users
-/// can't reach otherwise. Since no program can gain privileges any more, they don't come back.
+/// Drops all capabilities, those of a privileged user and those of a new user namespace. They would open parts of the kernel
+/// that unprivileged users can't reach. Since `no_new_privs` is set, no program can regain them.
 fn drop_capabilities() -> io::Result<()> {
     let none = CapabilitySet::empty();
-    // First, since it is above what is permitted otherwise.
+    // The ambient set goes first: it may exceed the permitted set otherwise.
     let _ = rustix::thread::clear_ambient_capability_set();
     set_capabilities(None, CapabilitySets { effective: none, permitted: none, inheritable: none })?;
     Ok(())
 }
 
-/// The newest rights that this program knows of; an older kernel gives those that it has.
+/// The newest Landlock ABI that this program knows; an older kernel applies the rights that it has.
 const NEWEST: ABI = ABI::V9;
 
-/// Where programs and their libraries are, read and run.
+/// Folders of programs and their libraries, which may be read and executed.
 const PROGRAMS: [&str; 10] =
     ["/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32", "/nix/store", "/gnu/store", "/etc/alternatives"];
 
-/// What programs read: how to find libraries, fonts and the local time; what machine this is and how much memory it has; random
-/// numbers. Other processes show their command lines in `/proc`, and nothing more.
+/// Files that programs read: to find libraries, fonts and the local time; to learn about the machine and its memory; and for random
+/// numbers. In `/proc`, other processes show only their command lines.
 const SYSTEM: [&str; 13] = [
     "/etc/fonts",
     "/etc/ld.so.cache",
@@ -184,26 +193,27 @@ const SYSTEM: [&str; 13] = [
     "/dev/urandom",
 ];
 
-/// Devices without content.
+/// Devices without content, which may be read and written.
 const EMPTY: [&str; 2] = ["/dev/null", "/dev/zero"];
 
-/// What may be done in the folder that can be written: no programs, devices, sockets, pipes or links, which could lead the
-/// worker elsewhere when it comes for the results.
+/// Rights in the writable folder. A job can't create devices, sockets, pipes or links there, which could lead the worker elsewhere
+/// when it collects the results, and it can't run programs from there.
 const WRITABLE: BitFlags<AccessFs> = make_bitflags!(AccessFs::{ReadFile | ReadDir | WriteFile | Truncate | MakeReg | MakeDir | RemoveFile | RemoveDir | Refer});
 
-/// Leaves this process and what it starts only the files that programs need, and `folder` to write; no TCP and no signals to
-/// others. Gives the name of what is in force.
+/// Limits this process and its children to the files that programs need and to writing in `folder`. Also denies TCP, and signals to
+/// processes outside. Returns the name and the version of the mechanism.
 fn restrict_files(readable: &[PathBuf], folder: &Path) -> Result<String, String> {
     let status = try_restrict_files(readable, folder).map_err(|error| format!("Landlock failed ({error})"))?;
     match status.landlock {
-        LandlockStatus::NotEnabled => Err("Landlock is not enabled; add it to the kernel's parameter lsm=".to_owned()),
-        LandlockStatus::NotImplemented => {
-            Err("the kernel has no Landlock (it is part of Linux 5.13), or the container's \
-                                               seccomp profile refuses it"
-                .to_owned())
+        LandlockStatus::NotEnabled => {
+            Err("Landlock is not enabled; add landlock to the kernel's boot parameter lsm=".to_owned())
         }
+        LandlockStatus::NotImplemented => Err(
+            "the kernel has no Landlock (Linux 5.13 or later has it), or the container's seccomp profile refuses it"
+                .to_owned(),
+        ),
         LandlockStatus::Available { .. } if status.ruleset == RulesetStatus::NotEnforced => {
-            Err("the kernel did not put Landlock in force".to_owned())
+            Err("the kernel did not enforce Landlock".to_owned())
         }
         LandlockStatus::Available { effective_abi, .. } => Ok(format!("landlock {}", effective_abi as i32)),
     }
@@ -225,7 +235,7 @@ fn try_restrict_files(readable: &[PathBuf], folder: &Path) -> Result<landlock::R
         .restrict_self()
 }
 
-/// Where Debian keeps parts of the library of its Pythons.
+/// Folders in which Debian keeps parts of Python's standard library.
 fn python_settings() -> impl Iterator<Item = PathBuf> {
     let entries = fs::read_dir("/etc").into_iter().flatten().flatten();
     entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("python")).map(|entry| entry.path())
@@ -236,7 +246,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_kernels_version_is_read_from_its_release() {
+    fn the_kernel_version_is_parsed_from_the_release() {
         assert_eq!(kernel_version("6.1.0-18-amd64"), Some((6, 1)));
         assert_eq!(kernel_version("5.14-rc1"), Some((5, 14)));
         assert_eq!(kernel_version("unknown"), None);

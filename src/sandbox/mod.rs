@@ -1,13 +1,13 @@
-//! The sandbox around a job: a process enters it before it touches a stranger's bytes, and whatever it starts is in there too.
+//! The sandbox of a job. A process enters it before it reads untrusted bytes, and all processes that it starts are inside too.
 //!
-//! Three layers, each of which holds without the others, and each of which a kernel or a container may refuse:
+//! It has three layers. Each works without the others, and a kernel or a container may refuse each:
 //!
 //! ```text
-//! namespaces (no network, no capabilities, a count of processes) -> Landlock (files, signals) -> seccomp (system calls)
+//! namespaces (no network, no capabilities, a limit on processes) -> Landlock (files, signals) -> seccomp (system calls)
 //! ```
 //!
-//! What is refused is told, not hidden: [`Trial`] enters the sandbox and tries what must fail, and [`Protections`] says what came of it.
-//! [`processes`] finds and ends what a run leaves behind where no layer holds it back.
+//! The service reports missing protections: [`Trial`] enters the sandbox and tries the actions that must fail, and
+//! [`Protections`] has the results. [`processes`] finds and ends processes that a run leaves behind where no layer confines them.
 
 mod layers;
 pub mod processes;
@@ -27,73 +27,74 @@ use serde::{Deserialize, Serialize};
 use layers::Layers;
 pub use layers::{Sandbox, SandboxMode};
 
-/// One wall.
+/// One protection of the sandbox, as the trial at the start of the service found it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Protection {
-    /// Whether it held when the service started and tried it.
+    /// Whether the protection held in the trial.
     pub enforced: bool,
-    /// What it is made of.
+    /// The mechanisms that provide it.
     pub mechanisms: Vec<String>,
-    /// What is missing and what would give it, or what a person should know.
+    /// What is missing and how to enable it, or other advice.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detail: Option<String>,
 }
 
-/// The walls around each job's processes, as they were tried.
+/// The protections around each job's processes, as the trial at the start of the service found them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Protections {
-    /// No connection leads out, not even to this machine.
+    /// A job can't make connections, not even to this machine.
     pub network: Protection,
-    /// Files outside the job's own folder can't be written, and only those of programs can be read.
+    /// A job can write only in its own folder, and read only the files of programs.
     pub files: Protection,
-    /// Calls that no job needs are refused, leaving the process group among them.
+    /// A job can't make system calls that it does not need. Leaving its process group is one of them.
     pub system_calls: Protection,
-    /// Processes outside can't be signalled.
+    /// A job can't send signals to other processes.
     pub signals: Protection,
-    /// No more processes and threads than `max_processes`.
+    /// A job can't have more than `max_processes` processes and threads.
     pub processes: Protection,
 }
 
-/// What holds each job's processes, and what they may use.
+/// The sandbox of each job: its protections, and the resource limits of a job.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct SandboxStatus {
-    /// What the service was told to do where a wall can't be had.
+    /// What the service does where a protection is not available.
     pub mode: SandboxMode,
-    /// The walls.
+    /// The protections.
     #[serde(flatten)]
     pub protections: Protections,
-    /// Most processes and threads of a job.
+    /// The most processes and threads of a job.
     pub max_processes: u64,
-    /// Most address space of each process, in bytes.
+    /// The most address space of each process, in bytes.
     pub memory_bytes: u64,
-    /// Most that a job may write into its folder, in bytes.
+    /// The most bytes that a job may write into its folder.
     pub scratch_bytes: u64,
-    /// Largest file, in bytes.
+    /// The largest file that a job may write, in bytes.
     pub file_bytes: u64,
 }
 
 impl Protection {
+    /// A protection that did not hold.
     fn missing(detail: impl Into<String>) -> Self {
         Self { enforced: false, mechanisms: Vec::new(), detail: Some(detail.into()) }
     }
 
-    /// A wall that held although these layers of it are missing.
+    /// A protection that held although layers of it are missing.
     fn held(mechanisms: Vec<String>, missing: Vec<String>) -> Self {
         Self {
             enforced: true,
             mechanisms,
-            detail: (!missing.is_empty()).then(|| format!("without more: {}", missing.join("; "))),
+            detail: (!missing.is_empty()).then(|| format!("not all mechanisms are available: {}", missing.join("; "))),
         }
     }
 }
 
 impl Protections {
-    /// No walls.
+    /// The protections of the mode `off`: none.
     fn none() -> Self {
-        let off = Protection::missing("switched off by --sandbox off");
+        let off = Protection::missing("disabled by --sandbox off");
         Self {
             network: off.clone(),
             files: off.clone(),
@@ -103,7 +104,7 @@ impl Protections {
         }
     }
 
-    /// Each wall with its name.
+    /// Each protection with its name.
     #[must_use]
     pub fn named(&self) -> [(&'static str, &Protection); 5] {
         let Self { network, files, system_calls, signals, processes } = self;
@@ -117,24 +118,25 @@ impl Protections {
     }
 }
 
-/// What to try from within a sandbox. Whoever sets it listens, and keeps a file where none may be read.
+/// A trial of the sandbox: actions that must fail inside. The caller listens at an address, and keeps a file that must not be
+/// readable.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Trial {
-    /// Where somebody listens.
+    /// The address of the caller's listener.
     pub listener: SocketAddr,
-    /// A folder outside, with a file [`SECRET`](Self::SECRET) in it.
+    /// A folder outside the sandbox, with a file [`SECRET`](Self::SECRET).
     pub outside: PathBuf,
 }
 
 impl Trial {
-    /// The file to be read.
+    /// The name of the file that must not be readable.
     pub const SECRET: &str = "secret";
 
-    /// Enters the sandbox with `folder` to write, tries what must fail in there, and says what did. The process is of no use
-    /// for anything else afterwards.
+    /// Enters the sandbox with `folder` as the writable folder, tries the actions, and reports which protections held. The process
+    /// can do no other work afterwards.
     ///
     /// # Errors
-    /// Where the sandbox can't be entered, or where `folder` can't be written from within.
+    /// When the sandbox can't be entered, or `folder` can't be written inside.
     pub fn run(&self, sandbox: &Sandbox, folder: &Path) -> io::Result<Protections> {
         let Some(layers) = sandbox.enter_layers(folder)? else { return Ok(Protections::none()) };
         let inside = folder.join("written");
@@ -145,7 +147,7 @@ impl Trial {
             files: self.files(&layers),
             system_calls: system_calls(&layers),
             signals: signals(),
-            // The last, since it leaves no process to spare.
+            // The process limit comes last, since its trial leaves no process to spare.
             processes: process_count(&layers),
         })
     }
@@ -153,12 +155,13 @@ impl Trial {
     fn network(&self, layers: &Layers) -> Protection {
         let Layers { network_namespace, seccomp, .. } = layers;
         if TcpStream::connect_timeout(&self.listener, Duration::from_secs(5)).is_ok() {
-            return Protection::missing(told([network_namespace, seccomp], "a connection could be made"));
+            let reason = missing_layers([network_namespace, seccomp], "a connection could be made");
+            return Protection::missing(reason);
         }
         let layers = [("network namespace", network_namespace), ("seccomp", seccomp)];
         let mechanisms: Vec<String> =
-            layers.iter().filter(|(_, it)| it.is_ok()).map(|(name, _)| (*name).to_owned()).collect();
-        let missing: Vec<String> = layers.iter().filter_map(|(_, it)| it.as_ref().err().cloned()).collect();
+            layers.iter().filter(|(_, layer)| layer.is_ok()).map(|(name, _)| (*name).to_owned()).collect();
+        let missing: Vec<String> = layers.iter().filter_map(|(_, layer)| layer.as_ref().err().cloned()).collect();
         if mechanisms.is_empty() {
             Protection::missing(missing.join("; "))
         } else {
@@ -167,51 +170,51 @@ impl Trial {
     }
 
     fn files(&self, layers: &Layers) -> Protection {
-        let by = match &layers.landlock {
-            Ok(by) => by.clone(),
-            Err(why) => return Protection::missing(why),
+        let mechanism = match &layers.landlock {
+            Ok(mechanism) => mechanism.clone(),
+            Err(reason) => return Protection::missing(reason),
         };
         let outside = self.outside.display();
         if fs::read(self.outside.join(Self::SECRET)).is_ok() {
-            Protection::missing(format!("{outside} can be read; it lies in a folder that programs need"))
+            Protection::missing(format!("{outside} can be read; move it out of the folders that programs need"))
         } else if fs::write(self.outside.join("written"), "").is_ok() {
             Protection::missing(format!("{outside} can be written"))
         } else {
-            Protection::held(vec![by], layers.seccomp.as_ref().err().cloned().into_iter().collect())
+            Protection::held(vec![mechanism], layers.seccomp.as_ref().err().cloned().into_iter().collect())
         }
     }
 }
 
-/// Why layers are missing, or that they don't do their work.
-fn told<T, const N: usize>(layers: [&Result<T, String>; N], otherwise: &str) -> String {
-    let missing: Vec<&str> = layers.iter().filter_map(|it| it.as_ref().err().map(String::as_str)).collect();
+/// Why layers are missing; `otherwise` if none is missing but the protection did not hold.
+fn missing_layers<T, const N: usize>(layers: [&Result<T, String>; N], otherwise: &str) -> String {
+    let missing: Vec<&str> = layers.iter().filter_map(|layer| layer.as_ref().err().map(String::as_str)).collect();
     if missing.is_empty() { otherwise.to_owned() } else { missing.join("; ") }
 }
 
 fn system_calls(layers: &Layers) -> Protection {
-    // Nothing else refuses a process to stay the leader of the group that it leads.
+    // Without the filter, a process may always set itself as the leader of the group that it already leads.
     match setpgid(None, None) {
         Err(Errno::PERM) if layers.seccomp.is_ok() => Protection::held(vec!["seccomp".to_owned()], Vec::new()),
-        _ => Protection::missing(told([&layers.seccomp], "a system call that should be refused was not")),
+        _ => Protection::missing(missing_layers([&layers.seccomp], "a forbidden system call was not refused")),
     }
 }
 
 fn signals() -> Protection {
     match getppid().map(test_kill_process) {
         Some(Err(Errno::PERM)) => Protection::held(vec!["landlock".to_owned()], Vec::new()),
-        _ => {
-            Protection::missing("processes of the same user can be signalled; Landlock of Linux 6.12 keeps them apart")
-        }
+        _ => Protection::missing(
+            "a job can signal processes of the same user; Landlock of Linux 6.12 or later prevents that",
+        ),
     }
 }
 
 fn process_count(layers: &Layers) -> Protection {
-    if let Err(why) = &layers.process_count {
-        return Protection::missing(why);
+    if let Err(reason) = &layers.process_count {
+        return Protection::missing(reason);
     }
     let one_more = Resource::NPROC.set(1, 1).map(|()| std::thread::Builder::new().spawn(|| ()));
     match one_more {
         Ok(Err(_)) => Protection::held(vec!["user namespace".to_owned()], Vec::new()),
-        _ => Protection::missing("the kernel does not keep to the limit"),
+        _ => Protection::missing("the kernel does not enforce the limit on processes"),
     }
 }

@@ -1,4 +1,4 @@
-//! Finds, counts and ends processes by what `/proc` tells of them.
+//! Finds, counts and ends processes by the data in `/proc`.
 
 use std::collections::HashSet;
 use std::ffi::OsStr;
@@ -10,28 +10,28 @@ use std::time::Duration;
 
 use rustix::process::{Pid, PidfdFlags, Signal, getpid, kill_process, pidfd_open, pidfd_send_signal};
 
-/// The variable in the environment of a run that names its scratch folder. Children inherit it, so it finds what a run
-/// leaves behind, even where a wrapper has put a process between or an orphan has got another parent.
+/// The environment variable that names a run's scratch folder. Children inherit the variable, so it identifies the processes
+/// that a run leaves behind, even those started by a wrapper or adopted by another parent.
 pub const MARK: &str = "MESHMEND_SCRATCH";
 
-/// Most of an environment that is read; ours is a few hundred bytes.
-const MOST_ENVIRONMENT: u64 = 1 << 20;
-/// Rounds of search; a killed process stays visible until its memory is gone.
+/// The most bytes of a process's environment that are read. Our own environments have a few hundred bytes.
+const MAX_ENVIRONMENT: u64 = 1 << 20;
+/// The most rounds of a search. A killed process stays visible until its memory is freed.
 const ROUNDS: u32 = 500;
+/// The pause between two rounds.
 const PAUSE: Duration = Duration::from_millis(4);
 
-/// Kills every process that carries the mark `scratch` or that of a folder in it, and returns when none is left, with
-/// those that there were. Without /proc there is nothing to search, and what a run left is then up to the script, which dies with
-/// its parent.
+/// Kills every process whose [`MARK`] is `scratch` or a folder in it, until none is left. Returns the killed processes. Without
+/// `/proc` it finds none; the script then relies on dying with its parent.
 pub fn end_strays(scratch: &OsStr) -> HashSet<Pid> {
     let entry = [MARK.as_bytes(), b"=", scratch.as_bytes()].concat();
     until_none(|| kill_marked(&entry))
 }
 
-/// Kills every descendant of a running child of ours, in other sessions and without the mark too, and leaves the child itself
-/// stopped. Gives those that there were.
+/// Kills every descendant of a running child of this process, also those in other sessions and without the [`MARK`]. Leaves the
+/// child itself stopped. Returns the killed processes.
 pub fn end_descendants(child: Pid) -> HashSet<Pid> {
-    // So that it starts no more meanwhile. Its id is its own until it is reaped.
+    // A stopped child starts no more processes. Its id stays valid until the child is reaped.
     let _ = kill_process(child, Signal::STOP);
     until_none(|| {
         let family = descendants(child);
@@ -42,7 +42,7 @@ pub fn end_descendants(child: Pid) -> HashSet<Pid> {
     })
 }
 
-/// Kills, round by round, until a round finds no process. Gives all that were found.
+/// Repeats `kill_round` until a round finds no process. Returns all that were found.
 fn until_none(mut kill_round: impl FnMut() -> Vec<Pid>) -> HashSet<Pid> {
     let mut all = HashSet::new();
     for _ in 0..ROUNDS {
@@ -56,13 +56,13 @@ fn until_none(mut kill_round: impl FnMut() -> Vec<Pid>) -> HashSet<Pid> {
     all
 }
 
-/// Kills a process if it still is the one that was found: its id may be given to another process between the look and the signal, a
-/// handle may not.
+/// Kills a process if `is_same` confirms that it is the one that was found. Its id may pass to another process between the search
+/// and the signal; a pidfd can't.
 fn kill_found(id: Pid, is_same: impl Fn() -> bool) {
     match pidfd_open(id, PidfdFlags::empty()) {
         Ok(handle) => {
             if is_same() {
-                // Fails only where the process has just ended.
+                // Fails only if the process has just ended.
                 let _ = pidfd_send_signal(handle, Signal::KILL);
             }
         }
@@ -73,7 +73,7 @@ fn kill_found(id: Pid, is_same: impl Fn() -> bool) {
     }
 }
 
-/// How many processes and threads a process group has.
+/// The number of processes and threads of a process group.
 #[must_use]
 pub fn count_group(group: Pid) -> u64 {
     let group = group.as_raw_nonzero().get();
@@ -84,12 +84,12 @@ pub fn count_group(group: Pid) -> u64 {
         .sum()
 }
 
-/// What `/proc` tells of a process.
+/// The data on a process in `/proc`.
 struct Process {
     parent: i32,
     group: i32,
     threads: u64,
-    /// When it started, which tells it from a later one with the same id.
+    /// The start time, which distinguishes the process from a later one with the same id.
     started: u64,
     ended: bool,
 }
@@ -97,7 +97,7 @@ struct Process {
 impl Process {
     fn read(id: Pid) -> Option<Self> {
         let stat = std::fs::read(format!("/proc/{}/stat", id.as_raw_nonzero())).ok()?;
-        // The name in brackets may hold anything.
+        // The process name in parentheses may contain any byte.
         let end = stat.iter().rposition(|&byte| byte == b')')?;
         let fields = std::str::from_utf8(stat.get(end + 1..)?).ok()?;
         let mut fields = fields.split_ascii_whitespace();
@@ -109,7 +109,7 @@ impl Process {
     }
 }
 
-/// The processes below another that have not ended, each with the time of its start.
+/// The running descendants of a process, each with its start time.
 fn descendants(of: Pid) -> Vec<(Pid, u64)> {
     let all: Vec<(Pid, Process)> = processes().filter_map(|id| Some((id, Process::read(id)?))).collect();
     let (mut family, mut next) = (Vec::new(), vec![of.as_raw_nonzero().get()]);
@@ -129,18 +129,18 @@ fn processes() -> impl Iterator<Item = Pid> {
     entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok().and_then(Pid::from_raw))
 }
 
-/// Kills the processes that carry a mark, and gives them.
+/// Kills the processes whose environment has `entry`, and returns them.
 fn kill_marked(entry: &[u8]) -> Vec<Pid> {
     let found: Vec<Pid> = processes().filter(|&id| id != getpid() && is_marked(id, entry)).collect();
     found.iter().for_each(|&id| kill_found(id, || is_marked(id, entry)));
     found
 }
 
-/// A process of another user, or one that has ended, has no environment that could be read.
+/// Whether a process's environment has `entry`. The environments of other users' processes and of ended ones can't be read.
 fn is_marked(id: Pid, entry: &[u8]) -> bool {
     let mut environment = Vec::new();
     let path = format!("/proc/{}/environ", id.as_raw_nonzero());
-    let read = File::open(path).and_then(|file| file.take(MOST_ENVIRONMENT).read_to_end(&mut environment));
-    let names_it = |variable: &[u8]| variable.strip_prefix(entry).is_some_and(|rest| matches!(rest, [] | [b'/', ..]));
-    read.is_ok() && environment.split(|&byte| byte == 0).any(names_it)
+    let read = File::open(path).and_then(|file| file.take(MAX_ENVIRONMENT).read_to_end(&mut environment));
+    let is_entry = |variable: &[u8]| variable.strip_prefix(entry).is_some_and(|rest| matches!(rest, [] | [b'/', ..]));
+    read.is_ok() && environment.split(|&byte| byte == 0).any(is_entry)
 }

@@ -1,3 +1,5 @@
+//! The seccomp filters of the sandbox: the system calls that a job's processes can't make.
+
 use std::collections::BTreeMap;
 
 use libc::{EPERM, c_int, c_long};
@@ -6,9 +8,9 @@ use seccompiler::{
     apply_filter,
 };
 
-/// System calls that nothing in a sandbox needs, and that get EPERM.
+/// System calls that no process in a sandbox needs; they fail with EPERM.
 const DENIED: &[c_long] = &[
-    // The network, and every way around this one filter.
+    // The network, and io_uring, which bypasses filters.
     libc::SYS_socket,
     libc::SYS_io_uring_setup,
     libc::SYS_io_uring_enter,
@@ -22,7 +24,7 @@ const DENIED: &[c_long] = &[
     libc::SYS_kcmp,
     libc::SYS_migrate_pages,
     libc::SYS_move_pages,
-    // Leaving the process group, by which a job is killed.
+    // Leaving the process group, which the worker kills to end a job.
     libc::SYS_setsid,
     libc::SYS_setpgid,
     // Other namespaces, and the file system as a whole.
@@ -43,7 +45,7 @@ const DENIED: &[c_long] = &[
     libc::SYS_swapoff,
     libc::SYS_quotactl,
     libc::SYS_quotactl_fd,
-    // Files by other means than opening them, which Landlock does not see.
+    // Access to files other than by opening them, which Landlock does not check.
     libc::SYS_truncate,
     libc::SYS_fchmodat,
     FCHMODAT2,
@@ -65,7 +67,7 @@ const DENIED: &[c_long] = &[
     libc::SYS_semget,
     libc::SYS_msgget,
     libc::SYS_mq_open,
-    // Large parts of the kernel, or what only an administrator does.
+    // Calls that reach large parts of the kernel, and administrators' calls.
     libc::SYS_bpf,
     libc::SYS_perf_event_open,
     libc::SYS_userfaultfd,
@@ -89,13 +91,13 @@ const DENIED: &[c_long] = &[
     libc::SYS_vhangup,
 ];
 
-/// The same on every architecture; not all of the crate's lists have it.
+/// The same number on every architecture. Not all of libc's lists have it.
 const FCHMODAT2: c_long = 452;
 
-/// The same wherever seccomp is used here; its type differs between C libraries.
+/// The same value on all supported architectures. libc's constant has different types with different C libraries.
 const TIOCSTI: u64 = 0x5412;
 
-/// Older calls, which newer architectures don't have.
+/// Older calls that newer architectures lack.
 #[cfg(target_arch = "x86_64")]
 const DENIED_OLD: &[c_long] = &[
     libc::SYS_chmod,
@@ -109,7 +111,7 @@ const DENIED_OLD: &[c_long] = &[
 #[cfg(not(target_arch = "x86_64"))]
 const DENIED_OLD: &[c_long] = &[];
 
-/// What would make a namespace when it starts a process.
+/// Flags of `clone` that create namespaces.
 const NAMESPACES: [c_int; 7] = [
     libc::CLONE_NEWUSER,
     libc::CLONE_NEWNET,
@@ -120,14 +122,14 @@ const NAMESPACES: [c_int; 7] = [
     libc::CLONE_NEWCGROUP,
 ];
 
-/// Takes system calls away from this process and what it starts.
+/// Denies system calls to this process and the processes that it starts.
 pub(super) fn deny() -> Result<(), String> {
     try_deny().map_err(|error| format!("seccomp failed ({error}); the kernel needs CONFIG_SECCOMP_FILTER"))
 }
 
 fn try_deny() -> Result<(), seccompiler::Error> {
     let denied = filter(denied()?, EPERM)?;
-    // Its arguments lie in memory, where no filter sees them. The C library takes this answer for an old kernel, and uses clone.
+    // A filter can't see clone3's arguments, which lie in memory. On ENOSYS the C library assumes an old kernel, and uses clone.
     let clone3 = filter(BTreeMap::from([(libc::SYS_clone3, Vec::new())]), libc::ENOSYS)?;
     #[cfg(target_arch = "x86_64")]
     apply_filter(&NO_X32)?;
@@ -135,7 +137,7 @@ fn try_deny() -> Result<(), seccompiler::Error> {
     apply_filter(&denied)
 }
 
-/// The calls, each with the rules of which one must apply; none where it is denied whatever its arguments.
+/// The denied calls, each with rules of which one must match; a call without rules is denied whatever its arguments.
 fn denied() -> Result<BTreeMap<i64, Vec<SeccompRule>>, seccompiler::BackendError> {
     let mut denied: BTreeMap<i64, Vec<SeccompRule>> =
         DENIED.iter().chain(DENIED_OLD).map(|&call| (call, Vec::new())).collect();
@@ -147,21 +149,21 @@ fn denied() -> Result<BTreeMap<i64, Vec<SeccompRule>>, seccompiler::BackendError
         with(0, long.clone(), SeccompCmpOp::MaskedEq(flag), flag)
     };
     denied.insert(libc::SYS_clone, NAMESPACES.into_iter().map(flag).collect::<Result<_, _>>()?);
-    // The limits of another process: of the worker, say.
+    // The limits of other processes, such as the worker.
     denied.insert(libc::SYS_prlimit64, vec![with(0, word.clone(), SeccompCmpOp::Ne, 0)?]);
-    // Typing into a terminal that somebody looks at.
+    // Input into a terminal (TIOCSTI).
     denied.insert(libc::SYS_ioctl, vec![with(1, word, SeccompCmpOp::Eq, TIOCSTI)?]);
     Ok(denied)
 }
 
-/// A filter that ends a process of another architecture's calls.
+/// A filter with these rules. It ends a process that makes calls of another architecture.
 fn filter(rules: BTreeMap<i64, Vec<SeccompRule>>, errno: c_int) -> Result<BpfProgram, seccompiler::BackendError> {
     let refuse = SeccompAction::Errno(errno.cast_unsigned());
     let architecture = std::env::consts::ARCH.try_into()?;
     SeccompFilter::new(rules, SeccompAction::Allow, refuse, architecture)?.try_into()
 }
 
-/// The calls of the x32 ABI are the same calls by numbers beyond this bit, and would pass the filters above.
+/// Refuses the calls of the x32 ABI: their numbers have an extra bit, so that the filters above would not match.
 #[cfg(target_arch = "x86_64")]
 const NO_X32: [seccompiler::sock_filter; 4] = {
     use seccompiler::sock_filter;

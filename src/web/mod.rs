@@ -81,7 +81,7 @@ pub fn asset(name: &str) -> Option<&'static StaticFile> {
     static ASSETS: OnceLock<Vec<(&str, StaticFile)>> = OnceLock::new();
     let assets =
         ASSETS.get_or_init(|| dist::ASSETS.iter().map(|&(name, bytes)| (name, StaticFile::new(name, bytes))).collect());
-    assets.iter().find(|(known, _)| *known == name).map(|(_, file)| file)
+    assets.iter().find(|(asset, _)| *asset == name).map(|(_, file)| file)
 }
 
 /// Returns the media type of a file, by its extension.

@@ -172,7 +172,7 @@ impl Dispatcher {
             result,
             status = response.status,
             error = response.error,
-            "sent webhook"
+            "attempted webhook delivery"
         );
         let attempt = DeliveryAttempt {
             at: OffsetDateTime::from_unix_timestamp(at).unwrap_or(OffsetDateTime::UNIX_EPOCH),

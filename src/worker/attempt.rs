@@ -164,7 +164,7 @@ impl<'a> Attempt<'a> {
                 count_kill("deadline");
                 let detail = format!(
                     "The job ran longer than its `deadline_s` of {} s allows and was stopped. Submit it again with a larger \
- `deadline_s`, a smaller `max_tier` or `level`, or fewer faces.",
+                     `deadline_s`, a smaller `max_tier` or `level`, or fewer faces.",
                     self.job.options.deadline_s()
                 );
                 let problem = JobProblem::new(ProblemKind::DeadlineExceeded, detail);

@@ -275,7 +275,7 @@ pub(super) fn explain_exit(status: ExitStatus, stderr: &str, memory_bytes: u64) 
     let (kind, code, detail) = if OUT_OF_MEMORY.iter().any(|words| stderr.contains(words)) {
         let detail = format!(
             "The job needs more memory than a job may use ({megabytes} MiB). Submit a model with fewer faces, or ask the operator to \
- raise `--job-memory`."
+             raise `--job-memory`."
         );
         (FailureKind::Final, ProblemKind::OutOfMemory, detail)
     } else if status.signal() == Some(SIGXCPU) {
@@ -293,7 +293,7 @@ pub(super) fn explain_exit(status: ExitStatus, stderr: &str, memory_bytes: u64) 
     } else {
         let detail = format!(
             "The job's process ended unexpectedly ({status}). This is a fault of the service, not of the model: please report it \
- with the job's log."
+             with the job's log."
         );
         (FailureKind::Crash, ProblemKind::Crashed, detail)
     };
@@ -307,7 +307,7 @@ pub(super) fn explain_excess(excess: Excess, scratch_bytes: u64, processes: u64)
             ProblemKind::FileLimit,
             format!(
                 "The job's files used more disk space than a job may use ({} MiB). Request a coarser result, such as a smaller \
- `voxel_resolution`, or ask the operator to raise `--job-scratch-mib`.",
+                 `voxel_resolution`, or ask the operator to raise `--job-scratch-mib`.",
                 scratch_bytes >> 20
             ),
         ),
@@ -315,7 +315,7 @@ pub(super) fn explain_excess(excess: Excess, scratch_bytes: u64, processes: u64)
             ProblemKind::Crashed,
             format!(
                 "The job started more processes than a job may have ({processes}) and was stopped. This is a fault of the service, not \
- of the model: please report it with the job's log, or ask the operator to raise `--job-processes`."
+                 of the model: please report it with the job's log, or ask the operator to raise `--job-processes`."
             ),
         ),
     };

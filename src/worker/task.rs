@@ -12,9 +12,13 @@ use crate::jobs::{Input, JobOptions, JobProgress};
 use crate::repair::{OfferedFile, RemesherInfo};
 use crate::sandbox::Sandbox;
 
-/// The verbs with which a worker starts this program; each is followed by the path of the scratch folder.
+// The verbs with which a worker starts this program; each is followed by the path of the scratch folder.
+
+/// Runs or draws a job.
 pub(super) const JOB: &str = "job-child";
+/// Tries the actions that the sandbox must prevent.
 pub(super) const TRIAL: &str = "sandbox-trial";
+/// Runs Blender once on a small model.
 pub(super) const WARM_UP: &str = "warm-up-child";
 
 /// The task of a child process: one line of JSON on its standard input. The pipe then serves as a lifeline: when it closes, the

@@ -6,8 +6,8 @@ use meshmend::mesh::Soup;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    AssumptionKind, Category, ChangeKind, Compared, NotAppliedCause, OpenSheets, Operator, Options, Outcome,
-    OutputFormat, Preset, RedFlagCode, Repaired, Standing, WindingRuleChoice, red_flags,
+    AssumptionKind, Category, ChangeKind, Comparison, NotAppliedCause, OpenSheets, Operator, Options, Outcome,
+    OutputFormat, Preset, RedFlagCode, Repaired, SurvivingInput, WindingRuleChoice, red_flags,
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};
@@ -341,7 +341,7 @@ fn a_result_that_lost_most_of_the_vertices_is_flagged() {
     let before = repair_soup(&sphere(DVec3::ZERO, 1.0, 24, 12), &Options::default(), None).report;
     let after = repair_soup(&sphere(DVec3::ZERO, 1.0, 8, 6), &Options::default(), None).report;
     let flagged = |vertices, options: &Options| {
-        let standing = Standing {
+        let surviving = SurvivingInput {
             faces: 200,
             parts_gone: 0,
             vertices,
@@ -350,7 +350,7 @@ fn a_result_that_lost_most_of_the_vertices_is_flagged() {
         };
         let (before, changes) = (&before.before.measures, before.changes.as_ref().unwrap());
         let (settled, after) = (before.volume, &after.before.measures);
-        let flags = red_flags(&Compared { before, settled, after, changes, standing }, options);
+        let flags = red_flags(&Comparison { before, settled, after, changes, surviving }, options);
         flags.iter().any(|flag| flag.code == RedFlagCode::VertexLoss)
     };
     let usual = Options::default();

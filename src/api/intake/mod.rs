@@ -1,9 +1,9 @@
 //! Reads a job's files, options, metadata and callback URL from a request: a form, one file with the rest in the query, or JSON that names
 //! a stored file. All three ways end in a [`Submission`], whose files are stored.
 
-mod body;
-mod copy;
 mod form;
+mod raw_body;
+mod stored_file;
 mod submission;
 pub mod upload;
 
@@ -14,8 +14,8 @@ use super::extract::text_header;
 use super::idempotency::IdempotencyState;
 use super::problem::Problem;
 
-pub use copy::SubmitUpload;
 pub use form::{FORM_BYTES, SubmitForm};
+pub use stored_file::SubmitUpload;
 pub use submission::{Submission, SubmissionContext};
 
 /// Reads a submission, and stores its files under the new job's keys.
@@ -31,7 +31,7 @@ pub async fn read(
     let essence = media_type.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
     match essence.as_str() {
         "multipart/form-data" => form::read(context, request).await,
-        "application/json" => copy::read(context, request, key).await,
-        _ => body::read(context, request).await,
+        "application/json" => stored_file::read(context, request, key).await,
+        _ => raw_body::read(context, request).await,
     }
 }

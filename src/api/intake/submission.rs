@@ -5,10 +5,10 @@ use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
 use crate::api::authenticate::Caller;
-use crate::api::check::{field_schema, unknown_field, value_errors};
 use crate::api::extract::UploadBudget;
 use crate::api::problem::{FieldError, Problem, ProblemCode, truncated};
 use crate::api::state::ApiState;
+use crate::api::validation::{field_schema, unknown_field, value_errors};
 use crate::blobs::{Blobs, Stored};
 use crate::format::{ReadErrorKind, sniff};
 use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode, UploadId};
@@ -121,11 +121,8 @@ pub fn inputs(id: JobId, files: Vec<ReceivedFile>) -> Result<Vec<Input>, Problem
                     ReadErrorKind::Empty => (ProblemCode::MissingFile, error.to_string()),
                     _ => (ProblemCode::UnsupportedModel, error.to_string()),
                 };
-                let subject = if count > 1 {
-                    format!("ReceivedFile {} of {count}, '{name}': ", number + 1)
-                } else {
-                    String::new()
-                };
+                let subject =
+                    if count > 1 { format!("File {} of {count}, '{name}': ", number + 1) } else { String::new() };
                 if count > 1 {
                     errors.push(FieldError::new(&format!("file[{number}]"), format!("{subject}{detail}")));
                 }
@@ -143,9 +140,9 @@ pub fn inputs(id: JobId, files: Vec<ReceivedFile>) -> Result<Vec<Input>, Problem
 pub fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
     let mode = match fields.get("mode") {
         None => Mode::default(),
-        Some(given) => match Mode::ALL.into_iter().find(|mode| given == mode.as_str()) {
+        Some(value) => match Mode::ALL.into_iter().find(|mode| value == mode.as_str()) {
             Some(mode) => mode,
-            None => return Err(Problem::of_fields(ProblemCode::InvalidOptions, vec![unknown_mode(given)])),
+            None => return Err(Problem::of_fields(ProblemCode::InvalidOptions, vec![unknown_mode(value)])),
         },
     };
     let errors: Vec<_> = fields.iter().flat_map(|(option, value)| option_errors(mode, option, value)).collect();
@@ -158,9 +155,9 @@ pub fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
     })
 }
 
-fn unknown_mode(given: &Value) -> FieldError {
+fn unknown_mode(value: &Value) -> FieldError {
     let names = Mode::ALL.map(|mode| format!("`{}`", mode.as_str())).join(" or ");
-    FieldError::new("mode", format!("`mode` must be {names}; got {}.", truncated(&given.to_string())))
+    FieldError::new("mode", format!("`mode` must be {names}; got {}.", truncated(&value.to_string())))
 }
 
 /// Validates one option against the documented schema of its mode.
@@ -201,7 +198,7 @@ mod tests {
 
     #[test]
     fn a_file_name_loses_folders_and_control_characters() {
-        for (given, kept) in [
+        for (name, cleaned) in [
             (Some("bracket.stl"), "bracket.stl"),
             (Some("../../etc/passwd"), "passwd"),
             (Some("C:\\models\\a b.obj"), "a b.obj"),
@@ -211,7 +208,7 @@ mod tests {
             (None, "model"),
             (Some("größe 日本.ply"), "größe 日本.ply"),
         ] {
-            assert_eq!(clean_name(given), kept);
+            assert_eq!(clean_name(name), cleaned);
         }
         assert_eq!(clean_name(Some(&"x".repeat(1000))).len(), NAME_CHARS);
     }

@@ -59,7 +59,6 @@ pub struct PutView {
     /// The URL. A URL without a host is relative to this service. Keep it secret: anyone who has it can send the file.
     url: String,
     /// The headers that the request must have.
-    /// Headers that it must have.
     headers: BTreeMap<String, String>,
     /// When the URL expires. The request must begin before then.
     #[serde(with = "crate::jobs::timestamp")]
@@ -79,7 +78,7 @@ pub struct PutView {
         (status = 408, description = "The body timed out", body = Problem, content_type = "application/problem+json"),
         (status = 413, description = "The file is too large", body = Problem, content_type = "application/problem+json"),
         (status = 415, description = "The body is not JSON", body = Problem, content_type = "application/problem+json"),
-        (status = 429, description = "The maximum number of uploads wait for a job", body = Problem, content_type = "application/problem+json",
+        (status = 429, description = "Too many uploads are waiting for a job", body = Problem, content_type = "application/problem+json",
             headers(("Retry-After" = u32, description = "Seconds to wait before retrying"))),
         (status = 503, description = "The database or the file store is unavailable, or the disk is full", body = Problem, content_type = "application/problem+json"),
     )
@@ -118,7 +117,10 @@ pub async fn announce_upload(
         token_sha256: signed.is_none().then(|| SecretHash::of(&token).into()),
     };
     let Some(recorded) = state.store.add_upload(upload, state.config.max_queued).await? else {
-        let detail = format!("{} uploads wait for a job, the maximum. Retry later.", state.config.max_queued);
+        let detail = format!(
+            "The service already has {} uploads without a job, the maximum. Retry later.",
+            state.config.max_queued
+        );
         return Err(busy(ProblemCode::QueueFull, detail));
     };
     let put = PutView {
@@ -194,8 +196,8 @@ pub async fn put_upload(
 /// # Errors
 /// `upload_not_found` if no upload has this id, or if it has expired.
 pub async fn find_upload(state: &ApiState, id: &str) -> Result<PendingUpload, Problem> {
-    let known: UploadId = id.parse().map_err(|_| upload_not_found(id))?;
-    state.store.upload(known).await?.ok_or_else(|| upload_not_found(id))
+    let upload_id: UploadId = id.parse().map_err(|_| upload_not_found(id))?;
+    state.store.upload(upload_id).await?.ok_or_else(|| upload_not_found(id))
 }
 
 /// Creates the problem for an upload that does not exist or has expired.

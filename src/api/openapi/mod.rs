@@ -212,7 +212,7 @@ fn document_submission(document: &mut OpenApiDocument) {
         Some(RefOr::T(Schema::Object(body))) => Some(&body.properties),
         _ => None,
     });
-    let known: BTreeMap<String, RefOr<Schema>> =
+    let body_schemas: BTreeMap<String, RefOr<Schema>> =
         bodies.flatten().map(|(name, schema)| (name.clone(), schema.clone())).collect();
     let submit = document.paths.paths.get_mut("/v1/jobs").and_then(|path| path.post.as_mut());
     let Some(parameters) = submit.and_then(|submit| submit.parameters.as_mut()) else { return };
@@ -221,7 +221,8 @@ fn document_submission(document: &mut OpenApiDocument) {
     parameters.retain(|field| matches!(field, RefOr::T(field) if named.insert(field.name.clone())));
     for field in parameters {
         let RefOr::T(field) = field else { continue };
-        let Some(mut schema) = known.get(&field.name).filter(|_| field.parameter_in == ParameterIn::Query).cloned()
+        let Some(mut schema) =
+            body_schemas.get(&field.name).filter(|_| field.parameter_in == ParameterIn::Query).cloned()
         else {
             continue;
         };

@@ -202,6 +202,7 @@ fn byte_offset(text: &[u8], line: usize, column: usize) -> usize {
 pub(super) struct Integer(pub u32);
 
 impl Integer {
+    /// The number as a list index.
     pub fn index(self) -> usize {
         self.0 as usize
     }
@@ -257,7 +258,7 @@ impl<'de: 'a, 'a> Deserialize<'de> for Text<'a> {
             type Value = Cow<'de, str>;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a text")
+                f.write_str("a string")
             }
 
             fn visit_borrowed_str<E: Error>(self, text: &'de str) -> Result<Self::Value, E> {

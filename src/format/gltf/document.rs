@@ -1,7 +1,7 @@
-//! The JSON of glTF as Rust types, limited to the members that are read.
+//! The JSON of glTF as Rust types, limited to the members that are read. Members have the names and meanings of the specification.
 //!
-//! These types replace the crate `gltf-json` because they bound memory: unknown members are skipped, and lists have a maximum length. Counts
-//! and indices have 32 bits, which is enough for any file that GLB can hold.
+//! These types replace the crate `gltf-json` because they bound memory: unknown members are skipped, and lists have a maximum length.
+//! Counts and indices have 32 bits, which is enough for any file that GLB can hold.
 
 use serde::Deserialize;
 use serde_json::value::RawValue;

@@ -15,9 +15,10 @@ const EXTRAS_KEY: &str = "meshmend";
 /// meshmend's own data in the `extras` of the asset, a mesh or a node.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Extras {
+    /// The part number of a 3MF object or item.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part_number: Option<String>,
-    /// One of [`OBJECT_KINDS`].
+    /// The object's kind, one of [`OBJECT_KINDS`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<String>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

@@ -85,7 +85,8 @@ impl<'a> File<'a> {
         Ok(Self { document, buffers, limits, sidecars: sources.sidecars, length, work: Cell::new(0) })
     }
 
-    /// Counts the work on `entries` entries. Without a limit, a small file could cause any amount of work by referring to the same data often.
+    /// Counts the work on `entries` entries. Without a limit, a small file could cause any amount of work by referring to the same data
+    /// often.
     pub fn count_work(&self, entries: usize) -> Result<(), ReadError> {
         self.work.set(self.work.get().saturating_add(entries as u64));
         if self.work.get() > self.limits.max_vertices.saturating_mul(2) {

@@ -1,10 +1,10 @@
 //! glTF 2.0 (Khronos, ISO/IEC 12113:2022). GLB is read and written. JSON is read with buffers that are embedded or sidecar files.
 //!
-//! Each mesh becomes an object of the scene, in its own coordinates. Each node with a mesh becomes an item, so a mesh with several nodes stays
-//! one object. The node hierarchy is flattened: an item's transform includes those of its ancestors.
+//! Each mesh becomes an object of the scene, in its own coordinates. Each node with a mesh becomes an item, so a mesh with several nodes
+//! stays one object. The node hierarchy is flattened: an item's transform includes those of its ancestors.
 //!
-//! glTF is in metres with y up, and positions are read unchanged. When a scene is written, node matrices convert its unit and its up axis. A
-//! scene without unit or up axis is written as if it were in metres with y up.
+//! glTF is in metres with y up, and positions are read unchanged. When a scene is written, node matrices convert its unit and its up axis.
+//! A scene without unit or up axis is written as if it were in metres with y up.
 //!
 //! Skinned meshes and morph targets are read in their rest pose. A skinned mesh is in the coordinates of the scene.
 
@@ -242,10 +242,10 @@ impl<'f, 'a> SceneReader<'f, 'a> {
         if self.is_animated {
             warnings.push("the model has animated parts (a skin or morph targets); its rest pose was read".to_owned());
         }
-        if painter.images.omitted > 0 {
+        if painter.textures.omitted > 0 {
             warnings.push(format!(
                 "textures that are not PNG or JPEG inside the file were dropped: {}; to keep them, export a GLB file with PNG or JPEG textures",
-                painter.images.omitted
+                painter.textures.omitted
             ));
         }
         if painter.dropped_vertex_colors > 0 {

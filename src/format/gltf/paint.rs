@@ -20,7 +20,7 @@ use crate::scene::{self, PAINTLESS, Paint, Palette};
 pub(super) struct Painter<'f, 'a> {
     file: &'f File<'a>,
     /// The textures in use.
-    pub images: TextureTable<'f, 'a>,
+    pub textures: TextureTable<'f, 'a>,
     palettes: PaletteBuilder,
     /// Palette and entry of each untextured material.
     plain: FxHashMap<u32, (u32, u32)>,
@@ -37,7 +37,7 @@ impl<'f, 'a> Painter<'f, 'a> {
     pub fn new(file: &'f File<'a>) -> Self {
         Self {
             file,
-            images: TextureTable::new(file),
+            textures: TextureTable::new(file),
             palettes: PaletteBuilder::default(),
             plain: FxHashMap::default(),
             textured: FxHashMap::default(),
@@ -48,7 +48,7 @@ impl<'f, 'a> Painter<'f, 'a> {
 
     /// The palettes and textures.
     pub fn finish(self) -> (Vec<Palette>, Vec<scene::Texture>) {
-        (self.palettes.finish(), self.images.textures)
+        (self.palettes.finish(), self.textures.textures)
     }
 
     /// Appends the paint of a primitive's faces, whose corners index its `vertices` vertices. Textures take precedence over vertex colours,
@@ -72,7 +72,7 @@ impl<'f, 'a> Painter<'f, 'a> {
         self.has_other_textures |= uses_other_textures(material);
         let colors = source.vertex_attribute("COLOR_0", |attributes| attributes.color_0, vertices)?;
         if let Some(number) = number
-            && let Some((palette, places)) = self.picture(source, number, material, vertices)?
+            && let Some((palette, places)) = self.textured_palette(source, number, material, vertices)?
         {
             self.dropped_vertex_colors += u64::from(colors.is_some());
             let used = UsedVertices::of(|| faces.iter().flatten().copied(), vertices);
@@ -97,7 +97,7 @@ impl<'f, 'a> Painter<'f, 'a> {
     }
 
     /// The palette of a material's texture and the texture coordinates of vertices; `None` unless both exist.
-    fn picture(
+    fn textured_palette(
         &mut self,
         source: &PrimitiveData<'f, 'a>,
         number: Integer,
@@ -122,9 +122,9 @@ impl<'f, 'a> Painter<'f, 'a> {
         let palette = match self.textured.entry(number.0) {
             Entry::Occupied(known) => *known.get(),
             Entry::Vacant(new) => {
-                let picture = self.images.texture(texture.index)?;
+                let image = self.textures.texture(texture.index)?;
                 let name = material.name.as_deref().map(str::to_owned);
-                *new.insert(picture.map(|texture| self.palettes.textured(texture, name, color(material))))
+                *new.insert(image.map(|texture| self.palettes.textured(texture, name, color(material))))
             }
         };
         Ok(palette.map(|palette| (palette, places)))
@@ -202,7 +202,7 @@ pub(super) struct TextureTable<'f, 'a> {
     /// Index in `textures` of each texture of the file; `None` if its image can't be kept.
     known: FxHashMap<u32, Option<u32>>,
     /// Index in `textures` by image, wrap modes and filter.
-    excerpt: FxHashMap<(Integer, u8, u8, bool), usize>,
+    by_sampling: FxHashMap<(Integer, u8, u8, bool), usize>,
     /// Image files by the index of their image.
     files: FxHashMap<u32, Option<ImageFile>>,
     /// Total bytes of all image files.
@@ -214,8 +214,8 @@ pub(super) struct TextureTable<'f, 'a> {
 impl<'f, 'a> TextureTable<'f, 'a> {
     /// No textures yet.
     pub fn new(file: &'f File<'a>) -> Self {
-        let (known, excerpt, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
-        Self { file, textures: Vec::new(), known, excerpt, files, bytes: 0, omitted: 0 }
+        let (known, by_sampling, files) = (FxHashMap::default(), FxHashMap::default(), FxHashMap::default());
+        Self { file, textures: Vec::new(), known, by_sampling, files, bytes: 0, omitted: 0 }
     }
 
     /// The index in [`Self::textures`] of a texture of the file; `None` if its image can't be kept.
@@ -227,16 +227,16 @@ impl<'f, 'a> TextureTable<'f, 'a> {
         let texture = entry(&document.textures, number, "texture")?;
         let sampler = texture.sampler.map(|number| entry(&document.samplers, number, "sampler")).transpose()?;
         // Without a source, the image is in a format that only an extension defines.
-        let picture = match texture.source {
-            Some(source) => self.picture(source)?.map(|picture| (source, picture)),
+        let image = match texture.source {
+            Some(source) => self.image(source)?.map(|image| (source, image)),
             None => None,
         };
-        let added = match picture {
+        let added = match image {
             Some((source, (bytes, media_type))) => {
                 let wrap_u = wrap(sampler.and_then(|sampler| sampler.wrap_s));
                 let wrap_v = wrap(sampler.and_then(|sampler| sampler.wrap_t));
                 let nearest = sampler.and_then(|sampler| sampler.mag_filter) == Some(Integer(NEAREST));
-                let at = *self.excerpt.entry((source, wrap_u as u8, wrap_v as u8, nearest)).or_insert_with(|| {
+                let at = *self.by_sampling.entry((source, wrap_u as u8, wrap_v as u8, nearest)).or_insert_with(|| {
                     self.textures.push(scene::Texture {
                         bytes,
                         media_type: media_type.to_owned(),
@@ -257,7 +257,7 @@ impl<'f, 'a> TextureTable<'f, 'a> {
         Ok(added)
     }
 
-    fn picture(&mut self, number: Integer) -> Result<Option<ImageFile>, ReadError> {
+    fn image(&mut self, number: Integer) -> Result<Option<ImageFile>, ReadError> {
         if let Some(known) = self.files.get(&number.0) {
             return Ok(known.clone());
         }
@@ -270,9 +270,9 @@ impl<'f, 'a> TextureTable<'f, 'a> {
                     &copied[..]
                 }
                 None => {
-                    let picture = relative_path(uri).and_then(|path| self.file.sidecars.read_texture(&path));
-                    self.files.insert(number.0, picture.clone());
-                    return Ok(picture);
+                    let image = relative_path(uri).and_then(|path| self.file.sidecars.read_texture(&path));
+                    self.files.insert(number.0, image.clone());
+                    return Ok(image);
                 }
             },
             (None, Some(number)) => {
@@ -281,7 +281,7 @@ impl<'f, 'a> TextureTable<'f, 'a> {
             }
             (None, None) => &[],
         };
-        let picture = match media_type(bytes) {
+        let image = match media_type(bytes) {
             Some(media_type) => {
                 self.bytes += bytes.len();
                 // The total exceeds the file's size only if images overlap.
@@ -293,8 +293,8 @@ impl<'f, 'a> TextureTable<'f, 'a> {
             }
             None => None,
         };
-        self.files.insert(number.0, picture.clone());
-        Ok(picture)
+        self.files.insert(number.0, image.clone());
+        Ok(image)
     }
 }
 

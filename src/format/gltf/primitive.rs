@@ -94,8 +94,8 @@ impl<'f, 'a> PrimitiveData<'f, 'a> {
 /// Maximum number of components decoded for a vertex: position, normal, tangent, colour, two texture coordinates, joints and weights.
 const COMPONENTS_PER_VERTEX: u64 = 3 + 3 + 4 + 4 + 4 + 8;
 
-/// A Draco stream may decode to at least this many vertices and faces, and to [`MAX_PER_BYTE`] more for each of its bytes. Regular meshes compress
-/// well, but no real model reaches a thousand faces for each byte.
+/// A Draco stream may decode to at least this many vertices and faces, and to [`MAX_PER_BYTE`] more for each of its bytes. Regular meshes
+/// compress well, but no real model reaches a thousand faces for each byte.
 const MIN_PLAUSIBLE: u64 = 1 << 20;
 const MAX_PER_BYTE: u64 = 1000;
 

@@ -1,8 +1,8 @@
 //! Writing a scene as GLB. The same scene always gives the same bytes, and reading and writing a file again reproduces it.
 //!
-//! Each placed object with faces becomes a mesh, and each of its instances a node with a matrix. Objects made of components become nodes for
-//! their parts. Positions are rounded to f32. Faces with the same appearance form one primitive. A vertex between faces of different colours
-//! or texture coordinates is written once for each.
+//! Each placed object with faces becomes a mesh, and each of its instances a node with a matrix. Objects made of components become nodes
+//! for their parts. Positions are rounded to f32. Faces with the same appearance form one primitive. A vertex between faces of different
+//! colours or texture coordinates is written once for each.
 
 use glam::{DAffine3, DVec3};
 use rustc_hash::FxHashMap;
@@ -45,7 +45,7 @@ pub(crate) fn write(scene: &Scene) -> Result<Vec<u8>, WriteError> {
         .iter()
         .map(|instance| instance.node(scene, metres, numbers[&instance.object]))
         .collect::<Result<Vec<_>, _>>()?;
-    let too_large = WriteError::TooManyFaces { faces: scene.placed_faces(), most: u64::from(u32::MAX / 12) };
+    let too_large = WriteError::TooManyFaces { faces: scene.placed_faces(), max: u64::from(u32::MAX / 12) };
     writer.finish(scene, &nodes, &meshes).ok_or(too_large)
 }
 
@@ -77,7 +77,7 @@ fn instances(scene: &Scene) -> Result<Vec<ObjectInstance>, WriteError> {
     let count = |object: u32| counts.get(object as usize).copied().unwrap_or(0);
     let parts = scene.items.iter().fold(0, |sum: u64, item| sum.saturating_add(count(item.object)));
     if parts > MAX_ENTRIES as u64 {
-        return Err(WriteError::TooManyParts { parts, most: MAX_ENTRIES as u64 });
+        return Err(WriteError::TooManyParts { parts, max: MAX_ENTRIES as u64 });
     }
     let mut instances = Vec::new();
     let mut stack = Vec::new();
@@ -275,9 +275,9 @@ impl Writer<'_> {
 
     /// Assembles the file; `None` if it is longer than GLB allows.
     fn finish(mut self, scene: &Scene, nodes: &[Value], meshes: &[Value]) -> Option<Vec<u8>> {
-        let pictures = std::mem::take(&mut self.table.images);
+        let image_files = std::mem::take(&mut self.table.images);
         let image = |bytes: &&[u8]| json!({ "bufferView": self.view(bytes), "mimeType": media_type(bytes) });
-        let images: Vec<Value> = pictures.iter().map(image).collect();
+        let images: Vec<Value> = image_files.iter().map(image).collect();
         let mut document = json!({ "asset": asset(scene), "scene": 0, "scenes": [{}] });
         if !nodes.is_empty() {
             document["scenes"][0]["nodes"] = (0..nodes.len()).collect();

@@ -1,4 +1,5 @@
-//! Wavefront OBJ: polygons as text ("Advanced Visualizer Manual", appendix B1). Vertices, faces and normals are read, and optionally colours.
+//! Wavefront OBJ: polygons as text ("Advanced Visualizer Manual", appendix B1). Vertices, faces and normals are read, and optionally
+//! colours.
 //!
 //! Objects (`o`) and groups (`g`) are read as one mesh, because they often share vertices and are rarely separate bodies.
 
@@ -170,7 +171,8 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Reads a normal. A malformed normal is no error, because the surface does not need normals. Normals over the vertex limit are ignored.
+    /// Reads a normal. A malformed normal is no error, because the surface does not need normals. Normals over the vertex limit are
+    /// ignored.
     fn normal(&mut self) {
         if self.limits.check_vertices(self.normals.len() as u64 + 1).is_err() {
             return;

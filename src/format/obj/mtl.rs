@@ -45,8 +45,8 @@ pub(super) struct ColorTexture {
 }
 
 impl MaterialDefinition {
-    /// The material's colour. Without `Kd` it is light grey, or white if there is a texture. Black with a texture also becomes white, because
-    /// some exporters write black to say that the material has no colour of its own.
+    /// The material's colour. Without `Kd` it is light grey, or white if there is a texture. Black with a texture also becomes white,
+    /// because some exporters write black to say that the material has no colour of its own.
     pub fn color(&self) -> [u8; 4] {
         let [r, g, b] = match (self.diffuse, &self.texture) {
             (None, None) => [0.8; 3],

@@ -112,13 +112,13 @@ impl<'a> PaintStatements<'a> {
             while let Some((_, next)) = uses.next_if(|(begin, _)| *begin <= number) {
                 material = Some(*next);
             }
-            let named = material.map_or(MaterialReference::None, |material| materials.named(material));
+            let reference = material.map_or(MaterialReference::None, |material| materials.resolve(material));
             let places = places_of_triangles.get(number).copied().unwrap_or([NO_INDEX; 3]);
-            of_faces.push(match materials.textured_paint(named, places) {
+            of_faces.push(match materials.textured_paint(reference, places) {
                 Some(paint) => paint,
                 None => {
                     let colors = corners.map(|v| colors.get(v as usize).copied().flatten());
-                    materials.plain_paint(named, colors)
+                    materials.plain_paint(reference, colors)
                 }
             });
         }
@@ -177,12 +177,13 @@ struct Materials<'m> {
     unsent_library: Option<&'m [u8]>,
     definitions: MaterialDefinitions,
     /// What each material name refers to.
-    named: Vec<MaterialReference>,
+    references: Vec<MaterialReference>,
     /// The untextured paint of each material.
     plain: FxHashMap<u32, Paint>,
     /// The palette of each textured material; `None` if its texture can't be read.
     textured: FxHashMap<u32, Option<u32>>,
-    pictures: FxHashMap<ColorTexture, Option<u32>>,
+    /// Index in `textures` of each colour texture; `None` if the file can't be read.
+    by_color_texture: FxHashMap<ColorTexture, Option<u32>>,
     /// Palette index of each texture coordinate, by palette and coordinate.
     coordinate_entries: FxHashMap<(u32, u32), u32>,
     palettes: PaletteBuilder,
@@ -204,7 +205,7 @@ impl<'m> Materials<'m> {
         if !names.is_empty() {
             libraries.iter().for_each(|names| read_libraries(names, sidecars, &mut definitions));
         }
-        let stands_for = |(number, name): (u32, &&[u8])| match definitions.get(*name) {
+        let resolve_name = |(number, name): (u32, &&[u8])| match definitions.get(*name) {
             Some(definition) => {
                 let color = definition.color();
                 let is_color = *name == color_name(color).as_bytes();
@@ -213,17 +214,17 @@ impl<'m> Materials<'m> {
             None if name.is_empty() || *name == UNPAINTED.as_bytes() => MaterialReference::Unpainted,
             None => MaterialReference::Undefined,
         };
-        let named = (0..).zip(names).map(stands_for).collect();
+        let references = (0..).zip(names).map(resolve_name).collect();
         Self {
             names,
             places,
             sidecars,
             unsent_library: if sidecars.has_archive() { None } else { libraries.first().copied() },
             definitions,
-            named,
+            references,
             plain: FxHashMap::default(),
             textured: FxHashMap::default(),
-            pictures: FxHashMap::default(),
+            by_color_texture: FxHashMap::default(),
             coordinate_entries: FxHashMap::default(),
             palettes: PaletteBuilder::default(),
             textures: Vec::new(),
@@ -233,18 +234,18 @@ impl<'m> Materials<'m> {
     }
 
     /// What the material of one more triangle refers to.
-    fn named(&mut self, number: u32) -> MaterialReference {
-        let named = self.named.get(number as usize).copied().unwrap_or(MaterialReference::Undefined);
-        if named == MaterialReference::Undefined {
+    fn resolve(&mut self, number: u32) -> MaterialReference {
+        let reference = self.references.get(number as usize).copied().unwrap_or(MaterialReference::Undefined);
+        if reference == MaterialReference::Undefined {
             self.undefined.0 += 1;
             self.undefined.1.get_or_insert(number);
         }
-        named
+        reference
     }
 
     /// The textured paint of a triangle; `None` if its material has no texture or the triangle has no texture coordinates.
-    fn textured_paint(&mut self, named: MaterialReference, places: [u32; 3]) -> Option<Paint> {
-        let MaterialReference::Defined { number, color, has_texture: true, .. } = named else { return None };
+    fn textured_paint(&mut self, reference: MaterialReference, places: [u32; 3]) -> Option<Paint> {
+        let MaterialReference::Defined { number, color, has_texture: true, .. } = reference else { return None };
         if places.contains(&NO_INDEX) {
             return None;
         }
@@ -268,8 +269,8 @@ impl<'m> Materials<'m> {
     }
 
     /// The untextured paint of a triangle, whose corners may have colours.
-    fn plain_paint(&mut self, named: MaterialReference, colors: [Option<[u8; 3]>; 3]) -> Paint {
-        let alpha = match named {
+    fn plain_paint(&mut self, reference: MaterialReference, colors: [Option<[u8; 3]>; 3]) -> Paint {
+        let alpha = match reference {
             MaterialReference::Unpainted => return PAINTLESS,
             MaterialReference::None | MaterialReference::Undefined => Some(255),
             MaterialReference::Defined { color: [r, g, b, alpha], is_color, .. } => {
@@ -280,7 +281,7 @@ impl<'m> Materials<'m> {
             let at = [a, b, c].map(|[r, g, b]| self.palettes.color([r, g, b, alpha]).1);
             return Paint { palette: self.palettes.colors(), at };
         }
-        let MaterialReference::Defined { number, color, is_color, .. } = named else { return PAINTLESS };
+        let MaterialReference::Defined { number, color, is_color, .. } = reference else { return PAINTLESS };
         *self.plain.entry(number).or_insert_with(|| {
             let name = || String::from_utf8_lossy(self.names[number as usize]).into_owned();
             let (palette, entry) = match is_color {
@@ -319,12 +320,12 @@ impl<'m> Materials<'m> {
     }
 
     fn textured_palette(&mut self, number: u32, color: [u8; 4]) -> Option<u32> {
-        let picture = self.definitions.get(self.names[number as usize])?.texture.clone()?;
-        let texture = match self.pictures.get(&picture) {
+        let color_texture = self.definitions.get(self.names[number as usize])?.texture.clone()?;
+        let texture = match self.by_color_texture.get(&color_texture) {
             Some(texture) => *texture,
             None => {
-                let texture = self.texture(&picture);
-                self.pictures.insert(picture, texture);
+                let texture = self.texture(&color_texture);
+                self.by_color_texture.insert(color_texture, texture);
                 texture
             }
         }?;
@@ -332,9 +333,9 @@ impl<'m> Materials<'m> {
         Some(self.palettes.textured(texture, Some(name).filter(|name| !name.is_empty()), color))
     }
 
-    fn texture(&mut self, picture: &ColorTexture) -> Option<u32> {
-        let (bytes, media_type) = self.sidecars.read_texture(&picture.file)?;
-        let wrap = if picture.clamp { Wrap::Clamp } else { Wrap::Repeat };
+    fn texture(&mut self, color_texture: &ColorTexture) -> Option<u32> {
+        let (bytes, media_type) = self.sidecars.read_texture(&color_texture.file)?;
+        let wrap = if color_texture.clamp { Wrap::Clamp } else { Wrap::Repeat };
         let media_type = media_type.to_owned();
         self.textures.push(Texture { bytes, media_type, wrap_u: wrap, wrap_v: wrap, nearest: false });
         u32::try_from(self.textures.len() - 1).ok()

@@ -30,8 +30,8 @@ pub(crate) fn write(soup: &Soup) -> Vec<u8> {
 
 /// Writes a mesh with its paint; the OBJ refers to the MTL file as `library`.
 ///
-/// Dropped, because OBJ can't store them: the alpha of colour gradients, a vertex colour that differs between faces (see [`MaterialTable`]), and
-/// blanks in names.
+/// Dropped, because OBJ can't store them: the alpha of colour gradients, a vertex colour that differs between faces (see
+/// [`MaterialTable`]), and blanks in names.
 pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene, library: &str) -> ObjZipFiles {
     let soup = &mesh.soup;
     let mut table = MaterialTable::new(scene, mesh);
@@ -90,9 +90,9 @@ fn materials(table: &MaterialTable<'_>) -> Vec<u8> {
         if alpha < 1.0 {
             let _ = writeln!(text, "d {alpha}");
         }
-        if let Some((picture, clamp)) = material.picture {
+        if let Some((texture_file, clamp)) = material.texture_file {
             let option = if clamp { "-clamp on " } else { "" };
-            let _ = writeln!(text, "map_Kd {option}{}", table.textures[picture].0);
+            let _ = writeln!(text, "map_Kd {option}{}", table.textures[texture_file].0);
         }
     }
     text.into_bytes()
@@ -152,19 +152,23 @@ fn is_color_name(name: &str, color: [u8; 4]) -> bool {
 /// The paint of a face, reduced to what OBJ can store.
 #[derive(Clone, Copy)]
 enum FacePaint<'s> {
+    /// No paint.
     Unpainted,
+    /// A named material with a colour.
     Named(&'s str, [u8; 4]),
+    /// A textured material.
     Textured { name: &'s str, tint: [u8; 4], texture: &'s Texture },
+    /// The colours of the three corners.
     Colored([[u8; 4]; 3]),
 }
 
 /// What identifies a material in the MTL file.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum MaterialKey<'s> {
-    Vertices,
+    VertexColors,
     Color([u8; 4]),
     Named(&'s str, [u8; 4]),
-    Textured { name: &'s str, tint: [u8; 4], picture: usize, clamp: bool },
+    Textured { name: &'s str, tint: [u8; 4], texture_file: usize, clamp: bool },
 }
 
 /// A material of the MTL file.
@@ -172,7 +176,7 @@ struct WrittenMaterial {
     name: String,
     color: [u8; 4],
     /// Index of its texture in [`MaterialTable::textures`], and whether the texture is clamped.
-    picture: Option<(usize, bool)>,
+    texture_file: Option<(usize, bool)>,
 }
 
 /// How a face is written.
@@ -203,7 +207,7 @@ struct MaterialTable<'s> {
     known: FxHashMap<MaterialKey<'s>, usize>,
     names: FxHashSet<String>,
     /// How often each name was requested, to number duplicates.
-    wanted: FxHashMap<String, usize>,
+    requested: FxHashMap<String, usize>,
     /// Texture files with their names.
     textures: Vec<(String, Arc<[u8]>)>,
     known_textures: FxHashMap<&'s [u8], usize>,
@@ -218,7 +222,7 @@ impl<'s> MaterialTable<'s> {
             materials: Vec::new(),
             known: FxHashMap::default(),
             names: FxHashSet::from_iter([UNPAINTED.to_owned()]),
-            wanted: FxHashMap::default(),
+            requested: FxHashMap::default(),
             textures: Vec::new(),
             known_textures: FxHashMap::default(),
             vertex_colors: Vec::new(),
@@ -245,7 +249,7 @@ impl<'s> MaterialTable<'s> {
             FacePaint::Colored(colors) => {
                 let of_vertices = |colors| has_vertex_colors(&self.vertex_colors, self.mesh.soup.faces[face], colors);
                 let key = match of_vertices(colors) || of_vertices([colors[0]; 3]) {
-                    true => MaterialKey::Vertices,
+                    true => MaterialKey::VertexColors,
                     false => MaterialKey::Color(colors[0]),
                 };
                 (key, None)
@@ -257,14 +261,14 @@ impl<'s> MaterialTable<'s> {
     /// The key of a textured material.
     fn textured_key(&mut self, name: &'s str, tint: [u8; 4], texture: &'s Texture) -> MaterialKey<'s> {
         let next = self.textures.len();
-        let picture = *self.known_textures.entry(&texture.bytes).or_insert(next);
-        if picture == next {
+        let texture_file = *self.known_textures.entry(&texture.bytes).or_insert(next);
+        if texture_file == next {
             let ending = extension(&texture.bytes).unwrap_or_default();
-            self.textures.push((format!("texture_{picture}.{ending}"), Arc::clone(&texture.bytes)));
+            self.textures.push((format!("texture_{texture_file}.{ending}"), Arc::clone(&texture.bytes)));
         }
         // MTL has one clamp option for both axes, and no mirroring. Clamping is nearest to a texture without continuation.
         let ends = |wrap| matches!(wrap, Wrap::Clamp | Wrap::None);
-        MaterialKey::Textured { name, tint, picture, clamp: ends(texture.wrap_u) && ends(texture.wrap_v) }
+        MaterialKey::Textured { name, tint, texture_file, clamp: ends(texture.wrap_u) && ends(texture.wrap_v) }
     }
 
     /// The index of a material with a unique name; `None` if the MTL file has the maximum number of materials already.
@@ -275,23 +279,25 @@ impl<'s> MaterialTable<'s> {
         if self.materials.len() >= mtl::MAX_MATERIALS {
             return None;
         }
-        let (name, color, picture) = match key {
-            MaterialKey::Vertices => (VERTEX_COLORS.to_owned(), [255; 4], None),
+        let (name, color, texture_file) = match key {
+            MaterialKey::VertexColors => (VERTEX_COLORS.to_owned(), [255; 4], None),
             MaterialKey::Color(color) => (color_name(color), color, None),
             MaterialKey::Named(name, color) => (written_name(name), color, None),
-            MaterialKey::Textured { name: "", tint, picture, clamp } => {
-                (format!("texture_{picture}"), tint, Some((picture, clamp)))
+            MaterialKey::Textured { name: "", tint, texture_file, clamp } => {
+                (format!("texture_{texture_file}"), tint, Some((texture_file, clamp)))
             }
-            MaterialKey::Textured { name, tint, picture, clamp } => (written_name(name), tint, Some((picture, clamp))),
+            MaterialKey::Textured { name, tint, texture_file, clamp } => {
+                (written_name(name), tint, Some((texture_file, clamp)))
+            }
         };
         let mut own = name.clone();
         while !self.names.insert(own.clone()) {
-            let wanted = self.wanted.entry(name.clone()).or_insert(1);
-            *wanted += 1;
-            own = format!("{name}_{wanted}");
+            let count = self.requested.entry(name.clone()).or_insert(1);
+            *count += 1;
+            own = format!("{name}_{count}");
         }
         self.known.insert(key, self.materials.len());
-        self.materials.push(WrittenMaterial { name: own, color, picture });
+        self.materials.push(WrittenMaterial { name: own, color, texture_file });
         Some(self.materials.len() - 1)
     }
 
@@ -330,8 +336,8 @@ impl<'s> MaterialTable<'s> {
 
     /// Decides the colours of vertices; empty if no face has a colour gradient.
     ///
-    /// Faces with gradients come first. Faces with one colour then use vertex colours if their vertices allow it. A face with a gradient whose
-    /// vertices already have other colours is written in the colour of its first corner.
+    /// Faces with gradients come first. Faces with one colour then use vertex colours if their vertices allow it. A face with a gradient
+    /// whose vertices already have other colours is written in the colour of its first corner.
     fn vertex_colors(&self) -> Vec<VertexColor> {
         let faces =
             || self.mesh.soup.faces.iter().copied().zip(self.mesh.paint.iter().map(|&paint| self.face_paint(paint)));

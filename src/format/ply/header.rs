@@ -96,7 +96,9 @@ pub(super) enum Meaning {
 /// A property of an element.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Property {
+    /// One number or a list.
     pub value_type: PropertyType,
+    /// Its meaning for a mesh.
     pub meaning: Meaning,
 }
 
@@ -298,7 +300,7 @@ impl Header {
                     ReadErrorKind::Truncated,
                     length,
                     format!(
-                        "the header counts {} rows of the element '{}', but the {available} bytes after the header can't hold them; the file was cut off or its counts are wrong, so send it again",
+                        "the header counts {} rows of the element '{}', but {available} bytes can't hold them; the file is cut off or damaged, so send it again",
                         element.count,
                         excerpt(element.name.as_bytes())
                     ),

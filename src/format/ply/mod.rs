@@ -200,7 +200,7 @@ impl<V: Values> ElementReader<V> {
                             return Err(self.values.error(
                                 ReadErrorKind::Truncated,
                                 format!(
-                                    "'{}' {} of {} has a list of {length} vertices, more than the rest of the file can hold; the file is cut off or damaged, so send it again",
+                                    "'{}' {} of {} lists {length} vertices, more than the file can hold; the file is cut off or damaged, so send it again",
                                     element.name, row.number, element.count
                                 ),
                             ));

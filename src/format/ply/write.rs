@@ -20,8 +20,8 @@ pub(crate) fn write(soup: &Soup) -> Vec<u8> {
 
 /// As [`write`], with colours. Textures are dropped.
 ///
-/// If each face has a single colour, faces have colours; otherwise vertices have. PLY allows one colour for each vertex: the first face with
-/// a colour gradient sets it, else the first painted face. Unpainted faces and vertices become white.
+/// If each face has a single colour, faces have colours; otherwise vertices have. PLY allows one colour for each vertex: the first face
+/// with a colour gradient sets it, else the first painted face. Unpainted faces and vertices become white.
 pub(crate) fn write_painted(mesh: &PaintedMesh, scene: &Scene) -> Vec<u8> {
     write_with(&mesh.soup, &colors(mesh, scene))
 }

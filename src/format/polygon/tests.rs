@@ -1,3 +1,5 @@
+//! Triangulation of convex, concave, degenerate, self-intersecting and adversarial polygons.
+
 use glam::DQuat;
 
 use super::*;

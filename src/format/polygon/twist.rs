@@ -9,8 +9,8 @@ const NO_AREA: f64 = 1000.0;
 /// How much smaller a fold must be, in degrees, for a quad_start to be split along the other diagonal.
 const ROUNDING_DEGREES: f64 = 1e-6;
 
-/// The squared sine of a polygon's twist. The twist is the largest angle between the plane across `normal` through the corners' centroid and
-/// the line from the centroid to a corner. `scale` keeps the products in range.
+/// The squared sine of a polygon's twist. The twist is the largest angle between the plane across `normal` through the corners' centroid
+/// and the line from the centroid to a corner. `scale` keeps the products in range.
 pub(super) fn squared_sine(positions: &[DVec3], corners: &[u32], normal: DVec3, scale: f64) -> f64 {
     let origin = positions[corners[0] as usize];
     let at = |v: u32| (positions[v as usize] - origin) * scale;
@@ -28,7 +28,7 @@ pub(super) fn squared_sine(positions: &[DVec3], corners: &[u32], normal: DVec3, 
 pub(super) fn quad_start(corners: [DVec3; 4], flat: usize) -> usize {
     let fold = |from: usize| {
         let at = |k: usize| corners[(from + k) % 4];
-        between(normal([at(0), at(1), at(2)]), normal([at(0), at(2), at(3)]))
+        fold_deg(normal([at(0), at(1), at(2)]), normal([at(0), at(2), at(3)]))
     };
     let other = (flat + 1) % 4;
     if fold(other) < fold(flat) - ROUNDING_DEGREES { other } else { flat }
@@ -54,7 +54,7 @@ pub(super) fn triangulate_with_least_fold(points: &[DVec3], triangles: &mut Vec<
                 let (left, right) = (weight[at(i, k)], weight[at(k, j)]);
                 let own = normal([points[i], points[k], points[j]]);
                 let beyond = [(k > i + 1).then(|| normals[at(i, k)]), (j > k + 1).then(|| normals[at(k, j)])];
-                let folds = beyond.into_iter().flatten().map(|beside| (between(own, beside) / STEP_DEGREES).floor());
+                let folds = beyond.into_iter().flatten().map(|beside| (fold_deg(own, beside) / STEP_DEGREES).floor());
                 let alone = if own.is_some() { 0.0 } else { NO_AREA };
                 let worst = folds.fold(alone, f64::max).max(left.0).max(right.0);
                 let area = (points[k] - points[i]).cross(points[j] - points[i]).length();
@@ -88,7 +88,7 @@ fn normal([a, b, c]: [DVec3; 3]) -> Option<DVec3> {
 }
 
 /// The angle in degrees between two triangles with these unit normals.
-fn between(a: Option<DVec3>, b: Option<DVec3>) -> f64 {
+fn fold_deg(a: Option<DVec3>, b: Option<DVec3>) -> f64 {
     match (a, b) {
         (Some(a), Some(b)) => a.cross(b).length().atan2(a.dot(b)).to_degrees(),
         _ => NO_AREA,

@@ -22,12 +22,12 @@ pub(super) fn scene(
     warnings: &mut Warnings,
 ) -> Result<Scene, ReadError> {
     let mut scene = Scene { up: Some(Up::Z), ..Scene::default() };
-    let mut pictures = TextureFiles { known: HashMap::new(), left: MAX_TEXTURE_BYTES };
+    let mut texture_files = TextureFiles { known: HashMap::new(), left: MAX_TEXTURE_BYTES };
     for part in &mut parts {
         let first_texture = u32::try_from(scene.textures.len()).unwrap_or(u32::MAX);
         for texture in &part.textures {
             scene.textures.push(Texture {
-                bytes: pictures.get(&texture.path, archive)?,
+                bytes: texture_files.get(&texture.path, archive)?,
                 media_type: texture.media_type.to_owned(),
                 wrap_u: texture.wrap_u,
                 wrap_v: texture.wrap_v,
@@ -239,7 +239,8 @@ impl Entries {
     }
 }
 
-/// Turns a part's property groups into palettes, and updates the paint of its objects. `first_texture` is the scene index of its first texture.
+/// Turns a part's property groups into palettes, and updates the paint of its objects. `first_texture` is the scene index of its first
+/// texture.
 fn build_palettes(
     part: &mut Part,
     first_texture: u32,
@@ -376,8 +377,8 @@ fn composite_colors(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, Str
     Ok(shares.chunks_exact(colors.len().max(1)).map(mean).collect())
 }
 
-/// The index of the last layer with colours or a texture, else the first. The rules for layers are those of the materials extension, chapter
-/// 5.
+/// The index of the last layer with colours or a texture, else the first. The rules for layers are those of the materials extension,
+/// chapter 5.
 fn top_layer(known: &HashMap<u32, GroupPalette>, of: &[u32]) -> Result<usize, String> {
     let kinds = of.iter().map(|id| {
         known.get(id).map(|group| group.kind).ok_or_else(|| format!("{} is not a group that can be a layer", id))

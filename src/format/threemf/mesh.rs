@@ -68,13 +68,13 @@ fn vertex(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<DVec
             b"y" => 1,
             b"z" => 2,
             name => {
-                other(reader, xml, name, &attribute.value)?;
+                other_attribute(reader, xml, name, &attribute.value)?;
                 continue;
             }
         };
         let value = number(&attribute.value).ok_or_else(|| not_a_number(xml, &attribute.value))?;
         if position[axis].replace(value).is_some() {
-            return Err(twice(xml, attribute.key.into_inner()));
+            return Err(duplicate_attribute(xml, attribute.key.into_inner()));
         }
     }
     match position {
@@ -105,12 +105,12 @@ fn triangle(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Tr
             b"p3" => &mut entries[2],
             b"pid" => &mut group,
             name => {
-                other(reader, xml, name, &attribute.value)?;
+                other_attribute(reader, xml, name, &attribute.value)?;
                 continue;
             }
         };
         if slot.replace(parse_index(xml, &attribute.value)?).is_some() {
-            return Err(twice(xml, attribute.key.into_inner()));
+            return Err(duplicate_attribute(xml, attribute.key.into_inner()));
         }
     }
     match corners {
@@ -121,7 +121,7 @@ fn triangle(reader: &mut ModelReader, xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Tr
 
 /// Handles an attribute that the core specification does not define for vertices and triangles.
 #[cold]
-fn other(reader: &mut ModelReader, xml: &Xml<'_>, key: &[u8], value: &[u8]) -> Result<(), ReadError> {
+fn other_attribute(reader: &mut ModelReader, xml: &Xml<'_>, key: &[u8], value: &[u8]) -> Result<(), ReadError> {
     let (space, name) = match key.iter().position(|&b| b == b':') {
         Some(colon) if &key[..colon] != b"xmlns" => (xml.space(&key[..colon])?, &key[colon + 1..]),
         None if key != b"xmlns" => (Namespace::None, key),
@@ -131,7 +131,7 @@ fn other(reader: &mut ModelReader, xml: &Xml<'_>, key: &[u8], value: &[u8]) -> R
 }
 
 #[cold]
-fn twice(xml: &Xml<'_>, name: &[u8]) -> ReadError {
+fn duplicate_attribute(xml: &Xml<'_>, name: &[u8]) -> ReadError {
     xml.malformed(format_args!("an element has the attribute '{}' twice; export the model again", excerpt(name)))
 }
 

@@ -43,12 +43,12 @@ pub(super) fn read(archive: &mut Archive<'_>, options: &ReadOptions) -> Result<O
             return Err(ReadError::for_file(ReadErrorKind::Malformed, detail));
         };
         let part = reader.read(&mut xml)?;
-        names.extend(others(&part).filter(|path| known.insert(name_key(path))).map(str::to_owned));
+        names.extend(referenced_parts(&part).filter(|path| known.insert(name_key(path))).map(str::to_owned));
         parts.push(part);
     }
     let ModelReader { mut warnings, .. } = reader;
     let scene = assemble::scene(parts, archive, &mut warnings)?;
-    check(&scene, options)?;
+    check_build(&scene, options)?;
     Ok(Some(ReadScene { scene, format: Format::ThreeMf, dialect: "3MF".to_owned(), warnings: warnings.finish() }))
 }
 
@@ -58,7 +58,7 @@ fn xml<'z>(part: &str, archive: &'z mut Archive<'_>) -> Result<Option<Xml<'z>>, 
 }
 
 /// The paths of other parts whose objects a part refers to.
-fn others(part: &Part) -> impl Iterator<Item = &str> {
+fn referenced_parts(part: &Part) -> impl Iterator<Item = &str> {
     let components = part.objects.iter().filter_map(|object| match &object.shape {
         ShapeResource::Components(components) => Some(components),
         ShapeResource::Mesh { .. } => None,
@@ -67,7 +67,7 @@ fn others(part: &Part) -> impl Iterator<Item = &str> {
 }
 
 /// Checks that the build has faces, and not more than the limits allow.
-fn check(scene: &Scene, options: &ReadOptions) -> Result<(), ReadError> {
+fn check_build(scene: &Scene, options: &ReadOptions) -> Result<(), ReadError> {
     if scene.items.is_empty() {
         let detail = "the 3MF file has no build items; put the objects on the build plate and export the model again";
         return Err(ReadError::for_file(ReadErrorKind::NoFaces, detail));

@@ -146,7 +146,8 @@ impl ModelReader {
         xml.string(value)
     }
 
-    /// Ignores an unknown attribute. `allow_others` tells whether attributes of other namespaces are allowed here (core specification, 2.3.2).
+    /// Ignores an unknown attribute. `allow_others` tells whether attributes of other namespaces are allowed here (core specification,
+    /// 2.3.2).
     pub fn ignore_attribute(
         &mut self,
         xml: &Xml<'_>,

@@ -1,5 +1,5 @@
-//! Writing 3MF: the package with content types and relationships, and the model part with resources, objects and build. The same scene always
-//! gives the same bytes.
+//! Writing 3MF: the package with content types and relationships, and the model part with resources, objects and build. The same scene
+//! always gives the same bytes.
 
 use std::fmt::Write as _;
 use std::io::{self, Cursor, Write};
@@ -157,7 +157,7 @@ impl<'s> ModelWriter<'s> {
             next += u32::from(is_written);
             is_written.then_some(next)
         };
-        let textures: Vec<_> = texture_parts.iter().map(|picture| number(picture.is_some())).collect();
+        let textures: Vec<_> = texture_parts.iter().map(|part| number(part.is_some())).collect();
         let is_written = |palette: &Palette| match palette {
             Palette::Textured { texture, .. } => textures.get(*texture as usize).is_some_and(Option::is_some),
             _ => true,

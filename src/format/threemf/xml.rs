@@ -140,8 +140,8 @@ impl<'a> Xml<'a> {
                         return Err(self.malformed(detail));
                     }
                 }
-                Event::Start(start) => self.opened(&start, false, &mut each)?,
-                Event::Empty(start) => self.opened(&start, true, &mut each)?,
+                Event::Start(start) => self.open_root(&start, false, &mut each)?,
+                Event::Empty(start) => self.open_root(&start, true, &mut each)?,
                 Event::Eof if each.is_some() => {
                     return Err(self.malformed("the part has no element; export the model again"));
                 }
@@ -157,7 +157,7 @@ impl<'a> Xml<'a> {
         }
     }
 
-    fn opened(
+    fn open_root(
         &mut self,
         start: &BytesStart<'_>,
         empty: bool,

@@ -19,8 +19,8 @@ use crate::math::Box3;
 const VOLUME_ROUNDING: f64 = 1e-12;
 /// Maximum number of coincident samples that are tested for visibility.
 const VISIBILITY_SAMPLES: usize = 400;
-/// Limits of a faithful result, in percent of the diagonal: distance of 99 % of the visible surface, and displacement
-/// of a side of the bounding box.
+/// Limits of a faithful result in percent of the diagonal: distance of 99 % of the visible surface, and displacement
+/// of a side of the box.
 const FAITHFUL_PCT: [f64; 2] = [0.5, 1.0];
 /// Number of points for comparing what is inside, where the input's volume is not reliable.
 const INSIDE_POINTS: u32 = 1000;
@@ -154,11 +154,11 @@ pub struct ComparedMesh<'c> {
 }
 
 impl Original<'_> {
-    /// Computes the changes from this mesh to `after`. `patches` tells for each face of its soup whether the face is
+    /// Computes the changes from this mesh to `after`. `patches` holds for each face of its soup whether the face is
     /// a hole's patch; `None` if unknown.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn changes(
         &self,
         after: &Analysis<'_>,
@@ -172,7 +172,7 @@ impl Original<'_> {
     /// Computes the changes, ignoring parts whose removal was requested.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn changes_but_for(&self, after: &ComparedMesh<'_>, context: &Context<'_>) -> Result<Changes, Cancelled> {
         let ComparedMesh { measures, gone, .. } = *after;
         let (mut changes, _) = self.changes_and_distances(after, context)?;
@@ -239,9 +239,9 @@ impl Original<'_> {
         Ok((changes, lost_distances))
     }
 
-    /// The value of [`Changes::volume_overlap_pct`]. Needed if the volume of the input is unreliable: faces
-    /// intersect, or the volume changed while the enclosed points did not, because the input's volume counted
-    /// overlapping parts twice.
+    /// The value of [`Changes::volume_overlap_pct`]. Computed only if the input's volume is unreliable: its faces
+    /// intersect, or it counted overlapping parts twice. The latter is assumed if the volume changed while the
+    /// enclosed points did not.
     fn volume_overlap_pct(
         &self,
         after: &Analysis<'_>,

@@ -77,7 +77,7 @@ pub(super) struct Distances {
 /// other mesh. Points on faces for which `is_kept` returns true have distance 0 and cost nothing.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub(super) fn distances(
     pair: Pair<'_>,
     samples: &[Sample],
@@ -219,7 +219,7 @@ impl InsideAgreement {
 /// first mesh. Returns `None` if a mesh has no faces or no point was evaluated.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub(super) fn inside_agreement(
     pair: Pair<'_>,
     least_before: f64,
@@ -266,7 +266,7 @@ pub(super) fn inside_agreement(
 /// every face is kept or no test finished.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub(super) fn buried_pct(
     pair: Pair<'_>,
     is_kept: impl Fn(u32) -> bool,
@@ -288,7 +288,7 @@ pub(super) fn buried_pct(
 /// for points beyond the budget.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub(super) fn are_buried(
     pair: Pair<'_>,
     points: &[(DVec3, DVec3)],

@@ -33,9 +33,9 @@ const INSIDE_KEPT_PCT: f64 = 50.0;
 pub struct Comparison {
     /// Version of this structure.
     pub version: u32,
-    /// Whether the second mesh keeps the first's shape. Three conditions must hold: 99 % of the surface visible from
-    /// outside has the second mesh within 0.5 % of the diagonal; no side of the bounding box moved by more than 1 %
-    /// of the diagonal; and the second mesh encloses at least half of what the first encloses, by winding number.
+    /// Whether the second mesh keeps the first's shape. At least 99 % of the surface visible from outside has the
+    /// second mesh within 0.5 % of the diagonal. No side of the bounding box moved by more than 1 % of the diagonal.
+    /// The second mesh encloses at least half of what the first encloses, by winding number.
     pub faithful: bool,
     /// The figures that a repair report also has.
     #[serde(flatten)]
@@ -52,7 +52,7 @@ pub struct Comparison {
 /// Compares `before` with `after`. The result does not depend on the number of threads.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn compare(
     before: &Analysis<'_>,
     after: &Analysis<'_>,
@@ -67,7 +67,7 @@ impl Original<'_> {
     /// Compares this mesh with another one and returns the complete comparison.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn compare(
         &self,
         after: &Analysis<'_>,

@@ -79,7 +79,7 @@ impl<'a> Original<'a> {
     /// Enclosed volume after the orientation is settled.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn settled_volume(&self, context: &Context<'_>) -> Result<Volume, Cancelled> {
         self.settled.map_or(Ok(self.measures.volume), |settled| Ok(measures(settled, context)?.volume))
     }

@@ -126,7 +126,7 @@ impl Original<'_> {
     /// part at the point, or inside the result. O(n log n) within a budget.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn part_accounting(
         &self,
         after: &Analysis<'_>,
@@ -161,7 +161,7 @@ impl Original<'_> {
             .map(|(&part, _)| part)
             .collect();
         let mut answers = if unmatched.is_empty() { Vec::new() } else { dispensable(&unmatched)? }.into_iter();
-        let entries: Vec<Candidate> = candidates
+        let candidates: Vec<Candidate> = candidates
             .iter()
             .zip(verdicts)
             .zip(&probes.of_part)
@@ -184,7 +184,7 @@ impl Original<'_> {
                 Candidate { part, status }
             })
             .collect();
-        Ok(tally.finish(&entries))
+        Ok(tally.finish(&candidates))
     }
 }
 
@@ -255,7 +255,7 @@ impl<'a> Tally<'a> {
     }
 
     /// Completes the accounting with the status of each part without a kept face, in order.
-    fn finish(mut self, entries: &[Candidate]) -> PartAccounting {
+    fn finish(mut self, candidates: &[Candidate]) -> PartAccounting {
         let united = self.united();
         let Self { before, faces, has_kept_face, .. } = self;
         let mut accounting = PartAccounting { parts: before.parts.count as u64, ..PartAccounting::default() };
@@ -263,16 +263,16 @@ impl<'a> Tally<'a> {
             *(if all == kept { &mut accounting.kept } else { &mut accounting.changed }) += 1;
         }
         accounting.united = united.iter().filter(|&&united| united).count() as u64;
-        let mut first = vec![NO_FACE; if entries.is_empty() { 0 } else { before.parts.count }];
+        let mut first = vec![NO_FACE; if candidates.is_empty() { 0 } else { before.parts.count }];
         let mut count = vec![0u64; first.len()];
-        if !entries.is_empty() {
+        if !candidates.is_empty() {
             for (&part, f) in before.parts.of_face.iter().zip(0u32..).filter(|(part, _)| **part != Parts::NONE) {
                 first[part as usize] = first[part as usize].min(f);
                 count[part as usize] += 1;
             }
         }
         let unit = before.unit_length();
-        for &Candidate { part, ref status } in entries {
+        for &Candidate { part, ref status } in candidates {
             let first_face = before.surface.source[first[part as usize] as usize];
             let faces = count[part as usize];
             match *status {

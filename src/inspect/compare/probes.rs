@@ -17,8 +17,8 @@ const SAMPLES_EACH: [u32; 2] = [4, 64];
 /// Budget of all searches: boxes, nodes and triangles visited, plus an allowance per point.
 const BUDGET: u64 = 10_000_000;
 const BUDGET_PER_POINT: u64 = 1000;
-/// Search radius for a part's surface in the result, as a fraction of the part's mean thickness, so that a thin plate
-/// does not match the surface beneath. For an open part, a fraction of the part's diagonal.
+/// Search radius for a part's surface in the result, as a fraction of the part's mean thickness; for an open part, of
+/// its diagonal. The limit keeps a thin plate from matching the surface beneath.
 const REACH_OF_THICKNESS: f64 = 0.25;
 
 /// Sample points on selected parts of the input.
@@ -73,7 +73,7 @@ impl Probes {
 /// Position of a point of the input relative to the result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum PointLocation {
-    /// On a face of the result; `another` tells whether the point is also on another part of the input.
+    /// On a face of the result; `another` is true if the point is also on another part of the input.
     On { face: u32, another: bool },
     /// Inside the result, by winding number.
     In,
@@ -92,7 +92,7 @@ pub(super) struct PointLocator<'a> {
 }
 
 impl<'a> PointLocator<'a> {
-    /// Prepares queries. `has_kept_face` tells for each input part whether the result has one of its faces.
+    /// Prepares queries. `has_kept_face` holds for each input part whether the result has one of its faces.
     pub fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>, has_kept_face: &'a [bool]) -> Self {
         let ratio = Pair::new(before, after).ratio;
         Self { before, after, has_kept_face, inside: InsideTest::new(after), ratio }
@@ -101,7 +101,7 @@ impl<'a> PointLocator<'a> {
     /// Locates each point; `None` for points beyond the budget.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn locate(&self, probes: &Probes, context: &Context<'_>) -> Result<Vec<Option<PointLocation>>, Cancelled> {
         let count = probes.points.len();
         let budget = BUDGET + BUDGET_PER_POINT * count as u64;

@@ -29,7 +29,7 @@ const BUDGET_PER_POINT: u64 = 500;
 pub enum Provenance {
     /// Present in both meshes at the same place, whole or with different triangles.
     Kept,
-    /// In the result; the input has nearby surface that corresponds, farther away than rounding explains.
+    /// In the result; its counterpart in the input is nearby, but farther away than rounding explains.
     Moved,
     /// In the result, without a counterpart in the input, for example a hole's patch.
     Added,
@@ -58,7 +58,7 @@ pub struct SurfaceShare {
 pub struct SurfaceShares {
     /// Surface of the result that the input has at the same place.
     pub kept: SurfaceShare,
-    /// Surface of the result whose counterpart in the input is nearby, farther away than rounding explains.
+    /// Surface of the result whose counterpart in the input is nearby, but farther away than rounding explains.
     pub moved: SurfaceShare,
     /// Surface of the result without a counterpart in the input.
     pub added: SurfaceShare,
@@ -89,7 +89,7 @@ impl Original<'_> {
     /// split into pieces, so that of a face running into a solid only the internal piece is removed. O(n log n).
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
+    /// [`Cancelled`] on cancellation or timeout.
     pub fn provenance(&self, after: &Analysis<'_>, context: &Context<'_>) -> Result<SurfaceProvenance, Cancelled> {
         let before = self.analysis;
         let common = if std::ptr::eq(before, after) {

@@ -23,13 +23,13 @@ pub(super) fn find_corrupt(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
             let corners = face.map(|v| subject.soup.positions.get(v as usize).copied().filter(|p| p.is_finite()));
             if corners.contains(&None) {
                 let at = corners.into_iter().flatten().next().unwrap_or(DVec3::ZERO);
-                scan.put_as_read(DefectKind::Corrupt, at, vec![index], None);
+                scan.report_in_file(DefectKind::Corrupt, at, vec![index], None);
             }
         }
     }
     let Some(numbering) = subject.numbering else { return Ok(()) };
     for face in &numbering.omitted {
-        scan.put_as_read(DefectKind::Corrupt, DVec3::from_array(face.at), Vec::new(), None);
+        scan.report_in_file(DefectKind::Corrupt, DVec3::from_array(face.at), Vec::new(), None);
     }
     scan.count_more(DefectKind::Corrupt, numbering.faces_without_vertex.saturating_sub(numbering.omitted.len() as u64));
     Ok(())
@@ -55,12 +55,12 @@ pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled>
         let on_line = repeated || (height <= ROUNDING && collinear(a, b, c));
         if repeated || shortest < tolerance {
             let value = if repeated { 0.0 } else { scan.in_model_unit_above_zero(shortest) };
-            scan.put(DefectKind::DegenerateFace, scan.middle(f), [f], Some(value));
+            scan.report(DefectKind::DegenerateFace, scan.middle(f), [f], Some(value));
         }
         if on_line || height < tolerance {
             flat[f as usize] = true;
             let value = if on_line { 0.0 } else { scan.in_model_unit_above_zero(height) };
-            scan.put(DefectKind::FlatFace, scan.middle(f), [f], Some(value));
+            scan.report(DefectKind::FlatFace, scan.middle(f), [f], Some(value));
         }
     }
     Ok(flat)
@@ -68,7 +68,7 @@ pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled>
 
 /// Finds faces with the same three vertices. In each group, faces with the majority's winding, other than the first,
 /// are duplicates; faces with the other winding are opposite faces. Returns pairs of a face and one of its opposites.
-pub(super) fn find_doubles(scan: &mut Scan<'_, '_>) -> Result<Vec<(u32, u32)>, Cancelled> {
+pub(super) fn find_duplicates(scan: &mut Scan<'_, '_>) -> Result<Vec<(u32, u32)>, Cancelled> {
     let faces = &scan.analysis.surface.faces;
     let mut opposed = Vec::new();
     for (number, group) in group_faces(faces).iter().enumerate() {
@@ -76,16 +76,16 @@ pub(super) fn find_doubles(scan: &mut Scan<'_, '_>) -> Result<Vec<(u32, u32)>, C
         if group.len() < 2 {
             continue;
         }
-        let (mut one, mut other): (Vec<u32>, Vec<u32>) = group.iter().partition(|&&f| rises(faces[f as usize]));
+        let (mut one, mut other): (Vec<u32>, Vec<u32>) = group.iter().partition(|&&f| is_ascending(faces[f as usize]));
         if (one.len(), other.first()) < (other.len(), one.first()) {
             std::mem::swap(&mut one, &mut other);
         }
         let first = one[0];
         for &f in &one[1..] {
-            scan.put(DefectKind::DuplicateFace, scan.middle(f), [first, f], None);
+            scan.report(DefectKind::DuplicateFace, scan.middle(f), [first, f], None);
         }
         for &f in &other {
-            scan.put(DefectKind::OppositeFace, scan.middle(f), [first, f], None);
+            scan.report(DefectKind::OppositeFace, scan.middle(f), [first, f], None);
         }
         if let Some(&facing) = other.first() {
             opposed.extend(one.iter().map(|&f| (f, facing)));
@@ -97,7 +97,7 @@ pub(super) fn find_doubles(scan: &mut Scan<'_, '_>) -> Result<Vec<(u32, u32)>, C
 
 /// Whether the corners ascend from the smallest one, which distinguishes the two windings of a face. Always true for
 /// a face with a repeated vertex.
-fn rises([a, b, c]: [u32; 3]) -> bool {
+fn is_ascending([a, b, c]: [u32; 3]) -> bool {
     a == b || b == c || c == a || (a < b && b < c) || (b < c && c < a) || (c < a && a < b)
 }
 
@@ -116,7 +116,7 @@ pub(super) fn find_edges(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         };
         let [a, b] = analysis.edges.vertices(e).map(|v| analysis.surface.positions[v as usize]);
         let location = Location { at: a * 0.5 + b * 0.5, line: &[a, b] };
-        scan.put(kind, location, half_edges.iter().map(|h| h / 3), value);
+        scan.report(kind, location, half_edges.iter().map(|h| h / 3), value);
     }
     Ok(())
 }
@@ -143,7 +143,7 @@ pub(super) fn find_vertices(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         let v = of_vertex[0].0;
         let at = analysis.surface.positions[v as usize];
         let faces = of_vertex.iter().map(|&(_, corner)| corner / 3);
-        scan.put(DefectKind::NonManifoldVertex, at, faces, Some(f64::from(fans[v as usize])));
+        scan.report(DefectKind::NonManifoldVertex, at, faces, Some(f64::from(fans[v as usize])));
     }
     Ok(())
 }
@@ -166,7 +166,7 @@ pub(super) fn find_holes(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         let on_unit: Vec<_> = vertices.map(|v| scan.unit[v as usize]).collect();
         let length = on_unit.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
         let around = hole.edges.iter().map(|&e| boundary[e as usize] / 3);
-        scan.put(DefectKind::Hole, Location { at: line[0], line: &line }, around, Some(scan.in_model_unit(length)));
+        scan.report(DefectKind::Hole, Location { at: line[0], line: &line }, around, Some(scan.in_model_unit(length)));
     }
     Ok(())
 }
@@ -187,7 +187,7 @@ pub(super) fn find_bad_normals(scan: &mut Scan<'_, '_>, flat: &[bool]) -> Result
         let at = scan.points([of_vertex[0].vertex])[0];
         let cosine = of_vertex.iter().map(|bad| bad.cosine).fold(1.0, f64::min);
         let faces = of_vertex.iter().map(|bad| bad.face);
-        scan.put(DefectKind::BadVertexNormal, at, faces, Some(cosine.max(-1.0).acos()));
+        scan.report(DefectKind::BadVertexNormal, at, faces, Some(cosine.max(-1.0).acos()));
     }
     Ok(())
 }

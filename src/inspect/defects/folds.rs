@@ -76,7 +76,7 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Res
         let border_faces = border.iter().flat_map(|fold| fold.faces);
         let location = Location { at: scan.middle(faces[0]), line: &line };
         let faces = faces.iter().copied().chain(border_faces);
-        scan.put(DefectKind::Foldover, location, faces, Some(scan.in_model_unit(height)));
+        scan.report(DefectKind::Foldover, location, faces, Some(scan.in_model_unit(height)));
     }
     Ok(folded)
 }

@@ -21,7 +21,7 @@ use scan::Scan;
 /// whether a part is inside another; [`Findings::incomplete`] then lists its kind. O(n log n) in the number of faces.
 ///
 /// # Errors
-/// [`Cancelled`] when the work should stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn find_defects(
     analysis: &Analysis<'_>,
     tolerances: &Tolerances,
@@ -42,13 +42,13 @@ pub fn find_defects(
     elements::find_vertices(scan)?;
     elements::find_bad_normals(scan, &flat)?;
     elements::find_holes(scan)?;
-    let opposed = elements::find_doubles(scan)?;
+    let opposed = elements::find_duplicates(scan)?;
     let sizes = parts::sizes(scan);
-    let thin = parts::parts_without_thickness(scan, &sizes);
+    let thin = parts::find_thin_parts(scan, &sizes);
     let in_thin_part: Vec<bool> =
         analysis.parts.of_face.iter().map(|&p| p != Parts::NONE && thin[p as usize].is_some()).collect();
     let folded = folds::find(scan, &flat, &in_thin_part)?;
-    let known = sheets::Known { opposed: &opposed, flat: &flat, thin: &thin, folded: &folded };
+    let known = sheets::EarlierResults { opposed: &opposed, flat: &flat, thin: &thin, folded: &folded };
     sheets::find(scan, level, &known)?;
     parts::find_parts(scan, level, &sizes, &thin)?;
     if level >= Level::Full {

@@ -62,7 +62,7 @@ pub(super) fn find_parts(
         .collect();
     let depths = nesting_depths(&analysis.surface, &analysis.parts, solids, &wanted, scan.context())?;
     for part in (0..solids.len()).filter(|&part| wanted[part] && depths[part].is_none()) {
-        scan.incomplete(if inward(part) { DefectKind::InvertedPart } else { DefectKind::InnerShell });
+        scan.mark_incomplete(if inward(part) { DefectKind::InvertedPart } else { DefectKind::InnerShell });
     }
     let largest = (0..solids.len()).rev().max_by(|&i, &j| sizes[i].area.total_cmp(&sizes[j].area));
     let mesh_diagonal = analysis.surface.bounds().diagonal();
@@ -84,18 +84,18 @@ pub(super) fn find_parts(
         scan.step(part)?;
         let Some(&first) = faces.first() else { continue };
         let at = scan.points([analysis.surface.faces[first as usize][0]])[0];
-        let mut put = |kind, value| scan.put(kind, at, faces.iter().copied(), value);
+        let mut report = |kind, value| scan.report(kind, at, faces.iter().copied(), value);
         if defects.is_secondary {
             #[expect(clippy::cast_precision_loss, reason = "faces are counted in u32")]
-            put(DefectKind::Disjoint, Some(faces.len() as f64));
+            report(DefectKind::Disjoint, Some(faces.len() as f64));
         }
         if let Some(diagonal) = defects.tiny {
-            put(DefectKind::TinyPart, Some(diagonal));
+            report(DefectKind::TinyPart, Some(diagonal));
         }
         if defects.inverted {
-            put(DefectKind::InvertedPart, defects.depth.map(f64::from));
+            report(DefectKind::InvertedPart, defects.depth.map(f64::from));
         } else if let Some(depth) = defects.depth {
-            put(DefectKind::InnerShell, Some(f64::from(depth) * if inward(part) { 1.0 } else { -1.0 }));
+            report(DefectKind::InnerShell, Some(f64::from(depth) * if inward(part) { 1.0 } else { -1.0 }));
         }
     }
     Ok(())
@@ -103,7 +103,7 @@ pub(super) fn find_parts(
 
 /// Finds zero-thickness parts: closed parts with at most the volume of a sheet of their area with the tolerance's
 /// thickness. Returns their thickness on the unit scale, and `None` for the other parts.
-pub(super) fn parts_without_thickness(scan: &Scan<'_, '_>, sizes: &[Size]) -> Vec<Option<f64>> {
+pub(super) fn find_thin_parts(scan: &Scan<'_, '_>, sizes: &[Size]) -> Vec<Option<f64>> {
     let thickness = |(size, solid): (&Size, &Solid)| {
         let thin = solid.closed && size.volume.abs() <= scan.lengths.sheet.max(ROUNDING) * size.area / 2.0;
         thin.then(|| if size.area > 0.0 { 2.0 * size.volume.abs() / size.area } else { 0.0 })
@@ -124,7 +124,7 @@ pub(super) fn report_parts(scan: &mut Scan<'_, '_>, thin: &[Option<f64>]) {
     }
     for (thickness, faces) in thin.iter().zip(faces) {
         if let (Some(thickness), Some(&first)) = (thickness, faces.first()) {
-            scan.put(DefectKind::Sheet, scan.middle(first), faces, Some(scan.in_model_unit(*thickness)));
+            scan.report(DefectKind::Sheet, scan.middle(first), faces, Some(scan.in_model_unit(*thickness)));
         }
     }
 }

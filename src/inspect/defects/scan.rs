@@ -77,7 +77,7 @@ impl<'a, 'm> Scan<'a, 'm> {
     }
 
     /// Records that the search for a kind stopped early.
-    pub fn incomplete(&mut self, kind: DefectKind) {
+    pub fn mark_incomplete(&mut self, kind: DefectKind) {
         self.findings.mark_incomplete(kind);
     }
 
@@ -87,7 +87,7 @@ impl<'a, 'm> Scan<'a, 'm> {
     }
 
     /// Adds a defect whose faces are indices into the surface.
-    pub fn put<'l>(
+    pub fn report<'l>(
         &mut self,
         kind: DefectKind,
         location: impl Into<Location<'l>>,
@@ -95,11 +95,11 @@ impl<'a, 'm> Scan<'a, 'm> {
         value: Option<f64>,
     ) {
         let source = &self.analysis.surface.source;
-        self.put_as_read(kind, location, faces.into_iter().map(|f| source[f as usize]).collect(), value);
+        self.report_in_file(kind, location, faces.into_iter().map(|f| source[f as usize]).collect(), value);
     }
 
     /// Adds a defect whose faces are indices into the file.
-    pub fn put_as_read<'l>(
+    pub fn report_in_file<'l>(
         &mut self,
         kind: DefectKind,
         location: impl Into<Location<'l>>,

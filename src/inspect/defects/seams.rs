@@ -96,12 +96,12 @@ pub(super) fn find(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let budget = index.budget;
     find_cracks(scan, &boundary, &mut index, &slit)?;
     if std::mem::take(&mut index.gave_up) {
-        scan.incomplete(DefectKind::Crack);
+        scan.mark_incomplete(DefectKind::Crack);
     }
     index.budget = budget;
     find_t_junctions(scan, &boundary, &mut index)?;
     if index.gave_up {
-        scan.incomplete(DefectKind::TJunction);
+        scan.mark_incomplete(DefectKind::TJunction);
     }
     Ok(())
 }
@@ -119,7 +119,7 @@ fn find_unshared(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         let faces: Vec<u32> = adjacent_faces.collect();
         let line = scan.points(chain.line);
         let Some(&at) = line.first() else { continue };
-        scan.put(DefectKind::Slit, Location { at, line: &line }, faces, Some(0.0));
+        scan.report(DefectKind::Slit, Location { at, line: &line }, faces, Some(0.0));
     }
     Ok(())
 }
@@ -153,7 +153,7 @@ impl EdgePairs {
             let line = scan.points(chain.line);
             let faces = chain.edges.iter().map(|&e| boundary.face(edges[e as usize]));
             let location = Location { at: line[0], line: &line };
-            scan.put(kind, location, faces, Some(scan.in_model_unit_above_zero(gap)));
+            scan.report(kind, location, faces, Some(scan.in_model_unit_above_zero(gap)));
         }
         Ok(())
     }
@@ -195,7 +195,7 @@ fn find_slits(scan: &mut Scan<'_, '_>, boundary: &Boundary) -> Result<Vec<bool>,
         }
     }
     if index.gave_up {
-        scan.incomplete(DefectKind::Slit);
+        scan.mark_incomplete(DefectKind::Slit);
     }
     slits.report(DefectKind::Slit, scan, boundary)?;
     Ok(in_slit)
@@ -268,7 +268,7 @@ fn find_t_junctions(scan: &mut Scan<'_, '_>, boundary: &Boundary, index: &mut Bo
             let value = if gap == 0.0 { 0.0 } else { scan.in_model_unit_above_zero(gap) };
             let faces = of_vertex.iter().map(|&(_, e)| e).chain([e]).map(|e| boundary.face(e));
             let location = Location { at: scan.points([v])[0], line: &line };
-            scan.put(DefectKind::TJunction, location, faces, Some(value));
+            scan.report(DefectKind::TJunction, location, faces, Some(value));
         }
     }
     Ok(())

@@ -21,7 +21,7 @@ const BUDGET: u64 = 4_000_000;
 const BATCH: usize = 1 << 12;
 
 /// Results of earlier searches.
-pub(super) struct Known<'a> {
+pub(super) struct EarlierResults<'a> {
     /// Pairs of a face and an opposite face with the same vertices.
     pub opposed: &'a [(u32, u32)],
     /// For each face, whether it is flat.
@@ -33,11 +33,11 @@ pub(super) struct Known<'a> {
 }
 
 /// Finds zero-thickness parts, and in the other parts zero-thickness regions: faces that lie on faces with opposite
-/// normals. Two faces form a pair if they have the same vertices or, at level `full`, if the centre of one lies
-/// within the tolerance of the other.
+/// normals. Two faces form a pair if they have the same vertices. At level `full`, they also form a pair if the
+/// centre of one lies within the tolerance of the other.
 ///
 /// Also finds the touching surfaces of two solids, since the space between has no thickness.
-pub(super) fn find(scan: &mut Scan<'_, '_>, level: Level, known: &Known<'_>) -> Result<(), Cancelled> {
+pub(super) fn find(scan: &mut Scan<'_, '_>, level: Level, known: &EarlierResults<'_>) -> Result<(), Cancelled> {
     let parts = &scan.analysis.parts;
     let skip: Vec<bool> = (0..known.flat.len())
         .map(|f| {
@@ -66,7 +66,7 @@ fn search(
     pairs: &mut Vec<(u32, u32, f64)>,
 ) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
-    let search = Search { analysis, tree: analysis.tree(), skip, tolerance: scan.lengths.sheet.max(ROUNDING) };
+    let search = SheetSearch { analysis, tree: analysis.tree(), skip, tolerance: scan.lengths.sheet.max(ROUNDING) };
     let remaining: Vec<u32> = (0u32..).zip(known).filter(|&(_, &known)| !known).map(|(f, _)| f).collect();
     let mut gave_up = false;
     // The budget is distributed batch by batch, so that the result does not depend on the number of threads.
@@ -85,12 +85,12 @@ fn search(
         }
     }
     if gave_up {
-        scan.incomplete(DefectKind::Sheet);
+        scan.mark_incomplete(DefectKind::Sheet);
     }
     Ok(())
 }
 
-struct Search<'a> {
+struct SheetSearch<'a> {
     analysis: &'a Analysis<'a>,
     /// Built before the threads start.
     tree: &'a Tree,
@@ -106,7 +106,7 @@ enum Partner {
     GaveUp,
 }
 
-impl Search<'_> {
+impl SheetSearch<'_> {
     /// Searches a face with opposite normal on which the centre of face `f` lies, among the first `most` neighbours.
     /// Also returns the number of neighbours examined.
     fn partner(&self, f: u32, most: u64) -> (Partner, u64) {
@@ -166,7 +166,7 @@ fn report_regions(scan: &mut Scan<'_, '_>, pairs: &[(u32, u32, f64)]) -> Result<
         scan.step(number)?;
         let (root, first) = region[0];
         let gap = scan.in_model_unit(gaps[root as usize]);
-        scan.put(DefectKind::Sheet, scan.middle(first), region.iter().map(|&(_, f)| f), Some(gap));
+        scan.report(DefectKind::Sheet, scan.middle(first), region.iter().map(|&(_, f)| f), Some(gap));
     }
     Ok(())
 }

@@ -11,7 +11,7 @@ use super::{Analysis, InspectOptions, Measures, Solid, finite};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 use crate::scene::{Unit, UnitSource};
-use wall_search::{Probe, Prober, Search, Wall};
+use wall_search::{Probe, Wall, WallProber, WallSearch};
 
 /// Number of sample points at which the full wall thickness is measured.
 const SAMPLES: u32 = 256;
@@ -80,7 +80,7 @@ pub struct Fit {
 /// walls.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn print_measures(
     analysis: &Analysis<'_>,
     measures: &Measures,
@@ -265,7 +265,7 @@ pub enum NoWallReason {
 /// parts may overlap, intersect or be inside out.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 fn thinnest_wall(
     analysis: &Analysis<'_>,
     measures: &Measures,
@@ -273,12 +273,12 @@ fn thinnest_wall(
 ) -> Result<Result<ThinnestWall, NoWallReason>, Cancelled> {
     let bounding = bounding_parts(analysis, measures, context)?;
     let samples = samples(analysis, if bounding.is_some() { SAMPLES } else { COSTLY_SAMPLES });
-    let prober = Prober::new(analysis, bounding);
+    let prober = WallProber::new(analysis, bounding);
     let sampled = match walls(&samples, context, |sample, steps| prober.probe(sample, prober.reach, steps))? {
         Ok(walls) => walls,
         Err(reason) => return Ok(Err(reason)),
     };
-    let mut search = Search::new(analysis, prober.reach);
+    let mut search = WallSearch::new(analysis, prober.reach);
     sampled.iter().for_each(|wall| search.add(*wall));
     search.run(&prober, measures.printable(), context)?;
     let scale = analysis.scale();
@@ -306,10 +306,10 @@ fn median(walls: &[Wall]) -> f64 {
 /// the wall is large enough.
 ///
 /// # Errors
-/// [`Cancelled`] when the context says stop.
+/// [`Cancelled`] on cancellation or timeout.
 pub fn thin_walls(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Option<f64>, Cancelled> {
     let samples = samples(analysis, THIN_SAMPLES);
-    let prober = Prober::new(analysis, None);
+    let prober = WallProber::new(analysis, None);
     let walls = walls(&samples, context, |sample, steps| prober.probe_by_ball(sample, steps))?.unwrap_or_default();
     let thickness = percentile(&sorted(&walls), THIN_SHARE) / analysis.scale();
     Ok((!walls.is_empty() && thickness > 0.0 && thickness.is_finite()).then_some(thickness))

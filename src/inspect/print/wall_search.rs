@@ -65,7 +65,7 @@ pub(super) enum Probe {
 }
 
 /// Measures the wall thickness at single points.
-pub(super) struct Prober<'a> {
+pub(super) struct WallProber<'a> {
     analysis: &'a Analysis<'a>,
     material: Material<'a>,
     /// A length greater than any wall thickness.
@@ -83,7 +83,7 @@ enum Material<'a> {
     Measured(InsideTest<'a>),
 }
 
-impl<'a> Prober<'a> {
+impl<'a> WallProber<'a> {
     /// `bounding` is the result of [`bounding_parts`](super::bounding_parts).
     pub fn new(analysis: &'a Analysis<'a>, bounding: Option<Vec<bool>>) -> Self {
         let diagonal = analysis.unit_diagonal();
@@ -241,7 +241,7 @@ fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
 }
 
 /// Search for the thinnest wall of each region, from all face centres and from points spread by area.
-pub(super) struct Search<'a> {
+pub(super) struct WallSearch<'a> {
     analysis: &'a Analysis<'a>,
     corner: DVec3,
     edge: f64,
@@ -258,7 +258,7 @@ pub(super) struct Search<'a> {
     pub complete: bool,
 }
 
-impl<'a> Search<'a> {
+impl<'a> WallSearch<'a> {
     pub fn new(analysis: &'a Analysis<'a>, reach: f64) -> Self {
         let bounds = Box3::of(analysis.unit().iter().copied());
         let size = if bounds.is_empty() { DVec3::ZERO } else { bounds.max - bounds.min };
@@ -293,8 +293,8 @@ impl<'a> Search<'a> {
     /// Blocks depend on the mesh only, so the result is the same for any number of threads.
     ///
     /// # Errors
-    /// [`Cancelled`] when the context says stop.
-    pub fn run(&mut self, prober: &Prober<'_>, is_printable: bool, context: &Context<'_>) -> Result<(), Cancelled> {
+    /// [`Cancelled`] on cancellation or timeout.
+    pub fn run(&mut self, prober: &WallProber<'_>, is_printable: bool, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces = self.analysis.surface.faces.len();
         let count = (faces / 8).clamp(SPREAD_POINTS[0], SPREAD_POINTS[1]);
         let spread = samples(self.analysis, u32::try_from(count).unwrap_or(u32::MAX));
@@ -315,7 +315,7 @@ impl<'a> Search<'a> {
     }
 
     /// Moves the point of each thin wall to where the wall is thinnest.
-    fn descend(&mut self, prober: &Prober<'_>) {
+    fn descend(&mut self, prober: &WallProber<'_>) {
         let mut steps = MOVES_BUDGET;
         for mut wall in self.regions() {
             for _ in 0..MOVES {
@@ -329,7 +329,7 @@ impl<'a> Search<'a> {
     /// Finds a thinner wall near a given one. The thickness between two faces varies linearly, so its minimum is at a
     /// corner of their overlap. Two faces with a common vertex form an edge rather than a wall, which ends the
     /// search.
-    fn thinner(&self, prober: &Prober<'_>, wall: &Wall, steps: &mut u64) -> Option<Wall> {
+    fn thinner(&self, prober: &WallProber<'_>, wall: &Wall, steps: &mut u64) -> Option<Wall> {
         let [face, opposite] = wall.faces;
         let faces = &self.analysis.surface.faces;
         if faces[face as usize].iter().any(|v| faces[opposite as usize].contains(v)) {
@@ -378,7 +378,7 @@ impl<'a> Search<'a> {
         Ok(left)
     }
 
-    fn probe(&self, prober: &Prober<'_>, sample: &Sample, steps: &mut u64) -> Option<Wall> {
+    fn probe(&self, prober: &WallProber<'_>, sample: &Sample, steps: &mut u64) -> Option<Wall> {
         let Probe::Wall(thickness, face) = prober.probe(sample, self.longest(sample.point), steps) else { return None };
         Some(Wall { thickness, point: sample.point, faces: [sample.face, face] })
     }
@@ -425,8 +425,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The overlap of triangle `p` with triangle `q`, projected along the normal of `p`: returns the corner of the
-/// overlap that is nearest to the plane of `q` along the normal.
+/// Thinnest corner between two triangles: projects triangle `q` onto triangle `p` along the normal of `p`, and
+/// returns the corner of the overlap that is nearest to the plane of `q`.
 fn thinnest_corner(p: [DVec3; 3], normal: DVec3, q: [DVec3; 3]) -> Option<DVec3> {
     let mut part = p.to_vec();
     for k in 0..3 {

@@ -46,22 +46,22 @@ pub fn remove_debris(surface: &mut Surface, context: &Context<'_>) -> Result<Vec
     let area: f64 = solids.iter().map(|s| s.area).sum();
     let fins = fins(surface, &edges, &parts, &solids);
     let mut closed = closed_parts(surface, &parts, &solids);
-    let (mut goes, mut hidden) = (vec![false; parts.count], vec![false; parts.count]);
+    let (mut is_removed, mut hidden) = (vec![false; parts.count], vec![false; parts.count]);
     for (part, faces) in parts.faces().iter().enumerate().filter(|&(part, _)| open[part]) {
         context.check()?;
         let max_area = if fins[part] { MAX_SHARE_OF_AREA_FIN } else { MAX_SHARE_OF_AREA };
-        goes[part] = is_small(&solids[part], faces.len(), max_area * area, diagonal);
-        if !goes[part] && is_enclosed(&mut closed, surface, faces) {
-            (goes[part], hidden[part]) = (true, true);
+        is_removed[part] = is_small(&solids[part], faces.len(), max_area * area, diagonal);
+        if !is_removed[part] && is_enclosed(&mut closed, surface, faces) {
+            (is_removed[part], hidden[part]) = (true, true);
         }
     }
-    keep_protruding(&mut goes, &solids, MAX_PROTRUSION * diagonal);
-    let count = goes.iter().filter(|&&d| d).count();
-    let hidden = goes.iter().zip(&hidden).filter(|&(&goes, &hidden)| goes && hidden).count() as u64;
+    keep_protruding(&mut is_removed, &solids, MAX_PROTRUSION * diagonal);
+    let count = is_removed.iter().filter(|&&d| d).count();
+    let hidden = is_removed.iter().zip(&hidden).filter(|&(&is_removed, &hidden)| is_removed && hidden).count() as u64;
     if count == 0 || count == parts.count {
         return Ok(Vec::new());
     }
-    let faces = parts.remove(&goes, surface);
+    let faces = parts.remove(&is_removed, surface);
     Ok(Change::list([
         (ChangeKind::DebrisPartsRemoved, count as u64 - hidden),
         (ChangeKind::SheetsInsideSolidsRemoved, hidden),
@@ -80,16 +80,16 @@ pub(crate) fn is_debris(part: &Solid, faces: usize, area: f64, diagonal: f64) ->
 }
 
 /// Keeps parts that protrude by more than `max_protrusion` from the box of the rest: they are visible on purpose.
-fn keep_protruding(goes: &mut [bool], solids: &[Solid], max_protrusion: f64) {
+fn keep_protruding(is_removed: &mut [bool], solids: &[Solid], max_protrusion: f64) {
     let mut rest = Box3::EMPTY;
-    for (solid, _) in solids.iter().zip(&*goes).filter(|(_, goes)| !**goes) {
+    for (solid, _) in solids.iter().zip(&*is_removed).filter(|(_, is_removed)| !**is_removed) {
         rest.extend(solid.bounds.min);
         rest.extend(solid.bounds.max);
     }
-    for (solid, goes) in solids.iter().zip(goes).filter(|(_, goes)| **goes) {
+    for (solid, is_removed) in solids.iter().zip(is_removed).filter(|(_, is_removed)| **is_removed) {
         let out = (rest.min - solid.bounds.min).max(solid.bounds.max - rest.max).max_element();
         if out > max_protrusion {
-            *goes = false;
+            *is_removed = false;
             rest.extend(solid.bounds.min);
             rest.extend(solid.bounds.max);
         }
@@ -177,20 +177,22 @@ impl DropSmallParts {
         let total: f64 = solids.iter().filter(|solid| solid.closed).map(|solid| solid.volume).sum();
         let largest = solids.iter().map(|solid| solid.volume).fold(0.0, f64::max);
         let least = (self.min_volume_pct / 100.0 * total).min(largest);
-        let mut goes: Vec<bool> = (0..parts.count).map(|part| is_solid(part) && solids[part].volume < least).collect();
-        if !goes.contains(&true) {
+        let mut is_removed: Vec<bool> =
+            (0..parts.count).map(|part| is_solid(part) && solids[part].volume < least).collect();
+        if !is_removed.contains(&true) {
             return Ok(Applied::default());
         }
         let is_cavity: Vec<bool> = solids.iter().map(|solid| solid.volume < 0.0).collect();
         let containers = nesting(surface, &parts, &solids, &is_cavity, context)?;
-        let is_in_dropped_part = |part: usize| containers[part].iter().flatten().any(|&around| goes[around as usize]);
+        let is_in_dropped_part =
+            |part: usize| containers[part].iter().flatten().any(|&around| is_removed[around as usize]);
         let cavities: Vec<usize> =
             (0..parts.count).filter(|&part| is_cavity[part] && is_in_dropped_part(part)).collect();
         for part in cavities {
-            goes[part] = true;
+            is_removed[part] = true;
         }
-        let count = (0..parts.count).filter(|&part| goes[part] && is_solid(part)).count() as u64;
-        let faces = parts.remove(&goes, surface);
+        let count = (0..parts.count).filter(|&part| is_removed[part] && is_solid(part)).count() as u64;
+        let faces = parts.remove(&is_removed, surface);
         surface.drop_unreferenced();
         Ok(Change::list([(ChangeKind::SmallPartsDropped, count), (ChangeKind::SmallPartFacesDropped, faces)]).into())
     }

@@ -56,14 +56,14 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
         }
     }
     let cancelled = drop_cancelling_patches(surface, &mut keep, &canceling);
-    let gone = surface.retain_faces(&keep);
+    let removed = surface.retain_faces(&keep);
     Change::list([
-        (ChangeKind::DuplicateFacesRemoved, gone - cancelled),
+        (ChangeKind::DuplicateFacesRemoved, removed - cancelled),
         (ChangeKind::CancellingFacesRemoved, cancelled),
     ])
 }
 
-/// Removes the remaining sheet of patches that are better gone. `canceling` lists the kept faces of groups with an even
+/// Removes the remaining sheet of patches that should be removed. `canceling` lists the kept faces of groups with an even
 /// number of faces. Returns the number of removed faces, both faces of each pair counted.
 fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], canceling: &[u32]) -> u64 {
     if canceling.is_empty() {
@@ -78,8 +78,8 @@ fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], canceling: &[u3
     let mut attached = vec![false; canceling.len()];
     // For each sheet that may stay its edges, and for each edge the number of faces that stay.
     let mut edges_of = vec![[u32::MAX; 3]; canceling.len()];
-    let mut staying = vec![0u32; edges.len()];
-    for ((half_edges, e), staying) in edges.iter().zip(0u32..).zip(&mut staying) {
+    let mut kept_count = vec![0u32; edges.len()];
+    for ((half_edges, e), kept_count) in edges.iter().zip(0u32..).zip(&mut kept_count) {
         let kept = half_edges.iter().copied().filter(|&h| keep[h as usize / 3]);
         let (paired, others): (Vec<u32>, Vec<u32>) = kept.partition(|&h| pair_at[h as usize / 3] != u32::MAX);
         for &h in &paired {
@@ -91,15 +91,15 @@ fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], canceling: &[u3
                 sets.unite(pair_at[paired[0] as usize / 3], pair_at[h as usize / 3]);
             }
         }
-        *staying = u32::try_from(paired.len() + others.len()).unwrap_or(u32::MAX);
+        *kept_count = u32::try_from(paired.len() + others.len()).unwrap_or(u32::MAX);
     }
     let mut patches: Vec<Vec<u32>> = vec![Vec::new(); canceling.len()];
     for i in (0u32..).take(canceling.len()) {
         patches[sets.root(i) as usize].push(i);
     }
     patches.retain(|patch| patch.iter().any(|&i| attached[i as usize]));
-    let mut stays = vec![true; canceling.len()];
-    let mut choice = PairChoice { edges_of: &edges_of, staying, stays: &mut stays };
+    let mut is_kept = vec![true; canceling.len()];
+    let mut choice = PairChoice { edges_of: &edges_of, kept_count, is_kept: &mut is_kept };
     for _ in 0..MAX_PASSES {
         // Each change alters the best choice for the neighbours.
         let changed = patches.iter().filter(|patch| choice.toggle_if_better(patch)).count();
@@ -109,38 +109,39 @@ fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], canceling: &[u3
     }
     // Bring back single pairs: pieces of surface that were written twice and are only connected to a facet.
     for _ in 0..MAX_PASSES {
-        let back: Vec<u32> = patches.iter().flatten().copied().filter(|&i| !choice.stays[i as usize]).collect();
+        let back: Vec<u32> = patches.iter().flatten().copied().filter(|&i| !choice.is_kept[i as usize]).collect();
         if back.iter().filter(|&&i| choice.toggle_if_better(&[i])).count() == 0 {
             break;
         }
     }
-    keep_visible_boards(surface, canceling, &mut stays, |i| sets.root(i));
-    let mut gone = 0;
-    for (&f, stays) in canceling.iter().zip(stays) {
-        if !stays {
+    keep_visible_boards(surface, canceling, &mut is_kept, |i| sets.root(i));
+    let mut removed = 0;
+    for (&f, is_kept) in canceling.iter().zip(is_kept) {
+        if !is_kept {
             keep[f as usize] = false;
-            gone += 2;
+            removed += 2;
         }
     }
-    gone
+    removed
 }
 
-/// Samples the faces numbered in `asked` and reports for each sample whether a ray from its centroid escapes the surface.
-fn sample_visibility(surface: &Surface, faces: &[u32], asked: &[u32]) -> Vec<(u32, bool)> {
-    if asked.is_empty() {
+/// Samples the faces numbered in `candidates` and reports for each sample whether a ray from its centroid escapes the surface.
+fn sample_visibility(surface: &Surface, faces: &[u32], candidates: &[u32]) -> Vec<(u32, bool)> {
+    if candidates.is_empty() {
         return Vec::new();
     }
     // Rays start on the sampled faces, so those faces and their duplicates are left out.
-    let own: HashSet<[u32; 3]> = asked.iter().map(|&i| sorted(surface.faces[faces[i as usize] as usize])).collect();
+    let own: HashSet<[u32; 3]> =
+        candidates.iter().map(|&i| sorted(surface.faces[faces[i as usize] as usize])).collect();
     let others = surface.faces.iter().copied().filter(|&face| !own.contains(&sorted(face))).collect();
     let mut rays = RayCaster::new(surface, others, BUDGET);
-    let stride = asked.len().div_ceil(MAX_SAMPLES);
+    let stride = candidates.len().div_ceil(MAX_SAMPLES);
     let is_visible = |&i: &u32| {
         let from = rays.centroid(surface.faces[faces[i as usize] as usize]);
         let free = (0..RAYS).any(|ray| rays.crossings(from, from + ray_direction(ray) * 8.0, None) == Some(0));
         (i, free)
     };
-    asked.iter().step_by(stride).map(is_visible).collect()
+    candidates.iter().step_by(stride).map(is_visible).collect()
 }
 
 fn sorted(mut face: [u32; 3]) -> [u32; 3] {
@@ -150,31 +151,32 @@ fn sorted(mut face: [u32; 3]) -> [u32; 3] {
 
 /// Keeps large visible patches as one sheet: boards that were modelled without thickness are part of the model. `patch` maps
 /// a pair to its patch.
-fn keep_visible_boards(surface: &Surface, faces: &[u32], stays: &mut [bool], mut patch: impl FnMut(u32) -> u32) {
-    let goes: Vec<u32> = (0u32..).zip(&*stays).filter(|(_, stays)| !**stays).map(|(i, _)| i).collect();
+fn keep_visible_boards(surface: &Surface, faces: &[u32], is_kept: &mut [bool], mut patch: impl FnMut(u32) -> u32) {
+    let removed_pairs: Vec<u32> = (0u32..).zip(&*is_kept).filter(|(_, is_kept)| !**is_kept).map(|(i, _)| i).collect();
     let mut area = vec![0.0; faces.len()];
-    for &i in &goes {
+    for &i in &removed_pairs {
         area[patch(i) as usize] += surface.area_vector(faces[i as usize] as usize).length();
     }
     let total: f64 = (0..surface.faces.len()).map(|f| surface.area_vector(f).length()).sum();
-    let large: Vec<u32> = goes.into_iter().filter(|&i| area[patch(i) as usize] > LARGE_AREA_SHARE * total).collect();
+    let large: Vec<u32> =
+        removed_pairs.into_iter().filter(|&i| area[patch(i) as usize] > LARGE_AREA_SHARE * total).collect();
     // Visible samples minus hidden samples, for each patch.
     let mut seen = vec![0i64; faces.len()];
     for (i, is_seen) in sample_visibility(surface, faces, &large) {
         seen[patch(i) as usize] += if is_seen { 1 } else { -1 };
     }
     for i in large {
-        stays[i as usize] = seen[patch(i) as usize] > 0;
+        is_kept[i as usize] = seen[patch(i) as usize] > 0;
     }
 }
 
-/// The choice, for each cancelling pair, whether one sheet of it stays.
+/// The choice, for each cancelling pair, whether one sheet of the pair stays.
 struct PairChoice<'a> {
     /// The edges of each pair's face.
     edges_of: &'a [[u32; 3]],
     /// How many faces stay at each edge.
-    staying: Vec<u32>,
-    stays: &'a mut [bool],
+    kept_count: Vec<u32>,
+    is_kept: &'a mut [bool],
 }
 
 impl PairChoice<'_> {
@@ -192,15 +194,15 @@ impl PairChoice<'_> {
         let bad = |n: u32| i64::from(!matches!(n, 0 | 2));
         let mut more = 0;
         for &i in patch {
-            let stays = &mut self.stays[i as usize];
+            let is_kept = &mut self.is_kept[i as usize];
             // A face with a repeated vertex has no edges.
             for &e in self.edges_of[i as usize].iter().filter(|e| **e != u32::MAX) {
-                let n = &mut self.staying[e as usize];
+                let n = &mut self.kept_count[e as usize];
                 more -= bad(*n);
-                *n = if *stays { *n - 1 } else { *n + 1 };
+                *n = if *is_kept { *n - 1 } else { *n + 1 };
                 more += bad(*n);
             }
-            *stays = !*stays;
+            *is_kept = !*is_kept;
         }
         more
     }

@@ -34,8 +34,8 @@ impl UnfoldFoldovers {
     ///   a-----b         a     b
     /// ```
     ///
-    /// An edge is flipped where the flip leaves fewer folds among the five edges involved, gives both faces the orientation of
-    /// the larger face, and leaves both with a height. So each flip lowers the number of folds, and a flat solid, whose rim
+    /// An edge is flipped where three conditions hold: fewer folds remain among the five edges involved; both faces get the
+    /// orientation of the larger face; and neither becomes degenerate. So each flip lowers the number of folds, and a flat solid, whose rim
     /// consists of proper folds, keeps its rim.
     ///
     /// Precondition: neighbours have consistent winding. Result: no vertex moves and no boundary appears; the surface stays

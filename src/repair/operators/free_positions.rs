@@ -138,7 +138,7 @@ struct MoveQuery<'a> {
     surface: &'a Surface,
     /// The new faces, each with the face that it replaces.
     new: &'a [([u32; 3], u32)],
-    gone: &'a [u32],
+    removed: &'a [u32],
     /// The new faces, as slots.
     faces: Vec<[u32; 3]>,
 }
@@ -182,11 +182,11 @@ impl MoveClearance {
 
     /// Whether the new faces meet no other face and not each other, except in shared vertices and edges. [`NEW`] in a face
     /// stands for a vertex at `q`. Each new face comes with the face that it replaces. Contacts that the replaced face had
-    /// already do not count, nor do contacts with faces in `gone`.
-    pub fn is_clear(&mut self, surface: &Surface, new: &[([u32; 3], u32)], gone: &[u32], q: DVec3) -> bool {
+    /// already do not count, nor do contacts with faces in `removed`.
+    pub fn is_clear(&mut self, surface: &Surface, new: &[([u32; 3], u32)], removed: &[u32], q: DVec3) -> bool {
         let at_new = self.unit.len();
         self.unit.push(q * self.scale);
-        let clear = self.check(surface, new, gone, at_new);
+        let clear = self.check(surface, new, removed, at_new);
         self.unit.truncate(at_new);
         clear
     }
@@ -197,7 +197,7 @@ impl MoveClearance {
     }
 
     /// The query of [`MoveClearance::is_clear`], with the new position in slot `at_new`.
-    fn check(&mut self, surface: &Surface, new: &[([u32; 3], u32)], gone: &[u32], at_new: usize) -> bool {
+    fn check(&mut self, surface: &Surface, new: &[([u32; 3], u32)], removed: &[u32], at_new: usize) -> bool {
         if self.budget == 0 {
             return false;
         }
@@ -207,13 +207,13 @@ impl MoveClearance {
         if faces.iter().any(|&face| self.area_vanishes(face) || self.is_collinear(face)) {
             return false;
         }
-        let query = MoveQuery { surface, new, gone, faces };
+        let query = MoveQuery { surface, new, removed, faces };
         // An obstacle of one position is mostly an obstacle of the next.
         let mut work = self.recent_obstacles.len() as u64 + 1;
         let known = self.recent_obstacles.iter().position(|&obstacle| self.is_obstacle(&query, obstacle));
-        let found = known.map(|at| self.recent_obstacles[at]).or_else(|| self.find_obstacle(&query, &mut work));
+        let obstacle = known.map(|at| self.recent_obstacles[at]).or_else(|| self.find_obstacle(&query, &mut work));
         self.budget = self.budget.saturating_sub(work);
-        if let Some(obstacle) = found {
+        if let Some(obstacle) = obstacle {
             let last = self.recent_obstacles.len().min(MAX_RECENT - 1);
             match known {
                 Some(at) => self.recent_obstacles[..=at].rotate_right(1),
@@ -223,7 +223,7 @@ impl MoveClearance {
                 }
             }
         }
-        found.is_none() && self.budget > 0
+        obstacle.is_none() && self.budget > 0
     }
 
     /// The first face that a new face meets. Adds the number of tested faces to `work`.
@@ -269,7 +269,7 @@ impl MoveClearance {
 
     /// Whether a new face meets another face that the replaced face did not meet.
     fn is_obstacle(&self, query: &MoveQuery<'_>, obstacle: Obstacle) -> bool {
-        let &MoveQuery { surface, new, gone, ref faces } = query;
+        let &MoveQuery { surface, new, removed, ref faces } = query;
         let old = |f: u32| self.slots(surface.faces[f as usize], NEW);
         let Obstacle { face: i, other } = obstacle;
         let (Some(&face), Some(&(_, parent))) = (faces.get(i), new.get(i)) else { return false };
@@ -283,7 +283,7 @@ impl MoveClearance {
                 parent == other_parent || self.is_collinear(a) || self.is_collinear(b) || self.are_apart(a, b)
             }
             OtherFace::Old(f) => {
-                if gone.contains(&f) || new.iter().any(|&(_, replaced)| replaced == f) {
+                if removed.contains(&f) || new.iter().any(|&(_, replaced)| replaced == f) {
                     return false;
                 }
                 let other = old(f);

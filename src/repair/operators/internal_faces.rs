@@ -65,10 +65,11 @@ pub fn remove_internal_faces(surface: &mut Surface, context: &Context<'_>) -> Re
             flags[patch_of(h)] = true;
         }
     }
-    let goes: Vec<bool> = is_inner.iter().zip(&is_other).map(|(&inner, &other)| inner && !other).collect();
-    let removed = goes.iter().filter(|&&goes| goes).count() as u64;
-    let gone = patches.remove(&goes, surface);
-    Ok(Change::list([(ChangeKind::InternalWallsRemoved, removed), (ChangeKind::InternalFacesRemoved, gone)]).into())
+    let is_removed: Vec<bool> = is_inner.iter().zip(&is_other).map(|(&inner, &other)| inner && !other).collect();
+    let patch_count = is_removed.iter().filter(|&&is_removed| is_removed).count() as u64;
+    let face_count = patches.remove(&is_removed, surface);
+    Ok(Change::list([(ChangeKind::InternalWallsRemoved, patch_count), (ChangeKind::InternalFacesRemoved, face_count)])
+        .into())
 }
 
 /// Removes single-layer internal faces from solids.
@@ -101,8 +102,8 @@ impl Operation for RemoveInternalFaces {
 ///
 /// Such a sheet is a patch (faces joined across edges with two faces) with a boundary that is one face too many at its other
 /// edges. Nearly all rays from the sheet cross an odd number of other faces; a few may fail, so that a hole in the solid does
-/// not matter. Other surface stays: from a solid's own surface only every second ray crosses the solid, a cavity's rays cross
-/// the cavity, and a patch that touches the outer surface in an edge has two faces there.
+/// not matter. Other surface stays: from a solid's own surface only every second ray crosses the solid. A cavity's rays cross
+/// the cavity. A patch that touches the outer surface in an edge has two faces there.
 ///
 /// Precondition: none. Result: no vertex moves, and no boundary appears. Leaves: sheets that reach out of the solid or whose
 /// rays cross the sheet itself; for those see [`super::debris`].
@@ -129,20 +130,20 @@ pub fn remove_internal_sheets(surface: &mut Surface, context: &Context<'_>) -> R
         *is_candidate = is_inside(&mut caster, surface, &patches.of_face, &faces);
     }
     // Where several sheets share an edge, they must be removed together.
-    let goes = surplus_patches(&edges, &patches, Some(&is_candidate));
-    let count = goes.iter().filter(|&&goes| goes).count() as u64;
+    let is_removed = surplus_patches(&edges, &patches, Some(&is_candidate));
+    let count = is_removed.iter().filter(|&&is_removed| is_removed).count() as u64;
     if count == 0 {
         return Ok(Applied::default());
     }
-    let faces = patches.remove(&goes, surface);
+    let faces = patches.remove(&is_removed, surface);
     Ok(Change::list([(ChangeKind::InternalSheetsRemoved, count), (ChangeKind::SheetFacesRemoved, faces)]).into())
 }
 
-/// The patches with a boundary that are surplus: at each non-manifold edge on their border they have one face. With `goes`, only
-/// patches that may go, and only where the edge keeps an even number of faces.
-fn surplus_patches(edges: &Edges, patches: &Parts, goes: Option<&[bool]>) -> Vec<bool> {
+/// The patches with a boundary that are surplus: at each non-manifold edge on their border they have one face. With `is_removed`,
+/// only marked patches, and only where the edge keeps an even number of faces.
+fn surplus_patches(edges: &Edges, patches: &Parts, is_removed: Option<&[bool]>) -> Vec<bool> {
     let patch = |h: &u32| patches.of_face[*h as usize / 3];
-    let goes = |p: u32| goes.is_none_or(|goes| goes[p as usize]);
+    let is_removed = |p: u32| is_removed.is_none_or(|is_removed| is_removed[p as usize]);
     let (mut ends, mut stays) = (vec![false; patches.count], vec![false; patches.count]);
     for half_edges in edges.iter().filter(|h| h.len() != 2) {
         if let [h] = half_edges {
@@ -151,18 +152,18 @@ fn surplus_patches(edges: &Edges, patches: &Parts, goes: Option<&[bool]>) -> Vec
         }
         let mut here: Vec<u32> = half_edges.iter().map(patch).collect();
         here.sort_unstable();
-        let left = here.iter().filter(|&&p| !goes(p)).count();
+        let left = here.iter().filter(|&&p| !is_removed(p)).count();
         let even = left >= 2 && left % 2 == 0;
         for of_patch in here.chunk_by(|x, y| x == y) {
             stays[of_patch[0] as usize] |= of_patch.len() > 1 || !even && left > 0;
         }
     }
-    let is_surplus = |(p, at): (u32, usize)| goes(p) && ends[at] && !stays[at];
+    let is_surplus = |(p, at): (u32, usize)| is_removed(p) && ends[at] && !stays[at];
     (0u32..).zip(0..patches.count).map(is_surplus).collect()
 }
 
-/// Whether nearly all rays from a patch, and most rays from each sample, cross an odd number of other faces, and hardly any
-/// cross an odd number of the patch's own faces.
+/// Whether a patch lies inside other surface. Nearly all rays from the patch, and most from each sample, must cross an odd
+/// number of other faces. Hardly any may cross an odd number of the patch's own faces.
 fn is_inside(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: &[u32]) -> bool {
     let samples: Vec<u32> = faces.iter().step_by(faces.len().div_ceil(MAX_SAMPLES)).copied().collect();
     let rays = (TOTAL_RAYS / samples.len()).max(MIN_RAYS);

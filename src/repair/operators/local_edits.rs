@@ -50,8 +50,11 @@ impl Shape {
 /// An edge with its two faces: `[a, b, m]` and `[b, a, d]`, up to rotation.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Hinge {
+    /// The two faces.
     pub faces: [u32; 2],
+    /// The ends `a` and `b` of the edge.
     pub ends: [u32; 2],
+    /// The corners `m` and `d` opposite to the edge.
     pub apexes: [u32; 2],
 }
 

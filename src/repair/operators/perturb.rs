@@ -202,19 +202,19 @@ fn separate_coincident(
             group.iter().map(|&(_, v)| (area(v), v)).filter(|&(_, v)| !stars.of(v).is_empty()).collect();
         by_area.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         // One vertex may stay: one that cannot be moved, if there is one.
-        let mut staying = by_area.len();
+        let mut remaining = by_area.len();
         for &(_, v) in by_area.iter().rev() {
-            if staying == 1 || clear.is_spent() {
+            if remaining == 1 || clear.is_spent() {
                 break;
             }
             if let Some(q) = find_position(surface, v, stars.of(v), nearby, &mut clear) {
                 clear.record_move(v, q);
                 surface.positions[v as usize] = q;
-                staying -= 1;
+                remaining -= 1;
                 moved += 1;
             }
         }
-        left += staying.saturating_sub(1) as u64;
+        left += remaining.saturating_sub(1) as u64;
     }
     Ok((moved, left))
 }

@@ -28,14 +28,14 @@ impl RayCaster {
         (a + b + c) / 3.0
     }
 
-    /// The number of faces that the segment crosses, without face number `ignored`; `None` where the segment touches an edge
+    /// The number of faces that the segment crosses, except face number `ignored`; `None` where the segment touches an edge
     /// or the budget is spent.
     pub fn crossings(&mut self, from: DVec3, to: DVec3, ignored: Option<u32>) -> Option<u64> {
         let mut count = 0;
         self.each_crossing(from, to, ignored, |_| count += 1).then_some(count)
     }
 
-    /// Calls `visit` with every face that the segment crosses, without face number `ignored`. Returns `false` where the segment
+    /// Calls `visit` with every face that the segment crosses, except face number `ignored`. Returns `false` where the segment
     /// touches an edge or the budget is spent; some faces are then not visited.
     pub fn each_crossing(&mut self, from: DVec3, to: DVec3, ignored: Option<u32>, mut visit: impl FnMut(u32)) -> bool {
         let Self { unit, faces, tree, spent, budget } = self;

@@ -148,13 +148,13 @@ pub(super) fn distinguish_vertices(
             let p = at(rounding.surface, v);
             let others: SmallVec<[u32; 8]> = group.iter().copied().filter(|&u| at(rounding.surface, u) != p).collect();
             let near = others.iter().copied().filter(|&u| at(rounding.surface, u).distance(p) <= limits.max_deviation);
-            let goes = rounding.merge_into(v, &near.collect::<SmallVec<[u32; 8]>>());
-            merged += u64::from(goes);
+            let is_merged = rounding.merge_into(v, &near.collect::<SmallVec<[u32; 8]>>());
+            merged += u64::from(is_merged);
             let candidates = offsets.iter().map(|&offset| lattice.nearest(p + offset));
             let may_take =
                 |q: &DVec3| q.distance(p) <= limits.max_deviation && !taken.contains(&position_key(decimals.round(*q)));
             let moves = limits.moves && !others.is_empty();
-            if goes || (moves && rounding.move_to_first_clear(v, candidates.filter(may_take))) {
+            if is_merged || (moves && rounding.move_to_first_clear(v, candidates.filter(may_take))) {
                 taken.insert(position_key(decimals.round(at(rounding.surface, v))));
                 group.retain(|u| *u != v);
             }
@@ -226,14 +226,14 @@ impl<'a> Rounding<'a> {
     /// Merges a vertex into the first of `ends` that is its neighbour and where no faces come to meet.
     fn merge_into(&mut self, v: u32, ends: &[u32]) -> bool {
         for &u in ends {
-            let (gone, kept): (Vec<u32>, Vec<u32>) =
+            let (removed, kept): (Vec<u32>, Vec<u32>) =
                 self.stars[v as usize].iter().partition(|&&f| self.surface.faces[f as usize].contains(&u));
-            if gone.is_empty() || gone.len() == self.left {
+            if removed.is_empty() || removed.len() == self.left {
                 continue;
             }
             let new = with_vertex(self.surface, &kept, v, u);
             let to = self.surface.positions[u as usize];
-            if !self.clear.is_clear(self.surface, &new, &gone, to) {
+            if !self.clear.is_clear(self.surface, &new, &removed, to) {
                 continue;
             }
             self.clear.record_move(v, to);
@@ -241,8 +241,8 @@ impl<'a> Rounding<'a> {
                 self.surface.faces[f as usize] = face;
                 self.stars[u as usize].push(f);
             }
-            self.left -= gone.len();
-            for f in gone {
+            self.left -= removed.len();
+            for f in removed {
                 let face = self.surface.faces[f as usize];
                 face.iter().filter(|&&w| w != v).for_each(|&w| self.stars[w as usize].retain(|g| *g != f));
                 self.surface.faces[f as usize] = [u; 3];
@@ -267,7 +267,7 @@ impl Lattice {
         Self { least: (spacing(largest) * FINEST_STEP_ULPS).max(DISTINCT_STEP.min(spacing(largest))) }
     }
 
-    /// The nearest number, the next above and the next below.
+    /// The nearest representable number, the next above and the next below.
     fn near(self, x: f64) -> [f64; 3] {
         #[expect(
             clippy::cast_possible_truncation,
@@ -285,12 +285,12 @@ impl Lattice {
         [nearest, nearest + self.least, nearest - self.least]
     }
 
-    /// The nearest position.
+    /// The nearest representable position.
     fn nearest(self, p: DVec3) -> DVec3 {
         DVec3::from_array(p.to_array().map(|x| self.near(x)[0]))
     }
 
-    /// The positions around `p`, nearest first: the nearest position and its neighbours.
+    /// The representable positions around `p`, nearest first.
     fn around(self, p: DVec3) -> SmallVec<[DVec3; 27]> {
         let [x, y, z] = p.to_array().map(|x| self.near(x));
         let mut all: SmallVec<[DVec3; 27]> = SmallVec::new();
@@ -366,7 +366,7 @@ mod tests {
         (surface, merged)
     }
 
-    /// Two tetrahedra, the second from a corner near the first's on.
+    /// Two tetrahedra that nearly touch: their closest corners are `gap` apart along each axis.
     fn tetrahedra(gap: f64) -> Surface {
         let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * 0.015625);
         let positions = corners.into_iter().chain(corners.map(|p| -p - DVec3::splat(gap))).collect();

@@ -179,18 +179,19 @@ impl SliverQueue<'_> {
     /// Collapses an edge to the end that gives the smaller displacement.
     fn collapse(&mut self, [a, b]: [u32; 2]) -> bool {
         let length = self.local.unit[a as usize].distance(self.local.unit[b as usize]);
-        let drift_after = |gone: u32, stays: u32| (self.drift[gone as usize] + length).max(self.drift[stays as usize]);
+        let drift_after =
+            |removed: u32, kept: u32| (self.drift[removed as usize] + length).max(self.drift[kept as usize]);
         let mut directions = [(drift_after(a, b), a, b), (drift_after(b, a), b, a)];
         if directions[1].0 < directions[0].0 {
             directions.swap(0, 1);
         }
         let Some(irregular) = self.link_condition(a, b) else { return false };
-        for (drift, gone, stays) in directions {
-            if drift <= self.length && !irregular.contains(&gone) && self.keeps_orientation(gone, stays) {
-                self.local.collapse(gone, stays);
-                self.drift[stays as usize] = drift;
+        for (drift, removed, kept) in directions {
+            if drift <= self.length && !irregular.contains(&removed) && self.keeps_orientation(removed, kept) {
+                self.local.collapse(removed, kept);
+                self.drift[kept as usize] = drift;
                 self.moved = self.moved.max(drift);
-                self.queue.extend(self.local.star(stays));
+                self.queue.extend(self.local.star(kept));
                 return true;
             }
         }
@@ -245,11 +246,11 @@ impl SliverQueue<'_> {
         all.chunk_by(|x, y| x == y).map(|same| (same[0], same.len() as u32)).collect()
     }
 
-    /// Whether no face with an area flips and none becomes collinear when `gone` moves to `stays`.
-    fn keeps_orientation(&self, gone: u32, stays: u32) -> bool {
+    /// Whether no face with an area flips and none becomes collinear when `removed` moves to `kept`.
+    fn keeps_orientation(&self, removed: u32, kept: u32) -> bool {
         let local = &self.local;
-        local.star(gone).iter().map(|&f| local.face(f)).filter(|face| !face.contains(&stays)).all(|face| {
-            let moved = face.map(|v| if v == gone { stays } else { v });
+        local.star(removed).iter().map(|&f| local.face(f)).filter(|face| !face.contains(&kept)).all(|face| {
+            let moved = face.map(|v| if v == removed { kept } else { v });
             let turned = local.area_vector(face).dot(local.area_vector(moved)) <= 0.0;
             let thin = Shape::of(local.points(face)).height < self.length;
             (!turned || thin) && (!local.is_collinear(moved) || local.is_collinear(face))

@@ -24,13 +24,11 @@ const COST_OF_CANDIDATE: u64 = 16;
 const MAX_AHEAD: usize = 64;
 
 /// Closes cracks whose two sides have different vertices.
-
-/// How wide a crack may be.
 #[derive(Debug, Clone, Copy)]
 pub struct Stitch {
-    /// The largest width of a crack, as a share of the bounding box's diagonal; 0.001 by default. The width is also limited
-    /// to half of the edge between a vertex and an edge, and to half of the longer boundary edge at each of two vertices. A
-    /// wider gap is a hole.
+    /// The largest width of a crack, as a share of the bounding box's diagonal; 0.001 by default. Between a
+    /// vertex and an edge half of the edge is a further limit; between two vertices, half of the longer boundary edge at
+    /// each of them. A wider gap is a hole.
     pub threshold: f64,
     /// The largest width of a crack in the model's unit, instead of `threshold`.
     pub distance: Option<f64>,
@@ -136,9 +134,7 @@ impl Stitch {
         let too_wide = if self.counts_left { search.too_wide(&mut border, context)? } else { 0 };
         if too_wide > 0 {
             let option = if self.distance.is_some() { "stitch_distance" } else { "stitch_threshold" };
-            limited.push((option, format!(
-                "{too_wide} boundary vertices have a gap within the limit that is wider than half of the adjacent edges; such a gap counts as a hole"
-            )));
+            limited.push((option, too_wide_note(too_wide)));
         }
         let left = border.exhausted_note();
         let moved = border.max_displacement().max(bent);
@@ -148,6 +144,14 @@ impl Stitch {
         let changes = Change::list([(ChangeKind::CrackVerticesMerged, merged), (ChangeKind::CrackEdgesSplit, split)]);
         Ok(Applied { changes, moved, left, limited, ..Applied::default() })
     }
+}
+
+/// The note on cracks that are within the limit but too wide for their edges.
+fn too_wide_note(too_wide: u64) -> String {
+    format!(
+        "{too_wide} boundary vertices have a gap within the limit that is wider than half of the adjacent edges; such a \
+         gap counts as a hole"
+    )
 }
 
 impl Operation for Stitch {

@@ -57,8 +57,8 @@ impl ThickenSheets {
     /// The skins are the part's double cover: two copies of each face, one for each side. Across an edge each copy continues
     /// into the copy for the same side of the surface, and a rim joins the copies along the boundary. So a non-orientable
     /// part, such as a Möbius band, gets one skin that goes around twice, and any part gives a closed, consistently wound
-    /// surface. A vertex moves along the mean normal of its faces, weighted by angle, and far enough to keep the thickness on
-    /// all of them, up to twice the thickness at sharp folds.
+    /// surface. A vertex moves along the mean normal of its faces, weighted by angle. It moves far enough to keep the thickness
+    /// on all of them, up to twice the thickness at sharp folds.
     ///
     /// Precondition: non-manifold edges are split and holes are filled, since every part that is open now counts as a sheet.
     /// Result: no part has a boundary; with [`Skins::Behind`] every face stays, except at the seam of a non-orientable part.

@@ -97,8 +97,8 @@ impl Operation for MergeVertices {
     }
 }
 
-/// The most vertices tested in one grid cell. Vertices that close together lie farther apart than the tolerance, or their
-/// edges are shorter still and they are not merged.
+/// The most vertices tested in one grid cell. A fuller cell holds vertices closer than the tolerance; their edges are then
+/// shorter still, so they are not merged.
 const MAX_VERTICES_PER_CELL: usize = 32;
 
 /// Merges boundary vertices that almost coincide.

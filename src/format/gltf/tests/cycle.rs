@@ -1,3 +1,5 @@
+//! Writing and reading random scenes, and scenes that glTF cannot store.
+
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
@@ -166,7 +168,7 @@ fn endlessly_nested_objects_are_rejected() {
         scene.objects.push(Object { shape: Shape::Components(parts), ..Object::of_mesh(None, PaintedMesh::default()) });
     }
     scene.items = vec![Item::of(40)];
-    assert_eq!(write(&scene), Err(WriteError::TooManyParts { parts: 1 << 40, most: 1 << 20 }));
+    assert_eq!(write(&scene), Err(WriteError::TooManyParts { parts: 1 << 40, max: 1 << 20 }));
     // An object that contains itself violates the scene's invariant and has no instances.
     scene.objects[40].shape = Shape::Components(vec![Component { object: 40, transform: DAffine3::IDENTITY }]);
     let bytes = write(&scene).expect("nothing to write");

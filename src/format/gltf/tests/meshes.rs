@@ -1,3 +1,5 @@
+//! Reading meshes: topology, accessors, morph targets, skins and Draco compression.
+
 use draco_core::{
     DataType, EncoderBuffer, EncoderOptions, FaceIndex, GeometryAttributeType, Mesh, MeshEncoder, PointAttribute,
     PointIndex,
@@ -51,7 +53,7 @@ fn points_lines_and_primitives_without_positions_are_dropped_with_a_warning() {
     primitives.push(json!({ "attributes": {}, "indices": 1 }));
     let read = model.read();
     assert_eq!(read.scene.placed_faces(), 4);
-    assert!(read.warnings[0].ends_with("left out: 2"), "{:?}", read.warnings);
+    assert!(read.warnings[0].ends_with("dropped: 2"), "{:?}", read.warnings);
 }
 
 #[test]
@@ -215,20 +217,20 @@ fn a_skin_on_a_mesh_without_joints_changes_nothing() {
 #[test]
 fn incomplete_skins_are_rejected() {
     for (pointer, value, words) in [
-        ("/skins/0/joints", json!([1]), "joint 1, and its skin has 1"),
-        ("/skins/0/joints", json!([1, 2, 0]), "each of its joints"),
+        ("/skins/0/joints", json!([1]), "joint 1, but its skin has only 1"),
+        ("/skins/0/joints", json!([1, 2, 0]), "fewer inverse bind matrices than joints"),
         ("/skins/0/joints", json!([]), "no joints"),
         ("/skins/0/joints", json!([1, 7]), "node 7"),
-        ("/skins/0/inverseBindMatrices", json!(0), "each of its joints"),
+        ("/skins/0/inverseBindMatrices", json!(0), "fewer inverse bind matrices than joints"),
         ("/nodes/0/skin", json!(3), "skin 3"),
-        ("/accessors/3/count", json!(2), "WEIGHTS_0 for 2"),
+        ("/accessors/3/count", json!(2), "WEIGHTS_0 values for only 2"),
     ] {
         skinned().with(pointer, value).assert_refused(ReadErrorKind::Malformed, words);
     }
 }
 
 /// A bent grid of vertices, and its faces.
-fn sheet(n: u32) -> (Vec<f32>, Vec<[u32; 3]>) {
+fn grid(n: u32) -> (Vec<f32>, Vec<[u32; 3]>) {
     let at = |k: u32| f64::from(k) / f64::from(n);
     let positions = (0..=n)
         .flat_map(|y| (0..=n).flat_map(move |x| [at(x) as f32, at(y) as f32, (at(x) * at(y) * 3.0).sin() as f32]));
@@ -249,8 +251,8 @@ fn attribute(of: GeometryAttributeType, width: u8, kind: DataType, bytes: &[u8],
 }
 
 /// A grid compressed with Draco. Attribute 0 has positions, attribute 1 vertex colours.
-fn packed(n: u32, options: &EncoderOptions) -> Vec<u8> {
-    let (positions, faces) = sheet(n);
+fn compressed(n: u32, options: &EncoderOptions) -> Vec<u8> {
+    let (positions, faces) = grid(n);
     let count = positions.len() / 3;
     let colors: Vec<u8> = (0..count).flat_map(|k| [255, if k % 2 == 0 { 255 } else { 0 }, 0]).collect();
     let mut mesh = Mesh::new();
@@ -269,20 +271,20 @@ fn packed(n: u32, options: &EncoderOptions) -> Vec<u8> {
 }
 
 /// The grid encoded sequentially, with the default options, and with the highest compression level.
-fn all_ways(n: u32) -> Vec<Vec<u8>> {
+fn all_encodings(n: u32) -> Vec<Vec<u8>> {
     let mut in_order = EncoderOptions::new();
     in_order.set_encoding_method(0);
     let mut close = EncoderOptions::new();
     close.set_compression_level(10);
-    [in_order, EncoderOptions::new(), close].iter().map(|options| packed(n, options)).collect()
+    [in_order, EncoderOptions::new(), close].iter().map(|options| compressed(n, options)).collect()
 }
 
 /// A file with a compressed grid.
 fn model(data: &[u8]) -> Model {
     let mut model = Model::empty();
     let view = model.view(data);
-    let told = |shape: &str, component: u32| json!({ "componentType": component, "type": shape, "count": 9, "normalized": component == 5121 });
-    model.json["accessors"] = json!([told("VEC3", 5126), told("VEC3", 5121), told("SCALAR", 5123)]);
+    let declared = |shape: &str, component: u32| json!({ "componentType": component, "type": shape, "count": 9, "normalized": component == 5121 });
+    model.json["accessors"] = json!([declared("VEC3", 5126), declared("VEC3", 5121), declared("SCALAR", 5123)]);
     model.json["meshes"] = json!([{ "primitives": [{
         "attributes": { "POSITION": 0, "COLOR_0": 1 }, "indices": 2, "mode": 5,
         "extensions": { "KHR_draco_mesh_compression": { "bufferView": view, "attributes": { "POSITION": 0, "COLOR_0": 1 } } },
@@ -294,11 +296,11 @@ fn model(data: &[u8]) -> Model {
 
 #[test]
 fn compressed_primitives_are_decoded() {
-    let (positions, faces) = sheet(8);
+    let (positions, faces) = grid(8);
     let middle = |corners: [DVec3; 3]| corners.iter().sum::<DVec3>() / 3.0;
     let at = |v: u32| DVec3::from_array([0, 1, 2].map(|k| f64::from(positions[3 * v as usize + k])));
     let expected: Vec<DVec3> = faces.iter().map(|face| middle(face.map(at))).collect();
-    for data in all_ways(8) {
+    for data in all_encodings(8) {
         let read = model(&data).read();
         let mesh = read.scene.objects[0].mesh().expect("a mesh");
         assert_eq!((mesh.soup.faces.len(), mesh.soup.positions.len()), (128, 81));
@@ -315,15 +317,15 @@ fn compressed_primitives_are_decoded() {
 
 #[test]
 fn compressed_data_without_a_declared_attribute_is_rejected() {
-    let data = all_ways(2).remove(1);
+    let data = all_encodings(2).remove(1);
     let model =
         model(&data).with("/meshes/0/primitives/0/extensions/KHR_draco_mesh_compression/attributes/COLOR_0", json!(7));
-    model.assert_refused(ReadErrorKind::Malformed, "lacks COLOR_0");
+    model.assert_refused(ReadErrorKind::Malformed, "no attribute COLOR_0");
 }
 
 #[test]
 fn compressed_data_with_any_damage_gives_a_result_or_an_error() {
-    for data in all_ways(4) {
+    for data in all_encodings(4) {
         for end in 0..data.len() {
             let answer = read(&model(&data[..end]).glb());
             // The last bytes may be unused.
@@ -345,7 +347,7 @@ fn compressed_data_with_any_damage_gives_a_result_or_an_error() {
 
 #[test]
 fn compressed_data_is_decoded_within_the_limits() {
-    for data in all_ways(8) {
+    for data in all_encodings(8) {
         let bytes = model(&data).glb();
         assert!(read_within(&bytes, Limits { max_faces: 128, max_vertices: 81, ..Limits::default() }).is_ok());
         for limits in [Limits { max_faces: 127, ..Limits::default() }, Limits { max_vertices: 80, ..Limits::default() }]

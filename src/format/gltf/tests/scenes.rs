@@ -1,3 +1,5 @@
+//! Reading scenes: nodes, transforms, materials, colours and textures.
+
 use glam::DVec3;
 use serde_json::{Value, json};
 
@@ -76,8 +78,8 @@ fn nodes_that_form_no_tree_are_rejected() {
         (json!([{ "mesh": 0, "children": [1] }, { "children": [2] }, { "children": [1] }]), "two parents"),
         (json!([{ "mesh": 0 }, { "children": [2] }, { "children": [1] }]), "own ancestors"),
         (json!([{ "mesh": 0, "children": [1, 1] }, {}]), "two parents"),
-        (json!([{ "mesh": 0, "children": [7] }]), "node 7, and there are 1"),
-        (json!([{ "mesh": 9 }]), "mesh 9, and there are 1"),
+        (json!([{ "mesh": 0, "children": [7] }]), "node 7, but has only 1"),
+        (json!([{ "mesh": 9 }]), "mesh 9, but has only 1"),
         (json!([{ "mesh": 0, "rotation": [0, 0, 0, 0] }]), "rotation of node 0"),
         (json!([{ "mesh": 0, "matrix": [1, 0, 0, 1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] }]), "not affine"),
         (json!([{ "scale": [1e200, 1, 1], "children": [1] }, { "mesh": 0, "scale": [1e200, 1, 1] }]), "not finite"),
@@ -113,7 +115,7 @@ fn nodes_with_a_scale_of_zero_are_dropped() {
     let read = of_nodes(json!([{ "mesh": 0, "scale": [0, 0, 0] }, { "mesh": 0, "scale": [-1, 1, 1] }])).read();
     assert_eq!(read.scene.items.len(), 1);
     assert_eq!(read.scene.items[0].transform.matrix3.x_axis, -DVec3::X);
-    assert!(read.warnings[0].contains("scaled to nothing were left out: 1"), "{:?}", read.warnings);
+    assert!(read.warnings[0].contains("scale of zero were dropped: 1"), "{:?}", read.warnings);
 }
 
 #[test]
@@ -253,7 +255,7 @@ fn a_texture_takes_precedence_over_vertex_colours_with_a_warning() {
     model.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = colors.into();
     let read = model.read();
     assert!(matches!(read.scene.palettes[..], [Palette::Textured { .. }]));
-    assert!(read.warnings[0].contains("the picture was kept"), "{:?}", read.warnings);
+    assert!(read.warnings[0].contains("kept only the texture"), "{:?}", read.warnings);
 }
 
 #[test]
@@ -265,7 +267,7 @@ fn a_texture_that_cannot_be_kept_leaves_the_material_with_a_warning() {
         let read = model.read();
         let expected = Material { name: "skin".to_owned(), color: [255, 127, 0, 255] };
         assert_eq!(read.scene.palettes, [Palette::Materials(vec![expected])]);
-        assert!(read.warnings[0].contains("left out: 1"), "{:?}", read.warnings);
+        assert!(read.warnings[0].contains("dropped: 1"), "{:?}", read.warnings);
     }
 }
 
@@ -276,7 +278,7 @@ fn other_textures_are_dropped_with_one_warning() {
         .with("/materials/0/emissiveTexture", json!({ "index": 0 }));
     let read = model.read();
     assert_eq!((read.scene.textures.len(), read.warnings.len()), (1, 1));
-    assert!(read.warnings[0].contains("relief"), "{:?}", read.warnings);
+    assert!(read.warnings[0].contains("roughness"), "{:?}", read.warnings);
 }
 
 #[test]

@@ -1,3 +1,5 @@
+//! The two edits of a border: merging two vertices, and splitting an edge at a vertex.
+
 use glam::DVec3;
 
 use super::{Border, MergePosition, NONE, Spoke};

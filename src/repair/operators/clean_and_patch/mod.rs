@@ -27,8 +27,6 @@ const MAX_EVALUATIONS: usize = 4;
 const SEARCH_BUDGET: u64 = 100_000;
 
 /// Removes defective regions and fills the holes they leave.
-
-/// How defects places are removed and closed again.
 #[derive(Debug, Clone, Copy)]
 pub struct CleanAndPatch {
     /// The most edges around a hole that is filled.

@@ -25,9 +25,7 @@ const SHARP_BUDGET: u64 = 2_000_000;
 /// How far a cone's apex lies behind the centre of its hole, in mean edge lengths.
 const APEX_DEPTH: f64 = 0.05;
 
-/// Fills holes.
-
-/// Which holes are closed, and how.
+/// Fills holes within limits, with the given method.
 #[derive(Debug, Clone, Copy)]
 pub struct FillHoles {
     /// The most edges around a hole, including the edges around its islands; a million by default.

@@ -63,10 +63,15 @@ impl FillHoles {
     ///
     /// Candidates are tried from smooth to robust. The first without a fault is taken, or else the one with the fewest. A fault
     /// is a face without area, or a pair of intersecting faces, decided exactly against the surface, the patch itself and
-    /// earlier patches. The candidates are the triangulation with the smallest largest dihedral angle (Liepa 2003), the
-    /// constrained Delaunay triangulation in the hole's plane, the triangulation of least area, and growth from the sharpest
-    /// corners. For more than 128 edges they are the second, the fourth, and pieces split by short chords. A planar hole gets
-    /// its planar patch first. A diagonal is never an existing edge, so no edge gets a third face.
+    /// earlier patches. The candidates are:
+    ///
+    /// 1. the triangulation with the smallest maximum dihedral angle (Liepa 2003),
+    /// 2. the constrained Delaunay triangulation in the hole's plane, which comes first for a planar hole,
+    /// 3. the triangulation of least area,
+    /// 4. growth from the sharpest corners.
+    ///
+    /// For more than 128 edges they are 2, 4, and pieces split by short chords. A diagonal is never an existing edge, so no
+    /// edge gets a third face.
     ///
     /// A loop inside another, close to its plane and in the opposite direction, bounds an island: both get one common patch.
     /// A body is a set of parts joined by islands. Its loops are filled all or none: [`encloses`] distinguishes a solid with

@@ -29,8 +29,6 @@ const STEPS_PER_SLOW_PREDICATE: u64 = 8;
 const BLOCK_SIZE: usize = 64;
 
 /// A patch over points, of which the first `fixed` are on its border.
-
-/// A patch over points, of which the first `fixed` are on its border.
 #[derive(Debug, Clone)]
 pub(super) struct Patch {
     /// The points, those on the border first.

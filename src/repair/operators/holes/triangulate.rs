@@ -68,9 +68,8 @@ pub(super) fn least_weight(
                     let unit_normal = if length > 0.0 { cross / length } else { DVec3::ZERO };
                     let mut fold = if length > 0.0 { 0 } else { NO_AREA_STEP };
                     if criterion == Criterion::Fold {
-                        fold = fold
-                            .max(angle_step(unit_normal, normal[at(i, k)]))
-                            .max(angle_step(unit_normal, normal[at(k, j)]));
+                        let folds = [at(i, k), at(k, j)].map(|side| angle_step(unit_normal, normal[side]));
+                        fold = fold.max(folds[0]).max(folds[1]);
                     }
                     if criterion == Criterion::Fold && span == n - 1 {
                         fold = fold.max(angle_step(unit_normal, normal[at(n - 1, 0)]));
@@ -203,7 +202,9 @@ fn triangulate_projection(corners: Vec<Corner>, next: &[usize], polygons: usize)
 
 /// The triangles that grew over a loop, and the number of corners that stay open.
 pub(super) struct Growth {
+    /// The triangles by corner index.
     pub triangles: Vec<[usize; 3]>,
+    /// The number of corners that stay open.
     pub open: usize,
 }
 

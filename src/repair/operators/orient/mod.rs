@@ -38,8 +38,8 @@ const MAX_FLIPS_PER_FACE: usize = 64;
 ///    outward. At odd depth an inward patch is a cavity, and an outward patch is a separate solid that overlaps the solid
 ///    around it; [`Nested`] chooses which of the two is kept or made. If a whole solid was inverted, its cavity flips
 ///    with it.
-/// 3. An open patch, and a closed one of unknown depth, is flipped where most of the area of its largest faces has the
-///    outside behind it, by exact rays. A single sheet stays as it is. So does a patch inside a solid, unless layers
+/// 3. An open patch, or a closed one of unknown depth, is decided by exact rays from its largest faces. The patch is flipped
+///    if most of their area has the outside behind it. A single sheet stays as it is. So does a patch inside a solid, unless layers
 ///    alternate. So do open patches that meet in non-manifold edges, where flipping would unbalance the edges' directions.
 ///
 /// Precondition: none. Result: every edge with two faces is traversed once in each direction, unless the patch is
@@ -77,10 +77,9 @@ impl Orient {
         let mut is_undecided = vec![false; solids.len()];
         if selected.contains(&true) {
             let closed: Vec<bool> = solids.iter().map(|s| s.closed).collect();
-            let facing =
-                PatchFacing { surface, patches: &patches, selected: &selected, closed: &closed, areas: &areas };
-            let mut rays = facing.rays();
-            let facings = facing.facings(self.nested, &mut rays, context)?;
+            let votes = PatchFacing { surface, patches: &patches, selected: &selected, closed: &closed, areas: &areas };
+            let mut rays = votes.rays();
+            let facings = votes.facings(self.nested, &mut rays, context)?;
             for (patch, facing) in facings.into_iter().enumerate().filter(|&(patch, _)| selected[patch]) {
                 layers.flip[patch] = facing == Facing::Inward;
                 if facing == Facing::Undecided {
@@ -89,14 +88,13 @@ impl Orient {
                 }
             }
             if self.nested == Nested::Keep && layers.flip.contains(&true) {
-                keep_surrounded_patches(&facing, &mut rays, nesting_of_patches, &mut layers, context)?;
+                keep_surrounded_patches(&votes, &mut rays, nesting_of_patches, &mut layers, context)?;
                 keep_balanced_patches(surface, &edges, &patches, &solids, &mut layers);
             }
         }
         let flip = layers.flip;
-        let flipped_of =
-            |closed: bool| flip.iter().zip(&solids).filter(|(t, s)| **t && s.closed == closed).count() as u64;
-        let (closed_flipped, open_flipped) = (flipped_of(true), flipped_of(false));
+        let count = |closed: bool| flip.iter().zip(&solids).filter(|(f, s)| **f && s.closed == closed).count() as u64;
+        let (closed_flipped, open_flipped) = (count(true), count(false));
         let of_patch = |&p: &u32| p != Parts::NONE && flip[p as usize];
         let flip: Vec<bool> = patches.of_face.iter().map(of_patch).collect();
         flip_faces(surface, &flip);
@@ -234,8 +232,8 @@ pub(super) fn consistent_winding(
     Ok(winding)
 }
 
-/// For each half-edge the face across an edge with two faces, and whether both faces traverse the edge in the same direction,
-/// packed as `2 * face + same`.
+/// For each half-edge of an edge with two faces the other face, packed as `2 * face + same`. `same` is 1 where both faces
+/// traverse the edge in the same direction.
 struct FaceNeighbours(Vec<u32>);
 
 impl FaceNeighbours {

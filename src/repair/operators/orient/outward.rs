@@ -204,8 +204,8 @@ pub(super) struct Layers {
 impl Layers {
     /// Decides by the sign of each part's volume and by the parts that contain it.
     ///
-    /// At even depth a part is flipped to positive volume. At odd depth an inward part is a cavity. If the part around it was
-    /// flipped and the inner part faces outward, the inner part was the cavity of an inverted solid, so it is flipped too.
+    /// At even depth a part is flipped to positive volume. At odd depth an inward part is a cavity. An outward part
+    /// inside a part that was flipped was the cavity of an inverted solid, so it is flipped too.
     pub fn new(nesting: Nesting<'_>, nested: Nested) -> Self {
         let Nesting { solids, containers } = nesting;
         let mut layers = Self { flip: vec![false; solids.len()], ..Self::default() };

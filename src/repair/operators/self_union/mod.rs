@@ -53,8 +53,8 @@ impl SelfUnionRounds {
     /// ```
     ///
     /// Precondition: closed and consistently wound. Result: no two faces intersect. New vertices are rounded to f32 one by
-    /// one without making faces meet (`rounding.rs`). Where that fails and faces intersect again, their vertices snap to
-    /// ever coarser grids and the arrangement is computed again (after the snap rounding of Valque and Lazard).
+    /// one without making faces meet (`rounding.rs`). Where faces then intersect again, their vertices snap to ever
+    /// coarser grids and the arrangement is computed again (after the snap rounding of Valque and Lazard).
     /// Leaves: the input surface where it is not closed, where nothing intersects and no region is opened, or where the
     /// arrangement fails; pairs that still intersect after the coarsest grid.
     ///

@@ -95,6 +95,7 @@ pub(super) struct Rounds<'a> {
     settings: &'a SelfUnionRounds,
     engine: &'a dyn Arrangement,
     context: &'a Context<'a>,
+    /// The counts over all rounds so far.
     pub totals: Totals,
     best: Option<Best>,
     /// The surface with the fewest intersecting pairs, and their number: used only where no round ended without any.
@@ -104,6 +105,7 @@ pub(super) struct Rounds<'a> {
 }
 
 impl<'a> Rounds<'a> {
+    /// Prepares the rounds; `totals` holds the counts of earlier snapping.
     pub fn new(
         settings: &'a SelfUnionRounds,
         totals: Totals,
@@ -277,6 +279,7 @@ fn settle(surface: &mut Surface, context: &Context<'_>) -> Result<(), Cancelled>
     Ok(())
 }
 
+/// Converts a count of vertices to the index of the next vertex.
 #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
 pub(super) fn index(count: usize) -> u32 {
     count as u32

@@ -101,12 +101,12 @@ async fn from_upload(
     key: &IdempotencyState,
 ) -> Result<(Vec<Input>, Option<UploadId>), Problem> {
     let SubmissionContext { state, caller, id } = context;
-    let found = find_upload(state, upload).await?;
-    if found.upload.tenant != caller.tenant.as_str() {
+    let pending = find_upload(state, upload).await?;
+    if pending.upload.tenant != caller.tenant.as_str() {
         return Err(upload_not_found(upload));
     }
-    let name = clean_name(name.or(found.upload.name.as_deref()));
-    if let Some(job) = found.job {
+    let name = clean_name(name.or(pending.upload.name.as_deref()));
+    if let Some(job) = pending.job {
         // A client retries when the response was lost. The upload is gone by then, but its job still knows the inputs.
         return match key {
             IdempotencyState::Used { job: before, .. } if *before == job => {
@@ -120,7 +120,7 @@ async fn from_upload(
             }
         };
     }
-    let key = Blobs::incoming_key(found.upload.id);
+    let key = Blobs::incoming_key(pending.upload.id);
     let limit = caller.max_bytes(state.config.limits.max_bytes);
     let bytes = sent_bytes(state, &key).await?.ok_or_else(file_not_sent)?;
     if bytes > limit {
@@ -131,7 +131,7 @@ async fn from_upload(
         error => error.into(),
     })?;
     let stored = UploadBudget::new(limit).store(&state.blobs, &Blobs::input_key(id, 0), sent).await?;
-    Ok((inputs(id, vec![ReceivedFile { name, stored }])?, Some(found.upload.id)))
+    Ok((inputs(id, vec![ReceivedFile { name, stored }])?, Some(pending.upload.id)))
 }
 
 fn file_not_sent() -> Problem {

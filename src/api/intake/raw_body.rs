@@ -5,9 +5,9 @@ use axum::http::{HeaderMap, header};
 use serde_json::{Map, Value};
 
 use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs, job_options};
-use crate::api::check::field_schema;
 use crate::api::extract::{query_value, text_header, with_idle_limit};
 use crate::api::problem::Problem;
+use crate::api::validation::field_schema;
 use crate::blobs::Blobs;
 
 /// Reads the options from the query, then stores the body as the file.

@@ -58,10 +58,10 @@ pub(super) fn value_errors(field: &str, schema: &Value, value: &Value) -> Vec<Fi
 pub(super) fn unknown_field<'a>(field: &str, known: impl Iterator<Item = &'a str>, kind: &str) -> FieldError {
     let name = field.rsplit('.').next().unwrap_or(field);
     let similar = known
-        .map(|known| (strsim::damerau_levenshtein(name, known), known))
-        .filter(|&(distance, known)| distance <= 2 && distance < known.len())
+        .map(|candidate| (strsim::damerau_levenshtein(name, candidate), candidate))
+        .filter(|&(distance, candidate)| distance <= 2 && distance < candidate.len())
         .min();
-    let hint = similar.map_or_else(String::new, |(_, known)| format!(" Did you mean `{known}`?"));
+    let hint = similar.map_or_else(String::new, |(_, candidate)| format!(" Did you mean `{candidate}`?"));
     FieldError::new(field, format!("There is no {kind} `{}`.{hint}", truncated(field)))
 }
 
@@ -120,15 +120,15 @@ fn check(field: &str, schema: &Value, value: &Value, errors: &mut Vec<FieldError
 /// Validates the fields of an object, and appends the errors of unknown, invalid and missing fields.
 fn check_object(path: &str, schema: &Value, object: &Map<String, Value>, errors: &mut Vec<FieldError>) {
     let path_of = |name: &str| if path.is_empty() { name.to_owned() } else { format!("{path}.{name}") };
-    let known = schema.get("properties").and_then(Value::as_object);
+    let properties = schema.get("properties").and_then(Value::as_object);
     let is_open = schema.get("additionalProperties").is_some_and(|more| more != &Value::Bool(false));
     for (name, value) in object {
-        match (known.and_then(|known| known.get(name)), schema.get("additionalProperties")) {
+        match (properties.and_then(|properties| properties.get(name)), schema.get("additionalProperties")) {
             (Some(schema), _) => check(&path_of(name), schema, value, errors),
             (None, Some(schema)) if schema.is_object() => check(&path_of(name), schema, value, errors),
             (None, _) if is_open => {}
             (None, _) => {
-                let names = known.into_iter().flat_map(Map::keys).map(String::as_str);
+                let names = properties.into_iter().flat_map(Map::keys).map(String::as_str);
                 errors.push(unknown_field(&path_of(name), names, "field"));
             }
         }
@@ -188,12 +188,12 @@ fn accepts_type(schema: &Value, value: &Value) -> bool {
 
 /// Returns the JSON types that a schema lists.
 fn types(schema: &Value) -> impl Iterator<Item = &str> {
-    let (one, many) = match schema.get("type") {
-        Some(Value::String(one)) => (Some(one.as_str()), None),
-        Some(Value::Array(many)) => (None, Some(many)),
+    let (single, several) = match schema.get("type") {
+        Some(Value::String(name)) => (Some(name.as_str()), None),
+        Some(Value::Array(names)) => (None, Some(names)),
         _ => (None, None),
     };
-    one.into_iter().chain(many.into_iter().flatten().filter_map(Value::as_str))
+    single.into_iter().chain(several.into_iter().flatten().filter_map(Value::as_str))
 }
 
 /// Whether a number is whole and within `int64`, the widest format in the document.
