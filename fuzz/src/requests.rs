@@ -150,7 +150,7 @@ async fn state(data: &Path) -> ApiState {
         blobs: blobs.clone(),
         scratch: data.to_owned(),
         min_free: 0,
-        found: BTreeMap::new(),
+        startup_checks: BTreeMap::new(),
         draining: CancellationToken::new(),
         metrics: PrometheusBuilder::new().build_recorder().handle(),
         classes: Default::default(),

@@ -40,12 +40,12 @@ fn new_key(life_s: Option<u64>, parent: Option<String>) -> NewKey {
     }
 }
 
-async fn create_key_in(store: &dyn Store, key: NewKey) -> (String, Token) {
-    let token = Secret::new(key.kind).token();
+async fn create_key_in(store: &dyn Store, key: NewKey) -> (String, SecretHash) {
+    let token = Secret::new(key.kind).hash();
     (store.create_key(key, &token).await.expect("a key").id, token)
 }
 
-async fn is_valid(store: &dyn Store, token: &Token) -> bool {
+async fn is_valid(store: &dyn Store, token: &SecretHash) -> bool {
     store.find_key(token).await.expect("a result").is_some()
 }
 
@@ -65,7 +65,7 @@ async fn a_key_is_found_by_its_secret_until_it_expires_or_is_revoked(bench: Benc
         (id.as_str(), "shop", "till", Some(1000))
     );
     assert!(key.scopes.has(Scope::Tokens) && !key.scopes.has(Scope::JobsWrite));
-    assert!(!is_valid(store, &Token::of("mm_key_guess")).await);
+    assert!(!is_valid(store, &SecretHash::of("mm_key_guess")).await);
     assert!(is_valid(store, &short).await);
     bench.advance(Duration::from_secs(60));
     assert!(!is_valid(store, &short).await);

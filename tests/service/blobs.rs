@@ -286,7 +286,7 @@ async fn old_files_are_found_and_deleted_unless_their_job_has_a_recent_one(bench
     }
     assert!(owners.iter().all(|owner| owner.job != *young), "{owners:?}");
     for (id, goes) in [(old, true), (growing, false), (young, false)] {
-        assert_eq!(bench.blobs.delete_quiet_job(*id, HOUR).await.expect("a result"), goes);
+        assert_eq!(bench.blobs.delete_stale_job(*id, HOUR).await.expect("a result"), goes);
     }
     for (id, keys) in &jobs {
         assert_eq!(bench.has(&keys[3]).await, id != old);
@@ -305,7 +305,7 @@ async fn the_files_of_one_attempt_are_deleted_without_the_rest_of_its_job(bench:
 }
 
 async fn an_upload_that_waited_too_long_for_its_job_is_deleted(bench: Bench) {
-    bench.blobs.delete_quiet_incoming(HOUR).await.expect("nothing to delete");
+    bench.blobs.delete_stale_incoming(HOUR).await.expect("nothing to delete");
     let [old, young] = [UploadId::new(), UploadId::new()].map(Blobs::incoming_key);
     for key in [&old, &young] {
         bench.put(key, b"12345").await;

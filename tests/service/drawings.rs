@@ -78,7 +78,7 @@ async fn pictures_are_claimed_when_they_are_asked_for_and_published_by_the_last_
 
 async fn pictures_of_a_job_that_was_deleted_are_not_drawn(bench: Bench) {
     let (first, second) = (finished_job(&bench, "shop").await, finished_job(&bench, "shop").await);
-    bench.store.ask_for_drawings(first).await.expect("noted");
+    bench.store.request_drawings(first).await.expect("noted");
     assert!(bench.store.purge(first).await.expect("a result"));
     assert!(claimed(&bench).await.is_none());
     bench.store.request_drawings(second).await.expect("noted");
@@ -91,10 +91,10 @@ async fn pictures_of_a_job_that_was_deleted_are_not_drawn(bench: Bench) {
 
 async fn tenants_take_turns_with_their_pictures(bench: Bench) {
     for _ in 0..2 {
-        bench.store.ask_for_drawings(finished_job(&bench, "busy").await).await.expect("noted");
+        bench.store.request_drawings(finished_job(&bench, "busy").await).await.expect("noted");
         bench.advance(Duration::from_secs(1));
     }
-    bench.store.ask_for_drawings(finished_job(&bench, "calm").await).await.expect("noted");
+    bench.store.request_drawings(finished_job(&bench, "calm").await).await.expect("noted");
     let mut turns = Vec::new();
     while let Some(claim) = claimed(&bench).await {
         turns.push(claim.job.tenant);

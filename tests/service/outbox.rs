@@ -55,7 +55,7 @@ fn attempt(status: u16) -> DeliveryAttempt {
     DeliveryAttempt { at: OffsetDateTime::UNIX_EPOCH, status: Some(status), error: None, milliseconds: 5 }
 }
 
-async fn settle(bench: &Bench, due: &DueDelivery, verdict: Verdict) -> bool {
+async fn settle(bench: &Bench, due: &DueDelivery, verdict: DeliveryResult) -> bool {
     bench.store.settle_delivery(due, attempt(500), verdict).await.expect("a result")
 }
 
@@ -98,7 +98,7 @@ async fn every_end_of_a_job_creates_its_deliveries(bench: Bench) {
     let first = store.submit(with_callback).await.expect("accepted");
     assert_eq!(events_of(first.id).await, [], "the job has not ended");
     let held = bench.claim().await.expect("a job").lease;
-    store.fail(&held, Bench::failure(FailureKind::Passing)).await.expect("noted");
+    store.fail(&held, Bench::failure(FailureKind::Transient)).await.expect("noted");
     assert_eq!(events_of(first.id).await, [], "the delivery is retried");
     bench.advance(Duration::from_secs(600));
     let held = bench.claim().await.expect("the job again").lease;
@@ -117,7 +117,7 @@ async fn every_end_of_a_job_creates_its_deliveries(bench: Bench) {
         assert_eq!(events_of(lost.id).await, []);
         bench.claim().await.expect("a job");
         bench.advance(LEASE + Duration::from_secs(1));
-        store.rescue().await.expect("a result");
+        store.requeue_expired().await.expect("a result");
     }
     assert_eq!(events_of(lost.id).await, to("job.failed", &[&all.id, &only_failures.id]));
 
@@ -174,19 +174,19 @@ async fn a_delivery_is_claimed_by_one_and_by_another_when_its_lease_ends(bench: 
     let second = claim(&bench).await.expect("due again");
     assert_eq!((&second.id, &second.message, &second.payload), (&first.id, &first.message, &first.payload));
     assert_eq!(second.tries, 2);
-    settle(&bench, &first, Verdict::Gone).await;
+    settle(&bench, &first, DeliveryResult::Gone).await;
     assert_eq!(deliveries_of(&bench, "shop").await[0].status, DeliveryStatus::Pending, "the first claim has expired");
     let known = store.endpoint("shop", &endpoint.id).await.expect("a result").expect("there");
     assert_eq!((known.disabled, known.failing_since), (None, None));
 
-    settle(&bench, &second, Verdict::Again(Duration::from_secs(60))).await;
+    settle(&bench, &second, DeliveryResult::RetryAfter(Duration::from_secs(60))).await;
     assert_eq!(claim(&bench).await, None, "the delivery waits");
     bench.advance(Duration::from_secs(59));
     assert_eq!(claim(&bench).await, None, "the delivery waits");
     bench.advance(Duration::from_secs(1));
     let third = claim(&bench).await.expect("due");
     assert_eq!((third.tries, third.attempts.len()), (3, 1));
-    store.settle_delivery(&third, attempt(204), Verdict::Delivered).await.expect("a result");
+    store.settle_delivery(&third, attempt(204), DeliveryResult::Delivered).await.expect("a result");
     bench.advance(10 * LEASE);
     assert_eq!(claim(&bench).await, None, "the message was delivered");
     let delivery = &deliveries_of(&bench, "shop").await[0];
@@ -246,7 +246,7 @@ async fn an_endpoint_is_disabled_when_it_responds_410_or_fails_for_days(bench: B
         cancel_new_job(&bench, "shop").await;
     }
     let due = claim(&bench).await.expect("due");
-    assert!(settle(&bench, &due, Verdict::Gone).await);
+    assert!(settle(&bench, &due, DeliveryResult::Gone).await);
     let known = store.endpoint("shop", &gone.id).await.expect("a result").expect("there");
     assert!(known.disabled.is_some_and(|(_, why)| why.contains("410")));
     assert_eq!(claim(&bench).await, None, "nothing more is sent to the endpoint");
@@ -262,21 +262,21 @@ async fn an_endpoint_is_disabled_when_it_responds_410_or_fails_for_days(bench: B
     let mut disabled = Vec::new();
     for _ in 0..5 {
         let due = claim(&bench).await.expect("due");
-        disabled.push(settle(&bench, &due, Verdict::Again(wait)).await);
+        disabled.push(settle(&bench, &due, DeliveryResult::RetryAfter(wait)).await);
         bench.advance(wait);
     }
     assert_eq!(disabled, [false, false, false, false, true], "five days after the first failure");
     let on = EndpointChange { enabled: Some(true), ..EndpointChange::default() };
     store.change_endpoint("shop", &gone.id, on).await.expect("a result").expect("there");
     cancel_new_job(&bench, "shop").await;
-    for verdict in [Verdict::Again(FAILING), Verdict::Delivered] {
+    for verdict in [DeliveryResult::RetryAfter(FAILING), DeliveryResult::Delivered] {
         let due = claim(&bench).await.expect("due");
         assert!(!settle(&bench, &due, verdict).await);
         bench.advance(FAILING - Duration::from_secs(1));
         cancel_new_job(&bench, "shop").await;
     }
     let due = claim(&bench).await.expect("due");
-    assert!(!settle(&bench, &due, Verdict::Failed).await, "the last success reset the count of failures");
+    assert!(!settle(&bench, &due, DeliveryResult::Failed).await, "the last success reset the count of failures");
 }
 
 async fn finished_deliveries_are_sent_again_on_request(bench: Bench) {
@@ -284,7 +284,9 @@ async fn finished_deliveries_are_sent_again_on_request(bench: Bench) {
     let endpoint = endpoint(&bench, "shop").await;
     cancel_new_job(&bench, "shop").await;
     let again = async |tenant: &str, id: &str| store.redeliver(tenant, id).await.expect("a result");
-    for verdict in [Verdict::Failed, Verdict::Delivered, Verdict::Again(Duration::from_secs(3600))] {
+    for verdict in
+        [DeliveryResult::Failed, DeliveryResult::Delivered, DeliveryResult::RetryAfter(Duration::from_secs(3600))]
+    {
         let due = claim(&bench).await.expect("due");
         assert_eq!(due.tries, 1);
         settle(&bench, &due, verdict).await;
@@ -294,14 +296,14 @@ async fn finished_deliveries_are_sent_again_on_request(bench: Bench) {
     }
     let late = claim(&bench).await.expect("due");
     assert_eq!(late.tries, 2, "the delivery was still pending, so its attempts continue");
-    assert_eq!(again("shop", &late.id).await, Redelivered::Yes);
+    assert_eq!(again("shop", &late.id).await, RedeliveryResult::Due);
     let due = claim(&bench).await.expect("due though it is under way");
-    settle(&bench, &late, Verdict::Delivered).await;
+    settle(&bench, &late, DeliveryResult::Delivered).await;
     assert_eq!(deliveries_of(&bench, "shop").await[0].status, DeliveryStatus::Pending);
-    settle(&bench, &due, Verdict::Failed).await;
+    settle(&bench, &due, DeliveryResult::Failed).await;
     let off = EndpointChange { enabled: Some(false), ..EndpointChange::default() };
     store.change_endpoint("shop", &endpoint.id, off).await.expect("a result").expect("there");
-    assert_eq!(again("shop", &due.id).await, Redelivered::Disabled);
+    assert_eq!(again("shop", &due.id).await, RedeliveryResult::Disabled);
     assert_eq!(store.send_ping("shop", &endpoint.id).await.expect("a result"), None);
 }
 
@@ -363,7 +365,7 @@ async fn endpoints_belong_to_a_tenant_and_their_number_is_limited(bench: Bench) 
     assert!(due.payload.contains("\"ping\""), "{}", due.payload);
     assert!(store.delete_endpoint("shop", &own.id).await.expect("a result"));
     assert!(deliveries_of(&bench, "shop").await.is_empty());
-    assert!(!settle(&bench, &due, Verdict::Gone).await, "the delivery is deleted with its endpoint");
+    assert!(!settle(&bench, &due, DeliveryResult::Gone).await, "the delivery is deleted with its endpoint");
 }
 
 async fn messages_are_deleted_with_their_job_or_after_some_time(bench: Bench) {
@@ -377,7 +379,7 @@ async fn messages_are_deleted_with_their_job_or_after_some_time(bench: Bench) {
     assert!(store.purge(deleted.id).await.expect("a result"));
     let left: Vec<_> = deliveries_of(&bench, "shop").await.into_iter().map(|delivery| delivery.job).collect();
     assert_eq!(left, [Some(kept.id)]);
-    settle(&bench, &due, Verdict::Delivered).await;
+    settle(&bench, &due, DeliveryResult::Delivered).await;
     assert_eq!(store.backlog().await.expect("a result").pending, 0);
     bench.advance(Duration::from_secs(60));
     assert_eq!(store.forget_messages(Duration::from_secs(3600)).await.expect("a result"), 0);

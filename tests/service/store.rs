@@ -80,9 +80,9 @@ async fn a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claima
     bench.store.heartbeat(&first.lease, LEASE, Some(progress)).await.expect("still held");
     assert_eq!(bench.get(job.id).await.progress, Some(progress));
     bench.advance(LEASE / 2 + Duration::from_secs(1));
-    assert!(bench.store.rescue().await.expect("a result").is_empty(), "the heartbeat extended the lease");
+    assert!(bench.store.requeue_expired().await.expect("a result").is_empty(), "the heartbeat extended the lease");
     bench.advance(LEASE);
-    let rescued = bench.store.rescue().await.expect("a result");
+    let rescued = bench.store.requeue_expired().await.expect("a result");
     assert_eq!((rescued[0].id, rescued[0].status, rescued[0].crashes), (job.id, Status::Queued, 1));
     let second = bench.claim().await.expect("the job again");
     assert_eq!(second.lease.attempt, 2);
@@ -93,7 +93,7 @@ async fn every_write_of_a_stale_worker_loses(bench: Bench) {
     let job = bench.submit().await;
     let stale = bench.claim().await.expect("a job").lease;
     bench.advance(LEASE + Duration::from_secs(1));
-    bench.store.rescue().await.expect("a result");
+    bench.store.requeue_expired().await.expect("a result");
     bench.claim().await.expect("the job again");
     let before = bench.get(job.id).await;
     let lost = |result: Result<(), StoreError>| assert!(matches!(result, Err(StoreError::LeaseLost)), "{result:?}");
@@ -136,7 +136,7 @@ async fn a_job_that_kills_its_workers_is_set_aside(bench: Bench) {
     for crash in 1..=bench.policy.max_crashes {
         bench.claim().await.expect("claimable");
         bench.advance(LEASE + Duration::from_secs(1));
-        let rescued = bench.store.rescue().await.expect("a result");
+        let rescued = bench.store.requeue_expired().await.expect("a result");
         assert_eq!(rescued[0].crashes, crash);
     }
     let job = bench.get(job.id).await;
@@ -154,7 +154,7 @@ async fn a_released_job_is_charged_no_attempt(bench: Bench) {
     let again = bench.claim().await.expect("the job again");
     assert_eq!(again.lease.attempt, 1);
     assert!(
-        matches!(bench.store.hand_back(&claim.lease).await, Err(StoreError::LeaseLost)),
+        matches!(bench.store.release(&claim.lease).await, Err(StoreError::LeaseLost)),
         "the same attempt with another token"
     );
 }
@@ -162,9 +162,9 @@ async fn a_released_job_is_charged_no_attempt(bench: Bench) {
 async fn a_cancelled_job_is_taken_from_its_worker(bench: Bench) {
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
-    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(Cancelled::Yes(_))));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(CancelResult::Canceled(_))));
     assert!(matches!(bench.store.heartbeat(&claim.lease, LEASE, None).await, Err(StoreError::LeaseLost)));
-    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(Cancelled::Yes(_))));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(CancelResult::Canceled(_))));
     assert_eq!(bench.store.cancel(JobId::new()).await.expect("a result"), None);
 }
 
@@ -173,7 +173,7 @@ async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled(bench: Benc
     let claim = bench.claim().await.expect("a job");
     let after = bench.store.fail(&claim.lease, Bench::failure(FailureKind::Final)).await.expect("noted");
     assert_eq!(after.status, Status::Failed);
-    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(Cancelled::TooLate(_))));
+    assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(CancelResult::AlreadyEnded(_))));
 }
 
 async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {
