@@ -37,6 +37,9 @@ pub enum ArrangeError {
     /// A limit of faces or points was exceeded.
     #[error("could not resolve the intersecting faces: {0}")]
     Failed(String),
+    /// So many pairs of faces intersect that splitting them would take minutes.
+    #[error("could not resolve the intersecting faces: {0} pairs intersect, too many to split")]
+    Tangled(u64),
     /// The inside is empty.
     #[error("the surface encloses nothing")]
     Empty,

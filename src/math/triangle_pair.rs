@@ -16,6 +16,9 @@ const RELATIVE_ERROR: f64 = 7.771_561_172_376_103e-16;
 /// point.
 const HEIGHT_TOLERANCE: f64 = 1e-13;
 
+/// The sine of the least angle between an edge and the side of a triangle at which its rounded normal is trusted.
+const LEAST_SINE: f64 = 1e-8;
+
 /// The intersection of two closed triangles. Exactly one variant applies to each pair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contact {
@@ -77,11 +80,15 @@ pub fn contact(positions: &[DVec3], a: [u32; 3], b: [u32; 3], slow: &mut u64) ->
 /// Two triangles with a common edge: `p` without its corner `i`, and the same edge with `apex`.
 fn with_common_edge(p: &[DVec3; 3], i: usize, apex: DVec3, slow: &mut u64) -> Contact {
     let plane = Plane::through(p);
-    if plane.side(apex, slow) != Sign::Zero {
+    let [u, v] = [p[(i + 1) % 3], p[(i + 2) % 3]];
+    let side = plane.fast_side(apex);
+    if side.is_none() && is_unfolded(u, v, p[i], apex) {
+        return Contact::Neighbours;
+    }
+    if side.unwrap_or_else(|| plane.exact_side(apex, slow)) != Sign::Zero {
         return Contact::Neighbours;
     }
     let projection = Projection::of(&plane);
-    let [u, v] = [p[(i + 1) % 3], p[(i + 2) % 3]];
     if projection.turn(u, v, p[i]) == projection.turn(u, v, apex) { Contact::Coplanar } else { Contact::Neighbours }
 }
 
@@ -94,6 +101,12 @@ fn with_at_most_one_common_vertex(
 ) -> Contact {
     let apart = if shared.is_some() { Contact::Neighbours } else { Contact::Disjoint };
     let plane_p = Plane::through(p);
+    if let Some((i, j)) = shared
+        && [1, 2].into_iter().any(|k| plane_p.fast_side(q[(j + k) % 3]).is_none())
+        && are_separated_at_vertex(p, i, q, j)
+    {
+        return apart;
+    }
     let sides_q = plane_p.sides(q, shared.map(|s| s.1), slow);
     if on_one_side(sides_q, shared.is_some()) {
         return apart;
@@ -146,6 +159,32 @@ fn with_at_most_one_common_vertex(
     }
 }
 
+/// Whether two triangles on the edge from `u` to `v` certainly have nothing else in common: the half-planes from that edge
+/// to `apex` and to `other` form an angle of more than 60 degrees. Two half-planes with a common edge meet elsewhere only
+/// where they coincide, so no exact sign is needed. This decides nearly all neighbours in flat surface.
+fn is_unfolded(u: DVec3, v: DVec3, apex: DVec3, other: DVec3) -> bool {
+    let (edge, a, b) = (v - u, apex - u, other - u);
+    let (n, m) = (edge.cross(a), edge.cross(b));
+    let (n2, m2, dot) = (n.length_squared(), m.length_squared(), n.dot(m));
+    // Rounding turns a normal by less than 1e-6 where the corner is not that close to the edge's line.
+    let is_certain =
+        |normal2: f64, side: DVec3| normal2 > LEAST_SINE * LEAST_SINE * edge.length_squared() * side.length_squared();
+    let is_wide = dot <= 0.0 || dot * dot < 0.25 * n2 * m2;
+    is_wide && is_certain(n2, a) && is_certain(m2, b)
+}
+
+/// Whether a plane through the common vertex certainly separates two triangles: corner `i` of `p` is corner `j` of `q`.
+fn are_separated_at_vertex(p: &[DVec3; 3], i: usize, q: &[DVec3; 3], j: usize) -> bool {
+    let at = p[i];
+    let directions = [p[(i + 1) % 3], p[(i + 2) % 3], q[(j + 1) % 3], q[(j + 2) % 3]]
+        .map(|corner| (corner - at).normalize_or_zero());
+    let [a, b, c, d] = directions;
+    let normal = (a + b) - (c + d);
+    // Far more than the rounding of the products of directions of length 1.
+    let least = 1e-12;
+    a.dot(normal) > least && b.dot(normal) > least && c.dot(normal) < -least && d.dot(normal) < -least
+}
+
 /// Whether a plane meets a triangle at most in a vertex that is known to lie in the plane.
 fn on_one_side(sides: [Sign; 3], vertex_in_plane: bool) -> bool {
     let count = |sign| sides.map(|side| u8::from(side == sign)).into_iter().sum::<u8>();
@@ -191,16 +230,25 @@ impl Plane {
     /// The side of a point, exactly: positive in the direction of the normal.
     #[inline]
     fn side(&self, p: DVec3, slow: &mut u64) -> Sign {
+        self.fast_side(p).unwrap_or_else(|| self.exact_side(p, slow))
+    }
+
+    /// The side of a point, where floating point decides it.
+    #[inline]
+    fn fast_side(&self, p: DVec3) -> Option<Sign> {
         let d = p - self.corners[0];
         let determinant = self.normal.x * d.x + self.normal.y * d.y + self.normal.z * d.z;
         let permanent = self.magnitude.x * d.x.abs() + self.magnitude.y * d.y.abs() + self.magnitude.z * d.z.abs();
         if determinant.abs() > RELATIVE_ERROR * permanent {
-            return Sign::of(determinant);
+            return Some(Sign::of(determinant));
         }
         // A sum of zeros is exact. This is the case for points in an axis-aligned plane.
-        if permanent == 0.0 {
-            return Sign::Zero;
-        }
+        (permanent == 0.0).then_some(Sign::Zero)
+    }
+
+    /// The side of a point by exact arithmetic.
+    #[cold]
+    fn exact_side(&self, p: DVec3, slow: &mut u64) -> Sign {
         *slow += 1;
         let [a, b, c] = self.corners;
         // `orient3d` is positive behind the face.

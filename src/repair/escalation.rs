@@ -7,19 +7,23 @@ use std::ops::Range;
 use std::time::Duration;
 
 use super::common_start::{COMMON_ACTIONS, CommonStart, percent};
+use super::forecast::Forecast;
 use super::input::Input;
-use super::judge::{JudgeError, Judged, Judging, Patches, verdict_text};
+use super::judge::{JudgeError, Judged, Judging, Patches, rank_of_input, verdict_text};
 use super::method_agreement::{Method, MethodFinding, explain_by_agreement};
-use super::operators::{Counter, Counts};
+use super::operators::remesh::RemeshInside;
+use super::operators::{Counter, Counts, Failure};
 use super::options::Operator;
 use super::prefix_cache::{KnownResult, PrefixCache, START, shared_prefixes};
-use super::presets::{remesh_action, remesh_of};
+use super::presets::{remesh_action, remesh_of, tier_of};
+use super::red_flags::AddedSurface;
 use super::remesher::Remesher;
 use super::report::{
     Action, Candidate, OmittedSection, PlannedAction, RedFlag, RedFlagCode, Step, StepStatus, Strategy, When,
 };
 use super::runner::{Runner, TaskEnd, TaskRun};
 use super::tasks::{ExecutedStep, IndexedStrategy, Intersections, SurfaceState, Task};
+use crate::arrange::ArrangeError;
 use crate::context::{Cancelled, Context, Stage};
 use crate::mesh::Surface;
 
@@ -39,6 +43,8 @@ pub(super) struct Escalation<'a> {
     methods_agree: bool,
     /// Whether the native remesh made a printable result.
     has_printable_remesh: bool,
+    /// Whether a forecast showed that no remesh on a grid can beat the best result.
+    is_remesh_hopeless: bool,
 }
 
 /// The result of a strategy's operators.
@@ -88,6 +94,7 @@ impl<'a> Escalation<'a> {
             findings: Vec::new(),
             methods_agree: false,
             has_printable_remesh: false,
+            is_remesh_hopeless: false,
         })
     }
 
@@ -160,6 +167,9 @@ impl<'a> Escalation<'a> {
             }
             _ if remesh_of(strategy) == Some(Action::VoxelRemesh) && self.has_printable_remesh => {
                 "the native remesh already made a printable solid of the same space, so Blender would raise the same red flags"
+            }
+            _ if remesh_of(strategy) == Some(Action::VoxelRemesh) && self.is_remesh_hopeless => {
+                "coarse remeshes showed that no remesh on a grid can reach a better result"
             }
             _ if remesh_of(strategy) == Some(Action::BooleanUnion)
                 && has_boundary(&self.common_start.state.surface) =>
@@ -244,6 +254,10 @@ impl<'a> Escalation<'a> {
             if end != TaskEnd::Finished {
                 break;
             }
+            if let Some(step) = self.skipped_by_forecast(indexed, task, &state)? {
+                self.record(step.into());
+                return Ok(StrategyResult::Nothing);
+            }
             if !intersections.makes_needless(task) {
                 let percent = percent(&span(index), at, tasks.len());
                 let run = self.runner.run(indexed, task, percent, &mut state)?;
@@ -256,6 +270,11 @@ impl<'a> Escalation<'a> {
                     None => number,
                 };
                 self.attempts.steps.push(step.into());
+                // A later strategy keeps the overlaps: the rest of this one would only make the same mesh.
+                let is_tangled = matches!(failure, Some(Failure::Arrange(ArrangeError::Tangled(_))));
+                if is_tangled && later.iter().any(|strategy| strategy.when == When::NothingClosed) {
+                    return Ok(StrategyResult::Nothing);
+                }
             }
             if shared_lengths.contains(&(at + 1)) {
                 self.cache.keep(number, at + 1, &state);
@@ -263,6 +282,40 @@ impl<'a> Escalation<'a> {
         }
         let is_nothing = end == TaskEnd::Nothing || state.surface.faces.is_empty();
         Ok(if is_nothing { StrategyResult::Nothing } else { StrategyResult::New(number, Box::new(state)) })
+    }
+
+    /// The step of a native remesh that is skipped because a forecast shows that it cannot beat the best result. The first result of a
+    /// repair is never skipped.
+    fn skipped_by_forecast(
+        &mut self,
+        IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
+        task: Task,
+        state: &SurfaceState,
+    ) -> Result<Option<Step>, Cancelled> {
+        let Runner { options, format, context, time, .. } = self.runner;
+        let faces = state.surface.faces.len();
+        let is_forecast = task.operator == Some(Operator::Remesh)
+            && !self.attempts.candidates.is_empty()
+            && state.why_no_remesh().is_none()
+            && time.can_verify(faces, context);
+        if !is_forecast {
+            return Ok(None);
+        }
+        let start = context.now();
+        let judging = Judging { format, input: self.input.original, options, context };
+        let remesh = RemeshInside::for_scope(&self.runner.scope(strategy, state.moved), &state.surface);
+        let added = AddedSurface::of(&state.surface);
+        let Some(forecast) = Forecast::of(&remesh, &state.surface, &added, &judging)? else { return Ok(None) };
+        let input = rank_of_input(self.input.original.measures());
+        let (class, _, lost, _) = self.attempts.best.as_ref().map_or(input, |(_, best)| best.rank().min(input));
+        let is_better = forecast.class < class || (forecast.class == class && forecast.lost_tenths < lost);
+        self.is_remesh_hopeless = !is_better;
+        let milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
+        Ok((!is_better).then(|| {
+            let note = format!("coarse remeshes show that a finer one would be no better: {}", forecast.text());
+            let step = Step::new(index, tier_of(task.action), task.action, task.operator);
+            Step { status: StepStatus::Skipped, note: Some(note), milliseconds, ..step }
+        }))
     }
 
     /// The first tasks of a strategy whose results are known from earlier strategies.

@@ -222,20 +222,12 @@ impl Judged {
     /// The input itself ranks among the unprintable results (see [`rank_of_input`]). So an unprintable result replaces the input only with
     /// fewer defects and the complete model, and a result that destroyed surface never does.
     pub fn rank(&self) -> ResultRank {
-        let raised = |code| self.red_flags.iter().find(|flag| flag.code == code).map(|flag| flag.value);
-        let lost = raised(RedFlagCode::SurfaceLost);
-        let parts_lost = raised(RedFlagCode::PartLost).is_some();
-        let destroyed =
-            raised(RedFlagCode::BoundingBoxChange).is_some() || lost.is_some_and(|lost| lost > MAX_LOST_PCT);
-        let class = match self.measures.printable() {
-            _ if destroyed => ResultClass::Destroyed,
-            true if self.red_flags.is_empty() => ResultClass::Good,
-            true if is_final(&self.measures, &self.red_flags) => ResultClass::AddedSurface,
-            true if parts_lost => ResultClass::PartLost,
-            true if lost.is_some() => ResultClass::SurfaceLost,
-            true => ResultClass::Flagged,
-            false if lost.is_some() || parts_lost => ResultClass::Destroyed,
-            false => class_of_unprintable(&self.measures),
+        let is_loss = |flag: &RedFlag| matches!(flag.code, RedFlagCode::SurfaceLost | RedFlagCode::PartLost);
+        let class = match (self.measures.printable(), class_of_printable(&self.red_flags)) {
+            (_, ResultClass::Destroyed) => ResultClass::Destroyed,
+            (true, class) => class,
+            (false, _) if self.red_flags.iter().any(is_loss) => ResultClass::Destroyed,
+            (false, _) => class_of_unprintable(&self.measures),
         };
         let lost = self.changes.surface_lost_pct.unwrap_or(0.0);
         // Tenths of a percent: sampling is not more precise.
@@ -277,6 +269,25 @@ pub(super) type ResultRank = (ResultClass, bool, u64, u64);
 pub(super) fn rank_of_input(before: &Measures) -> ResultRank {
     let class = if before.printable() { ResultClass::Good } else { class_of_unprintable(before) };
     (class, !before.self_intersections.complete, before.defects(), 0)
+}
+
+/// The class of a printable result with these red flags.
+pub(super) fn class_of_printable(red_flags: &[RedFlag]) -> ResultClass {
+    let raised = |code| red_flags.iter().find(|flag| flag.code == code).map(|flag| flag.value);
+    let lost = raised(RedFlagCode::SurfaceLost);
+    if raised(RedFlagCode::BoundingBoxChange).is_some() || lost.is_some_and(|lost| lost > MAX_LOST_PCT) {
+        ResultClass::Destroyed
+    } else if red_flags.is_empty() {
+        ResultClass::Good
+    } else if red_flags.iter().all(|flag| flag.code == RedFlagCode::SurfaceInvented) {
+        ResultClass::AddedSurface
+    } else if raised(RedFlagCode::PartLost).is_some() {
+        ResultClass::PartLost
+    } else if lost.is_some() {
+        ResultClass::SurfaceLost
+    } else {
+        ResultClass::Flagged
+    }
 }
 
 /// The class of an unprintable mesh. Holes are worse than intersecting or inward faces: a slicer can unite overlaps, but it cannot guess

@@ -11,6 +11,7 @@ mod conclusion;
 mod drawings;
 mod escalation;
 mod export;
+mod forecast;
 mod input;
 mod judge;
 mod method_agreement;

@@ -145,14 +145,16 @@ impl Runner<'_> {
         }
         let SurfaceState { surface, counts, .. } = state;
         let before = counts.get_or_insert_with(|| Counts::of(surface)).to_owned();
+        if operator.is_needless(&before) && !surface.faces.is_empty() {
+            let limits = limits_of(operator, self.options, surface.bounds().diagonal(), scope.max_deviation);
+            run.step.options_not_applied = self.limited(limits);
+            return Ok(());
+        }
         let kept = surface.clone();
         let applied = operator.run(&scope, surface, context);
         let mut applied = applied.inspect_err(|_| surface.clone_from(&kept))?;
         let limits = limits_of(operator, self.options, kept.bounds().diagonal(), scope.max_deviation);
-        let limited = std::mem::take(&mut applied.limited).into_iter().chain(limits);
-        run.step.options_not_applied = limited
-            .map(|(option, reason)| OptionNotApplied::new(self.options, option, NotAppliedCause::Limited, reason))
-            .collect();
+        run.step.options_not_applied = self.limited(std::mem::take(&mut applied.limited).into_iter().chain(limits));
         let moved = applied.moved;
         self.record(applied, surface, run);
         run.has_changed = *surface != kept;
@@ -185,6 +187,12 @@ impl Runner<'_> {
         Ok(())
     }
 
+    /// The entries of a step for options that its operator followed in part.
+    fn limited(&self, limits: impl IntoIterator<Item = (&'static str, String)>) -> Vec<OptionNotApplied> {
+        let entry = |(option, reason)| OptionNotApplied::new(self.options, option, NotAppliedCause::Limited, reason);
+        limits.into_iter().map(entry).collect()
+    }
+
     /// Records in a step what its operator changed.
     fn record(&self, applied: Applied, surface: &Surface, run: &mut TaskRun) {
         let Applied { changes, moved, left, failed, unfixed, voxel_size, is_late, limited: _ } = applied;
@@ -198,7 +206,7 @@ impl Runner<'_> {
     }
 
     /// The scope of a strategy's operators, after vertices were already moved by up to `moved`.
-    fn scope(&self, strategy: &Strategy, moved: f64) -> Scope<'_> {
+    pub fn scope(&self, strategy: &Strategy, moved: f64) -> Scope<'_> {
         let (pairing, winding_rule) = pairing_and_winding_rule(strategy, self.options);
         let max_deviation = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - moved).max(0.0));
         Scope {

@@ -176,6 +176,7 @@ fn extrude(surface: &mut Surface, faces: &[u32], view: &HeightField, plane: f64)
 impl Operation for AddBase {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self {

@@ -227,6 +227,7 @@ impl CopyFans {
 impl Operation for CutNonOrientable {
     const FIXES: &'static [Counter] = &[Counter::MisorientedEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
+    const ACTS_ON: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonManifoldEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self { max_deviation: scope.max_deviation, precision: scope.format.precision() }

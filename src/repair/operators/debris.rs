@@ -143,6 +143,7 @@ pub struct RemoveDebris;
 impl Operation for RemoveDebris {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self

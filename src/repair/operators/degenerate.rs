@@ -170,6 +170,7 @@ pub struct RemoveCollapsedFaces;
 impl Operation for RemoveCollapsedFaces {
     const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
     const MAY_RAISE: &'static [Counter] = &[];
+    const ACTS_ON: &'static [Counter] = &[Counter::DegenerateFaces];
 
     fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self

@@ -221,6 +221,7 @@ impl Operation for RemoveDuplicates {
     const FIXES: &'static [Counter] = &[Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] =
         &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::DuplicateFaces];
 
     fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self

@@ -80,6 +80,7 @@ impl Operation for RemoveInternalFaces {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     // Faces that the internal face separated may wind inconsistently.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::NonManifoldEdges];
 
     fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self
@@ -203,6 +204,7 @@ impl Operation for RemoveInternalSheets {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
     // Faces that the sheet separated may wind inconsistently.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
 
     fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self

@@ -161,6 +161,7 @@ impl Operation for JoinParts {
     const MAY_RAISE: &'static [Counter] =
         &[Counter::DegenerateFaces, Counter::NonManifoldEdges, Counter::PinchedVertices];
     const IS_ON_REQUEST: bool = true;
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self { max_deviation: scope.max_deviation }

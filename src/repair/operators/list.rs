@@ -31,6 +31,14 @@ macro_rules! operations {
                 }
             }
 
+            /// The counters of which one must be above 0 for the operator to change anything; empty if counters don't tell.
+            #[must_use]
+            pub fn acts_on(self) -> &'static [Counter] {
+                match self {
+                    $(Self::$name => <$operation>::ACTS_ON,)*
+                }
+            }
+
             /// Whether plans omit the operator unless the option `with` names it.
             #[must_use]
             pub fn is_on_request(self) -> bool {
@@ -90,6 +98,12 @@ operations! {
 }
 
 impl Operator {
+    /// Whether the counts of a surface show that the operator would change nothing.
+    pub(crate) fn is_needless(self, counts: &Counts) -> bool {
+        let acts_on = self.acts_on();
+        !acts_on.is_empty() && acts_on.iter().all(|&counter| counts.get(counter) == 0)
+    }
+
     /// The first counter that rose against the operator's claims, with its value before and after.
     pub(crate) fn broken_claim(self, before: &Counts, after: &Counts) -> Option<(Counter, u64, u64)> {
         let rose = |counter: &Counter| after.get(*counter) > before.get(*counter);

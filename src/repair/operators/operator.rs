@@ -34,6 +34,9 @@ pub(crate) trait Operation: Sized {
     const FIXES: &'static [Counter];
     /// The counters that the operator may raise: a later operator lowers them, or they are the lesser defect.
     const MAY_RAISE: &'static [Counter];
+    /// The counters that give the operator something to do: where all of them are 0, it changes nothing and is not run. An
+    /// empty list means that counters don't tell.
+    const ACTS_ON: &'static [Counter] = &[];
     /// Whether plans omit the operator unless the option `with` names it.
     const IS_ON_REQUEST: bool = false;
 

@@ -36,6 +36,30 @@ pub struct RemeshInside {
 }
 
 impl RemeshInside {
+    /// The remesh that the options ask for.
+    pub(crate) fn for_scope(scope: &Scope<'_>, surface: &Surface) -> Self {
+        let options = scope.options;
+        let default_cell = || surface.bounds().diagonal() / f64::from(options.voxel_resolution);
+        let remesh = Remesh {
+            cell: Some(options.voxel_size.unwrap_or_else(default_cell)),
+            max_faces: options.max_remesh_faces,
+            winding_rule: match scope.winding_rule {
+                WindingRule::Positive => remesh::WindingRule::Positive,
+                WindingRule::Nonzero => remesh::WindingRule::Nonzero,
+                WindingRule::Odd => remesh::WindingRule::Odd,
+            },
+            precision: scope.format.precision(),
+            ..Remesh::default()
+        };
+        Self { remesh, max_deviation: scope.max_deviation, reduce: !options.without.contains(&Operator::Simplify) }
+    }
+
+    /// The same remesh with cells of another size, without the reduction of faces.
+    #[must_use]
+    pub(crate) fn with_cell(&self, cell: f64) -> Self {
+        Self { remesh: Remesh { cell: Some(cell), ..self.remesh }, reduce: false, ..*self }
+    }
+
     /// Replaces the surface, then removes the faces that it does not need.
     ///
     /// ```text
@@ -94,20 +118,7 @@ impl Operation for RemeshInside {
     const MAY_RAISE: &'static [Counter] = &[];
 
     fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self {
-        let options = scope.options;
-        let default_cell = || surface.bounds().diagonal() / f64::from(options.voxel_resolution);
-        let remesh = Remesh {
-            cell: Some(options.voxel_size.unwrap_or_else(default_cell)),
-            max_faces: options.max_remesh_faces,
-            winding_rule: match scope.winding_rule {
-                WindingRule::Positive => remesh::WindingRule::Positive,
-                WindingRule::Nonzero => remesh::WindingRule::Nonzero,
-                WindingRule::Odd => remesh::WindingRule::Odd,
-            },
-            precision: scope.format.precision(),
-            ..Remesh::default()
-        };
-        Self { remesh, max_deviation: scope.max_deviation, reduce: !options.without.contains(&Operator::Simplify) }
+        Self::for_scope(scope, surface)
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -123,6 +123,7 @@ pub struct SplitNonManifold {
 impl Operation for SplitNonManifold {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
+    const ACTS_ON: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self { pairing: scope.pairing }
@@ -212,6 +213,7 @@ impl DetachFins {
 impl Operation for DetachFins {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::NonManifoldEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self { precision: scope.format.precision() }

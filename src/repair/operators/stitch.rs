@@ -158,6 +158,7 @@ impl Operation for Stitch {
     const FIXES: &'static [Counter] =
         &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let (default, options) = (Self::default(), scope.options);

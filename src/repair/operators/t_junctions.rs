@@ -107,6 +107,7 @@ impl Operation for SplitTJunctions {
     const FIXES: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     // Splitting an edge can leave one half unmatched until the other half is split; matched at one end only, it is pinched.
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self { max_deviation: scope.max_deviation, ..Self::default() }

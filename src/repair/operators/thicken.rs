@@ -192,6 +192,7 @@ impl Operation for ThickenSheets {
     // A non-manifold edge of the sheet is non-manifold on both skins.
     const MAY_RAISE: &'static [Counter] =
         &[Counter::NonManifoldEdges, Counter::PinchedVertices, Counter::DegenerateFaces, Counter::DuplicateFaces];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let requested = scope.options.open_sheets == OpenSheets::Thicken;

@@ -246,6 +246,7 @@ impl Operation for Weld {
     // Where several sheets meet, a boundary edge may become an edge with several faces.
     const MAY_RAISE: &'static [Counter] =
         &[Counter::NonManifoldEdges, Counter::MisorientedEdges, Counter::PinchedVertices, Counter::DuplicateFaces];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         Self { tolerance: scope.options.weld_tolerance, max_deviation: scope.max_deviation }
@@ -361,6 +362,7 @@ impl Operation for Sew {
     const FIXES: &'static [Counter] =
         &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let (default, requested) = (Self::default(), scope.options.sew_ratio);

@@ -268,6 +268,7 @@ impl Operation for FillHoles {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     // A crack whose border is collinear is closed with faces without area.
     const MAY_RAISE: &'static [Counter] = &[Counter::DegenerateFaces];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let options = scope.options;

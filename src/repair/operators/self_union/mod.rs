@@ -92,8 +92,7 @@ impl SelfUnionRounds {
             }
         }
         if is_tangled(pairs, &work) {
-            let error = format!("{pairs} pairs of faces intersect, too many to split");
-            return Ok(undone(before, ArrangeError::Failed(error)));
+            return Ok(undone(before, ArrangeError::Tangled(pairs)));
         }
         let mut rounds = Rounds::new(self, done, engine, context);
         let best = match rounds.run(work) {
