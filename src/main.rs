@@ -1,5 +1,4 @@
-//! The command line: `meshmend serve`, `work`, `repair`, `inspect`, `compare`, `submit`, `watch`, `migrate`, `keys`,
-//! `tenants`, `backup`, `config`, `openapi`, `completions`.
+//! The program `meshmend`: a child process of a worker, or the command line.
 
 mod cli;
 
@@ -8,7 +7,7 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     #[cfg(feature = "failpoints")]
     let _failpoints = fail::FailScenario::setup();
-    // Needs neither the command line nor the network.
+    // A worker starts this program again for each job. That child needs neither the command line nor TLS.
     if let Some(code) = meshmend::worker::run_child(std::env::args_os().skip(1)) {
         return code;
     }

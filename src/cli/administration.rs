@@ -1,4 +1,4 @@
-//! Commands that administer what the service keeps: `keys`, `tenants` and `backup`.
+//! The commands that administer the database of a service: `keys`, `tenants` and `backup`.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -20,8 +20,8 @@ use super::service::{ServiceData, run, start, to_stdout};
 use super::service_error::{ServiceError, sqlite_error};
 use super::settings::{DataArgs, database_file};
 
-/// Keys or tenants that are read from the database at once.
-const PAGE: u32 = 200;
+/// Keys or tenants per database query.
+const PAGE_SIZE: u32 = 200;
 
 /// Arguments of `meshmend keys`.
 #[derive(Debug, Args)]
@@ -32,19 +32,20 @@ pub struct KeysArgs {
 
 #[derive(Debug, Subcommand)]
 enum KeysCommand {
-    /// Make a key and print its secret, which is not shown again.
+    /// Create a key and print its secret, which is never shown again.
     Create {
-        /// Whose key: lower-case letters, digits and hyphens. A tenant is made by its first key.
+        /// Tenant that owns the key: lower-case letters, digits and hyphens. The first key of a tenant creates the
+        /// tenant.
         #[arg(long, env = "MESHMEND_KEY_TENANT", default_value_t)]
         tenant: TenantName,
-        /// What it allows, with commas between: jobs:read, jobs:write, webhooks, tokens, metrics, admin. All but metrics and admin where
-        /// it is left out.
+        /// Permissions of the key, comma-separated: jobs:read, jobs:write, webhooks, tokens, metrics, admin. Default:
+        /// all except metrics and admin.
         #[arg(long, env = "MESHMEND_KEY_SCOPES", default_value_t = Scopes::of_a_tenant())]
         scopes: Scopes,
-        /// What it is for, to tell it from others.
+        /// Purpose of the key, to tell it from others.
         #[arg(long, env = "MESHMEND_KEY_LABEL", default_value = "")]
         label: String,
-        /// Days after which it expires; without it, never.
+        /// Days until the key expires. Default: never.
         #[arg(long, env = "MESHMEND_KEY_EXPIRES_D")]
         expires_d: Option<u32>,
         #[command(flatten)]
@@ -52,18 +53,18 @@ enum KeysCommand {
     },
     /// List keys, oldest first, without their secrets.
     List {
-        /// Only this tenant's.
+        /// Only the keys of this tenant.
         #[arg(long, env = "MESHMEND_KEY_TENANT")]
         tenant: Option<TenantName>,
-        /// Print one JSON object a line instead of a table.
+        /// Print one JSON object per line instead of a table.
         #[arg(long, env = "MESHMEND_JSON")]
         json: bool,
         #[command(flatten)]
         data: DataArgs,
     },
-    /// Revoke a key, and the browser tokens made with it.
+    /// Revoke a key and the browser tokens created with the key.
     Revoke {
-        /// The key's id, as `keys list` shows it.
+        /// Id of the key, as shown by `keys list`.
         id: String,
         #[command(flatten)]
         data: DataArgs,
@@ -79,7 +80,7 @@ pub fn keys(args: KeysArgs) -> ExitCode {
             let secret = Secret::new(kind);
             let new = NewKey { tenant, kind, label, scopes, origin: None, max_bytes: None, life_s, parent: None };
             let key = data.store.create_key(new, &secret.hash()).await?;
-            // The secret alone on standard output, for scripts.
+            // Scripts read the secret from standard output, so only the secret goes there.
             let _ = writeln!(std::io::stderr(), "{}", key_json(&key));
             to_stdout(secret.reveal())
         }),
@@ -93,10 +94,10 @@ pub fn keys(args: KeysArgs) -> ExitCode {
         }),
         KeysCommand::Revoke { id, data } => run(&data, async |data: ServiceData| {
             if data.store.revoke_key(&id).await? {
-                to_stdout(&format!("{id} is revoked"))
+                to_stdout(&format!("revoked {id}"))
             } else {
                 Err(ServiceError::Refused(format!(
-                    "there is no key '{id}' that could be revoked; see meshmend keys list"
+                    "no active key has the id '{id}'; `meshmend keys list` shows all ids"
                 )))
             }
         }),
@@ -105,7 +106,7 @@ pub fn keys(args: KeysArgs) -> ExitCode {
 
 /// Every key, oldest first.
 async fn all_keys(data: &ServiceData, tenant: Option<TenantName>) -> Result<Vec<AccessKey>, ServiceError> {
-    let mut query = KeyQuery { tenant, limit: PAGE, ..KeyQuery::default() };
+    let mut query = KeyQuery { tenant, limit: PAGE_SIZE, ..KeyQuery::default() };
     let mut keys = Vec::new();
     loop {
         let page = data.store.keys(query.clone()).await?;
@@ -132,7 +133,7 @@ fn key_json(key: &AccessKey) -> Value {
 }
 
 fn key_row(key: &AccessKey) -> [String; 8] {
-    // Whole seconds are enough for people.
+    // The table shows whole seconds.
     let time = |time: Option<OffsetDateTime>| {
         rfc3339(time.and_then(|time| time.replace_nanosecond(0).ok())).unwrap_or_else(|| "-".to_owned())
     };
@@ -157,23 +158,25 @@ pub struct TenantsArgs {
 
 #[derive(Debug, Subcommand)]
 enum TenantsCommand {
-    /// Change settings of a tenant, and print all of them. What is left out stays; `--clear` takes a setting away.
+    /// Change settings of a tenant, and print all its settings. Omitted settings stay as they are; `--clear` removes
+    /// a setting.
     Set {
-        /// The tenant.
+        /// Name of the tenant.
         tenant: TenantName,
-        /// What kind of tenant it is, in your own words, to tell jobs apart in the metrics: lower-case letters, digits and hyphens.
+        /// Class of the tenant, a name of your choice that groups jobs in the metrics: lower-case letters, digits and
+        /// hyphens.
         #[arg(long, env = "MESHMEND_TENANT_SET_CLASS")]
         class: Option<TenantClass>,
-        /// Most of its jobs that may wait.
+        /// Most queued jobs of the tenant.
         #[arg(long, env = "MESHMEND_TENANT_SET_MAX_QUEUED")]
         max_queued: Option<u32>,
-        /// Most of its jobs that may run at the same time.
+        /// Most running jobs of the tenant.
         #[arg(long, env = "MESHMEND_TENANT_SET_MAX_RUNNING")]
         max_running: Option<u32>,
-        /// Most of its requests in a minute, on each process that serves.
+        /// Most requests of the tenant per minute and serving process.
         #[arg(long, env = "MESHMEND_TENANT_SET_REQUESTS_PER_MINUTE", value_parser = clap::value_parser!(u32).range(1..))]
         requests_per_minute: Option<u32>,
-        /// Settings to take away, with commas between: then the service's own limit holds, and the class is `standard`.
+        /// Settings to remove, comma-separated. The service's own limit then applies, and the class is `standard`.
         #[arg(long, env = "MESHMEND_TENANT_SET_CLEAR", value_enum, value_delimiter = ',', value_name = "SETTINGS")]
         clear: Vec<Setting>,
         /// Print a JSON object instead of a table.
@@ -182,9 +185,9 @@ enum TenantsCommand {
         #[command(flatten)]
         data: DataArgs,
     },
-    /// List the tenants that have a key or settings, by name. `-` stands for the service's own limit.
+    /// List the tenants that have a key or settings, by name. `-` means the service's own limit.
     List {
-        /// Print one JSON object a line instead of a table.
+        /// Print one JSON object per line instead of a table.
         #[arg(long, env = "MESHMEND_JSON")]
         json: bool,
         #[command(flatten)]
@@ -192,7 +195,7 @@ enum TenantsCommand {
     },
 }
 
-/// A setting of a tenant.
+/// A setting of a tenant that `--clear` can remove.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Setting {
     Class,
@@ -219,7 +222,7 @@ pub fn tenants(args: TenantsArgs) -> ExitCode {
             let mut tenants: Vec<Tenant> = Vec::new();
             let mut after = None;
             loop {
-                let page = data.store.tenants(after.as_deref(), PAGE).await?;
+                let page = data.store.tenants(after.as_deref(), PAGE_SIZE).await?;
                 tenants.extend(page.items);
                 after = page.next;
                 if after.is_none() {
@@ -230,12 +233,18 @@ pub fn tenants(args: TenantsArgs) -> ExitCode {
     }
 }
 
-/// A value to set, one to clear, or none to keep.
+/// Converts a flag and `--clear` to a change: `Some(Some(value))` sets, `Some(None)` clears, `None` keeps the
+/// setting.
+///
+/// # Errors
+/// The setting is both set and cleared.
 fn change<T>(given: Option<T>, setting: Setting, clear: &[Setting]) -> Result<Option<Option<T>>, ServiceError> {
     match (given, clear.contains(&setting)) {
         (Some(_), true) => {
             let name = setting.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
-            Err(ServiceError::Refused(format!("--clear names {name}, and --{name} sets it. Give one of the two.")))
+            Err(ServiceError::Refused(format!(
+                "--clear {name} and --{name} contradict each other. Use only one of them."
+            )))
         }
         (Some(value), false) => Ok(Some(Some(value))),
         (None, true) => Ok(Some(None)),
@@ -275,7 +284,8 @@ fn tenant_row(tenant: &Tenant) -> [String; 5] {
 /// Arguments of `meshmend backup`.
 #[derive(Debug, Args)]
 pub struct BackupArgs {
-    /// The new file of the copy, or an existing folder that gets a file `meshmend.db`. A file that exists is not overwritten.
+    /// File for the copy, or an existing folder, in which `meshmend.db` is created. An existing file is never
+    /// overwritten.
     #[arg(value_name = "FILE|FOLDER")]
     target: PathBuf,
     #[command(flatten)]
@@ -287,8 +297,8 @@ pub fn backup(args: &BackupArgs) -> ExitCode {
     if args.data.database_url.is_some() {
         return exit::fail(
             exit::BAD_INPUT,
-            "backup copies a SQLite database, and --database-url (MESHMEND_DATABASE_URL) names a PostgreSQL database. \
-             Copy that with `pg_dump --format=custom --file=meshmend.dump URL`.",
+            "backup copies only SQLite, but --database-url (MESHMEND_DATABASE_URL) is set to a PostgreSQL database. Copy that \
+             database with `pg_dump --format=custom --file=meshmend.dump URL`.",
         );
     }
     start(&args.data, async { back_up(&args.data.data_dir, &args.target).await })
@@ -298,7 +308,7 @@ async fn back_up(data_dir: &Path, target: &Path) -> Result<(), ServiceError> {
     let source = database_file(data_dir);
     if !source.is_file() {
         return Err(ServiceError::Refused(format!(
-            "--data-dir (MESHMEND_DATA_DIR): there is no database {}. Name the folder of the service.",
+            "--data-dir (MESHMEND_DATA_DIR): there is no database {}. Use the data folder of the service.",
             source.display()
         )));
     }
@@ -306,11 +316,11 @@ async fn back_up(data_dir: &Path, target: &Path) -> Result<(), ServiceError> {
     SqliteStore::back_up(&source, &target).await.map_err(|error| match error {
         BackupError::Store(error) => sqlite_error(&source, &error),
         BackupError::Io(error) if error.kind() == io::ErrorKind::AlreadyExists => ServiceError::Refused(format!(
-            "{}: the file exists and is not overwritten. Name another file.",
+            "{}: the file exists and is not overwritten. Choose another name.",
             target.display()
         )),
         BackupError::Io(error) => {
-            ServiceError::Refused(format!("{}: the copy can't be written: {error}.", target.display()))
+            ServiceError::Refused(format!("{}: the copy cannot be written: {error}.", target.display()))
         }
     })?;
     to_stdout(&target.display().to_string())

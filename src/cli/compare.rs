@@ -1,3 +1,5 @@
+//! `meshmend compare`: measures how one model differs from another.
+
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -10,20 +12,20 @@ use meshmend::format::{Limits, ReadMesh, read};
 use meshmend::inspect::{Analysis, CompareOptions, Comparison, Deviation, Measures, Original, measures};
 use meshmend::repair::{Cancelled, Context, monotonic_clock};
 
-use super::engine::{Bar, LimitArgs, read_file};
+use super::engine::{LimitArgs, ProgressReporter, read_file};
 use super::exit;
 
 /// Arguments of `meshmend compare`.
 #[derive(Debug, Args)]
 pub struct CompareArgs {
-    /// The model as it was: STL, OBJ, PLY or OFF, told by its content.
+    /// The original model: STL, OBJ, PLY or OFF. The content decides the format, not the name.
     before: PathBuf,
-    /// The model as it is.
+    /// The changed model.
     after: PathBuf,
-    /// Print JSON.
+    /// Print JSON instead of text.
     #[arg(long, env = "MESHMEND_JSON")]
     json: bool,
-    /// Points on each surface, vertices of each, and points in the box that are looked at, at most.
+    /// Most sample points on each surface, most vertices of each surface, and most points in the bounding box.
     #[arg(long, env = "MESHMEND_SAMPLES", default_value_t = CompareOptions::default().samples, value_parser = clap::value_parser!(u32).range(100..=10_000_000))]
     samples: u32,
     #[command(flatten)]
@@ -33,14 +35,14 @@ pub struct CompareArgs {
 /// Runs `meshmend compare`.
 pub fn run(args: &CompareArgs) -> ExitCode {
     let limits = args.limits.limits();
-    let files = open(&args.before, &limits).and_then(|before| Ok([before, open(&args.after, &limits)?]));
+    let files = read_model(&args.before, &limits).and_then(|before| Ok([before, read_model(&args.after, &limits)?]));
     let files = match files {
         Ok(files) => files,
         Err(message) => return exit::fail(exit::BAD_INPUT, message),
     };
     let options = CompareOptions { samples: args.samples, vertices: args.samples, inside: args.samples };
-    let (before, after, comparison) = match look(&files, options) {
-        Ok(found) => found,
+    let (before, after, comparison) = match measure(&files, options) {
+        Ok(measured) => measured,
         Err(error) => return exit::fail(exit::INTERNAL, error),
     };
     let text = if args.json {
@@ -61,24 +63,26 @@ pub fn run(args: &CompareArgs) -> ExitCode {
     ExitCode::from(if comparison.faithful { exit::PRINTABLE } else { exit::PARTIAL })
 }
 
-fn open(path: &Path, limits: &Limits) -> Result<ReadMesh, String> {
+/// Reads one model.
+fn read_model(path: &Path, limits: &Limits) -> Result<ReadMesh, String> {
     let bytes = read_file(path, limits)?;
     read(&bytes, limits).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-fn look(files: &[ReadMesh; 2], options: CompareOptions) -> Result<(Measures, Measures, Comparison), Cancelled> {
-    let (clock, cancel, bar) = (monotonic_clock(), AtomicBool::new(false), Bar::new(false));
-    let context = Context::new(&bar, &cancel, &clock, Duration::MAX);
+/// Measures both models and compares them.
+fn measure(files: &[ReadMesh; 2], options: CompareOptions) -> Result<(Measures, Measures, Comparison), Cancelled> {
+    let (clock, cancel, progress) = (monotonic_clock(), AtomicBool::new(false), ProgressReporter::new(false));
+    let context = Context::new(&progress, &cancel, &clock, Duration::MAX);
     let before = Analysis::new((&files[0].soup).into(), &context)?;
     let after = Analysis::new((&files[1].soup).into(), &context)?;
     let (measured, measured_after) = (measures(&before, &context)?, measures(&after, &context)?);
     let comparison = Original::new(&before, &measured, options).compare(&after, &measured_after, &context)?;
-    bar.finish();
+    progress.finish();
     Ok((measured, measured_after, comparison))
 }
 
-fn as_text(before: &Measures, after: &Measures, it: &Comparison) -> String {
-    let changes = &it.changes;
+fn as_text(before: &Measures, after: &Measures, comparison: &Comparison) -> String {
+    let changes = &comparison.changes;
     let signed = |pct: Option<f64>| pct.map_or_else(String::new, |pct| format!("{pct:+.3} %"));
     let number = |x: f64| format!("{x:.6}");
     let volume = |m: &Measures| format!("{}{}", number(m.volume.value), if m.volume.reliable { "" } else { " ?" });
@@ -96,45 +100,50 @@ fn as_text(before: &Measures, after: &Measures, it: &Comparison) -> String {
     row("area", number(before.area), number(after.area), signed(changes.area_change_pct));
     row("volume", volume(before), volume(after), signed(changes.volume_change_pct));
     let diagonal = |m: &Measures| m.bounding_box.map_or_else(|| "-".to_owned(), |b| number(b.diagonal()));
-    row("diagonal of the box", diagonal(before), diagonal(after), String::new());
+    row("bounding box diagonal", diagonal(before), diagonal(after), String::new());
     let mut line = |name: &str, value: String| {
         let _ = writeln!(text, "{name:<24}{value}");
     };
     let percent = |pct: Option<f64>| pct.map_or_else(|| "-".to_owned(), |pct| format!("{pct:.3} %"));
     line("faces kept", percent(Some(changes.faces_kept_pct)));
-    line("box moved by", percent(changes.bounding_box_change_pct));
+    line("bounding box moved by", percent(changes.bounding_box_change_pct));
     line("visible surface lost", percent(changes.surface_lost_pct));
-    if let Some(inside) = it.inside {
-        line("inside agrees on", format!("{:.3} % of {} points", inside.agree_pct, inside.points));
+    if let Some(inside) = comparison.inside {
+        line("inside and outside agree", format!("{:.3} % of {} points", inside.agree_pct, inside.points));
         line("both inside", percent(inside.overlap_pct));
     }
-    line("faithful", if it.faithful { "yes" } else { "no" }.to_owned());
-    let ways = [
-        ("before, seen, to after", &changes.lost),
-        ("all of before to after", &it.deviation),
+    line("faithful", if comparison.faithful { "yes" } else { "no" }.to_owned());
+    let deviations = [
+        ("visible before to after", &changes.lost),
+        ("before to after", &comparison.deviation),
         ("after to before", &changes.added),
     ];
-    if ways.iter().any(|(_, deviation)| deviation.is_some()) {
-        let heads = ["max", "mean", "rms", "50 %", "95 %", "99 %"].map(|head| format!("{head:>12}")).concat();
-        let _ = writeln!(text, "\n{:<24}{heads}", "distance");
+    if deviations.iter().any(|(_, deviation)| deviation.is_some()) {
+        let headers = ["max", "mean", "rms", "50 %", "95 %", "99 %"].map(|header| format!("{header:>12}")).concat();
+        let _ = writeln!(text, "\n{:<24}{headers}", "distance");
     }
-    for (name, deviation) in ways {
+    for (name, deviation) in deviations {
         if let Some(deviation) = deviation {
-            distances(&mut text, name, deviation);
+            append_distances(&mut text, name, deviation);
         }
     }
     text
 }
 
-fn distances(text: &mut String, name: &str, it: &Deviation) {
-    for (name, spread, unit) in [(name, it.distance, ""), ("", it.percent, " %")] {
+/// Appends the distances in one direction, in the model's unit and in percent of the diagonal.
+fn append_distances(text: &mut String, name: &str, deviation: &Deviation) {
+    for (name, spread, unit) in [(name, deviation.distance, ""), ("", deviation.percent, " %")] {
         let _ = write!(text, "{name:<24}");
         for value in [spread.max, spread.mean, spread.rms, spread.p50, spread.p95, spread.p99] {
             let _ = write!(text, "{:>12}", format!("{value:.5}{unit}"));
         }
         let _ = writeln!(text);
     }
-    let at = it.farthest.map(|x| format!("{x:.5}")).join(", ");
-    let rest = if it.complete { "" } else { "; not all could be measured" };
-    let _ = writeln!(text, "{:<24}farthest at ({at}); {} samples, {} vertices{rest}", "", it.samples, it.vertices);
+    let at = deviation.farthest.map(|x| format!("{x:.5}")).join(", ");
+    let rest = if deviation.complete { "" } else { "; some could not be measured" };
+    let _ = writeln!(
+        text,
+        "{:<24}farthest at ({at}); {} samples, {} vertices{rest}",
+        "", deviation.samples, deviation.vertices
+    );
 }

@@ -1,4 +1,4 @@
-//! `meshmend config`: the settings that are in force, and variables that look like settings and that no command reads.
+//! `meshmend config`: the effective settings, and environment variables that look like settings but are unknown.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -13,24 +13,24 @@ use meshmend::blender::BlenderConfig;
 use serde::Serialize;
 
 use super::exit;
-use super::service_error::shown;
+use super::service_error::masked;
 use super::settings::{database_file, default_workers, files_folder};
 
-/// The region of a bucket where neither a flag nor `AWS_REGION` names one.
+/// Region of a bucket when neither a flag nor `AWS_REGION` sets one.
 const AWS_REGION: &str = "us-east-1";
 
 /// Arguments of `meshmend config`.
 #[derive(Debug, Args)]
 pub struct ConfigArgs {
-    /// How the settings are printed.
+    /// Format of the output.
     #[arg(long, env = "MESHMEND_CONFIG_FORMAT", value_enum, default_value_t)]
     format: ConfigFormat,
-    /// The command line to look at, such as `work --workers 2`; without it, `serve`. It is not run.
+    /// Command line to examine, such as `work --workers 2`. It is not run. Default: `serve`.
     #[arg(value_name = "COMMAND", trailing_var_arg = true, allow_hyphen_values = true)]
     command: Vec<OsString>,
 }
 
-/// How settings are printed.
+/// Format of the output.
 #[derive(Debug, Clone, Copy, Default, ValueEnum)]
 enum ConfigFormat {
     /// For people.
@@ -40,12 +40,12 @@ enum ConfigFormat {
     Json,
 }
 
-/// What is in force for one command.
+/// The effective settings of one command.
 #[derive(Serialize)]
 struct Config {
     command: String,
     settings: Vec<Setting>,
-    /// Variables that are set and that no command of this program knows.
+    /// Set variables with the prefix `MESHMEND_` that no command reads.
     unknown_variables: Vec<String>,
 }
 
@@ -53,27 +53,27 @@ struct Config {
 struct Setting {
     flag: String,
     variable: Option<String>,
-    /// None where nothing is set and there is no default.
+    /// None if the setting is unset and has no default.
     value: Option<String>,
     source: Source,
     secret: bool,
 }
 
-/// Where a value is from.
+/// Where a value comes from.
 #[derive(Debug, Clone, Copy, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Source {
     Flag,
     Environment,
     Default,
-    /// Made of other settings, or of what this machine has.
+    /// Derived from other settings or from this machine.
     Computed,
 }
 
-/// Runs `meshmend config`: `program` reads the command line that it is about.
+/// Runs `meshmend config`; `program` parses the command line to examine.
 pub fn run(args: &ConfigArgs, mut program: Command) -> ExitCode {
-    let given = if args.command.is_empty() { vec!["serve".into()] } else { args.command.clone() };
-    let matches = match program.try_get_matches_from_mut([OsString::from("meshmend")].into_iter().chain(given)) {
+    let command_line = if args.command.is_empty() { vec!["serve".into()] } else { args.command.clone() };
+    let matches = match program.try_get_matches_from_mut([OsString::from("meshmend")].into_iter().chain(command_line)) {
         Ok(matches) => matches,
         Err(error) => error.exit(),
     };
@@ -87,12 +87,12 @@ pub fn run(args: &ConfigArgs, mut program: Command) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => exit::fail(exit::INTERNAL, error),
     };
-    // Commands that run the service refuse this environment too.
-    refusal(&program).map_or(printed, |message| exit::fail(exit::BAD_INPUT, message))
+    // Service commands refuse unknown variables, so `config` fails in the same way.
+    unknown_variables_error(&program).map_or(printed, |message| exit::fail(exit::BAD_INPUT, message))
 }
 
 impl Config {
-    /// The settings of the command that was given, which may be a command's command.
+    /// The settings of the command that `matches` selected, which may be a subcommand of a command.
     fn of(program: &Command, matches: &ArgMatches) -> Self {
         let (mut command, mut matches) = (program, matches);
         let mut names = Vec::new();
@@ -110,9 +110,10 @@ impl Config {
     }
 
     fn table(&self) -> String {
-        let rows = self.settings.iter().map(|it| {
-            let value = it.value.as_deref().unwrap_or("none");
-            [it.flag.as_str(), value, it.source.as_str(), it.variable.as_deref().unwrap_or("-")].map(str::to_owned)
+        let rows = self.settings.iter().map(|setting| {
+            let value = setting.value.as_deref().unwrap_or("none");
+            [setting.flag.as_str(), value, setting.source.as_str(), setting.variable.as_deref().unwrap_or("-")]
+                .map(str::to_owned)
         });
         table(["SETTING", "VALUE", "FROM", "VARIABLE"], rows) + "\n"
     }
@@ -123,9 +124,9 @@ impl Setting {
         let id = flag.get_id().as_str();
         let secret = flag.is_hide_env_values_set();
         let values = matches.get_raw(id).into_iter().flatten();
-        let values: Vec<String> = values.map(|value| shown(&value.to_string_lossy(), secret)).collect();
-        let given = (!values.is_empty()).then(|| values.join(","));
-        let computed = if given.is_none() { computed(id, matches) } else { None };
+        let values: Vec<String> = values.map(|value| masked(&value.to_string_lossy(), secret)).collect();
+        let explicit = (!values.is_empty()).then(|| values.join(","));
+        let computed = if explicit.is_none() { computed_value(id, matches) } else { None };
         let source = match matches.value_source(id) {
             _ if computed.is_some() => Source::Computed,
             Some(ValueSource::CommandLine) => Source::Flag,
@@ -135,7 +136,7 @@ impl Setting {
         Self {
             flag: format!("--{}", flag.get_long().unwrap_or(id)),
             variable: flag.get_env().map(|name| name.to_string_lossy().into_owned()),
-            value: given.or(computed),
+            value: explicit.or(computed),
             source,
             secret,
         }
@@ -153,9 +154,9 @@ impl Source {
     }
 }
 
-/// The value that is in force for a setting that is not given; none where none is.
-fn computed(id: &str, matches: &ArgMatches) -> Option<String> {
-    let is_given = |id: &str| matches.try_contains_id(id).unwrap_or(false);
+/// The effective value of an unset setting; `None` if there is none.
+fn computed_value(id: &str, matches: &ArgMatches) -> Option<String> {
+    let is_set = |id: &str| matches.try_contains_id(id).unwrap_or(false);
     let data_dir = || matches.get_one::<PathBuf>("data_dir").cloned().unwrap_or_default();
     match id {
         "workers" if matches.try_get_one::<bool>("no_workers").ok().flatten() == Some(&true) => Some("0".to_owned()),
@@ -163,7 +164,7 @@ fn computed(id: &str, matches: &ArgMatches) -> Option<String> {
         "tenant_max_queued" => matches.get_one::<u64>("max_queued").map(ToString::to_string),
         "database_url" => Some(format!("sqlite:{}", database_file(&data_dir()).display())),
         "blob_url" => Some(files_folder(&data_dir()).display().to_string()),
-        "s3_region" if is_given("blob_url") => {
+        "s3_region" if is_set("blob_url") => {
             Some(std::env::var("AWS_REGION").unwrap_or_else(|_| AWS_REGION.to_owned()))
         }
         "blenders_memory_mib" => Some((BlenderConfig::default().memory_for_all() >> 20).to_string()),
@@ -177,11 +178,11 @@ fn is_setting(flag: &Arg) -> bool {
     !flag.is_positional() && flag.get_env().is_some()
 }
 
-/// How the environment variables of this program begin.
+/// Prefix of the environment variables of this program.
 const VARIABLE_PREFIX: &str = "MESHMEND_";
 
-/// Variables that begin so and that other programs of this repository read: the clients, the example of a shop, scripts and tests. They
-/// may stand in the same environment.
+/// Variables with this prefix that other programs of this repository read: the clients, the example shop, scripts and
+/// tests. They may be set in the same environment.
 const COMPANION_VARIABLES: [&str; 16] = [
     "MESHMEND_BROWSER",
     "MESHMEND_BUCKET",
@@ -201,12 +202,12 @@ const COMPANION_VARIABLES: [&str; 16] = [
     "MESHMEND_WEBHOOK_SECRET",
 ];
 
-/// How alike a known name must be to be suggested; 1 is equal (Jaro-Winkler).
+/// Least Jaro-Winkler similarity of a suggested name; 1 means equal.
 const MIN_SIMILARITY: f64 = 0.92;
 
-/// Why commands that run the service refuse this environment: variables that look like settings and that no command reads. None where
-/// there are no such variables. A misspelt setting would silently have no effect.
-pub(super) fn refusal(program: &Command) -> Option<String> {
+/// The error message for unknown variables with the prefix of this program; `None` if there are none. Service
+/// commands refuse them, since a misspelt setting would silently have no effect.
+pub(super) fn unknown_variables_error(program: &Command) -> Option<String> {
     let unknown = unknown_variables(program);
     if unknown.is_empty() {
         return None;
@@ -216,7 +217,7 @@ pub(super) fn refusal(program: &Command) -> Option<String> {
     Some(lines.join("\n"))
 }
 
-/// The variables that are set, begin like settings, and are read by no command.
+/// The set variables with the prefix of this program that no command reads.
 fn unknown_variables(program: &Command) -> Vec<String> {
     let set = std::env::vars_os().filter_map(|(name, _)| name.into_string().ok());
     let in_kubernetes = std::env::var_os("KUBERNETES_SERVICE_HOST").is_some();
@@ -233,13 +234,14 @@ fn unknown_among(set: impl Iterator<Item = String>, known: &BTreeSet<String>, in
 }
 
 fn describe_unknown(name: &str, known: &BTreeSet<String>) -> String {
-    let alike = known.iter().map(|other| (strsim::jaro_winkler(name, other), other));
-    let best = alike.filter(|(alike, _)| *alike > MIN_SIMILARITY).max_by(|(a, _), (b, _)| a.total_cmp(b));
+    let scored = known.iter().map(|other| (strsim::jaro_winkler(name, other), other));
+    let best = scored.filter(|(similarity, _)| *similarity > MIN_SIMILARITY).max_by(|(a, _), (b, _)| a.total_cmp(b));
     let hint = best.map_or_else(String::new, |(_, other)| format!(" Did you mean {other}?"));
     format!("{name} is set, but no command of this version reads it. Correct the name or unset it.{hint}")
 }
 
-/// Whether Kubernetes sets such a variable for a Service named `meshmend` (its documentation, "Service", "Environment variables").
+/// Whether Kubernetes sets this variable for a Service named `meshmend` (Kubernetes documentation, "Service",
+/// "Environment variables").
 fn is_service_link(name: &str) -> bool {
     let is_of_port =
         |rest: &str| rest.is_empty() || ["_TCP", "_UDP", "_SCTP"].iter().any(|protocol| rest.contains(protocol));
@@ -248,13 +250,13 @@ fn is_service_link(name: &str) -> bool {
         || name.find("_PORT").is_some_and(|at| is_of_port(&name[at + "_PORT".len()..]))
 }
 
-/// Every variable that a command reads.
+/// Every environment variable that the command or one of its subcommands reads.
 fn variables_of(command: &Command) -> BTreeSet<String> {
     let own = command.get_arguments().filter_map(|flag| Some(flag.get_env()?.to_string_lossy().into_owned()));
     own.chain(command.get_subcommands().flat_map(variables_of)).collect()
 }
 
-/// Rows under a header, in columns that are aligned by spaces, for people and for tools such as `awk`.
+/// Formats rows under a header, in columns aligned by spaces, for people and for tools such as `awk`.
 pub(super) fn table<const N: usize>(header: [&str; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING).set_header(header).add_rows(rows);
@@ -277,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_variable_that_no_command_reads_is_named_with_the_one_that_was_probably_meant() {
+    fn an_unknown_variable_is_reported_with_the_most_similar_known_one() {
         let set = ["PATH", "MESHMEND_WORKERS", "MESHMEND_WORKRES", "MESHMEND_URL"];
         assert_eq!(unknown(&set, false), ["MESHMEND_WORKRES"]);
         let text = describe_unknown("MESHMEND_WORKRES", &known());
@@ -287,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn variables_of_a_kubernetes_service_named_meshmend_are_no_settings() {
+    fn variables_of_a_kubernetes_service_named_meshmend_are_ignored() {
         let links = [
             "MESHMEND_SERVICE_HOST",
             "MESHMEND_SERVICE_PORT",
@@ -302,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn the_columns_of_a_table_begin_below_one_another_and_lines_end_without_spaces() {
+    fn table_columns_are_aligned_and_lines_have_no_trailing_spaces() {
         let rows = [["a", "1"], ["long name", "22"]].map(|row| row.map(str::to_owned));
         assert_eq!(table(["NAME", "N"], rows), "NAME       N\na          1\nlong name  22");
     }

@@ -1,4 +1,4 @@
-//! Where the service listens, whether requests need a key there, and the connections that it takes.
+//! The listening address, the choice whether requests need a key, and the server loop that accepts connections.
 
 use std::fmt;
 use std::io;
@@ -20,7 +20,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::service_error::ServiceError;
 
-/// An address to listen on: a host, which may be a name, and a port.
+/// An address to listen on: a host name or IP address, and a port.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ListenAddress(String);
 
@@ -43,33 +43,43 @@ impl fmt::Display for ListenAddress {
 }
 
 impl ListenAddress {
-    /// The addresses that the host has, those of IPv4 first: a name such as `localhost` has both, and most clients try IPv4.
+    /// Resolves the host. IPv4 addresses come first: a name such as `localhost` has both kinds, and most clients try
+    /// IPv4.
+    ///
+    /// # Errors
+    /// The host has no address; the message names `flag`.
     pub(super) async fn resolve(&self, flag: &str) -> Result<Vec<SocketAddr>, ServiceError> {
-        let found = tokio::net::lookup_host(&self.0).await.map(Iterator::collect::<Vec<_>>);
-        match found {
+        let resolved = tokio::net::lookup_host(&self.0).await.map(Iterator::collect::<Vec<_>>);
+        match resolved {
             Ok(mut addresses) if !addresses.is_empty() => {
                 addresses.sort_by_key(SocketAddr::is_ipv6);
                 Ok(addresses)
             }
-            found => {
-                let why = found.err().map_or_else(|| "it has no address".to_owned(), |error| error.to_string());
+            unresolved => {
+                let reason =
+                    unresolved.err().map_or_else(|| "the name has no address".to_owned(), |error| error.to_string());
                 Err(ServiceError::Refused(format!(
-                    "{flag} {self}: the host can't be resolved: {why}. Name an address of this machine, such as 127.0.0.1:8080."
+                    "{flag} {self}: the host cannot be resolved: {reason}. Use an address of this machine, such as 127.0.0.1:8080."
                 )))
             }
         }
     }
 
-    /// Listens on the first of the addresses that is to be had.
+    /// Listens on the first of `addresses` that is available.
+    ///
+    /// # Errors
+    /// None is available; the message names `flag` and what to do.
     pub(super) async fn bind(&self, flag: &str, addresses: &[SocketAddr]) -> Result<TcpListener, ServiceError> {
         TcpListener::bind(addresses).await.map_err(|error| {
             let hint = match error.kind() {
-                io::ErrorKind::AddrInUse => "Another program listens there; stop it, or choose another port.",
-                io::ErrorKind::AddrNotAvailable => "Name an address of this machine, or 0.0.0.0 for all of them.",
-                io::ErrorKind::PermissionDenied => "Ports below 1024 need a privilege; choose a higher port.",
+                io::ErrorKind::AddrInUse => {
+                    "Another program uses this port; stop that program, or choose another port."
+                }
+                io::ErrorKind::AddrNotAvailable => "Use an address of this machine, or 0.0.0.0 for all its addresses.",
+                io::ErrorKind::PermissionDenied => "Ports below 1024 need root privileges; choose a higher port.",
                 _ => "Choose another address or port.",
             };
-            ServiceError::Unavailable(format!("{flag}: can't listen on {self}: {error}. {hint}"))
+            ServiceError::Unavailable(format!("{flag}: cannot listen on {self}: {error}. {hint}"))
         })
     }
 }
@@ -77,59 +87,61 @@ impl ListenAddress {
 /// Whether requests need a key.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum AuthMode {
-    /// Unless the service listens on this machine only.
+    /// Requests need a key unless the service listens on this machine only.
     #[default]
     Auto,
-    /// None does.
+    /// No request needs a key.
     Open,
-    /// Each does.
+    /// Every request needs a key.
     Keys,
 }
 
 impl AuthMode {
-    /// Whether a service that listens on these addresses asks for keys.
-    pub fn on(self, listen: &[SocketAddr]) -> Auth {
+    /// Decides whether a service that listens on these addresses requires keys.
+    pub fn for_addresses(self, addresses: &[SocketAddr]) -> Auth {
         match self {
             Self::Open => Auth::Open,
             Self::Keys => Auth::Keys,
-            Self::Auto if is_of_this_machine(listen) => Auth::Open,
+            Self::Auto if are_loopback(addresses) => Auth::Open,
             Self::Auto => Auth::Keys,
         }
     }
 }
 
-/// Whether only this machine reaches all of the addresses.
-pub fn is_of_this_machine(listen: &[SocketAddr]) -> bool {
-    listen.iter().all(|address| address.ip().to_canonical().is_loopback())
+/// Whether all addresses are loopback addresses, which only this machine can reach.
+pub fn are_loopback(addresses: &[SocketAddr]) -> bool {
+    addresses.iter().all(|address| address.ip().to_canonical().is_loopback())
 }
 
-/// Longest time for a request's headers to come, and for a connection to stay open without one.
-const HEADER_TIME: Duration = Duration::from_secs(30);
-/// Open files that this process asks the operating system for; connections may take half of what it gets.
+/// Time limit for the headers of a request, and for an idle connection.
+const HEADER_TIMEOUT: Duration = Duration::from_secs(30);
+/// Limit of open files that this process requests. Connections may use half of the granted limit.
 const OPEN_FILES: u64 = 65_536;
-/// Pause after a connection could not be taken, which is mostly for want of open files.
+/// Pause after a failed accept. The usual cause is a lack of file descriptors.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(50);
 
-/// Serves until `stop`, then finishes the connections that are open. Silent connections are closed, and there are never
-/// so many that workers run out of open files: more wait to be taken.
-pub async fn listen(listener: TcpListener, router: Router, stop: CancellationToken) {
+/// Serves connections until `stop`, then finishes the open ones.
+///
+/// Idle connections are closed. The number of connections is limited, so that workers keep enough file descriptors;
+/// further connections wait in the backlog.
+pub async fn serve_connections(listener: TcpListener, router: Router, stop: CancellationToken) {
     let files = rlimit::increase_nofile_limit(OPEN_FILES).unwrap_or(1024);
-    let most = usize::try_from(files / 2).unwrap_or(512);
-    let places = Arc::new(Semaphore::new(most));
+    let max_connections = usize::try_from(files / 2).unwrap_or(512);
+    let slots = Arc::new(Semaphore::new(max_connections));
     let open = GracefulShutdown::new();
     loop {
         let accepted = async {
-            let place = Arc::clone(&places).acquire_owned().await;
-            (place, listener.accept().await)
+            let slot = Arc::clone(&slots).acquire_owned().await;
+            (slot, listener.accept().await)
         };
-        let (place, accepted) = tokio::select! {
+        let (slot, accepted) = tokio::select! {
             accepted = accepted => accepted,
             () = stop.cancelled() => break,
         };
         let stream = match accepted {
             Ok((stream, _)) => stream,
             Err(error) => {
-                tracing::warn!(%error, "a connection could not be taken");
+                tracing::warn!(%error, "failed to accept a connection");
                 tokio::time::sleep(ACCEPT_PAUSE).await;
                 continue;
             }
@@ -137,14 +149,14 @@ pub async fn listen(listener: TcpListener, router: Router, stop: CancellationTok
         let _ = stream.set_nodelay(true);
         let connection = http1::Builder::new()
             .timer(TokioTimer::new())
-            .header_read_timeout(HEADER_TIME)
+            .header_read_timeout(HEADER_TIMEOUT)
             .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router.clone()));
         let connection = open.watch(connection);
         tokio::spawn(async move {
-            // A client that hangs up or talks nonsense is no news.
+            // A client that disconnects or sends invalid HTTP is normal.
             let ended = connection.await;
             tracing::debug!(ended = ?ended.err(), "connection closed");
-            drop(place);
+            drop(slot);
         });
     }
     drop(listener);
@@ -157,22 +169,22 @@ mod tests {
 
     #[test]
     fn an_address_has_a_host_and_a_port() {
-        for good in ["127.0.0.1:0", "localhost:8080", "[::1]:80"] {
-            assert_eq!(good.parse::<ListenAddress>().map(|address| address.to_string()), Ok(good.to_owned()));
+        for valid in ["127.0.0.1:0", "localhost:8080", "[::1]:80"] {
+            assert_eq!(valid.parse::<ListenAddress>().map(|address| address.to_string()), Ok(valid.to_owned()));
         }
-        for bad in ["", "localhost", ":8080", "localhost:http", "localhost:99999"] {
-            assert!(bad.parse::<ListenAddress>().is_err(), "{bad}");
+        for invalid in ["", "localhost", ":8080", "localhost:http", "localhost:99999"] {
+            assert!(invalid.parse::<ListenAddress>().is_err(), "{invalid}");
         }
     }
 
     #[test]
-    fn without_a_setting_keys_are_asked_for_where_another_machine_could_ask() {
-        let on = |addresses: &[&str]| {
+    fn auto_requires_keys_if_any_address_is_reachable_from_another_machine() {
+        let auth = |addresses: &[&str]| {
             let addresses: Vec<SocketAddr> = addresses.iter().map(|text| text.parse().expect("an address")).collect();
-            AuthMode::Auto.on(&addresses)
+            AuthMode::Auto.for_addresses(&addresses)
         };
-        assert_eq!(on(&["127.0.0.1:80", "[::1]:80"]), Auth::Open);
-        assert_eq!(on(&["127.0.0.1:80", "192.0.2.1:80"]), Auth::Keys);
-        assert_eq!(on(&["[::]:80"]), Auth::Keys);
+        assert_eq!(auth(&["127.0.0.1:80", "[::1]:80"]), Auth::Open);
+        assert_eq!(auth(&["127.0.0.1:80", "192.0.2.1:80"]), Auth::Keys);
+        assert_eq!(auth(&["[::]:80"]), Auth::Keys);
     }
 }

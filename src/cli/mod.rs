@@ -1,3 +1,5 @@
+//! The command line: its commands, and the commands that need no file of their own (`openapi`, `completions`).
+
 mod administration;
 mod compare;
 mod config;
@@ -20,7 +22,7 @@ use std::process::ExitCode;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 
-/// Repairs broken 3D models, proves that the result is printable, and gives an honest account of what changed.
+/// Repairs broken 3D models, checks that the result is printable, and reports exactly what changed.
 #[derive(Debug, Parser)]
 #[command(name = "meshmend", version, propagate_version = true, max_term_width = 110, after_help = exit::HELP)]
 struct Cli {
@@ -32,43 +34,44 @@ struct Cli {
 enum Command {
     /// Serve the API and run workers in one process.
     Serve(settings::ServeArgs),
-    /// Run workers only, beside a `serve` that shares the data folder.
+    /// Run workers only. Needs a `serve` process that uses the same database and file store.
     Work(settings::WorkArgs),
     /// Repair one file. Needs no server.
     Repair(repair::RepairArgs),
-    /// Tell what is wrong with files, and describe them. Needs no server.
+    /// List the defects of files and measure them. Needs no server.
     Inspect(inspect::InspectArgs),
-    /// Tell what changed from one file to another. Needs no server.
+    /// Measure how one file differs from another. Needs no server.
     Compare(compare::CompareArgs),
-    /// Have a service repair or analyse files, and download what comes of them.
+    /// Let a service repair or analyse files, and download the results.
     ///
-    /// Each file is a job. It is sent again, as the same request, where the service can't be reached, is busy or has no room. An interrupt
-    /// leaves jobs running, and the last line says how to go on.
+    /// Each file becomes one job. While the service is unreachable, busy or full, the same request is sent again.
+    /// After an interrupt, submitted jobs continue, and the last line shows the command that follows them.
     Submit(submit::SubmitArgs),
-    /// Follow jobs of a service until they have ended.
+    /// Follow jobs of a service until they end.
     Watch(submit::WatchArgs),
-    /// Make or update the database's tables and stop.
+    /// Create or update the database's tables, then exit.
     Migrate(settings::MigrateArgs),
-    /// Make, list and revoke API keys.
+    /// Create, list and revoke API keys.
     Keys(administration::KeysArgs),
-    /// Set what single tenants may use, and list them.
+    /// Set the limits of single tenants, and list tenants.
     Tenants(administration::TenantsArgs),
     /// Copy the SQLite database while the service runs.
     ///
-    /// The copy is whole and of one moment. Only this user may read it. It has no files of jobs: copy those after it, since files that the
-    /// copy does not know are removed, while files that it misses are lost. Copy a PostgreSQL database with `pg_dump`.
+    /// The copy is a consistent snapshot that only the current user can read. It does not contain the files of jobs:
+    /// copy those after the database. The service deletes files that the copied database does not list, but it cannot
+    /// restore missing files. Copy a PostgreSQL database with `pg_dump`.
     Backup(administration::BackupArgs),
-    /// Print the settings of a command and where each is from, with secrets hidden.
+    /// Print the settings of a command and the source of each, with secrets hidden.
     Config(config::ConfigArgs),
     /// Print the OpenAPI document, or check a file against it.
     Openapi(OpenapiArgs),
-    /// Print a script that completes commands and flags in a shell, such as `meshmend completions bash`.
+    /// Print a shell script that completes commands and flags; for example `meshmend completions bash`.
     Completions(CompletionsArgs),
 }
 
 impl Command {
-    /// Whether the settings of the service decide what it does.
-    fn runs_the_service(&self) -> bool {
+    /// Whether the command reads the settings of the service.
+    fn uses_service_settings(&self) -> bool {
         matches!(
             self,
             Self::Serve(_) | Self::Work(_) | Self::Migrate(_) | Self::Keys(_) | Self::Tenants(_) | Self::Backup(_)
@@ -76,11 +79,11 @@ impl Command {
     }
 }
 
-/// Runs the command line.
+/// Parses the command line, runs the command, and returns its exit code.
 pub fn run() -> ExitCode {
     let command = Cli::parse().command;
-    if command.runs_the_service()
-        && let Some(message) = config::refusal(&Cli::command())
+    if command.uses_service_settings()
+        && let Some(message) = config::unknown_variables_error(&Cli::command())
     {
         return exit::fail(exit::BAD_INPUT, message);
     }
@@ -105,11 +108,12 @@ pub fn run() -> ExitCode {
 /// Arguments of `meshmend openapi`.
 #[derive(Debug, Args)]
 struct OpenapiArgs {
-    /// Instead of printing, say whether this file is the document; exit code 1 where it is stale.
+    /// Check that this file equals the document instead of printing the document; exit code 1 if the file is
+    /// outdated.
     #[arg(long, env = "MESHMEND_OPENAPI_CHECK", value_name = "FILE")]
     check: Option<PathBuf>,
-    /// Version of the OpenAPI specification that the document follows. `3.0` is for code generators that don't read 3.1: each body
-    /// has one media type, and a job is submitted as raw bytes.
+    /// OpenAPI version of the document. `3.0` is for code generators that cannot read 3.1: each body has one media
+    /// type, and a job is submitted as raw bytes.
     #[arg(long, env = "MESHMEND_OPENAPI_SPEC", default_value = "3.1")]
     spec: Spec,
 }
@@ -140,7 +144,7 @@ fn openapi(args: &OpenapiArgs) -> ExitCode {
     };
     match std::fs::read_to_string(path) {
         Ok(kept) if kept == document => ExitCode::SUCCESS,
-        Ok(_) => exit::fail(exit::PARTIAL, format!("{} is stale; run 'make openapi'", path.display())),
+        Ok(_) => exit::fail(exit::PARTIAL, format!("{} is outdated; run `make openapi`", path.display())),
         Err(error) => exit::fail(exit::BAD_INPUT, format!("{}: {error}", path.display())),
     }
 }
@@ -148,12 +152,12 @@ fn openapi(args: &OpenapiArgs) -> ExitCode {
 /// Arguments of `meshmend completions`.
 #[derive(Debug, Args)]
 struct CompletionsArgs {
-    /// The shell that is to complete commands and flags.
+    /// Shell to write the completion script for.
     #[arg(value_enum)]
     shell: Shell,
 }
 
-/// Runs `meshmend completions` for this `program`.
+/// Runs `meshmend completions`; `program` is the whole command line.
 fn completions(args: &CompletionsArgs, mut program: clap::Command) -> ExitCode {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut program, "meshmend", &mut script);
@@ -171,17 +175,17 @@ mod tests {
     fn every_flag_has_its_environment_variable() {
         let mut command = Cli::command();
         command.build();
-        let mut flags = 0;
-        for verb in command.get_subcommands().filter(|verb| verb.get_name() != "help") {
-            let given = verb
+        let mut flag_count = 0;
+        for subcommand in command.get_subcommands().filter(|subcommand| subcommand.get_name() != "help") {
+            let flags = subcommand
                 .get_arguments()
                 .filter(|a| !a.is_positional() && !["help", "version"].contains(&a.get_id().as_str()));
-            for flag in given {
+            for flag in flags {
                 let variable = flag.get_env().unwrap_or_default().to_string_lossy().into_owned();
-                assert!(variable.starts_with("MESHMEND_"), "{} --{}", verb.get_name(), flag.get_id());
-                flags += 1;
+                assert!(variable.starts_with("MESHMEND_"), "{} --{}", subcommand.get_name(), flag.get_id());
+                flag_count += 1;
             }
         }
-        assert!(flags > 30, "only {flags} flags were found");
+        assert!(flag_count > 30, "only {flag_count} flags were found");
     }
 }

@@ -1,4 +1,4 @@
-//! `meshmend repair`, and the options of a repair, here or by a service.
+//! `meshmend repair`, and the repair options that `meshmend submit` shares with it.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -20,27 +20,28 @@ use meshmend::repair::{
 };
 use meshmend::scene::Unit;
 
-use super::engine::{Bar, BlenderArgs, LimitArgs, read_file, remarks, write_file};
+use super::engine::{BlenderArgs, LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
 use super::exit;
 
 /// Arguments of `meshmend repair`.
 #[derive(Debug, Args)]
 pub struct RepairArgs {
-    /// The model: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, Vertex/Face text, or a ZIP archive of one of them, told by its content.
+    /// The model: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, Vertex/Face text, or a ZIP archive of one of them. The content
+    /// decides the format, not the name.
     input: PathBuf,
-    /// Where the result goes; its ending (.stl, .obj, .ply, .off, .mesh, .glb, .3mf, .zip) is the format.
+    /// File for the result; its extension (.stl, .obj, .ply, .off, .mesh, .glb, .3mf, .zip) sets the format.
     #[arg(short, long, env = "MESHMEND_OUTPUT")]
     output: PathBuf,
-    /// Where the report goes, as JSON.
+    /// File for the report, as JSON.
     #[arg(long, env = "MESHMEND_REPORT", value_name = "FILE")]
     report: Option<PathBuf>,
     #[command(flatten)]
     options: RepairOptionArgs,
-    /// Where to draw what was found and what was changed: before.png, after.png, defects.glb, defects.ply, change.png, change.glb
-    /// and change.ply. The folder is made.
+    /// Folder for pictures of the defects and the changes: before.png, after.png, defects.glb, defects.ply,
+    /// change.png, change.glb and change.ply. A missing folder is created.
     #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
     pictures: Option<PathBuf>,
-    /// Show what each step does.
+    /// Print what each step does.
     #[arg(short, long, env = "MESHMEND_VERBOSE")]
     verbose: bool,
     #[command(flatten)]
@@ -51,7 +52,7 @@ pub struct RepairArgs {
 
 /// Runs `meshmend repair`.
 pub fn run(args: &RepairArgs) -> ExitCode {
-    let options = format_named(&args.output).and_then(|format| args.options.options(format));
+    let options = format_from_extension(&args.output).and_then(|format| args.options.options(format));
     let prepared = options.and_then(|options| {
         let limits = args.limits.limits();
         read_file(&args.input, &limits).map(|bytes| (options, limits, bytes))
@@ -62,7 +63,7 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     };
     let cancel = stop_on_interrupt();
     let clock = monotonic_clock();
-    let bar = Bar::new(args.verbose);
+    let bar = ProgressReporter::new(args.verbose);
     let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
     let blender = OnDemandBlender::new(args.blender.config());
     let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
@@ -85,15 +86,15 @@ pub fn run(args: &RepairArgs) -> ExitCode {
                     return exit::fail(exit::INTERNAL, message);
                 }
             }
-            // The result is there, and how good it is does not hang on its pictures.
-            Err(error) => drop(writeln!(std::io::stderr(), "  note: without pictures: {error}")),
+            // The result is written already, so missing pictures are no failure.
+            Err(error) => drop(writeln!(std::io::stderr(), "  note: no pictures were drawn: {error}")),
         }
     }
     print_summary(&repaired.report, &args.output);
     ExitCode::from(exit::of(&repaired.report))
 }
 
-/// Writes the model, where one is handed out, and the report, where it is wanted.
+/// Writes the model, unless the repair gives none out, and the report if `--report` is set.
 fn write(args: &RepairArgs, repaired: &Repaired) -> Result<(), String> {
     if repaired.report.verdict.file != OfferedFile::None {
         write_file(&args.output, &repaired.bytes)?;
@@ -103,7 +104,10 @@ fn write(args: &RepairArgs, repaired: &Repaired) -> Result<(), String> {
     serde_json::to_vec_pretty(&report).map_err(|e| e.to_string()).and_then(|json| write_file(path, &json))
 }
 
-/// Writes drawings into a folder, which is made where it is not there, under their names after a prefix.
+/// Writes drawings into a folder, named by a prefix and their own names. A missing folder is created.
+///
+/// # Errors
+/// The path with the message of the operating system.
 pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Result<(), String> {
     std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     drawings
@@ -111,24 +115,27 @@ pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Resu
         .try_for_each(|drawing| write_file(&folder.join(format!("{prefix}{}", drawing.name)), &drawing.bytes))
 }
 
-/// The result in a few lines on standard error, so that standard output stays free. Where nothing was written, the last line says so.
+/// Prints the summary on standard error; standard output stays free for data. If no model was written, the last line
+/// says why.
 fn print_summary(report: &Report, output: &Path) {
     let output = output.display();
     let mut lines = vec![format!("{output}: {}", report.summary)];
     let flags = report.red_flags.iter().map(|flag| flag.detail.as_str());
-    let assumptions = report.assumptions.iter().map(|it| (it.detail.as_str(), it.option.as_deref()));
-    lines.extend(remarks(flags, assumptions, &report.warnings));
+    let assumptions =
+        report.assumptions.iter().map(|assumption| (assumption.detail.as_str(), assumption.option.as_deref()));
+    lines.extend(remark_lines(flags, assumptions, &report.warnings));
     if report.refusal().is_some() {
         lines.push(format!(
-            "meshmend: {output} was not written: the result is not printable, which --require printable asks for"
+            "meshmend: {output} was not written: the result is not printable, and --require printable is set"
         ));
     } else if report.verdict.file == OfferedFile::None {
-        lines.push(format!("meshmend: {output} was not written: there is no model that could be"));
+        lines.push(format!("meshmend: {output} was not written: the repair gave no model"));
     }
     let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
 }
 
-/// Cancels the repair at the first interrupt, so that Blender and its scratch folder are cleared away.
+/// Cancels the repair at the first interrupt, so that Blender ends and its scratch folder is removed. A second
+/// interrupt ends the process.
 fn stop_on_interrupt() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&cancel);
@@ -145,151 +152,157 @@ fn stop_on_interrupt() -> Arc<AtomicBool> {
     cancel
 }
 
-/// How a model is to be repaired, here or by a service.
+/// The options of a repair, for `repair` and `submit`.
 #[derive(Debug, Args)]
 pub struct RepairOptionArgs {
-    /// The plan to run.
+    /// Repair plan to run. `auto` chooses a plan by the damage found.
     #[arg(long, env = "MESHMEND_PRESET", value_enum, default_value_t)]
     preset: Preset,
-    /// With the preset `auto`: the category of damage that the plan is chosen for, instead of the one that the inspection finds.
+    /// With the preset `auto`: category of damage to plan for, instead of the category that the inspection finds.
     #[arg(long, env = "MESHMEND_CATEGORY", value_enum)]
     category: Option<Category>,
-    /// What becomes of the file's objects, where its format and the result's have such.
+    /// Treatment of separate objects, if the formats of the file and of the result both have objects.
     #[arg(long, env = "MESHMEND_MERGE", value_enum, default_value_t)]
     merge: Merge,
-    /// What the result must be for the repair to succeed.
+    /// Result that the repair must reach to succeed.
     #[arg(long, env = "MESHMEND_REQUIRE", value_enum, default_value_t)]
     require: Require,
-    /// The unit of the file's lengths, whatever it says itself. Without it, and where the file says none: mm.
+    /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or mm.
     #[arg(long, env = "MESHMEND_UNIT", value_enum)]
     unit: Option<Unit>,
-    /// The unit that lengths are brought into. Lengths among these options are in it.
+    /// Unit to convert the model to. Options that are lengths are in this unit.
     #[arg(long, env = "MESHMEND_SCALE_TO", value_enum, value_name = "UNIT")]
     scale_to: Option<Unit>,
-    /// Operators that run although they are left out by default.
+    /// Additional operators to run that are off by default.
     #[arg(long, env = "MESHMEND_WITH", value_enum, value_delimiter = ',', value_name = "OPERATORS")]
     with: Vec<Operator>,
-    /// Operators that do not run.
+    /// Operators to leave out.
     #[arg(long, env = "MESHMEND_WITHOUT", value_enum, value_delimiter = ',', value_name = "OPERATORS")]
     without: Vec<Operator>,
-    /// The farthest that surface may be moved or made from where it was, hole patches apart, in the model's unit.
+    /// Farthest that the repair may move surface, or create surface away from the input, in the model's unit. Patches
+    /// over holes are exempt.
     #[arg(long, env = "MESHMEND_MAX_DEVIATION")]
     max_deviation: Option<f64>,
     /// Most faces that the result should have.
     #[arg(long, env = "MESHMEND_MAX_FACES")]
     max_faces: Option<u64>,
-    /// The farthest that surface may be from where it was before faces were removed, in the model's unit; without --max-faces,
-    /// all faces go that may go within it.
+    /// Largest distance between the surface before and after faces are reduced, in the model's unit. Without
+    /// --max-faces, faces are reduced as far as this distance allows.
     #[arg(long, env = "MESHMEND_MAX_ERROR")]
     max_error: Option<f64>,
-    /// Highest tier that may run: 1 cleans, 2 mends, 3 is Blender.
+    /// Highest tier that may run: 1 cleans up, 2 also repairs, 3 also uses Blender.
     #[arg(long, env = "MESHMEND_MAX_TIER", default_value_t = Options::default().max_tier)]
     max_tier: u8,
-    /// Seconds the repair may take; then the best result so far is written.
+    /// Time limit in seconds; then the best result so far is written.
     #[arg(long, env = "MESHMEND_DEADLINE_S", default_value_t = Options::default().deadline_s)]
     deadline_s: f64,
-    /// Red flag: share of the faces lost, in percent.
+    /// Largest accepted loss of faces, in percent; more raises a red flag.
     #[arg(long, env = "MESHMEND_MAX_FACE_LOSS_PCT", default_value_t = Options::default().max_face_loss_pct)]
     max_face_loss_pct: f64,
-    /// Red flag: share of the vertices lost, in percent.
+    /// Largest accepted loss of vertices, in percent; more raises a red flag.
     #[arg(long, env = "MESHMEND_MAX_VERTEX_LOSS_PCT", default_value_t = Options::default().max_vertex_loss_pct)]
     max_vertex_loss_pct: f64,
-    /// Red flag: change of the bounding box, in percent.
+    /// Largest accepted change of the bounding box, in percent; more raises a red flag.
     #[arg(long, env = "MESHMEND_MAX_BOX_CHANGE_PCT", default_value_t = Options::default().max_bounding_box_change_pct)]
     max_bounding_box_change_pct: f64,
-    /// Red flag: change of the volume, in percent.
+    /// Largest accepted change of the volume, in percent; more raises a red flag.
     #[arg(long, env = "MESHMEND_MAX_VOLUME_CHANGE_PCT", default_value_t = Options::default().max_volume_change_pct)]
     max_volume_change_pct: f64,
-    /// Red flag: share of the visible surface without a counterpart in the result, in percent.
+    /// Largest accepted share of the visible surface without a counterpart in the result, in percent; more raises a
+    /// red flag.
     #[arg(long, env = "MESHMEND_MAX_SURFACE_LOST_PCT", default_value_t = Options::default().max_surface_lost_pct)]
     max_surface_lost_pct: f64,
-    /// Red flag: share of the result's surface that was invented, in percent.
+    /// Largest accepted share of the result's surface that the input does not have, in percent; more raises a red
+    /// flag.
     #[arg(long, env = "MESHMEND_MAX_SURFACE_ADDED_PCT", default_value_t = Options::default().max_surface_added_pct)]
     max_surface_added_pct: f64,
-    /// Boundary vertices closer than this share of the model's diagonal are merged.
+    /// Distance within which boundary vertices are merged, as a share of the model's diagonal.
     #[arg(long, env = "MESHMEND_WELD_TOLERANCE", default_value_t = Options::default().weld_tolerance)]
     weld_tolerance: f64,
-    /// Vertices closer than this are merged, on the boundary or not, in the model's unit.
+    /// Distance within which any vertices are merged, on a boundary or not, in the model's unit.
     #[arg(long, env = "MESHMEND_MERGE_DISTANCE")]
     merge_distance: Option<f64>,
-    /// Boundary vertices closer than this share of the shortest boundary edge at either are merged. Without it 0.2, and vertices no
-    /// farther apart than 0.1 % of the model's diagonal.
+    /// Distance within which boundary vertices are merged, as a share of the shortest boundary edge at either vertex.
+    /// Default: 0.2, for vertices no farther apart than 0.1 % of the model's diagonal.
     #[arg(long, env = "MESHMEND_SEW_RATIO")]
     sew_ratio: Option<f64>,
-    /// Widest crack that is stitched, as a share of the model's diagonal; without it 0.001.
+    /// Widest crack to stitch, as a share of the model's diagonal. Default: 0.001.
     #[arg(long, env = "MESHMEND_STITCH_THRESHOLD")]
     stitch_threshold: Option<f64>,
-    /// Widest crack that is stitched, in the model's unit, instead of --stitch-threshold.
+    /// Widest crack to stitch, in the model's unit. It replaces --stitch-threshold.
     #[arg(long, env = "MESHMEND_STITCH_DISTANCE")]
     stitch_distance: Option<f64>,
-    /// Share of an edge at either end within which stitching takes the end instead of cutting the edge.
+    /// Share of an edge's length at each end within which stitching uses the end vertex instead of splitting the
+    /// edge.
     #[arg(long, env = "MESHMEND_STITCH_EPSILON", default_value_t = Options::default().stitch_epsilon)]
     stitch_epsilon: f64,
-    /// Where two vertices that are stitched meet.
+    /// Position of the vertex that results from stitching two vertices.
     #[arg(long, env = "MESHMEND_STITCH_POSITION", value_enum, default_value_t)]
     stitch_position: StitchPosition,
-    /// Edges shorter and faces lower than this share of the model's diagonal are removed.
+    /// Edges shorter and faces of less height than this share of the model's diagonal are removed.
     #[arg(long, env = "MESHMEND_DEGENERATE_TOLERANCE", default_value_t = Options::default().degenerate_tolerance)]
     degenerate_tolerance: f64,
-    /// With `remove_overlapping_neighbours`: the angle in degrees up to which neighbours lie on one another. Without it 1 degree, and
-    /// faces no farther apart than 0.01 % of the model's diagonal.
+    /// With `remove_overlapping_neighbours`: angle in degrees up to which two neighbouring faces count as lying on
+    /// each other. Default: 1, for faces no farther apart than 0.01 % of the model's diagonal.
     #[arg(long, env = "MESHMEND_OVERLAP_ANGLE_DEG")]
     overlap_angle_deg: Option<f64>,
-    /// Polygons twisted by more degrees than this are cut into triangles with the least fold.
+    /// Polygons twisted by more degrees than this are split into the triangles with the smallest fold.
     #[arg(long, env = "MESHMEND_TWIST_ANGLE_DEG", default_value_t = Options::default().twist_angle_deg)]
     twist_angle_deg: f64,
-    /// Most edges around a hole that is closed.
+    /// Most boundary edges of a hole that may be closed.
     #[arg(long, env = "MESHMEND_MAX_HOLE_EDGES", default_value_t = Options::default().max_hole_edges)]
     max_hole_edges: u32,
-    /// Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them.
+    /// Smallest volume of a closed part, in percent of the volume of all parts. Smaller parts are removed; 0 keeps
+    /// all.
     #[arg(long, env = "MESHMEND_MIN_PART_VOLUME_PCT", default_value_t = Options::default().min_part_volume_pct)]
     min_part_volume_pct: f64,
-    /// How closed parts that lie in others are wound.
+    /// Orientation of closed parts that lie inside other parts.
     #[arg(long, env = "MESHMEND_NESTED", value_enum, default_value_t)]
     nested: Nested,
-    /// What becomes of parts that overlap.
+    /// Treatment of parts that overlap.
     #[arg(long, env = "MESHMEND_OVERLAPS", value_enum, default_value_t)]
     overlaps: Overlaps,
-    /// What is solid where faces intersect, by how many times the surface winds around it.
+    /// Rule for what is solid where faces intersect, by how many times the surface winds around it.
     #[arg(long, env = "MESHMEND_INSIDE", value_enum, default_value_t)]
     winding_rule: WindingRuleChoice,
-    /// What becomes of open sheets, which enclose nothing.
+    /// Treatment of open sheets, which enclose nothing.
     #[arg(long, env = "MESHMEND_OPEN_SHEETS", value_enum, default_value_t)]
     open_sheets: OpenSheets,
-    /// Thickness of thickened sheets, and of a base at its lowest point, in the model's unit; without it 0.3 % of the diagonal.
+    /// Thickness of thickened sheets, and of a base at its lowest point, in the model's unit. Default: 0.3 % of the
+    /// diagonal.
     #[arg(long, env = "MESHMEND_THICKNESS")]
     thickness: Option<f64>,
-    /// Largest extent of a hole that is closed, as a share of the model's diagonal.
+    /// Largest extent of a hole that may be closed, as a share of the model's diagonal.
     #[arg(long, env = "MESHMEND_MAX_HOLE_SIZE", default_value_t = Options::default().max_hole_size)]
     max_hole_size: f64,
-    /// Most holes that are closed; of more, the smallest are.
+    /// Most holes to close. If there are more, the smallest are closed.
     #[arg(long, env = "MESHMEND_MAX_HOLES", default_value_t = Options::default().max_holes)]
     max_holes: u32,
-    /// How the triangles over a hole are chosen.
+    /// Method that triangulates the patch over a hole.
     #[arg(long, env = "MESHMEND_HOLE_FILLING", value_enum, default_value_t = HoleFilling::Auto)]
     hole_filling: HoleFilling,
-    /// Give patches that are not plane inner vertices, as close together as those around.
+    /// Give curved patches inner vertices, as dense as the mesh around the hole.
     #[arg(long, env = "MESHMEND_REFINE_PATCHES")]
     refine_patches: bool,
-    /// Refine patches and bend them so that they go on smoothly from the surface around.
+    /// Refine patches and curve them to continue the surrounding surface smoothly.
     #[arg(long, env = "MESHMEND_FAIR_PATCHES")]
     fair_patches: bool,
-    /// Blender's voxel edge, in the model's unit.
+    /// Edge length of the voxels of a remesh, in the model's unit.
     #[arg(long, env = "MESHMEND_VOXEL_SIZE")]
     voxel_size: Option<f64>,
-    /// Blender's voxels along the model's diagonal.
+    /// Number of voxels along the model's diagonal in a remesh.
     #[arg(long, env = "MESHMEND_VOXEL_RESOLUTION", default_value_t = Options::default().voxel_resolution)]
     voxel_resolution: u32,
-    /// Most faces a remesh may have.
+    /// Most faces that a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
 }
 
 impl RepairOptionArgs {
-    /// The options, checked, for a result of this format.
+    /// The checked options for a result of format `output`.
     ///
     /// # Errors
-    /// The first that is out of its range.
+    /// The message for the first option that is out of its range.
     pub fn options(&self, output: OutputFormat) -> Result<Options, String> {
         let options = Options {
             preset: self.preset,
@@ -344,13 +357,13 @@ impl RepairOptionArgs {
     }
 }
 
-/// The format that the ending of a result's name asks for.
+/// The output format that the extension of a file name sets.
 ///
 /// # Errors
-/// When it ends as no format does.
-pub fn format_named(output: &Path) -> Result<OutputFormat, String> {
-    let ending = output.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    Ok(match ending.as_str() {
+/// An unknown extension.
+pub fn format_from_extension(output: &Path) -> Result<OutputFormat, String> {
+    let extension = output.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    Ok(match extension.as_str() {
         "stl" => OutputFormat::Stl,
         "obj" => OutputFormat::Obj,
         "ply" => OutputFormat::Ply,
@@ -362,7 +375,7 @@ pub fn format_named(output: &Path) -> Result<OutputFormat, String> {
         _ => {
             let name = output.display();
             return Err(format!(
-                "{name}: the output's name must end in .stl, .obj, .ply, .off, .mesh, .glb, .3mf or .zip"
+                "{name}: the output file must end in .stl, .obj, .ply, .off, .mesh, .glb, .3mf or .zip"
             ));
         }
     })

@@ -1,3 +1,5 @@
+//! `meshmend serve`, `work` and `migrate`: opening the data, starting and stopping the service.
+
 use std::collections::BTreeMap;
 use std::fs::DirBuilder;
 use std::io::{self, Write};
@@ -24,15 +26,15 @@ use tower_http::metrics::in_flight_requests::InFlightRequestsCounter;
 
 use super::engine::BlenderArgs;
 use super::exit;
-use super::listen::{is_of_this_machine, listen};
+use super::listen::{are_loopback, serve_connections};
 use super::service_error::{ServiceError, io_error, postgres_error, sqlite_error};
 use super::settings::{DataArgs, MigrateArgs, ServeArgs, WorkArgs, database_file, default_workers, seconds};
 use super::telemetry::install_metrics;
 
-/// How long to wait before polling for what no notification came for.
-const POLL: Duration = Duration::from_millis(500);
-/// How often to look whether requests are left when the process stops.
-const IDLE_POLL: Duration = Duration::from_millis(20);
+/// Interval of polling the database, for changes whose notification was lost.
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
+/// Interval of checking for open requests while the process stops.
+const IDLE_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Runs `meshmend serve`.
 pub fn serve(args: ServeArgs) -> ExitCode {
@@ -46,7 +48,7 @@ pub fn work(args: WorkArgs) -> ExitCode {
         let blender = find_blender(&args.blender).await;
         let pool = data.pool(&args, args.workers, blender.clone().ok()).await?;
         let shutdown = Shutdown::default();
-        watch(&args, data.health(&args, &blender, shutdown.drain.clone())?).await?;
+        serve_probes(&args, data.health(&args, &blender, shutdown.drain.clone())?).await?;
         let stopping = tokio::spawn(stop_on_signal(shutdown.clone(), seconds(args.shutdown_grace_s)));
         pool.run(shutdown).await;
         stopping.abort();
@@ -58,26 +60,27 @@ pub fn work(args: WorkArgs) -> ExitCode {
 pub fn migrate(args: &MigrateArgs) -> ExitCode {
     start(&args.data, async {
         ServiceData::open(&args.data).await?;
-        tracing::info!("the database is up to date");
+        tracing::info!("database is up to date");
         Ok(())
     })
 }
 
-/// Does something with what the service keeps, beside it or without it.
+/// Opens the data of the service and runs a command on it. The service itself may run meanwhile.
 pub(super) fn run<F: Future<Output = Result<(), ServiceError>>>(
     data: &DataArgs,
-    work: impl FnOnce(ServiceData) -> F,
+    command: impl FnOnce(ServiceData) -> F,
 ) -> ExitCode {
-    start(data, async { work(ServiceData::open(data).await?).await })
+    start(data, async { command(ServiceData::open(data).await?).await })
 }
 
-/// Prints a line for people or scripts.
+/// Prints a line on standard output.
 pub(super) fn to_stdout(line: &str) -> Result<(), ServiceError> {
     writeln!(io::stdout(), "{line}").map_err(io_error("standard output"))
 }
 
+/// Starts telemetry and the runtime, runs `service`, and returns the exit code.
 pub(super) fn start(data: &DataArgs, service: impl Future<Output = Result<(), ServiceError>>) -> ExitCode {
-    // Begins before the runtime and ends after it, since it waits for what it sends.
+    // Starts before the runtime and is dropped after it, because dropping waits for the last export.
     let _telemetry = match data.telemetry.start() {
         Ok(telemetry) => telemetry,
         Err(message) => return exit::fail(exit::BAD_INPUT, message),
@@ -93,22 +96,24 @@ pub(super) fn start(data: &DataArgs, service: impl Future<Output = Result<(), Se
     }
 }
 
-/// Makes the data folder where it is missing, for this user alone, and gives its absolute path.
+/// Creates the data folder if it is missing, for the current user only, and returns its absolute path.
 fn open_data_dir(path: &Path) -> Result<PathBuf, ServiceError> {
     let opened = DirBuilder::new().recursive(true).mode(0o700).create(path).and_then(|()| path.canonicalize());
-    // A folder that can't be written to is told here, by the name of its setting.
+    // A test file finds a folder without write permission here, where the message can name its setting.
     let opened = opened.and_then(|folder| tempfile::tempfile_in(&folder).map(|_| folder));
     opened.map_err(|error| {
         ServiceError::Refused(format!(
-            "--data-dir (MESHMEND_DATA_DIR) {}: the folder can't be made or written to: {error}. Name a folder that this user may write.",
+            "--data-dir (MESHMEND_DATA_DIR) {}: the folder cannot be created or written to: {error}. Use a folder that the current \
+             user may write to.",
             path.display()
         ))
     })
 }
 
-/// What the service keeps, opened.
+/// The opened data of the service: folder, database and file store.
 pub(super) struct ServiceData {
     data_dir: PathBuf,
+    /// The database.
     pub store: Arc<dyn Store>,
     blobs: Blobs,
 }
@@ -142,7 +147,7 @@ impl ServiceData {
         blender: &Result<RemesherInfo, String>,
         draining: CancellationToken,
     ) -> Result<Health, ServiceError> {
-        let blender = blender.as_ref().map_or_else(|why| format!("missing: {why}"), |_| "ok".to_owned());
+        let blender = blender.as_ref().map_or_else(|reason| format!("missing: {reason}"), |_| "ok".to_owned());
         Ok(Health {
             store: self.store.clone(),
             blobs: self.blobs.clone(),
@@ -161,7 +166,7 @@ impl ServiceData {
         slots: Option<usize>,
         remesher: Option<RemesherInfo>,
     ) -> Result<Pool, ServiceError> {
-        let program = std::env::current_exe().map_err(io_error("this program's own path"))?;
+        let program = std::env::current_exe().map_err(io_error("path of this program"))?;
         let config = WorkerConfig {
             program,
             private: self.data_dir.clone(),
@@ -171,7 +176,7 @@ impl ServiceData {
             retention: args.retention(),
             min_free: args.min_free_mib << 20,
             lease: seconds(args.lease_s),
-            poll: POLL,
+            poll: POLL_INTERVAL,
             job_memory: args.job_memory_mib << 20,
             job_file: args.job_file_mib << 20,
             job_scratch: args.job_scratch_mib << 20,
@@ -204,11 +209,11 @@ impl ServiceData {
                 },
                 retention: args.work.retention().results,
                 min_free: args.work.min_free_mib << 20,
-                webhook_targets: args.webhooks.reach(),
+                webhook_targets: args.webhooks.target_policy(),
                 upload_idle: Duration::from_secs(args.upload_idle_s),
                 presigned_uploads: args.presigned_uploads,
                 presigned_downloads: args.presigned_downloads,
-                poll: POLL,
+                poll: POLL_INTERVAL,
             },
             capabilities: Arc::new(capabilities),
             health,
@@ -221,19 +226,19 @@ impl ServiceData {
 
 async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let addresses = args.listen.resolve("--listen").await?;
-    let auth = args.auth.on(&addresses);
+    let auth = args.auth.for_addresses(&addresses);
     let data = ServiceData::open(&args.work.data).await?;
     let blender = find_blender(&args.work.blender).await;
     let slots = if args.no_workers { Some(0) } else { args.work.workers };
     let pool = data.pool(&args.work, slots, blender.clone().ok()).await?;
-    let delivery = args.webhooks.delivery(POLL)?;
+    let delivery = args.webhooks.delivery(POLL_INTERVAL)?;
     let shutdown = Shutdown::default();
     let health = data.health(&args.work, &blender, shutdown.drain.clone())?;
-    watch(&args.work, health.clone()).await?;
+    serve_probes(&args.work, health.clone()).await?;
     let (limits, max_files) = (args.work.limits.limits(), usize::from(args.max_files));
     let capabilities = Capabilities::new(limits, max_files, blender, pool.sandbox().cloned());
     let state = data.api_state(args, auth, capabilities, health);
-    // Requests that wait, and then the listener, go on until there are no jobs to finish here.
+    // Long polls (`stopping`) and the listener (`closing`) end only after the running jobs.
     let (stopping, closing) = (state.stopping.clone(), CancellationToken::new());
     let listener = args.listen.bind("--listen", &addresses).await?;
     let address = listener.local_addr().map_err(io_error("the address to listen on"))?;
@@ -247,14 +252,14 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     });
     let workers = tokio::spawn(pool.run(shutdown.clone()));
     let (counted, in_flight) = InFlightRequestsLayer::pair();
-    let served = tokio::spawn(listen(listener, router(state).layer(counted), closing.clone()));
+    let served = tokio::spawn(serve_connections(listener, router(state).layer(counted), closing.clone()));
     if let Err(error) = workers.await {
-        tracing::error!(%error, "the workers ended");
+        tracing::error!(%error, "workers failed");
     }
     if let Some(Err(error)) = futures::future::OptionFuture::from(dispatcher).await {
-        tracing::error!(%error, "the delivery of webhooks ended");
+        tracing::error!(%error, "webhook delivery failed");
     }
-    // Reads are served until the jobs have ended; then requests that wait for jobs end, and the rest are finished.
+    // Reads are served until the jobs have ended. Then long polls end, and the remaining requests are finished.
     shutdown.drain.cancelled().await;
     stopping.cancel();
     tokio::select! {
@@ -267,44 +272,45 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     Ok(())
 }
 
-/// Logs where the service listens, and warns where anybody may use it.
+/// Logs the address, and warns if other machines can use the service without a key.
 fn announce(address: SocketAddr, auth: Auth) {
-    let keys = if auth == Auth::Open { "no request needs a key" } else { "each request needs a key" };
+    let keys = if auth == Auth::Open { "no key required" } else { "key required" };
     tracing::info!("listening on http://{address}, documentation at http://{address}/docs/, {keys}");
-    if auth == Auth::Open && !is_of_this_machine(&[address]) {
+    if auth == Auth::Open && !are_loopback(&[address]) {
         tracing::warn!(
-            "--auth is open, and other machines reach {address}: anyone there may submit, read and delete jobs. Use --auth keys, or \
+            "--auth is open and other machines can reach {address}: anyone there may submit, read and delete jobs. Use --auth keys, or \
              listen on 127.0.0.1"
         );
     }
 }
 
-/// Waits for connections that are still open, such as a slow download; they get the rest of the grace and no more.
+/// Waits for connections that are still open, such as a slow download, until the shutdown grace ends.
 async fn finish_connections(served: JoinHandle<()>, shutdown: &Shutdown) {
     tokio::select! {
         served = served => {
             if let Err(error) = served {
-                tracing::error!(%error, "serving ended");
+                tracing::error!(%error, "server failed");
             }
         }
         () = async { shutdown.now.cancelled().await; tokio::time::sleep(Duration::from_secs(1)).await } => {
-            tracing::warn!("connections were still open");
+            tracing::warn!("connections still open at exit");
         }
     }
 }
 
-/// Opens the listener for operators, if there is to be one. It answers until the process ends, while it drains too.
-async fn watch(args: &WorkArgs, health: Health) -> Result<(), ServiceError> {
+/// Starts the listener for probes and metrics, if `--metrics-listen` is set. It answers until the process ends, also
+/// while jobs drain.
+async fn serve_probes(args: &WorkArgs, health: Health) -> Result<(), ServiceError> {
     let Some(address) = &args.metrics_listen else { return Ok(()) };
     let addresses = address.resolve("--metrics-listen").await?;
     let listener = address.bind("--metrics-listen", &addresses).await?;
     let address = listener.local_addr().map_err(io_error("the address to listen on"))?;
-    tracing::info!("probes and metrics on http://{address}");
-    tokio::spawn(listen(listener, probes(health), CancellationToken::new()));
+    tracing::info!("probes and metrics at http://{address}");
+    tokio::spawn(serve_connections(listener, probes(health), CancellationToken::new()));
     Ok(())
 }
 
-/// Tier 3, or why there is none.
+/// Finds Blender for tier 3, or the reason why tier 3 is unavailable.
 async fn find_blender(args: &BlenderArgs) -> Result<RemesherInfo, String> {
     let config = args.config();
     let found = tokio::task::spawn_blocking(move || BlenderRemesher::find(config)).await;
@@ -312,29 +318,29 @@ async fn find_blender(args: &BlenderArgs) -> Result<RemesherInfo, String> {
     match found {
         Ok(remesher) => {
             let info = remesher.info().map_err(String::from)?.clone();
-            tracing::info!(kind = info.kind, version = info.version, program = info.program, "tier 3 is ready");
+            tracing::info!(kind = info.kind, version = info.version, program = info.program, "tier 3 ready");
             Ok(info)
         }
         Err(reason) => {
-            tracing::warn!(reason, "tier 3 is missing: models that need Blender will be repaired only in part");
+            tracing::warn!(reason, "tier 3 unavailable: models that need Blender will be repaired only in part");
             Err(reason)
         }
     }
 }
 
-/// Waits until no request is being answered.
+/// Waits until no request is in flight.
 async fn until_idle(in_flight: &InFlightRequestsCounter) {
     while in_flight.get() > 0 {
-        tokio::time::sleep(IDLE_POLL).await;
+        tokio::time::sleep(IDLE_POLL_INTERVAL).await;
     }
 }
 
-/// The first signal drains: no new job is accepted or begun, and `grace` is left for those that run. The second, or the end of the
-/// grace, stops those and hands them back.
+/// Stops the service on signals. The first signal drains: no job is accepted or started, and running jobs have
+/// `grace` to finish. A second signal, or the end of the grace, stops these jobs and releases them.
 async fn stop_on_signal(shutdown: Shutdown, grace: Duration) {
     let (Ok(mut terminate), Ok(mut interrupt)) = (signal(SignalKind::terminate()), signal(SignalKind::interrupt()))
     else {
-        tracing::error!("signals can't be caught; the service stops only when killed");
+        tracing::error!("cannot handle signals; only SIGKILL stops the service");
         return;
     };
     let mut next = async || {
@@ -343,7 +349,7 @@ async fn stop_on_signal(shutdown: Shutdown, grace: Duration) {
     next().await;
     tracing::info!(
         grace_s = grace.as_secs_f64(),
-        "stopping: running jobs may finish; signal again to hand them back now"
+        "stopping: running jobs may finish; send the signal again to release them now"
     );
     shutdown.drain.cancel();
     tokio::select! { () = next() => {}, () = tokio::time::sleep(grace) => {} }

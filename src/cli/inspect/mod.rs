@@ -1,8 +1,8 @@
-//! `meshmend inspect`: what is wrong with files, one after another, and what is measured between them.
+//! `meshmend inspect`: lists the defects of files one after another, and measures between files.
 
 mod defects;
-mod figures;
-mod subject;
+mod inspected;
+mod numbers;
 mod text;
 
 use std::fmt::Write as _;
@@ -18,50 +18,53 @@ use meshmend::mesh::Soup;
 use meshmend::repair::{Cancelled, Context};
 use serde_json::{Value, json};
 
-use self::figures::{Style, distribution, figure, figures, point};
-use self::subject::{
-    Failure, Input, Inspected, MeasureArgs, Prefixes, SOUND, in_context, inputs, reasons, verdict_in_words,
-    verdict_line,
+use self::inspected::{
+    Failure, Input, Inspected, MeasureArgs, Prefixes, SOUND, inputs, reasons, verdict_line, verdict_lines,
+    with_progress,
 };
+use self::numbers::{Style, distribution, format_number, format_point, statistics};
 use super::engine::{LimitArgs, read_file};
 use super::exit;
 
-/// The version of the JSON that `--json` prints.
+/// Version of the JSON that `--json` prints.
 const JSON_VERSION: u32 = 1;
 
 /// Arguments of `meshmend inspect`.
 #[derive(Debug, Args)]
 pub struct InspectArgs {
-    /// Models: STL, OBJ, PLY, OFF or Vertex/Face text, told by their content; a folder stands for the models in it, by name.
+    /// Models: STL, OBJ, PLY, OFF or Vertex/Face text; the content decides the format, not the name. A folder stands
+    /// for the models in it, sorted by name.
     #[arg(required = true, value_name = "FILE or FOLDER")]
     inputs: Vec<PathBuf>,
-    /// How closely to look: `none` counts and tells attributes, `basic` also looks for defects that need no search in
-    /// space, `full` for all. Without it: full, or what --attributes needs.
+    /// Depth of the inspection: `none` counts elements and finds attributes, `basic` also finds defects that need no
+    /// spatial search, `full` finds all. Default: full, or the level that --attributes needs.
     #[arg(long, env = "MESHMEND_LEVEL", value_enum)]
     level: Option<Level>,
-    /// Tell only whether the mesh is closed, manifold, consistent and outward.
+    /// Print only whether the mesh is closed, manifold, consistent and outward.
     #[arg(short, long, env = "MESHMEND_ATTRIBUTES", conflicts_with = "good")]
     attributes: bool,
-    /// Tell only whether the mesh is good, 1 or 0: nothing wrong with it, every aspect ratio (longest edge over
-    /// shortest altitude) below the first number, every edge angle above the second, in radians, and every edge longer
-    /// than the third. It is then the exit code, too.
-    #[arg(short, long, env = "MESHMEND_GOOD", value_name = "RATIO,ANGLE,LENGTH", value_parser = subject::thresholds)]
+    /// Print only whether the mesh is good, 1 or 0, and set the exit code accordingly. A good mesh has no defects,
+    /// every aspect ratio (longest edge over shortest altitude) is below RATIO, every edge angle is above ANGLE, in
+    /// radians, and every edge is longer than LENGTH.
+    #[arg(short, long, env = "MESHMEND_GOOD", value_name = "RATIO,ANGLE,LENGTH", value_parser = inspected::parse_thresholds)]
     good: Option<Thresholds>,
     /// List every offending element with its place.
     #[arg(short = 'p', long, env = "MESHMEND_OFFENDERS")]
     offenders: bool,
-    /// Of several files: count faces that intersect faces of another file. A folder without --attributes, --good and --spacing implies it.
+    /// With several files: count faces that intersect faces of another file. Implied by a folder without
+    /// --attributes, --good and --spacing.
     #[arg(short, long, env = "MESHMEND_INTERSECTIONS")]
     intersections: bool,
-    /// Of several files: measure the distance from each vertex to the nearest surface of another file. Every file must be good (see --good),
-    /// whatever its shapes. A folder without --attributes, --good and --intersections implies it.
+    /// With several files: measure the distance from each vertex to the nearest surface of another file. Every file
+    /// must be good (see --good), with any shapes. Implied by a folder without --attributes, --good and
+    /// --intersections.
     #[arg(short, long, env = "MESHMEND_SPACING")]
     spacing: bool,
-    /// Where to draw what was found: defects.png, defects.glb and defects.ply, of several files each after its name, as
-    /// in part-defects.png. The folder is made.
+    /// Folder for pictures of the defects: defects.png, defects.glb and defects.ply. With several files, each name
+    /// starts with the file's name, as in part-defects.png. A missing folder is created.
     #[arg(long, env = "MESHMEND_PICTURES", value_name = "FOLDER")]
     pictures: Option<PathBuf>,
-    /// Print JSON.
+    /// Print JSON instead of text.
     #[arg(long, env = "MESHMEND_JSON")]
     json: bool,
     #[command(flatten)]
@@ -71,42 +74,42 @@ pub struct InspectArgs {
 }
 
 impl InspectArgs {
-    /// Whether a folder stands alone, so that everything is measured between its files.
-    fn is_folder_alone(&self) -> bool {
-        let asked = self.attributes || self.good.is_some() || self.intersections || self.spacing;
-        !asked && self.inputs.iter().any(|path| path.is_dir())
+    /// Whether a folder is given without a choice of measures; then everything is measured between its files.
+    fn measures_all_between_files(&self) -> bool {
+        let has_choice = self.attributes || self.good.is_some() || self.intersections || self.spacing;
+        !has_choice && self.inputs.iter().any(|path| path.is_dir())
     }
 
     fn wants_intersections(&self) -> bool {
-        self.intersections || self.is_folder_alone()
+        self.intersections || self.measures_all_between_files()
     }
 
     fn wants_spacing(&self) -> bool {
-        self.spacing || self.is_folder_alone()
+        self.spacing || self.measures_all_between_files()
     }
 
     fn options(&self) -> Result<InspectOptions, String> {
-        // Places and pictures want something to be looked for.
-        let needed = match (self.attributes, self.offenders || self.pictures.is_some()) {
+        // Lists of offenders and pictures need a level that finds defects.
+        let needed_level = match (self.attributes, self.offenders || self.pictures.is_some()) {
             (true, false) if !self.spacing => Level::None,
             (true, true) if !self.spacing => Level::Basic,
             _ => Level::Full,
         };
-        let given = self.measures.options()?;
-        let places = if self.offenders { usize::MAX } else { given.places };
-        Ok(InspectOptions { level: self.level.unwrap_or(needed), places, ..given })
+        let options = self.measures.options()?;
+        let places = if self.offenders { usize::MAX } else { options.places };
+        Ok(InspectOptions { level: self.level.unwrap_or(needed_level), places, ..options })
     }
 }
 
 /// Runs `meshmend inspect`.
 pub fn run(args: &InspectArgs) -> ExitCode {
-    match Run::new(args).and_then(Run::all) {
+    match Run::new(args).and_then(Run::inspect_all) {
         Ok(code) => ExitCode::from(code),
         Err((code, message)) => exit::fail(code, message),
     }
 }
 
-/// The files one after another.
+/// One run of `inspect` over all files.
 struct Run<'a> {
     args: &'a InspectArgs,
     limits: Limits,
@@ -115,12 +118,12 @@ struct Run<'a> {
     files: Vec<Input>,
     code: u8,
     json: Vec<Value>,
-    /// Kept for what is measured between files.
-    kept: Vec<(String, ReadMesh)>,
-    /// The files that are not good, with the reasons, where distances between files are measured.
+    /// The meshes, kept for the measures between files.
+    meshes: Vec<(String, ReadMesh)>,
+    /// With `--spacing`: the files that are not good, with the reasons.
     not_good: Vec<(String, String)>,
-    printed: bool,
-    /// Names for drawings, where there are several files.
+    has_printed: bool,
+    /// Name prefixes of the drawings; only with several files.
     prefixes: Option<Prefixes>,
 }
 
@@ -138,13 +141,13 @@ impl<'a> Run<'a> {
             files,
             code: exit::PRINTABLE,
             json: Vec::new(),
-            kept: Vec::new(),
+            meshes: Vec::new(),
             not_good: Vec::new(),
-            printed: false,
+            has_printed: false,
         })
     }
 
-    fn all(mut self) -> Result<u8, Failure> {
+    fn inspect_all(mut self) -> Result<u8, Failure> {
         for input in std::mem::take(&mut self.files) {
             let name = input.path.display().to_string();
             let read = read_file(&input.path, &self.limits).and_then(|bytes| {
@@ -152,8 +155,8 @@ impl<'a> Run<'a> {
                     .map_err(|error| format!("{name}: {error}"))
             });
             match read {
-                Ok(file) => self.one(&input.path, name, file)?,
-                Err(_) if !input.named => {}
+                Ok(file) => self.inspect_file(&input.path, name, file)?,
+                Err(_) if !input.is_explicit => {}
                 Err(message) => {
                     self.code = exit::BAD_INPUT;
                     self.json.push(json!({ "path": name, "error": message }));
@@ -161,25 +164,26 @@ impl<'a> Run<'a> {
                 }
             }
         }
-        let set = self.set()?;
+        let set = self.measure_set()?;
         if self.args.json {
             let not_good: Vec<Value> =
                 self.not_good.iter().map(|(path, reasons)| json!({ "path": path, "reasons": reasons })).collect();
             let value = json!({ "version": JSON_VERSION, "files": self.json, "set": set, "not_good": not_good });
             self.print(&format!("{value:#}\n"))?;
         } else if let Some(set) = set {
-            let names: Vec<&str> = self.kept.iter().map(|(name, _)| name.as_str()).collect();
+            let names: Vec<&str> = self.meshes.iter().map(|(name, _)| name.as_str()).collect();
             let text = set_text(&set, &names, self.style);
             self.print(&text)?;
         }
         Ok(self.code)
     }
 
-    fn one(&mut self, path: &Path, name: String, mut file: ReadFile) -> Result<(), Failure> {
+    fn inspect_file(&mut self, path: &Path, name: String, mut file: ReadFile) -> Result<(), Failure> {
         let unit = file.settle_unit(self.options.unit, None);
         let mesh = file.mesh;
-        let (inspection, findings) = in_context(|context| inspect(subject(&mesh, Some(&unit)), &self.options, context))
-            .map_err(|e| (exit::INTERNAL, e))?;
+        let (inspection, findings) =
+            with_progress(|context| inspect(subject(&mesh, Some(&unit)), &self.options, context))
+                .map_err(|e| (exit::INTERNAL, e))?;
         let goodness = self.args.good.map(|thresholds| goodness(&inspection, thresholds));
         let inspected = Inspected { name, mesh, inspection, findings, goodness };
         self.code = self.code.max(inspected.code());
@@ -200,102 +204,104 @@ impl<'a> Run<'a> {
             }
         }
         if self.args.wants_intersections() || self.args.wants_spacing() {
-            self.kept.push((inspected.name, inspected.mesh));
+            self.meshes.push((inspected.name, inspected.mesh));
         }
         Ok(())
     }
 
     fn text(&self, file: &Inspected) -> String {
-        let apart = if self.printed { "\n" } else { "" };
+        let separator = if self.has_printed { "\n" } else { "" };
         let all = self.args.offenders;
         let mut places = if all { defects::section(file, true) } else { String::new() };
         if all {
             places += &self.offenders(file);
         }
         match &file.goodness {
-            Some(it) if all => format!("{apart}{}{places}", verdict_in_words(&file.name, it)),
-            Some(it) => verdict_line(&file.name, it),
-            None if self.args.attributes => format!("{apart}{}{places}", text::attributes_only(file)),
-            None if all => format!("{apart}{}{}", text::report(file, self.style, all), self.offenders(file)),
-            None => format!("{apart}{}", text::report(file, self.style, all)),
+            Some(goodness) if all => format!("{separator}{}{places}", verdict_lines(&file.name, goodness)),
+            Some(goodness) => verdict_line(&file.name, goodness),
+            None if self.args.attributes => format!("{separator}{}{places}", text::attributes_only(file)),
+            None if all => format!("{separator}{}{}", text::report(file, self.style, all), self.offenders(file)),
+            None => format!("{separator}{}", text::report(file, self.style, all)),
         }
     }
 
-    /// Offending elements by number; nothing where their search was stopped.
+    /// Offending elements by number; empty if the analysis was stopped.
     fn offenders(&self, file: &Inspected) -> String {
-        let of = |context: &Context<'_>| {
+        let list = |context: &Context<'_>| {
             let analysis = Analysis::new((&file.mesh.soup).into(), context)?;
             Ok::<_, Cancelled>(defects::offenders(file, &analysis, self.args.good.as_ref()))
         };
-        in_context(of).unwrap_or_default()
+        with_progress(list).unwrap_or_default()
     }
 
-    /// What is measured of all files together, where it was asked for and there are several.
-    fn set(&self) -> Result<Option<SetReport>, Failure> {
-        if self.kept.len() < 2 && (self.args.intersections || self.args.spacing) {
-            let note = "note: --intersections and --spacing are measured between files, and want at least two";
+    /// Measures between all files, if requested and if there are several.
+    fn measure_set(&self) -> Result<Option<SetReport>, Failure> {
+        if self.meshes.len() < 2 && (self.args.intersections || self.args.spacing) {
+            let note = "note: --intersections and --spacing measure between files and need at least two";
             drop(writeln!(std::io::stderr(), "meshmend: {note}"));
         }
-        let meshes: Vec<&Soup> = self.kept.iter().map(|(_, mesh)| &mesh.soup).collect();
+        let meshes: Vec<&Soup> = self.meshes.iter().map(|(_, mesh)| &mesh.soup).collect();
         let spacing = self.args.wants_spacing() && self.not_good.is_empty();
-        if self.args.wants_spacing() && self.kept.len() > 1 {
+        if self.args.wants_spacing() && self.meshes.len() > 1 {
             for (name, reasons) in &self.not_good {
                 let note =
-                    format!("note: distances between files are not measured, since {name} is not good: {reasons}");
+                    format!("note: distances between files are not measured because {name} is not good: {reasons}");
                 drop(writeln!(std::io::stderr(), "meshmend: {note}"));
             }
         }
-        in_context(|context| SetReport::of(&meshes, self.args.wants_intersections(), spacing, context))
+        with_progress(|context| SetReport::of(&meshes, self.args.wants_intersections(), spacing, context))
             .map_err(|e| (exit::INTERNAL, e))
     }
 
     fn print(&mut self, text: &str) -> Result<(), Failure> {
-        self.printed = true;
+        self.has_printed = true;
         std::io::stdout().write_all(text.as_bytes()).map_err(|e| (exit::INTERNAL, e.to_string()))
     }
 }
 
-/// Pairs of files that are listed; JSON has all.
-const MOST_PAIRS: usize = 20;
+/// Most pairs of files in the text; JSON lists all.
+const MAX_PAIRS: usize = 20;
 
-/// What was measured between the files of these names.
+/// The measures between files, as text; `names` are the files' names.
 fn set_text(set: &SetReport, names: &[&str], style: Style) -> String {
     let mut text = format!("\nSet of {} files\n", names.len());
     let name = |i: u32| names.get(i as usize).copied().unwrap_or_default();
     // Writing to a string can't fail.
-    if let Some(it) = &set.intersections {
-        let more = if it.complete { "" } else { " or more: not all were counted" };
-        let _ = writeln!(text, "  pairs of intersecting faces between files: {}{more}", it.total);
-        for pair in it.between.iter().take(MOST_PAIRS) {
+    if let Some(intersections) = &set.intersections {
+        let more = if intersections.complete { "" } else { " or more; the count was not finished" };
+        let _ = writeln!(text, "  pairs of intersecting faces between files: {}{more}", intersections.total);
+        for pair in intersections.between.iter().take(MAX_PAIRS) {
             let more = if pair.complete { "" } else { " or more" };
             let [a, b] = pair.meshes;
             let _ = writeln!(text, "    {} and {}: {}{more}", name(a), name(b), pair.pairs);
         }
-        if it.between.len() > MOST_PAIRS {
-            let _ = writeln!(text, "    and {} more pairs of files", it.between.len() - MOST_PAIRS);
+        if intersections.between.len() > MAX_PAIRS {
+            let _ = writeln!(text, "    and {} more pairs of files", intersections.between.len() - MAX_PAIRS);
         }
     }
-    if let Some(it) = &set.spacing {
-        match &it.all {
+    if let Some(spacing) = &set.spacing {
+        match &spacing.all {
             Some(all) => text += &distribution("distance from each vertex to the nearest other file", all, style),
-            None => text += "  distance from each vertex to the nearest other file: no two files have a face\n",
+            None => {
+                text += "  distance from each vertex to the nearest other file: not measurable, fewer than two files have faces\n"
+            }
         }
-        for (i, of_mesh) in (0u32..).zip(&it.of_mesh) {
+        for (i, of_mesh) in (0u32..).zip(&spacing.of_mesh) {
             if let Some(distances) = &of_mesh.distances {
-                text += &figures(&format!("from {}", name(i)), distances);
+                text += &statistics(&format!("from {}", name(i)), distances);
             }
             if let Some(nearest) = &of_mesh.nearest {
-                let (from, to) = (point(nearest.from), point(nearest.to));
+                let (from, to) = (format_point(nearest.from), format_point(nearest.to));
                 let _ = writeln!(
                     text,
                     "    nearest: {} from {from} to {to} on {}, face {}",
-                    figure(nearest.distance),
+                    format_number(nearest.distance),
                     name(nearest.mesh),
                     nearest.face
                 );
             }
             if !of_mesh.complete {
-                text += "    not every vertex was measured\n";
+                text += "    some vertices were not measured\n";
             }
         }
     }

@@ -1,4 +1,4 @@
-//! The report of one inspected file, for people.
+//! The text report of one inspected file.
 
 use std::fmt::Write as _;
 
@@ -10,32 +10,32 @@ use meshmend::inspect::{
 use meshmend::scene::{Unit, UnitSource};
 
 use super::defects;
-use super::figures::{Style, distribution, figure, point};
-use super::subject::Inspected;
+use super::inspected::Inspected;
+use super::numbers::{Style, distribution, format_number, format_point};
 
-/// Parts that are listed on a terminal; JSON has more.
-const MOST_PARTS: usize = 10;
+/// Most parts in the text; JSON lists more.
+const MAX_PARTS: usize = 10;
 
-/// Everything, plain words first, with every place or the first few.
+/// The whole report, verdict first; with `all_places`, every place of a defect, otherwise the first few.
 pub fn report(file: &Inspected, style: Style, all_places: bool) -> String {
-    let it = &file.inspection;
+    let inspection = &file.inspection;
     let mut text = headline(file);
     text += &defects::section(file, all_places);
-    text += &section("Attributes", &attributes(it, it.level == Level::None));
-    text += &section("Counts", &counts(it));
-    text += &section("Measures", &measures(it));
-    if let Some(statistics) = &it.characteristics.statistics {
+    text += &section("Attributes", &attributes(inspection, inspection.level == Level::None));
+    text += &section("Counts", &counts(inspection));
+    text += &section("Measures", &measures(inspection));
+    if let Some(statistics) = &inspection.characteristics.statistics {
         text += &shapes(statistics, style);
     }
-    text + &parts(it)
+    text + &parts(inspection)
 }
 
-/// The verdict and the four attributes.
+/// The four attributes, and whether the file passes the rules of its level.
 pub fn attributes_only(file: &Inspected) -> String {
     format!("{}:\n{}", file.name, rows(&attributes(&file.inspection, true)))
 }
 
-/// A name and what is said of it.
+/// A name and its value.
 type Row = (String, String);
 
 fn row(name: impl Into<String>, value: impl ToString) -> Row {
@@ -51,17 +51,18 @@ fn rows(rows: &[Row]) -> String {
     text
 }
 
-fn section(title: &str, given: &[Row]) -> String {
-    format!("\n{title}\n{}", rows(given))
+fn section(title: &str, list: &[Row]) -> String {
+    format!("\n{title}\n{}", rows(list))
 }
 
+/// File, dialect, verdict and warnings.
 fn headline(file: &Inspected) -> String {
     let measures = &file.inspection.measures;
     let faults = measures.faults().join(", ");
     let verdict = match measures.verdict() {
         Some(true) => "printable".to_owned(),
         Some(false) => format!("not printable: {faults}"),
-        None => format!("not known to be printable: {faults}"),
+        None => format!("printability unknown: {faults}"),
     };
     let mut text = format!("{}: {}\n{verdict}\n", file.name, file.mesh.dialect);
     for warning in file.mesh.warnings.iter().cloned().chain(measures.omitted()) {
@@ -70,42 +71,45 @@ fn headline(file: &Inspected) -> String {
     text
 }
 
-/// The attributes, where wanted with the counts of what is against them, and whether the level's rules are kept.
-fn attributes(it: &Inspection, counted: bool) -> Vec<Row> {
-    let (given, m) = (&it.characteristics.attributes, &it.measures);
+/// The attributes, with `with_counts` also the counts of the elements at fault, and whether the rules of the level hold.
+fn attributes(inspection: &Inspection, with_counts: bool) -> Vec<Row> {
+    let (attributes, m) = (&inspection.characteristics.attributes, &inspection.measures);
     let answer = |name: &str, answer: Answer, no: String, unknown: &str| {
         row(
             name,
             match answer {
                 Answer::Yes => "yes".to_owned(),
-                Answer::No if counted => format!("no: {no}"),
+                Answer::No if with_counts => format!("no: {no}"),
                 Answer::No => "no".to_owned(),
                 Answer::NotMeasurable => format!("not measurable: {unknown}"),
             },
         )
     };
     let open = format!("{} boundary edges", m.boundary_edges);
-    let pinched =
+    let non_manifold =
         format!("{} non-manifold edges, {} non-manifold vertices", m.non_manifold_edges, m.non_manifold_vertices);
-    let turned = format!("{} edges are crossed twice in one direction", m.misoriented_edges);
-    let inward = format!("{} parts are turned the wrong way", it.characteristics.shells.inward);
-    let assumed = if !m.closed {
+    let misoriented = format!("{} edges whose two faces have opposite orientation", m.misoriented_edges);
+    let inward = format!("{} parts are oriented inward", inspection.characteristics.shells.inward);
+    let unknown = if !m.closed {
         "not closed"
     } else if !m.manifold {
         "not manifold"
     } else if !m.consistent {
         "not consistent"
     } else {
-        "it can't be told how the parts lie in one another"
+        "the nesting of the parts is unknown"
     };
     let mut list = vec![
-        answer("closed", given.closed, open, ""),
-        answer("manifold", given.manifold, pinched, ""),
-        answer("consistent", given.consistent, turned, "not manifold"),
-        answer("outward", given.outward, inward, assumed),
+        answer("closed", attributes.closed, open, ""),
+        answer("manifold", attributes.manifold, non_manifold, ""),
+        answer("consistent", attributes.consistent, misoriented, "not manifold"),
+        answer("outward", attributes.outward, inward, unknown),
     ];
     list.extend(
-        it.check.as_ref().map(|check| row(format!("check, level {}", level_name(it.level)), verdict(check, m))),
+        inspection
+            .check
+            .as_ref()
+            .map(|check| row(format!("check, level {}", level_name(inspection.level)), verdict(check, m))),
     );
     list
 }
@@ -114,16 +118,16 @@ fn level_name(level: Level) -> String {
     level.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-/// Whether the rules of a level are kept, and if not, what is against it.
+/// Whether the rules of a level hold, and which do not.
 fn verdict(check: &CheckVerdict, measures: &Measures) -> String {
-    let list = |rules: &[CheckRule]| rules.iter().map(|&rule| against(rule)).collect::<Vec<_>>().join(", ");
+    let list = |rules: &[CheckRule]| rules.iter().map(|&rule| violation(rule)).collect::<Vec<_>>().join(", ");
     let undecided = format!("the search was not finished for {}", list(&check.undecided));
     match (check.passes, check.broken.is_empty(), check.undecided.is_empty()) {
         (true, ..) if measures.printable() && !check.advice.is_empty() => {
-            format!("passes; within the tolerances there are {}", list(&check.advice))
+            format!("passes; within the tolerances: {}", list(&check.advice))
         }
         (true, ..) if measures.printable() => "passes".to_owned(),
-        (true, ..) => "passes: its rules allow boundaries and faces turned against each other".to_owned(),
+        (true, ..) => "passes: the rules of this level allow boundaries and inconsistent orientation".to_owned(),
         (false, false, true) => format!("fails: {}", list(&check.broken)),
         (false, false, false) => format!("fails: {}; {undecided}", list(&check.broken)),
         (false, true, _) => format!("undecided: {undecided}"),
@@ -131,7 +135,7 @@ fn verdict(check: &CheckVerdict, measures: &Measures) -> String {
 }
 
 /// What a rule forbids.
-fn against(rule: CheckRule) -> &'static str {
+fn violation(rule: CheckRule) -> &'static str {
     match rule {
         CheckRule::Manifold => "non-manifold edges or vertices",
         CheckRule::NoZeroLengthEdge => "edges of zero length",
@@ -142,43 +146,43 @@ fn against(rule: CheckRule) -> &'static str {
     }
 }
 
-/// Counts of elements; at level none, which lists no defects, those of faults too.
-fn counts(it: &Inspection) -> Vec<Row> {
-    let (m, elements) = (&it.measures, &it.characteristics.elements);
+/// Counts of elements. At level none, which lists no defects, also counts of faults.
+fn counts(inspection: &Inspection) -> Vec<Row> {
+    let (m, elements) = (&inspection.measures, &inspection.characteristics.elements);
     let mut list = vec![
         row("faces", m.faces),
-        row("vertices", format!("{} at different places, {} in the file", m.vertices, elements.vertices)),
+        row("vertices", format!("{} distinct positions, {} in the file", m.vertices, elements.vertices)),
         row("edges", m.edges),
         row("parts", m.parts),
         row("boundaries", format!("{} of {} edges", m.boundary_loops, m.boundary_edges)),
     ];
     let degenerate = format!(
-        "{}: {} name a vertex twice, {} lie on a line",
+        "{}: {} with a repeated vertex, {} with collinear vertices",
         m.degenerate_faces, elements.repeated_vertex_faces, elements.collinear_faces
     );
     let mut faults = vec![
         (m.unreferenced_vertices, "orphan vertices", m.unreferenced_vertices.to_string()),
-        (elements.missing_vertices.unwrap_or(0), "missing vertices", missing(it)),
+        (elements.missing_vertices.unwrap_or(0), "missing vertices", missing_vertices(inspection)),
         (m.degenerate_faces, "faces without area", degenerate),
     ];
     match elements.indistinguishable_vertices {
         Some(count) => faults.push((count, "indistinguishable vertices", count.to_string())),
         None => {
-            list.push(row("indistinguishable vertices", "does not apply: faces share no vertex in this file"));
+            list.push(row("indistinguishable vertices", "not applicable: faces share no vertices in this format"));
         }
     }
-    if it.level == Level::None {
+    if inspection.level == Level::None {
         let more = [
             (m.duplicate_faces, "duplicate faces"),
-            (m.non_finite_faces, "faces not finite"),
-            (m.inverted_parts, "parts inside out"),
+            (m.non_finite_faces, "faces with non-finite coordinates"),
+            (m.inverted_parts, "inverted parts"),
         ];
         faults.extend(more.map(|(count, name)| (count, name, count.to_string())));
     }
     let none: Vec<&str> = faults.iter().filter(|fault| fault.0 == 0).map(|fault| fault.1).collect();
     list.extend(faults.iter().filter(|fault| fault.0 > 0).map(|(_, name, text)| row(*name, text)));
     if !none.is_empty() {
-        list.push(row("none of", none.join(", ")));
+        list.push(row("not found", none.join(", ")));
     }
     let numbered = [("vertices", elements.vertices_contiguous), ("faces", elements.faces_contiguous)];
     list.extend(numbered.into_iter().filter_map(|(name, contiguous)| {
@@ -191,43 +195,44 @@ fn optional(value: Option<u64>, otherwise: &str) -> String {
     value.map_or_else(|| otherwise.to_owned(), |value| value.to_string())
 }
 
-fn missing(it: &Inspection) -> String {
-    let elements = &it.characteristics.elements;
+fn missing_vertices(inspection: &Inspection) -> String {
+    let elements = &inspection.characteristics.elements;
     let missing = elements.missing_vertices.unwrap_or(0);
     match elements.faces_without_vertex {
-        Some(faces) if faces > 0 => format!("{missing}, named by {faces} faces that were left out"),
+        Some(faces) if faces > 0 => format!("{missing}; {faces} faces that refer to them were omitted"),
         _ => missing.to_string(),
     }
 }
 
-fn genus(genus: Option<u64>, why: Option<Unmeasurable>) -> String {
-    optional(genus, &format!("not measurable: {}", why.map_or("unknown", reason)))
+fn genus(genus: Option<u64>, cause: Option<Unmeasurable>) -> String {
+    optional(genus, &format!("not measurable: {}", cause.map_or("unknown", reason)))
 }
 
-fn reason(why: Unmeasurable) -> &'static str {
-    match why {
+fn reason(cause: Unmeasurable) -> &'static str {
+    match cause {
         Unmeasurable::NotClosed => "not closed",
         Unmeasurable::NotManifold => "not manifold",
         Unmeasurable::NotConsistent => "not consistent",
-        Unmeasurable::NoElement => "there is none",
+        Unmeasurable::NoElement => "no such element",
     }
 }
 
-fn shapes(it: &Statistics, style: Style) -> String {
-    let mut text = "\nShapes; the aspect ratio is longest edge over shortest altitude\n".to_owned();
-    if let Some(area) = &it.face_area {
+/// Areas, aspect ratios, lengths and angles.
+fn shapes(statistics: &Statistics, style: Style) -> String {
+    let mut text = "\nShapes (aspect ratio: longest edge over shortest altitude)\n".to_owned();
+    if let Some(area) = &statistics.face_area {
         text += &distribution("face area", area, style);
     }
-    if let Some(ratio) = &it.face_aspect_ratio {
+    if let Some(ratio) = &statistics.face_aspect_ratio {
         text += &distribution("aspect ratio", ratio, style);
     }
-    if it.faces_without_aspect_ratio > 0 {
-        let _ = writeln!(text, "    faces without an aspect ratio: {}", it.faces_without_aspect_ratio);
+    if statistics.faces_without_aspect_ratio > 0 {
+        let _ = writeln!(text, "    faces without an aspect ratio: {}", statistics.faces_without_aspect_ratio);
     }
-    if let Some(length) = &it.edge_length {
+    if let Some(length) = &statistics.edge_length {
         text += &distribution("edge length", length, style);
     }
-    let angle = &it.edge_angle;
+    let angle = &statistics.edge_angle;
     let side = match angle.side {
         Some(Side::Exterior) => "exterior",
         Some(Side::Interior) => "interior",
@@ -235,12 +240,12 @@ fn shapes(it: &Statistics, style: Style) -> String {
         None => "on the side of the normals",
     };
     match (&angle.distribution, angle.not_measurable) {
-        (Some(it), _) => {
-            text += &distribution("edge angle", it, style);
-            let _ = writeln!(text, "    in radians, {side}; flat is 3.14159");
+        (Some(angles), _) => {
+            text += &distribution("edge angle", angles, style);
+            let _ = writeln!(text, "    in radians, {side}; a flat edge has 3.14159");
         }
-        (None, why) => {
-            let _ = writeln!(text, "  edge angle      not measurable: {}", why.map_or("unknown", reason));
+        (None, cause) => {
+            let _ = writeln!(text, "  edge angle      not measurable: {}", cause.map_or("unknown", reason));
         }
     }
     if angle.edges_without_angle > 0 {
@@ -249,20 +254,21 @@ fn shapes(it: &Statistics, style: Style) -> String {
     text
 }
 
-fn parts(it: &Inspection) -> String {
-    let shells = &it.characteristics.shells;
+/// A table of the largest parts.
+fn parts(inspection: &Inspection) -> String {
+    let shells = &inspection.characteristics.shells;
     if shells.list.is_empty() {
         return String::new();
     }
     let mut table = vec![PART_COLUMNS.map(str::to_owned)];
-    table.extend(shells.list.iter().take(MOST_PARTS).map(part));
-    let wide = |column: usize| table.iter().map(|row| row[column].len()).max().unwrap_or(0);
+    table.extend(shells.list.iter().take(MAX_PARTS).map(part_row));
+    let width = |column: usize| table.iter().map(|row| row[column].len()).max().unwrap_or(0);
     let mut text = "\nParts, largest area first\n".to_owned();
     for row in &table {
-        let cells: Vec<String> = (0..row.len()).map(|i| format!("{:>1$}", row[i], wide(i))).collect();
+        let cells: Vec<String> = (0..row.len()).map(|i| format!("{:>1$}", row[i], width(i))).collect();
         let _ = writeln!(text, "  {}", cells.join("  "));
     }
-    let shown = shells.list.len().min(MOST_PARTS) as u64;
+    let shown = shells.list.len().min(MAX_PARTS) as u64;
     if shells.count > shown {
         let _ = writeln!(text, "  and {} more", shells.count - shown);
     }
@@ -272,14 +278,14 @@ fn parts(it: &Inspection) -> String {
 const PART_COLUMNS: [&str; 9] =
     ["faces", "vertices", "edges", "boundaries", "area", "volume", "genus", "depth", "first face"];
 
-fn part(shell: &Shell) -> [String; 9] {
-    let volume = figure(shell.volume.value);
+fn part_row(shell: &Shell) -> [String; 9] {
+    let volume = format_number(shell.volume.value);
     [
         shell.faces.to_string(),
         shell.vertices.to_string(),
         shell.edges.to_string(),
         shell.boundaries.to_string(),
-        figure(shell.area),
+        format_number(shell.area),
         if shell.volume.reliable { volume } else { format!("({volume})") },
         optional(shell.genus, "-"),
         optional(shell.depth.map(u64::from), "-"),
@@ -287,56 +293,56 @@ fn part(shell: &Shell) -> [String; 9] {
     ]
 }
 
-/// Sizes, and what a printer wants to know, as far as it was measured.
-fn measures(it: &Inspection) -> Vec<Row> {
-    let (m, print) = (&it.measures, it.print.as_ref());
+/// Sizes and printing measures, as far as they were measured.
+fn measures(inspection: &Inspection) -> Vec<Row> {
+    let (m, print) = (&inspection.measures, inspection.print.as_ref());
     let scale = Scale::of(print);
     let mut list = Vec::new();
     if let Some(print) = print {
-        list.push(row("unit", unit(print)));
+        list.push(row("unit", unit_text(print)));
     }
     if let Some(b) = m.bounding_box {
         list.push(row("size", scale.lengths([0, 1, 2].map(|k| b.max[k] - b.min[k]))));
-        list.push(row("box", format!("{} to {}", point(b.min), point(b.max))));
+        list.push(row("bounding box", format!("{} to {}", format_point(b.min), format_point(b.max))));
     }
     list.push(row("area", scale.power(m.area, 2)));
     let volume = scale.power(m.volume.value, 3);
     list.push(row(
         "volume",
-        if m.volume.reliable { volume } else { format!("{volume}, not reliable: not a closed solid") },
+        if m.volume.reliable { volume } else { format!("{volume}, unreliable: not a closed solid") },
     ));
-    let shells = &it.characteristics.shells;
+    let shells = &inspection.characteristics.shells;
     list.push(row("genus", genus(shells.genus, shells.genus_not_measurable)));
-    list.extend(print.into_iter().flat_map(|print| printing(print, &scale)));
+    list.extend(print.into_iter().flat_map(|print| print_rows(print, &scale)));
     list
 }
 
-fn unit(print: &PrintMeasures) -> String {
-    let why = match print.unit_source {
-        UnitSource::Declared => "as given",
-        UnitSource::File => "as the file says",
-        UnitSource::Assumed => "assumed; --unit says otherwise",
+fn unit_text(print: &PrintMeasures) -> String {
+    let source = match print.unit_source {
+        UnitSource::Declared => "as set by --unit",
+        UnitSource::File => "as stated in the file",
+        UnitSource::Assumed => "assumed; set --unit to change",
     };
-    format!("{}, {why}", symbol(print.unit))
+    format!("{}, {source}", symbol(print.unit))
 }
 
-fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
-    let centre = it.centre_of_mass.map_or_else(
+fn print_rows(print: &PrintMeasures, scale: &Scale) -> Vec<Row> {
+    let centre = print.centre_of_mass.map_or_else(
         || "not measurable: no reliable volume".to_owned(),
         |at| {
-            // What is less than rounding on the model's size is told as 0.
-            let least = it.size.iter().fold(0.0f64, |most, side| most.max(*side)) * f64::EPSILON;
-            point(at.map(|x| if x.abs() > least { x } else { 0.0 }))
+            // Coordinates below the rounding error of the model's size are printed as 0.
+            let rounding = print.size.iter().fold(0.0f64, |longest, side| longest.max(*side)) * f64::EPSILON;
+            format_point(at.map(|x| if x.abs() > rounding { x } else { 0.0 }))
         },
     );
-    let wall = match (&it.thinnest_wall, it.no_wall_reason) {
+    let wall = match (&print.thinnest_wall, print.no_wall_reason) {
         (Some(wall), _) => format!(
             "{} at {}, faces {} and {}; the median is {}",
             scale.lengths([wall.thickness]),
-            point(wall.at),
+            format_point(wall.at),
             wall.faces[0],
             wall.faces[1],
-            figure(wall.median)
+            format_number(wall.median)
         ),
         (None, Some(NoWallReason::NoSurface)) => "not measurable: no surface".to_owned(),
         (None, Some(NoWallReason::NoOppositeSides)) => {
@@ -344,32 +350,34 @@ fn printing(it: &PrintMeasures, scale: &Scale) -> Vec<Row> {
         }
         (None, Some(NoWallReason::NotPrintable)) => "not measured: the mesh is not printable".to_owned(),
         (None, Some(NoWallReason::OpenSurface) | None) => {
-            "not measurable: too open to have an inside, or a sheet".to_owned()
+            "not measurable: too open to have an inside, or a single sheet".to_owned()
         }
     };
-    let mut list = vec![row("centre of mass", centre), row("solids", it.solids), row("thinnest wall", wall)];
-    list.push(row("overhang", overhang(&it.overhang, scale)));
-    list.extend(it.fit.map(|fit| row("build volume", fits(fit))));
+    let mut list = vec![row("centre of mass", centre), row("solids", print.solids), row("thinnest wall", wall)];
+    list.push(row("overhang", overhang_text(&print.overhang, scale)));
+    list.extend(print.fit.map(|fit| row("build volume", fit_text(fit))));
     list
 }
 
-fn overhang(it: &Overhang, scale: &Scale) -> String {
-    let list = |number: &dyn Fn(&OverhangArea) -> String| it.areas.iter().map(number).collect::<Vec<_>>().join(", ");
-    let degrees = list(&|it| figure(it.degrees));
-    let up = point(it.up);
-    if it.areas.iter().all(|it| it.area == 0.0) {
+fn overhang_text(overhang: &Overhang, scale: &Scale) -> String {
+    let list =
+        |value: &dyn Fn(&OverhangArea) -> String| overhang.areas.iter().map(value).collect::<Vec<_>>().join(", ");
+    let degrees = list(&|overhang| format_number(overhang.degrees));
+    let up = format_point(overhang.up);
+    if overhang.areas.iter().all(|overhang| overhang.area == 0.0) {
         return format!("none beyond {degrees} degrees; up is {up}");
     }
-    let (areas, percent) = (list(&|it| figure(it.area)), list(&|it| format!("{:.1}", it.percent)));
+    let (areas, percent) =
+        (list(&|overhang| format_number(overhang.area)), list(&|overhang| format!("{:.1}", overhang.percent)));
     format!("beyond {degrees} degrees: {areas}{} ({percent} %); up is {up}", scale.suffix(2))
 }
 
-fn fits(fit: Fit) -> String {
-    let room = format!("{} mm", fit.build_volume.map(figure).join(" x "));
+fn fit_text(fit: Fit) -> String {
+    let build_volume = format!("{} mm", fit.build_volume.map(format_number).join(" x "));
     match (fit.as_is, fit.rotated) {
-        (true, _) => format!("it fits into {room}"),
-        (false, true) => format!("it fits into {room} only when turned"),
-        (false, false) => format!("it does not fit into {room}"),
+        (true, _) => format!("the model fits into {build_volume}"),
+        (false, true) => format!("the model fits into {build_volume} only when rotated"),
+        (false, false) => format!("the model does not fit into {build_volume}"),
     }
 }
 
@@ -378,7 +386,7 @@ fn symbol(unit: Unit) -> String {
     unit.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-/// Writes measures with their unit, where it is told.
+/// Formats measures with their unit, if the unit is known.
 struct Scale {
     unit: Option<Unit>,
 }
@@ -388,14 +396,14 @@ impl Scale {
         Self { unit: print.map(|print| print.unit) }
     }
 
-    /// Lengths, in millimetres too.
+    /// Lengths; if the unit is not mm, also in millimetres.
     fn lengths<const N: usize>(&self, lengths: [f64; N]) -> String {
-        let text = lengths.map(figure).join(" x ");
+        let text = lengths.map(format_number).join(" x ");
         match self.unit {
             None => text,
             Some(Unit::Millimetre) => format!("{text} mm"),
             Some(unit) => {
-                let millimetres = lengths.map(|length| figure(length * unit.millimetres())).join(" x ");
+                let millimetres = lengths.map(|length| format_number(length * unit.millimetres())).join(" x ");
                 format!("{text} {} = {millimetres} mm", symbol(unit))
             }
         }
@@ -403,7 +411,7 @@ impl Scale {
 
     /// An area or a volume.
     fn power(&self, value: f64, dimension: u32) -> String {
-        figure(value) + &self.suffix(dimension)
+        format_number(value) + &self.suffix(dimension)
     }
 
     fn suffix(&self, dimension: u32) -> String {

@@ -1,3 +1,5 @@
+//! Why a request to a service failed: the message, the exit code, and whether a retry may help.
+
 use std::error::Error;
 use std::fmt::Write;
 use std::time::Duration;
@@ -7,64 +9,65 @@ use reqwest::{Response, StatusCode, header};
 
 use crate::cli::exit;
 
-/// Why a service did not do what it was asked for.
+/// Why a request to a service failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RemoteError {
-    /// It can't be reached, or was lost on the way.
-    #[error("{server} {what}: {cause}.{advice}")]
-    Unreachable { server: String, what: &'static str, cause: String, advice: &'static str },
-    /// It is not known to be who it says it is.
+    /// The service cannot be reached, or the connection broke.
+    #[error("{server} {event}: {cause}.{advice}")]
+    Unreachable { server: String, event: &'static str, cause: String, advice: &'static str },
+    /// The TLS certificate of the service is not trusted.
     #[error(
-        "{server} can't be trusted: {cause}. If its authority is your own, name a file with its reason in SSL_CERT_FILE."
+        "the TLS certificate of {server} is not trusted: {cause}. For a private certificate authority, set SSL_CERT_FILE to a file \
+         with its certificate."
     )]
     Untrusted { server: String, cause: String },
-    /// It said why not.
-    #[error("{}", in_words(.0))]
+    /// The service answered with a problem.
+    #[error("{}", problem_text(.0))]
     Refused(Box<Problem>, Option<Duration>),
-    /// Something answered that is no meshmend, or stands before one.
-    #[error("{server} answered {status}, and not as meshmend does. {}", advice(*.status))]
-    Strange { server: String, status: StatusCode, retry_after: Option<Duration> },
-    /// A file that came is not the one that the service has.
-    #[error("{name} came with other bytes than the service has, so nothing was written. Try again.")]
+    /// The answer is not from meshmend, but from another program or from a proxy.
+    #[error("{server} answered {status}, but not as a meshmend service. {}", advice(*.status))]
+    NotMeshmend { server: String, status: StatusCode, retry_after: Option<Duration> },
+    /// A downloaded file has the wrong checksum.
+    #[error("{name}: the checksum of the download is wrong, so nothing was written. Try again.")]
     Damaged { name: String },
-    /// A local file or argument can't be used.
+    /// A local file or argument is unusable.
     #[error("{0}")]
     Local(String),
 }
 
 impl RemoteError {
-    /// That a local file can't be used.
+    /// An unusable local file: its name and the reason.
     pub fn local(name: impl std::fmt::Display, error: impl std::fmt::Display) -> Self {
         Self::Local(format!("{name}: {error}"))
     }
 
-    /// That the service can't be reached, or did not go on.
+    /// A connection that failed or broke.
     pub fn unreachable(server: &str, error: &reqwest::Error) -> Self {
-        let (server, cause) = (server.to_owned(), innermost(error));
-        if cause.contains("reason") || cause.contains("UnknownIssuer") {
+        let (server, cause) = (server.to_owned(), innermost_cause(error));
+        if cause.contains("certificate") || cause.contains("UnknownIssuer") {
             return Self::Untrusted { server, cause };
         }
         let advice = if cause.contains("InvalidContentType") {
-            " It speaks no TLS there; is its address one with http://?"
+            " The server does not use TLS at this address. Try http:// instead of https://."
         } else {
-            " Is that the address, and does the service run?"
+            " Check the address, and that the service is running."
         };
         if error.is_timeout() {
-            let cause = "no answer came in time".to_owned();
-            return Self::Unreachable { server, what: "does not answer", cause, advice };
+            let cause = "the request timed out".to_owned();
+            return Self::Unreachable { server, event: "does not answer", cause, advice };
         }
-        let (what, advice) =
-            if error.is_connect() { ("can't be reached", advice) } else { ("was lost on the way", " Try again.") };
-        Self::Unreachable { server, what, cause, advice }
+        let (event, advice) =
+            if error.is_connect() { ("cannot be reached", advice) } else { ("closed the connection", " Try again.") };
+        Self::Unreachable { server, event, cause, advice }
     }
 
-    /// That nothing came for so long.
+    /// A connection without data for too long.
     pub fn silent(server: &str) -> Self {
-        let cause = "nothing came for a while".to_owned();
-        Self::Unreachable { server: server.to_owned(), what: "was lost on the way", cause, advice: " Try again." }
+        let cause = "no data arrived for a while".to_owned();
+        Self::Unreachable { server: server.to_owned(), event: "stopped responding", cause, advice: " Try again." }
     }
 
-    /// What an answer that is no success says.
+    /// The error of an unsuccessful response.
     pub async fn of(server: &str, response: Response) -> Self {
         let status = response.status();
         let after = response.headers().get(header::RETRY_AFTER).and_then(|value| value.to_str().ok()?.parse().ok());
@@ -72,12 +75,12 @@ impl RemoteError {
         let problem = response.bytes().await.ok().and_then(|body| serde_json::from_slice(&body).ok());
         match problem {
             Some(problem) => Self::Refused(Box::new(problem), retry_after),
-            None => Self::Strange { server: server.to_owned(), status, retry_after },
+            None => Self::NotMeshmend { server: server.to_owned(), status, retry_after },
         }
     }
 
-    /// Whether the same request may be answered otherwise a little later.
-    pub fn may_pass(&self) -> bool {
+    /// Whether a retry of the same request may succeed later.
+    pub fn is_transient(&self) -> bool {
         match self {
             Self::Unreachable { .. } => true,
             Self::Refused(problem, _) => matches!(
@@ -90,37 +93,37 @@ impl RemoteError {
                     | ProblemCode::UploadTimeout
                     | ProblemCode::UploadInterrupted
             ),
-            Self::Strange { status, .. } => matches!(status.as_u16(), 408 | 429 | 502 | 503 | 504),
+            Self::NotMeshmend { status, .. } => matches!(status.as_u16(), 408 | 429 | 502 | 503 | 504),
             Self::Untrusted { .. } | Self::Damaged { .. } | Self::Local(_) => false,
         }
     }
 
-    /// When the service wants to be asked again.
+    /// The delay that the service asks for before a retry.
     pub fn retry_after(&self) -> Option<Duration> {
         match self {
-            Self::Refused(_, after) | Self::Strange { retry_after: after, .. } => *after,
+            Self::Refused(_, after) | Self::NotMeshmend { retry_after: after, .. } => *after,
             _ => None,
         }
     }
 
-    /// The same in a few words.
+    /// A short message for the progress display.
     pub fn brief(&self) -> String {
         match self {
-            Self::Unreachable { what, cause, .. } => format!("the service {what} ({cause})"),
+            Self::Unreachable { event, cause, .. } => format!("the service {event} ({cause})"),
             Self::Refused(problem, _) => problem.title.to_lowercase(),
-            Self::Untrusted { cause, .. } => format!("the service can't be trusted ({cause})"),
-            Self::Strange { status, .. } => format!("the service answered {status}"),
+            Self::Untrusted { cause, .. } => format!("the TLS certificate is not trusted ({cause})"),
+            Self::NotMeshmend { status, .. } => format!("the service answered {status}"),
             Self::Damaged { .. } | Self::Local(_) => self.to_string(),
         }
     }
 
-    /// Whether the job that was asked for is not there, or not any more.
+    /// Whether the job does not exist, or no longer exists.
     pub fn is_gone(&self) -> bool {
         let gone = [ProblemCode::JobNotFound, ProblemCode::JobDeleted, ProblemCode::JobExpired];
         self.problem().is_some_and(|problem| gone.contains(&problem.code))
     }
 
-    /// The exit code that says so.
+    /// The exit code for this error.
     pub fn code(&self) -> u8 {
         match self {
             Self::Local(_) => exit::BAD_INPUT,
@@ -131,13 +134,13 @@ impl RemoteError {
                 | ProblemCode::UnsupportedModel => exit::BAD_INPUT,
                 _ => exit::REFUSED,
             },
-            Self::Unreachable { .. } | Self::Untrusted { .. } | Self::Strange { .. } | Self::Damaged { .. } => {
+            Self::Unreachable { .. } | Self::Untrusted { .. } | Self::NotMeshmend { .. } | Self::Damaged { .. } => {
                 exit::REFUSED
             }
         }
     }
 
-    /// The problem that the service named, for programs.
+    /// The problem in the answer of the service, for `--json`.
     pub fn problem(&self) -> Option<&Problem> {
         match self {
             Self::Refused(problem, _) => Some(problem),
@@ -146,8 +149,8 @@ impl RemoteError {
     }
 }
 
-/// What the innermost of an error's causes says, which is what the system or the other side said.
-fn innermost(error: &reqwest::Error) -> String {
+/// The message of the innermost cause, which comes from the operating system or the peer.
+fn innermost_cause(error: &reqwest::Error) -> String {
     let mut cause: &dyn Error = error;
     while let Some(inner) = cause.source() {
         cause = inner;
@@ -155,8 +158,8 @@ fn innermost(error: &reqwest::Error) -> String {
     cause.to_string()
 }
 
-/// A problem as a person reads it: what happened, what to do, and what to name when asking somebody.
-fn in_words(problem: &Problem) -> String {
+/// Formats a problem: what happened, what to do, and the code and request id for support.
+fn problem_text(problem: &Problem) -> String {
     let Problem { title, detail, code, request_id, errors, .. } = problem;
     let mut text = format!("{title}. {detail}");
     for FieldError { message, .. } in errors.iter().filter(|error| error.message != *detail) {
@@ -164,12 +167,14 @@ fn in_words(problem: &Problem) -> String {
     }
     let next = match code {
         ProblemCode::Unauthorized => {
-            "Put a key into MESHMEND_API_KEY, or into a file that --api-key-file names; the operator makes keys with 'meshmend keys \
-             create'."
+            "Set MESHMEND_API_KEY to a key, or --api-key-file to a file with a key. The operator creates keys with \
+             'meshmend keys create'."
         }
         ProblemCode::QueueFull | ProblemCode::RateLimited => "Try again later, or wait longer with --timeout-s.",
-        ProblemCode::UnsupportedModel => "Send a model; 'meshmend inspect' tells what it makes of the file.",
-        ProblemCode::JobNotFound => "Check the id, and that the key and the address are those it was submitted with.",
+        ProblemCode::UnsupportedModel => {
+            "Send a model file; 'meshmend inspect FILE' shows whether the file is readable."
+        }
+        ProblemCode::JobNotFound => "Check the id, and use the key and the address with which the job was submitted.",
         code => code.describe().2,
     };
     let _ = write!(text, "\n  {next}\n  ({}", code.name());
@@ -180,11 +185,12 @@ fn in_words(problem: &Problem) -> String {
     text
 }
 
+/// What to do about an answer that is not from meshmend.
 fn advice(status: StatusCode) -> &'static str {
     match status.as_u16() {
-        401 | 403 | 407 => "Something before the service asks for other credentials.",
-        413 => "Something before the service takes only smaller files.",
-        502..=504 => "Something before the service does not reach it.",
-        _ => "Is the address that of a meshmend service?",
+        401 | 403 | 407 => "A proxy in front of the service requires other credentials.",
+        413 => "A proxy in front of the service accepts only smaller files.",
+        502..=504 => "A proxy in front of the service cannot reach the service.",
+        _ => "Check that this is the address of a meshmend service.",
     }
 }

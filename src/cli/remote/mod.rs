@@ -1,4 +1,4 @@
-//! Asking a service for what this program can't or shall not do itself: what `submit` and `watch` have in common.
+//! Shared by `submit` and `watch`: following jobs of a service, downloading their files, and printing results.
 
 mod error;
 mod service;
@@ -24,56 +24,58 @@ pub use self::service::{REPORT, RemoteJob, Service, ServiceArgs, Submission};
 pub use self::show::{Console, Row};
 
 use self::service::{RemoteFile, RemoteProgress};
-use super::engine::temporary_beside;
+use super::engine::temporary_file_next_to;
 use super::exit;
 
-/// Endings of the pictures and coloured meshes that a job may leave.
-const PICTURES: [&str; 3] = [".png", ".glb", ".ply"];
+/// Extensions of the pictures and coloured meshes among the files of a job.
+const PICTURE_EXTENSIONS: [&str; 3] = [".png", ".glb", ".ply"];
 
-/// How results are told.
+/// The flags for printed output and existing files.
 #[derive(Debug, Args)]
 pub struct DisplayArgs {
-    /// Replace files that are there already.
+    /// Replace existing files.
     #[arg(long, env = "MESHMEND_FORCE")]
     pub force: bool,
-    /// Print a line of JSON for each file instead of its result's path.
+    /// Print one JSON object per file instead of the path of its result.
     #[arg(long, env = "MESHMEND_JSON")]
     json: bool,
-    /// Show neither progress nor outcomes, only what went wrong.
+    /// Print only errors; no progress and no outcomes.
     #[arg(short, long, env = "MESHMEND_QUIET")]
     quiet: bool,
 }
 
-/// What of a job is downloaded, and where it goes.
+/// The files to download, and where to.
 #[derive(Debug, Default)]
-pub struct Wanted {
-    /// The model, or of an analysis the report.
+pub struct Downloads {
+    /// The repaired model, or the report of an analysis.
     pub result: Option<Target>,
-    /// The report.
+    /// The full report.
     pub report: Option<Target>,
-    /// Pictures and coloured meshes.
+    /// Pictures and coloured meshes, into this folder.
     pub pictures: Option<PathBuf>,
 }
 
-/// One conversation with a service: who is asked, what is wanted, and what is shown.
+/// One run of `submit` or `watch`: the service, the files to download, and the printed output.
 pub struct Session<'a> {
+    /// The service.
     pub service: Service,
+    /// The output.
     pub console: Console,
     args: &'a DisplayArgs,
-    wanted: Wanted,
-    /// Jobs that were submitted or are followed and whose end was not told of yet.
-    open: Mutex<BTreeSet<JobId>>,
+    downloads: Downloads,
+    /// Accepted or followed jobs whose end has not been printed yet.
+    open_jobs: Mutex<BTreeSet<JobId>>,
 }
 
-/// What became of one file or job, for programs.
+/// The result for one file or job, as `--json` prints it.
 #[derive(Default, Serialize)]
-struct Line<'a> {
+struct ResultLine<'a> {
     name: &'a str,
     job: Option<JobId>,
     status: Option<Status>,
     outcome: Option<JobOutcome>,
     reused_from: Option<JobId>,
-    /// What was written, by the names that the job has for it.
+    /// Paths of the downloaded files, by their names in the job.
     files: BTreeMap<String, PathBuf>,
     message: String,
     problem: Option<&'a Problem>,
@@ -81,37 +83,43 @@ struct Line<'a> {
 }
 
 impl<'a> Session<'a> {
-    pub fn new(service: Service, args: &'a DisplayArgs, wanted: Wanted) -> Self {
-        Self { service, console: Console::new(args.quiet), args, wanted, open: Mutex::default() }
+    /// A session that has no jobs yet.
+    pub fn new(service: Service, args: &'a DisplayArgs, downloads: Downloads) -> Self {
+        Self { service, console: Console::new(args.quiet), args, downloads, open_jobs: Mutex::default() }
     }
 
-    /// Does the work of a verb until it is done or interrupted, and gives its exit code. Jobs go on without whoever follows them.
-    pub fn run(&self, work: impl Future<Output = u8>) -> ExitCode {
+    /// Runs a command until it ends or is interrupted, and returns the exit code. After an interrupt, jobs continue on the service.
+    pub fn run(&self, command: impl Future<Output = u8>) -> ExitCode {
         let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
             Ok(runtime) => runtime,
             Err(error) => return exit::fail(exit::INTERNAL, error),
         };
         runtime.block_on(async {
             tokio::select! {
-                code = work => ExitCode::from(code),
+                code = command => ExitCode::from(code),
                 Ok(()) = tokio::signal::ctrl_c() => self.interrupted(),
             }
         })
     }
 
-    /// Notes that a job was accepted.
+    /// Records that a job was accepted.
     pub fn mark_open(&self, id: JobId) {
-        self.open.lock().unwrap_or_else(PoisonError::into_inner).insert(id);
+        self.open_jobs.lock().unwrap_or_else(PoisonError::into_inner).insert(id);
     }
 
-    /// Gives a job's id and leaves it alone.
+    /// Prints a job's id, for `--no-wait`, and returns the exit code.
     pub fn print_submitted(&self, name: &str, job: &RemoteJob) -> u8 {
-        let line =
-            Line { name, job: Some(job.id), status: Some(job.status), message: "submitted".into(), ..Line::default() };
+        let line = ResultLine {
+            name,
+            job: Some(job.id),
+            status: Some(job.status),
+            message: "submitted".into(),
+            ..ResultLine::default()
+        };
         self.print_result(&job.id.to_string(), &line)
     }
 
-    /// Follows a job to its end, and gives what it left.
+    /// Follows a job to its end, downloads its files, and returns the exit code.
     pub async fn follow_to_end(&self, row: &Row, name: &str, id: JobId) -> u8 {
         self.mark_open(id);
         match follow(&self.service, id, row).await {
@@ -120,17 +128,17 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Downloads what is wanted of a job that has ended, and says what became of it.
+    /// Downloads the files of an ended job and prints the outcome.
     async fn finish_job(&self, row: &Row, name: &str, job: &RemoteJob) -> u8 {
         let files = match self.fetch(job, row).await {
             Ok(files) => files,
             Err(error) => return self.failed(row, name, Some(job.id), &error),
         };
-        self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(&job.id);
+        self.open_jobs.lock().unwrap_or_else(PoisonError::into_inner).remove(&job.id);
         let (code, summary) = (job.code(), job.summary_lines());
-        let lost = matches!(code, exit::BAD_INPUT | exit::INTERNAL | exit::NOT_PRINTABLE);
-        row.finish(&summary, self.args.quiet && !lost);
-        let line = Line {
+        let has_failed = matches!(code, exit::BAD_INPUT | exit::INTERNAL | exit::NOT_PRINTABLE);
+        row.finish(&summary, self.args.quiet && !has_failed);
+        let line = ResultLine {
             name,
             job: Some(job.id),
             status: Some(job.status),
@@ -145,33 +153,35 @@ impl<'a> Session<'a> {
         match (result, self.args.json) {
             (None, false) => code,
             (path, _) => {
-                code.max(self.print_result(&path.map(|it| it.display().to_string()).unwrap_or_default(), &line))
+                code.max(self.print_result(&path.map(|path| path.display().to_string()).unwrap_or_default(), &line))
             }
         }
     }
 
-    /// Says why nothing came of a file or job.
+    /// Prints why a file or job has no result, and returns the exit code.
     pub fn failed(&self, row: &Row, name: &str, job: Option<JobId>, error: &RemoteError) -> u8 {
         let mut text = vec![error.to_string()];
-        text.extend(job.filter(|_| !error.is_gone()).map(|id| format!("  To go on: {}", self.watch_command(&[id]))));
+        text.extend(job.filter(|_| !error.is_gone()).map(|id| format!("  To continue: {}", self.watch_command(&[id]))));
         row.finish(&text, false);
         if let Some(id) = job {
-            self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(&id);
+            self.open_jobs.lock().unwrap_or_else(PoisonError::into_inner).remove(&id);
         }
         let (problem, exit_code) = (error.problem(), error.code());
-        let line = Line { name, job, problem, exit_code, message: error.to_string(), ..Line::default() };
+        let line = ResultLine { name, job, problem, exit_code, message: error.to_string(), ..ResultLine::default() };
         if self.args.json { exit_code.max(self.print_result("", &line)) } else { exit_code }
     }
 
+    /// Downloads the requested files of a job, and returns their paths by name.
     async fn fetch(&self, job: &RemoteJob, row: &Row) -> Result<BTreeMap<String, PathBuf>, RemoteError> {
-        let Wanted { result, report, pictures } = &self.wanted;
+        let Downloads { result, report, pictures } = &self.downloads;
         let pictures = pictures.as_ref().map(|folder| Target::Folder(folder.clone()));
-        let is_picture = |name: &str| PICTURES.iter().any(|ending| name.ends_with(ending));
-        let drawn = job.artifacts.keys().map(String::as_str).filter(|name| is_picture(name));
-        let wanted = job.result().into_iter().map(|name| (name, result.as_ref()));
-        let wanted = wanted.chain([(REPORT, report.as_ref())]).chain(drawn.map(|name| (name, pictures.as_ref())));
+        let is_picture = |name: &str| PICTURE_EXTENSIONS.iter().any(|extension| name.ends_with(extension));
+        let drawings = job.artifacts.keys().map(String::as_str).filter(|name| is_picture(name));
+        let requested = job.result().into_iter().map(|name| (name, result.as_ref()));
+        let requested =
+            requested.chain([(REPORT, report.as_ref())]).chain(drawings.map(|name| (name, pictures.as_ref())));
         let mut files = BTreeMap::new();
-        for (name, target) in wanted {
+        for (name, target) in requested {
             let Some(target) = target else { continue };
             if let Some(path) = self.download(job, name, target, row).await? {
                 files.insert(name.to_owned(), path);
@@ -180,9 +190,9 @@ impl<'a> Session<'a> {
         Ok(files)
     }
 
-    /// Downloads a file of a job and gives its place; nothing where the job has no such file.
+    /// Downloads a file of a job and returns its path; `None` if the job has no file of this name.
     ///
-    /// It is written beside its place and moved there when its SHA-256 is right. What is there already stays, unless `force` is set.
+    /// The bytes go into a temporary file, which is renamed once its SHA-256 is verified. An existing file stays unless `force` is set.
     async fn download(
         &self,
         job: &RemoteJob,
@@ -193,22 +203,22 @@ impl<'a> Session<'a> {
         let Some(file) = job.artifacts.get(name) else { return Ok(None) };
         let path = target.path(file);
         if !self.args.force && path.exists() {
-            return Err(exists(&path));
+            return Err(already_exists(&path));
         }
         if let Target::Folder(folder) = target {
             create_dir_all(folder).map_err(|error| RemoteError::local(folder.display(), error))?;
         }
-        let waits = |error: &RemoteError, delay| row.show_retry(error, delay);
+        let on_retry = |error: &RemoteError, delay| row.show_retry(error, delay);
         let fetch = async || {
-            row.start_transfer("fetching", file.bytes.unwrap_or_default());
+            row.start_transfer("downloading", file.bytes.unwrap_or_default());
             let chunks = self.service.file(job.id, name).await?;
-            store(chunks, file, &path, self.args.force, row).await
+            write_verified(chunks, file, &path, self.args.force, row).await
         };
-        self.service.persist(waits, fetch).await?;
+        self.service.retry_with_backoff(on_retry, fetch).await?;
         Ok(Some(path))
     }
 
-    fn print_result(&self, result: &str, line: &Line<'_>) -> u8 {
+    fn print_result(&self, result: &str, line: &ResultLine<'_>) -> u8 {
         let text = if self.args.json { serde_json::to_string(line) } else { Ok(result.to_owned()) };
         match text.map_err(std::io::Error::from).and_then(|text| self.console.print_result(&text)) {
             Ok(()) => exit::PRINTABLE,
@@ -220,13 +230,14 @@ impl<'a> Session<'a> {
     }
 
     fn interrupted(&self) -> ExitCode {
-        let open: Vec<JobId> = self.open.lock().unwrap_or_else(PoisonError::into_inner).iter().copied().collect();
-        let open = if open.is_empty() {
-            "no job is known to be under way".to_owned()
+        let open_jobs: Vec<JobId> =
+            self.open_jobs.lock().unwrap_or_else(PoisonError::into_inner).iter().copied().collect();
+        let status = if open_jobs.is_empty() {
+            "no submitted job is unfinished".to_owned()
         } else {
-            format!("what was submitted goes on. To follow it: {}", self.watch_command(&open))
+            format!("submitted jobs continue. To follow them: {}", self.watch_command(&open_jobs))
         };
-        self.console.print_note(&format!("meshmend: interrupted; {open}"));
+        self.console.print_note(&format!("meshmend: interrupted; {status}"));
         ExitCode::from(exit::INTERRUPTED)
     }
 
@@ -236,7 +247,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// What an event `progress` says.
+/// The data of an event `progress`.
 #[derive(Deserialize)]
 struct ProgressEvent {
     status: Status,
@@ -246,21 +257,22 @@ struct ProgressEvent {
 
 /// Follows a job until it has ended.
 ///
-/// Its events are listened to. Where they break off, or something on the way does not let them through, the job is asked for, with an
-/// answer that is held until its status changes, and then listened to again.
+/// It reads the job's event stream. If the stream breaks off, or a proxy blocks it, a long poll for the job takes its place until the
+/// job's status changes; then the stream is opened again.
 async fn follow(service: &Service, id: JobId, row: &Row) -> Result<RemoteJob, RemoteError> {
     loop {
         match service.events(id).await {
             Ok(events) => {
-                if let Some(job) = listen(events, row).await {
+                if let Some(job) = read_events(events, row).await {
                     return Ok(job);
                 }
             }
-            Err(error) if error.may_pass() || matches!(error, RemoteError::Strange { .. }) => {}
+            Err(error) if error.is_transient() || matches!(error, RemoteError::NotMeshmend { .. }) => {}
             Err(error) => return Err(error),
         }
-        let job =
-            service.persist(|error, delay| row.show_retry(error, delay), async || service.job(id, true).await).await?;
+        let job = service
+            .retry_with_backoff(|error, delay| row.show_retry(error, delay), async || service.job(id, true).await)
+            .await?;
         if job.status.is_final() {
             return Ok(job);
         }
@@ -270,8 +282,8 @@ async fn follow(service: &Service, id: JobId, row: &Row) -> Result<RemoteJob, Re
     }
 }
 
-/// The job, if its end is told of before the events end.
-async fn listen(events: impl Stream<Item = Result<bytes::Bytes, RemoteError>>, row: &Row) -> Option<RemoteJob> {
+/// Shows the progress of an event stream. Returns the job if the stream reports its end.
+async fn read_events(events: impl Stream<Item = Result<bytes::Bytes, RemoteError>>, row: &Row) -> Option<RemoteJob> {
     let mut events = std::pin::pin!(SseStream::from_bytes_stream(events));
     while let Some(Ok(event)) = events.next().await {
         let data = event.data.unwrap_or_default();
@@ -288,41 +300,45 @@ async fn listen(events: impl Stream<Item = Result<bytes::Bytes, RemoteError>>, r
     None
 }
 
-/// Where files go that are downloaded.
+/// Where downloads go.
 #[derive(Debug, Clone)]
 pub enum Target {
-    /// To this place.
+    /// To this path.
     File(PathBuf),
-    /// Into this folder, which is made, under the names that the service gives.
+    /// Into this folder, which is created if missing, with the names from the service.
     Folder(PathBuf),
 }
 
 impl Target {
-    /// Sees that something can be written there, before a service works for it.
+    /// Checks, before any work on the service, that the target can be written.
+    ///
+    /// # Errors
+    /// The file exists, or the folder is not writable.
     pub fn check(&self, force: bool) -> Result<(), RemoteError> {
-        let inside = match self {
-            Self::File(path) if !force && path.exists() => return Err(exists(path)),
+        let probe = match self {
+            Self::File(path) if !force && path.exists() => return Err(already_exists(path)),
             Self::File(path) => path.clone(),
             Self::Folder(folder) => {
                 create_dir_all(folder).map_err(|error| RemoteError::local(folder.display(), error))?;
                 folder.join("any")
             }
         };
-        temporary_beside(&inside).map_err(|error| RemoteError::local(inside.display(), error))?;
+        temporary_file_next_to(&probe).map_err(|error| RemoteError::local(probe.display(), error))?;
         Ok(())
     }
 
+    /// The path of a downloaded file.
     fn path(&self, file: &RemoteFile) -> PathBuf {
         match self {
             Self::File(path) => path.clone(),
-            // Whatever a service says, it stays in the folder.
+            // Only the last component of the name counts, so a hostile service cannot leave the folder.
             Self::Folder(folder) => folder.join(Path::new(&file.filename).file_name().unwrap_or("result".as_ref())),
         }
     }
 }
 
-/// Writes the bytes of a file beside its place and moves it there when its SHA-256 is right.
-async fn store(
+/// Writes the bytes into a temporary file and renames the file once its SHA-256 is verified.
+async fn write_verified(
     chunks: impl Stream<Item = Result<bytes::Bytes, RemoteError>>,
     file: &RemoteFile,
     path: &Path,
@@ -331,24 +347,24 @@ async fn store(
 ) -> Result<(), RemoteError> {
     let failed = |error: std::io::Error| RemoteError::local(path.display(), error);
     let mut chunks = std::pin::pin!(chunks);
-    let mut beside = temporary_beside(path).map_err(failed)?;
+    let mut temporary = temporary_file_next_to(path).map_err(failed)?;
     let mut digest = Sha256::new();
     while let Some(chunk) = chunks.next().await {
         let chunk = chunk?;
         digest.update(&chunk);
-        beside.write_all(&chunk).map_err(failed)?;
+        temporary.write_all(&chunk).map_err(failed)?;
         row.advance(chunk.len() as u64);
     }
     if file.sha256.as_ref().is_some_and(|expected| *expected != hex::encode(digest.finalize())) {
         return Err(RemoteError::Damaged { name: path.display().to_string() });
     }
-    let moved = if force { beside.persist(path) } else { beside.persist_noclobber(path) };
-    moved.map(drop).map_err(|error| match error.error.kind() {
-        std::io::ErrorKind::AlreadyExists => exists(path),
+    let renamed = if force { temporary.persist(path) } else { temporary.persist_noclobber(path) };
+    renamed.map(drop).map_err(|error| match error.error.kind() {
+        std::io::ErrorKind::AlreadyExists => already_exists(path),
         _ => failed(error.error),
     })
 }
 
-fn exists(path: &Path) -> RemoteError {
-    RemoteError::local(path.display(), "there is a file already; --force replaces it")
+fn already_exists(path: &Path) -> RemoteError {
+    RemoteError::local(path.display(), "the file exists already; --force replaces it")
 }

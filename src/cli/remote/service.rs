@@ -1,4 +1,4 @@
-//! A service as this program asks it, and what is read of the jobs that it answers.
+//! The HTTP client of `submit` and `watch`, and the parts of the API's JSON that they read.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,50 +17,49 @@ use tokio_util::io::ReaderStream;
 use url::Url;
 
 use super::error::RemoteError;
-use crate::cli::engine::remarks;
+use crate::cli::engine::remark_lines;
 use crate::cli::exit;
 
-/// Longest time for a connection to be made.
-const CONNECT: Duration = Duration::from_secs(10);
-/// Longest time for an answer that is not waited for on purpose.
-const ANSWER: Duration = Duration::from_secs(30);
-/// Longest silence in the midst of an answer, and of a connection on which something is sent. Streams of events have a sign of life
-/// every 15 seconds.
-const SILENCE: Duration = Duration::from_secs(45);
-/// Seconds that the service may hold an answer until a job's status changes.
-const HOLD_S: u64 = 20;
-/// Bytes that are read and sent at a time.
-const CHUNK: usize = 256 << 10;
-/// Delays between tries, where the service does not say when to ask again.
+/// Time limit for connecting.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+/// Time limit for an answer, except for long polls.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(30);
+/// Longest time without data, while receiving and while sending. Event streams send a keep-alive every 15 seconds.
+const IDLE_TIMEOUT: Duration = Duration::from_secs(45);
+/// Seconds of a long poll: the service delays its answer until the status of the job changes.
+const LONG_POLL_S: u64 = 20;
+/// Bytes per read of an upload.
+const CHUNK_BYTES: usize = 256 << 10;
+/// Delays between retries, unless the service names a longer delay.
 const BACKOFF: ExponentialBuilder = ExponentialBuilder::new()
     .with_min_delay(Duration::from_millis(500))
     .with_max_delay(Duration::from_secs(15))
     .with_jitter()
     .without_max_times();
 
-/// Where the service is, and who asks.
+/// The address of the service and the key.
 #[derive(Debug, Args)]
 pub struct ServiceArgs {
-    /// The service's address.
-    #[arg(long, env = "MESHMEND_SERVER", value_name = "URL", default_value = "http://127.0.0.1:8080", value_parser = server)]
+    /// Address of the service.
+    #[arg(long, env = "MESHMEND_SERVER", value_name = "URL", default_value = "http://127.0.0.1:8080", value_parser = parse_server)]
     pub server: Url,
-    /// The key to ask with, if the service asks for one. Others on this machine can read command lines, so rather set the variable or
-    /// use --api-key-file.
+    /// API key, if the service requires one. Other users of this machine can read command lines, so prefer the
+    /// environment variable or --api-key-file.
     #[arg(long, env = "MESHMEND_API_KEY", value_name = "KEY", hide_env_values = true, conflicts_with = "api_key_file")]
     api_key: Option<String>,
-    /// A file that holds the key and nothing else.
+    /// File that contains only the API key.
     #[arg(long, env = "MESHMEND_API_KEY_FILE", value_name = "FILE")]
     api_key_file: Option<std::path::PathBuf>,
-    /// Seconds to wait, over all tries of one request, for a service that can't be reached, is busy or has no room.
+    /// Seconds to keep retrying one request while the service is unreachable, busy or full.
     #[arg(long, env = "MESHMEND_TIMEOUT_S", value_name = "SECONDS", default_value_t = 60)]
     timeout_s: u32,
 }
 
 impl ServiceArgs {
-    /// A client of the service.
+    /// Creates a client of the service.
     ///
     /// # Errors
-    /// When the key can't be read or used.
+    /// The key is unreadable or malformed.
     pub fn open(&self) -> Result<Service, RemoteError> {
         let key = match (&self.api_key, &self.api_key_file) {
             (Some(key), _) => Some(key.clone()),
@@ -72,29 +71,30 @@ impl ServiceArgs {
         let mut headers = header::HeaderMap::new();
         if let Some(key) = key.as_deref().map(str::trim).filter(|key| !key.is_empty()) {
             let mut value = header::HeaderValue::from_str(&format!("Bearer {key}"))
-                .map_err(|_| RemoteError::Local("the key has characters that no key has".to_owned()))?;
+                .map_err(|_| RemoteError::Local("the API key contains invalid characters".to_owned()))?;
             value.set_sensitive(true);
             headers.insert(header::AUTHORIZATION, value);
         }
         let http = Client::builder()
             .user_agent(concat!("meshmend/", env!("CARGO_PKG_VERSION")))
             .default_headers(headers)
-            .connect_timeout(CONNECT)
-            .tcp_user_timeout(SILENCE)
+            .connect_timeout(CONNECT_TIMEOUT)
+            .tcp_user_timeout(IDLE_TIMEOUT)
             .build()
-            .map_err(|error| RemoteError::local("no client can be made", error))?;
-        Ok(Service { http, server: self.server.clone(), patience: Duration::from_secs(u64::from(self.timeout_s)) })
+            .map_err(|error| RemoteError::local("cannot create an HTTP client", error))?;
+        Ok(Service { http, server: self.server.clone(), max_wait: Duration::from_secs(u64::from(self.timeout_s)) })
     }
 }
 
-/// An address of a service, with a path if it has one, and without who asks there.
-fn server(text: &str) -> Result<Url, String> {
-    let mut url = Url::parse(text).map_err(|error| format!("{error}; an address is like https://meshmend.example"))?;
+/// Parses `--server`. A path is allowed; a user and a password are not.
+fn parse_server(text: &str) -> Result<Url, String> {
+    let mut url =
+        Url::parse(text).map_err(|error| format!("{error}; expected an address such as https://meshmend.example"))?;
     if !["http", "https"].contains(&url.scheme()) || !url.has_host() {
-        return Err("an address is like https://meshmend.example".to_owned());
+        return Err("expected an address such as https://meshmend.example".to_owned());
     }
     if !url.username().is_empty() || url.password().is_some() {
-        return Err("an address has no user and password; a key goes into MESHMEND_API_KEY".to_owned());
+        return Err("the address must not contain a user or password; set MESHMEND_API_KEY instead".to_owned());
     }
     if !url.path().ends_with('/') {
         url.set_path(&format!("{}/", url.path()));
@@ -102,58 +102,63 @@ fn server(text: &str) -> Result<Url, String> {
     Ok(url)
 }
 
-/// A service, and the way to it.
+/// A client of one service.
 #[derive(Debug, Clone)]
 pub struct Service {
     http: Client,
     server: Url,
-    patience: Duration,
+    max_wait: Duration,
 }
 
-/// A file to make a job of.
+/// A file to submit as a job.
 #[derive(Debug)]
 pub struct Submission<'a> {
+    /// The local file.
     pub path: &'a Path,
-    /// Its name, as the service is told.
+    /// The file name that the service gets.
     pub name: &'a str,
-    /// Mode and options, as fields of the query.
+    /// Mode and options, as query fields.
     pub options: &'a [(String, String)],
-    /// What makes it the same however often it is sent.
+    /// The idempotency key: retries with the same key give the same job.
     pub key: &'a str,
 }
 
 impl Service {
-    /// The address, as a person gives it.
+    /// The address as the user gave it, without a final slash.
     pub fn address(&self) -> &str {
         self.server.as_str().trim_end_matches('/')
     }
 
-    /// Does something until it is done, fails for good, or patience is over; `waits` is told what is waited for and how long.
-    pub async fn persist<T>(
+    /// Retries `attempt` with backoff while its error is transient, for at most `--timeout-s` seconds. `on_retry` gets each error and the
+    /// delay before the next attempt.
+    ///
+    /// # Errors
+    /// The last error.
+    pub async fn retry_with_backoff<T>(
         &self,
-        mut waits: impl FnMut(&RemoteError, Duration),
+        mut on_retry: impl FnMut(&RemoteError, Duration),
         mut attempt: impl AsyncFnMut() -> Result<T, RemoteError>,
     ) -> Result<T, RemoteError> {
         let (mut delays, mut waited) = (BACKOFF.build(), Duration::ZERO);
         loop {
             let error = match attempt().await {
-                Err(error) if error.may_pass() => error,
+                Err(error) if error.is_transient() => error,
                 done => return done,
             };
             let Some(delay) = delays.next().map(|delay| delay.max(error.retry_after().unwrap_or_default())) else {
                 return Err(error);
             };
             waited += delay;
-            if waited > self.patience {
+            if waited > self.max_wait {
                 return Err(error);
             }
-            waits(&error, delay);
+            on_retry(&error, delay);
             tokio::time::sleep(delay).await;
         }
     }
 
-    /// The largest file that it takes, in bytes.
-    pub async fn most_bytes(&self) -> Result<u64, RemoteError> {
+    /// The largest file that the service accepts, in bytes.
+    pub async fn max_bytes(&self) -> Result<u64, RemoteError> {
         #[derive(Deserialize)]
         struct Capabilities {
             limits: Limits,
@@ -162,11 +167,11 @@ impl Service {
         struct Limits {
             max_bytes: u64,
         }
-        let capabilities: Capabilities = self.json(self.get("v1/capabilities").timeout(ANSWER)).await?;
+        let capabilities: Capabilities = self.json(self.get("v1/capabilities").timeout(ANSWER_TIMEOUT)).await?;
         Ok(capabilities.limits.max_bytes)
     }
 
-    /// Sends a file and makes a job of it; `sent` is told how many bytes went since it was told before.
+    /// Submits a file as a job. `sent` gets the number of bytes sent since its last call.
     pub async fn submit(
         &self,
         submission: &Submission<'_>,
@@ -175,12 +180,12 @@ impl Service {
         let unreadable = |error: std::io::Error| RemoteError::Local(error.to_string());
         let file = tokio::fs::File::open(submission.path).await.map_err(unreadable)?;
         let bytes = file.metadata().await.map_err(unreadable)?.len();
-        let chunks = ReaderStream::with_capacity(file, CHUNK).inspect(move |chunk| {
+        let chunks = ReaderStream::with_capacity(file, CHUNK_BYTES).inspect(move |chunk| {
             if let Ok(chunk) = chunk {
                 sent(chunk.len() as u64);
             }
         });
-        let mut url = self.at("v1/jobs");
+        let mut url = self.url("v1/jobs");
         url.query_pairs_mut().append_pair("name", submission.name).extend_pairs(submission.options);
         let request = self
             .http
@@ -191,51 +196,52 @@ impl Service {
         self.json(request.body(Body::wrap_stream(chunks))).await
     }
 
-    /// A job, at once or as soon as its status is another.
-    pub async fn job(&self, id: JobId, held: bool) -> Result<RemoteJob, RemoteError> {
-        let wait = if held { HOLD_S } else { 0 };
+    /// A job. With `long_poll`, the answer waits until the status of the job changes.
+    pub async fn job(&self, id: JobId, long_poll: bool) -> Result<RemoteJob, RemoteError> {
+        let wait = if long_poll { LONG_POLL_S } else { 0 };
         let request = self.get(&format!("v1/jobs/{id}?include=report&wait={wait}"));
-        self.json(request.timeout(ANSWER + Duration::from_secs(wait))).await
+        self.json(request.timeout(ANSWER_TIMEOUT + Duration::from_secs(wait))).await
     }
 
-    /// Jobs of a status, the newest first.
+    /// Jobs with a status, newest first.
     pub async fn jobs(&self, status: Status) -> Result<Vec<RemoteJob>, RemoteError> {
         #[derive(Deserialize)]
         struct Page {
             jobs: Vec<RemoteJob>,
         }
         let request = self.get(&format!("v1/jobs?limit=50&status={}", status.as_str()));
-        Ok(self.json::<Page>(request.timeout(ANSWER)).await?.jobs)
+        Ok(self.json::<Page>(request.timeout(ANSWER_TIMEOUT)).await?.jobs)
     }
 
-    /// What a job tells of itself, as server-sent events.
+    /// The event stream of a job, as server-sent events.
     pub async fn events(&self, id: JobId) -> Result<impl Stream<Item = Result<Bytes, RemoteError>>, RemoteError> {
-        Ok(self.chunks(self.open(self.get(&format!("v1/jobs/{id}/events?include=report"))).await?))
+        Ok(self.chunks(self.open_stream(self.get(&format!("v1/jobs/{id}/events?include=report"))).await?))
     }
 
-    /// A file of a job.
+    /// The bytes of a file of a job.
     pub async fn file(
         &self,
         id: JobId,
         name: &str,
     ) -> Result<impl Stream<Item = Result<Bytes, RemoteError>>, RemoteError> {
-        Ok(self.chunks(self.open(self.get(&format!("v1/jobs/{id}/artifacts/{name}"))).await?))
+        Ok(self.chunks(self.open_stream(self.get(&format!("v1/jobs/{id}/artifacts/{name}"))).await?))
     }
 
-    fn at(&self, path: &str) -> Url {
+    /// The URL of a path below the address.
+    fn url(&self, path: &str) -> Url {
         self.server.join(path).unwrap_or_else(|_| self.server.clone())
     }
 
     fn get(&self, path: &str) -> RequestBuilder {
-        self.http.get(self.at(path))
+        self.http.get(self.url(path))
     }
 
-    fn lost(&self, error: &reqwest::Error) -> RemoteError {
+    fn connection_error(&self, error: &reqwest::Error) -> RemoteError {
         RemoteError::unreachable(self.address(), error)
     }
 
     async fn send(&self, request: RequestBuilder) -> Result<Response, RemoteError> {
-        let response = request.send().await.map_err(|error| self.lost(&error))?;
+        let response = request.send().await.map_err(|error| self.connection_error(&error))?;
         if response.status().is_success() {
             return Ok(response);
         }
@@ -245,69 +251,82 @@ impl Service {
     async fn json<T: DeserializeOwned>(&self, request: RequestBuilder) -> Result<T, RemoteError> {
         let response = self.send(request).await?;
         let status = response.status();
-        let body = response.bytes().await.map_err(|error| self.lost(&error))?;
-        let strange = || RemoteError::Strange { server: self.address().to_owned(), status, retry_after: None };
-        serde_json::from_slice(&body).map_err(|_| strange())
+        let body = response.bytes().await.map_err(|error| self.connection_error(&error))?;
+        let not_meshmend = || RemoteError::NotMeshmend { server: self.address().to_owned(), status, retry_after: None };
+        serde_json::from_slice(&body).map_err(|_| not_meshmend())
     }
 
-    /// Sends a request whose answer is long: only its beginning has to come in time.
-    async fn open(&self, request: RequestBuilder) -> Result<Response, RemoteError> {
-        let answer = tokio::time::timeout(ANSWER, self.send(request)).await;
+    /// Sends a request with a long answer: the time limit covers only the start of the answer.
+    async fn open_stream(&self, request: RequestBuilder) -> Result<Response, RemoteError> {
+        let answer = tokio::time::timeout(ANSWER_TIMEOUT, self.send(request)).await;
         answer.unwrap_or_else(|_| Err(RemoteError::silent(self.address())))
     }
 
-    /// The bytes of an answer, which must not stop coming.
+    /// The bytes of an answer. A pause longer than the idle timeout is an error.
     fn chunks(&self, response: Response) -> impl Stream<Item = Result<Bytes, RemoteError>> + use<> {
-        let this = self.clone();
+        let client = self.clone();
         let chunks = Box::pin(response.bytes_stream());
-        futures::stream::unfold(Some((chunks, this)), |from| async {
-            let (mut chunks, this) = from?;
-            match tokio::time::timeout(SILENCE, chunks.next()).await {
-                Err(_) => Some((Err(RemoteError::silent(this.address())), None)),
+        futures::stream::unfold(Some((chunks, client)), |state| async {
+            let (mut chunks, client) = state?;
+            match tokio::time::timeout(IDLE_TIMEOUT, chunks.next()).await {
+                Err(_) => Some((Err(RemoteError::silent(client.address())), None)),
                 Ok(None) => None,
-                Ok(Some(Err(error))) => Some((Err(this.lost(&error)), None)),
-                Ok(Some(Ok(chunk))) => Some((Ok(chunk), Some((chunks, this)))),
+                Ok(Some(Err(error))) => Some((Err(client.connection_error(&error)), None)),
+                Ok(Some(Ok(chunk))) => Some((Ok(chunk), Some((chunks, client)))),
             }
         })
     }
 }
 
-/// A job.
+/// A job, as the API returns it.
 #[derive(Debug, Deserialize)]
 pub struct RemoteJob {
+    /// The id.
     pub id: JobId,
+    /// The status.
     pub status: Status,
+    /// The outcome, once the job has succeeded.
     pub outcome: Option<JobOutcome>,
+    /// The progress, until the job ends.
     pub progress: Option<RemoteProgress>,
+    /// The uploaded file.
     pub input: RemoteInput,
+    /// The earlier job whose result was reused.
     pub reused_from: Option<JobId>,
     report: Option<RemoteReport>,
+    /// The files to download, by name.
     pub artifacts: BTreeMap<String, RemoteFile>,
     problem: Option<RemoteProblem>,
 }
 
-/// What was sent.
+/// The uploaded file.
 #[derive(Debug, Deserialize)]
 pub struct RemoteInput {
+    /// Its name.
     pub name: String,
 }
 
-/// How far a job is.
+/// The progress of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub struct RemoteProgress {
+    /// The current stage, while the job runs.
     pub stage: Option<Stage>,
+    /// The tier that runs, if any.
     pub tier: Option<u8>,
+    /// The progress, 0 to 100.
     pub percent: u8,
+    /// The number of jobs ahead in the queue.
     pub queue_position: Option<u64>,
 }
 
-/// A file to download.
+/// A file of a job.
 #[derive(Debug, Deserialize)]
 pub struct RemoteFile {
+    /// The file name for the download.
     pub filename: String,
-    /// None of pictures that are not drawn yet.
+    /// The size; `None` for pictures, which are drawn on request.
     pub bytes: Option<u64>,
-    /// None of pictures.
+    /// The checksum as hex digits; `None` for pictures.
     pub sha256: Option<String>,
 }
 
@@ -340,16 +359,17 @@ struct RemoteProblem {
 }
 
 impl RemoteReport {
-    /// What a person should know.
-    fn remarks(&self) -> impl Iterator<Item = String> {
+    /// The remark_lines below the summary.
+    fn remark_lines(&self) -> impl Iterator<Item = String> {
         let flags = self.red_flags.iter().map(|flag| flag.detail.as_str());
-        let assumptions = self.assumptions.iter().map(|it| (it.detail.as_str(), it.option.as_deref()));
-        remarks(flags, assumptions, &self.warnings)
+        let assumptions =
+            self.assumptions.iter().map(|assumption| (assumption.detail.as_str(), assumption.option.as_deref()));
+        remark_lines(flags, assumptions, &self.warnings)
     }
 }
 
 impl RemoteJob {
-    /// The file that the job was for: the model, or of an analysis the report. None where a repair made no model.
+    /// The name of the main file: the model, or the report of an analysis. `None` if the repair gave no model.
     pub fn result(&self) -> Option<&'static str> {
         let name = match self.report.as_ref()?.mode {
             Mode::Repair => MODEL,
@@ -358,29 +378,29 @@ impl RemoteJob {
         self.artifacts.contains_key(name).then_some(name)
     }
 
-    /// What became of it, in words, and then what a person should know.
+    /// The outcome, then the remarks below it.
     pub fn summary_lines(&self) -> Vec<String> {
         let report = self.report.as_ref();
-        let head = match (&self.problem, self.status) {
+        let headline = match (&self.problem, self.status) {
             (Some(problem), _) => format!("{}: {}", problem.title, problem.detail),
             (None, Status::Canceled) => "the job was canceled".to_owned(),
-            (None, Status::Expired) => "the job ended so long ago that its files are deleted".to_owned(),
+            (None, Status::Expired) => "the files of the job have expired".to_owned(),
             (None, _) => match (report.and_then(|report| report.summary.clone()), self.outcome) {
                 (Some(summary), _) => summary,
-                (None, Some(JobOutcome::Printable)) => "printable as it is".to_owned(),
-                (None, Some(JobOutcome::NotPrintable)) => "not printable; the report says why".to_owned(),
+                (None, Some(JobOutcome::Printable)) => "printable without changes".to_owned(),
+                (None, Some(JobOutcome::NotPrintable)) => "not printable; the report lists the defects".to_owned(),
                 (None, Some(JobOutcome::Undecided)) => {
-                    "nothing is wrong that was looked for, and not everything was".to_owned()
+                    "undecided: the checks that ran found no defects, but some checks did not run".to_owned()
                 }
                 (None, _) => self.status.as_str().to_owned(),
             },
         };
-        let remarks = report.into_iter().flat_map(RemoteReport::remarks);
-        let unchanged = self.artifacts.contains_key(ORIGINAL).then(|| "  note: no model was made".to_owned());
-        std::iter::once(head).chain(remarks).chain(unchanged).collect()
+        let remark_lines = report.into_iter().flat_map(RemoteReport::remark_lines);
+        let unchanged = self.artifacts.contains_key(ORIGINAL).then(|| "  note: the repair made no model".to_owned());
+        std::iter::once(headline).chain(remark_lines).chain(unchanged).collect()
     }
 
-    /// The exit code that says so.
+    /// The exit code for the outcome.
     pub fn code(&self) -> u8 {
         if let Some(problem) = &self.problem {
             return match problem.code {
@@ -389,15 +409,15 @@ impl RemoteJob {
                 _ => exit::INTERNAL,
             };
         }
-        // What an analysis did not look for is not held against the file.
+        // An undecided analysis counts as printable: checks that did not run find no defects.
         let printable = self.outcome.is_some_and(|outcome| outcome.is_printable() != Some(false));
         if printable { exit::PRINTABLE } else { exit::PARTIAL }
     }
 }
 
-/// The name of a repair's result among a job's files.
+/// The name of a repair's result among the files of a job.
 const MODEL: &str = "model";
-/// The name of the upload, where nothing made it better.
+/// The name of the uploaded file among the files of a job, if the repair gave nothing better.
 const ORIGINAL: &str = "original";
-/// The name of a job's whole report among its files.
+/// The name of the full report among the files of a job.
 pub const REPORT: &str = "report-full.json";

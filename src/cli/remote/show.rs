@@ -1,5 +1,4 @@
-//! What a person sees on standard error while jobs are on their way: bars on a terminal, a line now and then elsewhere. Results alone
-//! go to standard output.
+//! Progress on standard error: bars on a terminal, otherwise a line for each change. Standard output gets results only.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
@@ -11,23 +10,24 @@ use meshmend::jobs::Status;
 
 use super::error::RemoteError;
 use super::service::RemoteProgress;
-use crate::cli::engine::stage_in_words;
+use crate::cli::engine::stage_description;
 
-/// How a row looks while bytes are moved, while a job waits or nothing is known, and while it is worked on. Names come last, since they
+/// Row templates: while bytes are transferred, while nothing is measurable, and while the job runs. File names come last because they
 /// may be long.
-const BYTES: &str = "[{bar:20}] {percent:>3} %  {msg:8} {bytes:>10} {bytes_per_sec:>14}  {prefix}";
+const TRANSFER: &str = "[{bar:20}] {percent:>3} %  {msg:8} {bytes:>10} {bytes_per_sec:>14}  {prefix}";
 const WAITING: &str = "{spinner} {elapsed:25}  {msg:34}  {prefix}";
-const WORK: &str = "[{bar:20}] {percent:>3} %  {msg:34}  {prefix}";
+const RUNNING: &str = "[{bar:20}] {percent:>3} %  {msg:34}  {prefix}";
 
-/// Everything that is shown.
+/// Standard error with one row per file or job, and standard output for results.
 #[derive(Debug, Clone)]
 pub struct Console {
     bars: MultiProgress,
+    /// Whether progress is printed as lines.
     lines: bool,
 }
 
 impl Console {
-    /// `quiet` shows what went wrong and nothing else.
+    /// With `quiet`, only errors are printed.
     pub fn new(quiet: bool) -> Self {
         let bars = MultiProgress::new();
         let is_terminal = std::io::stderr().is_terminal();
@@ -37,65 +37,68 @@ impl Console {
         Self { bars, lines: !quiet && !is_terminal }
     }
 
-    /// A row for one file or job.
+    /// Adds a row for one file or job.
     pub fn row(&self, name: &str) -> Row {
         let bar = self.bars.add(ProgressBar::new_spinner()).with_prefix(name.to_owned());
         bar.enable_steady_tick(Duration::from_millis(200));
         Row { bar, name: name.to_owned(), console: self.clone(), last: Arc::default() }
     }
 
-    /// Says something on standard error, above the rows.
+    /// Prints a line on standard error, above the rows.
     pub fn print_note(&self, text: &str) {
         self.bars.suspend(|| drop(writeln!(std::io::stderr(), "{text}")));
     }
 
-    /// Gives a result on standard output.
+    /// Prints a result on standard output.
+    ///
+    /// # Errors
+    /// Standard output cannot be written.
     pub fn print_result(&self, line: &str) -> std::io::Result<()> {
         self.bars.suspend(|| writeln!(std::io::stdout(), "{line}"))
     }
 }
 
-/// The row of one file or job, which goes when it is dropped.
+/// The row of one file or job; it disappears when dropped.
 #[derive(Debug)]
 pub struct Row {
     bar: ProgressBar,
     name: String,
     console: Console,
-    /// What the last line said, where there are lines.
+    /// The last printed line.
     last: Arc<Mutex<String>>,
 }
 
 impl Row {
-    /// So many bytes are about to be moved.
-    pub fn start_transfer(&self, how: &str, bytes: u64) {
-        self.set_style(BYTES, how);
+    /// Starts a transfer of `bytes` bytes; `action` names the transfer.
+    pub fn start_transfer(&self, action: &str, bytes: u64) {
+        self.set_style(TRANSFER, action);
         self.bar.set_length(bytes);
         self.bar.set_position(0);
         self.bar.reset_eta();
     }
 
-    /// So many bytes more were.
+    /// Adds transferred bytes.
     pub fn advance(&self, bytes: u64) {
         self.bar.inc(bytes);
     }
 
-    /// Tells of each number of bytes that moved.
+    /// Returns a callback that adds transferred bytes.
     pub fn meter(&self) -> impl Fn(u64) + Send + Sync + 'static {
         let bar = self.bar.clone();
         move |bytes| bar.inc(bytes)
     }
 
-    /// That nothing can be told but what it is about.
+    /// Shows a text without a measure of progress.
     pub fn show_waiting(&self, text: &str) {
         self.set_style(WAITING, text);
     }
 
-    /// How far the job is.
+    /// Shows the progress of a job.
     pub fn show_progress(&self, status: Status, progress: RemoteProgress) {
         let RemoteProgress { stage, tier, percent, queue_position } = progress;
         match (status, stage) {
             (Status::Running, Some(stage)) => {
-                self.set_style(WORK, &stage_in_words(stage, tier));
+                self.set_style(RUNNING, &stage_description(stage, tier));
                 self.bar.set_length(100);
                 self.bar.set_position(u64::from(percent));
                 self.line("running");
@@ -105,26 +108,26 @@ impl Row {
                 self.line("running");
             }
             (Status::Queued, _) => {
-                let before = match queue_position {
-                    None => "waits".to_owned(),
-                    Some(0) => "waits, next in turn".to_owned(),
-                    Some(before) => format!("waits, {before} before it"),
+                let text = match queue_position {
+                    None => "queued".to_owned(),
+                    Some(0) => "queued, next".to_owned(),
+                    Some(ahead) => format!("queued, {ahead} ahead"),
                 };
-                self.show_waiting(&before);
-                self.line("waits for its turn");
+                self.show_waiting(&text);
+                self.line("queued");
             }
             _ => {}
         }
     }
 
-    /// That something did not work and is tried again.
+    /// Shows that a request failed and when it is retried.
     pub fn show_retry(&self, error: &RemoteError, delay: Duration) {
-        let text = format!("{}; tried again in {} s", error.brief(), delay.as_secs_f64().ceil());
+        let text = format!("{}; retry in {} s", error.brief(), delay.as_secs_f64().ceil());
         self.show_waiting(&text);
         self.line(&text);
     }
 
-    /// A line where there are no bars, unless it would say the same as the last.
+    /// Prints a line if there are no bars and the line differs from the last one.
     pub fn line(&self, text: &str) {
         if !self.console.lines {
             return;
@@ -136,7 +139,7 @@ impl Row {
         }
     }
 
-    /// What became of it; nothing where all is to be quiet.
+    /// Removes the bar and, unless `quiet`, prints the outcome.
     pub fn finish(&self, lines: &[String], quiet: bool) {
         self.bar.finish_and_clear();
         if !quiet {
