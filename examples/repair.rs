@@ -9,7 +9,7 @@ use std::time::Duration;
 use meshmend::format::Limits;
 use meshmend::repair::{Context, Options, OutputFormat, Progress, Stage, StepStatus, monotonic_clock, repair};
 
-/// Tells how far the repair is on standard error.
+/// Prints the progress of the repair to standard error.
 struct Percent;
 
 impl Progress for Percent {
@@ -20,14 +20,14 @@ impl Progress for Percent {
     fn log(&self, _line: &str) {}
 }
 
-/// Repairs one file into another, and tells what was done.
+/// Repairs one file into another, and prints what was done.
 pub fn repair_file(broken: &Path, repaired: &Path, mut out: impl Write) -> Result<(), Box<dyn Error>> {
     let options = Options { output: OutputFormat::Stl, ..Options::default() };
-    // Set by another thread, it ends the repair.
+    // Another thread may set this flag to end the repair.
     let cancel = AtomicBool::new(false);
     let clock = monotonic_clock();
     let context = Context::new(&Percent, &cancel, &clock, Duration::from_secs(60));
-    // No remesher: tiers 1 and 2 do without Blender.
+    // No remesher: tiers 1 and 2 run without Blender.
     let result = repair(&std::fs::read(broken)?, &options, &Limits::default(), None, &context)?;
 
     let report = &result.report;
@@ -47,11 +47,11 @@ pub fn repair_file(broken: &Path, repaired: &Path, mut out: impl Write) -> Resul
     Ok(())
 }
 
-#[cfg_attr(test, expect(dead_code, reason = "the tests call what it calls"))]
+#[cfg_attr(test, expect(dead_code, reason = "the tests call repair_file"))]
 fn main() -> Result<(), Box<dyn Error>> {
     let mut paths = std::env::args_os().skip(1).map(PathBuf::from);
     let (Some(broken), Some(repaired)) = (paths.next(), paths.next()) else {
-        return Err("say which file is to be repaired, and where the result goes".into());
+        return Err("usage: repair BROKEN REPAIRED".into());
     };
     repair_file(&broken, &repaired, std::io::stdout())
 }

@@ -1,4 +1,4 @@
-"""Says what is wrong with models and changes nothing: python analyze.py http://127.0.0.1:8080 a.stl b.stl"""
+"""Lists the defects of models without a repair: python analyze.py http://127.0.0.1:8080 a.stl b.stl"""
 
 import sys
 

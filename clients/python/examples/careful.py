@@ -1,4 +1,4 @@
-"""The same with a key, progress, limits, and a word for whatever may go wrong."""
+"""Repairs a model with a key, progress, limits and handling of every error."""
 
 import os
 import sys
@@ -6,14 +6,14 @@ import sys
 from meshmend import Client, JobFailed, JobTimeout, Problem, ProgressEvent
 
 
-def tell(progress: ProgressEvent) -> None:
+def show(progress: ProgressEvent) -> None:
     print(f"{progress['stage'] or 'waiting'} {progress['percent']} %", file=sys.stderr)
 
 
 address, broken, repaired = sys.argv[1:]
 try:
     with Client(address, os.environ.get("MESHMEND_API_KEY")) as client:
-        job = client.repair(broken, {"max_tier": 2}, on_progress=tell, timeout=300, metadata={"order": "1234"})
+        job = client.repair(broken, {"max_tier": 2}, on_progress=show, timeout=300, metadata={"order": "1234"})
         print(job.outcome)
         if "model" in job.artifacts:
             job.save(repaired)
@@ -22,4 +22,4 @@ except Problem as problem:
 except JobFailed as failed:
     sys.exit(f"failed: {failed}")
 except JobTimeout:
-    sys.exit("it took too long, and was canceled")
+    sys.exit("timeout: the job was canceled")

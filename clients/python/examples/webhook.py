@@ -1,6 +1,6 @@
-"""Hears of jobs that ended.
+"""Receives a webhook for each job that ends.
 
-The secret is in the answer that made the endpoint, or for a callback_url in ``client.webhooks.secret()``.
+The secret is in the answer that created the endpoint. For a callback_url, it is in ``client.webhooks.secret()``.
 """
 
 import os

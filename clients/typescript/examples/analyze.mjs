@@ -1,4 +1,4 @@
-// Says what is wrong with models and changes nothing: node analyze.mjs http://127.0.0.1:8080 a.stl b.stl
+// Lists the defects of models without a repair: node analyze.mjs http://127.0.0.1:8080 a.stl b.stl
 import { Client } from "meshmend-client";
 import { fileAt } from "meshmend-client/node";
 

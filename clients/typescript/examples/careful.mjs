@@ -1,4 +1,4 @@
-// The same with a key, progress, limits, and a word for whatever may go wrong.
+// Repairs a model with a key, progress, limits and handling of every error.
 import { Client, JobFailed, Problem } from "meshmend-client";
 import { fileAt, save } from "meshmend-client/node";
 
@@ -15,7 +15,7 @@ try {
 } catch (error) {
   if (error instanceof Problem) console.error(`refused: ${error.code}: ${error.detail} (request ${error.requestId})`);
   else if (error instanceof JobFailed) console.error(`failed: ${error.job.problem?.code}: ${error.message}`);
-  else if (error.name === "TimeoutError") console.error("it took too long, and was canceled");
+  else if (error.name === "TimeoutError") console.error("timeout: the job was canceled");
   else throw error;
   process.exitCode = 1;
 }

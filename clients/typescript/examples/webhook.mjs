@@ -1,4 +1,5 @@
-// Hears of jobs that ended. The secret is in the answer that made the endpoint, or for a callback_url in `client.webhooks.secret()`.
+// Receives a webhook for each job that ends. The secret is in the answer that created the endpoint.
+// For a callback_url, it is in `client.webhooks.secret()`.
 import { createServer } from "node:http";
 import { Webhook } from "standardwebhooks";
 
