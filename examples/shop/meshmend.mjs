@@ -1,4 +1,4 @@
-// What the shop's backend asks meshmend, with the shop's own key.
+// Requests of the shop's backend to meshmend, with the shop's key.
 import { createHash } from "node:crypto";
 import { createWriteStream } from "node:fs";
 import { mkdir, rename, rm } from "node:fs/promises";
@@ -16,18 +16,18 @@ async function ask(path, { json, ...init } = {}) {
   throw Object.assign(new Error(problem.detail ?? `meshmend answered with ${answer.status}`), { status: answer.status, code: problem.code });
 }
 
-/** A token with which a page of this shop may upload models of up to 100 MB, for an hour. */
+/** Makes a token that lets a page of this shop upload models of up to 100 MB for an hour. */
 export async function browserToken() {
   const asked = { origin: settings.origin, max_bytes: 100_000_000, expires_in_s: 3600 };
   return (await ask("/v1/browser-tokens", { method: "POST", json: asked })).json();
 }
 
-/** A job with its quote, and with its report for what the repair had to assume. */
+/** Fetches a job with its quote, and with its report for the assumptions. */
 export async function job(id) {
   return (await ask(`/v1/jobs/${encodeURIComponent(id)}?include=report`)).json();
 }
 
-/** Downloads a job's model to a file, which is there only if it is what meshmend says it is. */
+/** Downloads a job's model to a file. The file exists only if its SHA-256 is correct. */
 export async function download({ href, sha256 }, file) {
   const answer = await ask(href);
   const hash = createHash("sha256");

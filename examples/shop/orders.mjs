@@ -1,4 +1,4 @@
-// Quotes and orders. They are in memory, so that the example stays small; keep yours in a database.
+// Quotes and orders, in memory to keep the example small. A real shop uses a database.
 import { randomUUID } from "node:crypto";
 import { basename, join } from "node:path";
 import * as meshmend from "./meshmend.mjs";
@@ -7,12 +7,12 @@ import { settings } from "./settings.mjs";
 
 const quotes = new Map();
 const orders = new Map();
-/** What meshmend told of jobs that have ended, by job: it may come before the order or after it. */
+/** The webhooks of ended jobs, by job. A webhook may arrive before or after the order. */
 const ended = new Map();
-/** Messages that were handled or are being handled, by webhook-id: the same one may come twice. */
+/** Webhooks that were or are being handled, by webhook-id. The same webhook may arrive twice. */
 const messages = new Map();
 
-/** Prices a job's result for a customer. */
+/** Quotes a job's result for a customer. */
 export async function quote(customer, jobId) {
   const { refusal, ...price } = priceOf(await meshmend.job(jobId));
   if (refusal) return { refusal };
@@ -21,7 +21,7 @@ export async function quote(customer, jobId) {
   return { id, ...price };
 }
 
-/** Orders what was quoted to this customer. */
+/** Orders a model that was quoted to this customer. */
 export async function order(customer, quoteId) {
   const found = quotes.get(quoteId);
   if (found?.customer !== customer) return null;
@@ -41,7 +41,7 @@ function view({ id, status, cents, file }) {
   return { id, status, cents, file: file && basename(file) };
 }
 
-/** Handles a verified message once, however often it comes. What fails is forgotten, so that it is handled when it comes again. */
+/** Handles a verified webhook once, however often it arrives. A failed one is forgotten, so that its retry is handled. */
 export async function told(messageId, message) {
   if (!messages.has(messageId)) messages.set(messageId, handle(message));
   try {
@@ -58,7 +58,7 @@ async function handle({ type, data }) {
   for (const it of orders.values()) if (it.jobId === data.id) await produce(it, data);
 }
 
-/** Fetches the model of an order, and hands it to the workshop. */
+/** Downloads the model of an order for the workshop. */
 async function produce(it, { id, artifacts }) {
   if (it.status !== "received") return;
   const { filename } = (await meshmend.job(id)).artifacts.model;

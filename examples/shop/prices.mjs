@@ -1,11 +1,11 @@
-// What a model costs. The numbers are meshmend's, asked for by the backend: what a browser says of a model can be made up.
+// Prices of models. The backend gets the measures from meshmend, because a browser can forge them.
 
-/** What this shop's printer can make, in millimetres. */
+/** The limits of this shop's printer, in millimetres. */
 const ROOM = [250, 210, 210];
 const THINNEST = 0.4;
 const CENTS = { perOrder: 390, perCm3: 38, perCm2: 2 };
 
-/** The price of a finished job's result in cents, or why this shop can't print it. */
+/** Returns the price of a finished job's result in cents, or the reason why this shop can't print it. */
 export function priceOf({ status, quote, report, artifacts }) {
   if (status !== "succeeded" || !quote.printable || !artifacts.model) return { refusal: "This model can't be printed as it is." };
   if (quote.volume_mm3 === null) return { refusal: "The volume of this model can't be told." };

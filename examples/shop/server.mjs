@@ -1,5 +1,5 @@
-// A shop that prints what its customers upload: their browsers send models straight to meshmend, and this backend prices, sells and
-// fetches them. See README.md.
+// A shop that prints its customers' models. Browsers send models straight to meshmend; this backend prices, sells and downloads them.
+// See README.md.
 import { randomUUID } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { createServer } from "node:http";
@@ -14,7 +14,7 @@ const files = {
   "/shop.css": ["text/css; charset=utf-8", read("shop.css")],
   "/shop.mjs": ["text/javascript; charset=utf-8", read("shop.mjs")],
 };
-/** All that the widget needs is its script, the service that it asks, and its bucket where there is one. */
+/** The widget needs its script, the service, and the service's bucket if there is one. */
 const POLICY = [
   "default-src 'none'",
   `script-src 'self' ${settings.meshmend}`,
@@ -38,12 +38,12 @@ async function bodyOf(request) {
   return Buffer.concat(pieces).toString("utf8");
 }
 
-/** Whose session this is; every visitor of the page gets one. */
+/** Returns the customer of a request's session. Every visitor of the page gets a session. */
 function customerOf(request) {
   return /(?:^|; )session=([\w-]+)/.exec(request.headers.cookie ?? "")?.[1] ?? null;
 }
 
-/** What the page asks for, for a customer. Each answers a status and something to say in JSON. */
+/** The page's requests for a customer. Each returns a status and a JSON value. */
 const routes = {
   async "POST /meshmend-token"() {
     return [201, await meshmend.browserToken()];
@@ -62,7 +62,7 @@ const routes = {
   },
 };
 
-/** A message from meshmend: signed, not older than five minutes, and handled once. */
+/** Receives a webhook from meshmend: signed, not older than five minutes, and handled once. */
 async function hook(request) {
   const text = await bodyOf(request);
   let message;
@@ -81,7 +81,7 @@ async function answerTo(request, path) {
   const route = routes[`${request.method} /${first}`];
   if (!route) return [404, { message: "There is nothing here." }];
   const customer = customerOf(request);
-  // Only pages of the shop itself may act for a customer.
+  // Only the shop's own pages may act for a customer.
   const isOwn = request.method === "GET" || request.headers.origin === settings.origin;
   if (!customer || !isOwn) return [403, { message: "Load the shop's page first." }];
   const text = await bodyOf(request);

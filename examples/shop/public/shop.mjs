@@ -1,4 +1,4 @@
-// The shop's page: asks its own backend for prices and orders, and never reckons itself.
+// The shop's page. It asks its backend for prices and orders, and calculates no price itself.
 const widget = document.querySelector("meshmend-upload");
 const offer = document.getElementById("offer");
 const button = document.getElementById("order");
