@@ -36,7 +36,7 @@ test("what was done is told in plain words", () => {
 test("only what is gone was mended, and what is left is said", () => {
   const partly = report({ outcome: "partially_repaired", after: { defects: [{ kind: "hole", count: 1 }, { kind: "sheet", count: 2 }] } });
   assert.equal(inWords(partly, en, figures, "mm")[0], "10 holes closed");
-  assert.equal(stillWrong(partly, en, figures), "1 hole, 2 sheets of no thickness");
+  assert.equal(stillWrong(partly, en, figures), "1 hole, 2 sheets without thickness");
 });
 
 test("moves that are rounding are none", () => {

@@ -52,7 +52,7 @@ test("an assumption is told with its thickness in the unit that is shown, and it
   const told = assumptionsOf(report({ assumptions }), en, figures, "mm");
   assert.deepEqual(told.map(({ text, option }) => [text, option]), [
     ["1 open surface was given a thickness of 0.25 mm.", "open_sheets=leave"],
-    ["The file names no unit. Its lengths were read as in.", "unit=mm"],
+    ["The file states no unit. Its lengths were read as in.", "unit=mm"],
   ]);
 });
 

@@ -50,7 +50,7 @@ export function readColouredMesh(buffer: ArrayBuffer): ColouredMesh {
   const place = (number: number): { at: number; count: number } => {
     const accessor = document.accessors?.[number];
     const view = accessor && document.bufferViews?.[accessor.bufferView];
-    if (!accessor || !view) throw new Error("the GLB file names what it has not");
+    if (!accessor || !view) throw new Error("the GLB file refers to missing data");
     return { at: start + (view.byteOffset ?? 0), count: accessor.count };
   };
   const points = (number: number): Float32Array => {

@@ -67,7 +67,7 @@ export function Look({ job, server, file, shown }: Props) {
     };
     load().catch((error: unknown) => {
       if (stop.signal.aborted) return;
-      console.warn("meshmend-upload shows no 3D:", error);
+      console.warn("meshmend-upload cannot show 3D:", error);
       setState("missing");
     });
     return () => {

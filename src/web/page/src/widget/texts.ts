@@ -2,34 +2,34 @@ import { createContext } from "preact";
 import { useContext } from "preact/hooks";
 import { type Language, type Speech, speech } from "../words/words";
 
-/** What the widget says and the page does not: its readers are a shop's customers, who know of no service behind it. */
+/** Texts that only the widget uses. A shop's customers read them and do not know about the service behind the widget. */
 const en = {
   upload: "Upload a 3D model",
   dropHere: "Drop your 3D model here",
-  letGo: "Let go to upload it",
+  letGo: "Release to upload",
   orChoose: "or choose it from your device",
   choose: "Choose a file",
-  oneAtATime: "One model at a time, please: drop a single file.",
+  oneAtATime: "Please drop a single file: one model at a time.",
   another: "Upload another model",
   result: "Result",
   proven: (list: string) => `Checked on the result itself: ${list}.`,
   advice: {
-    token_missing: "This upload is not set up yet. Please tell the shop.",
-    token_refused: "The shop gave no permission to upload. Reload the page or sign in again, then try once more.",
-    bad_attribute: "This upload is not set up correctly. Please tell the shop.",
-    origin_not_allowed: "The shop's permission is for another address than this page's. Please tell the shop.",
-    unauthorized: "The permission to upload has run out. Reload the page and try again.",
-    forbidden: "The shop's permission does not allow this. Please tell the shop.",
-    unreachable: "The upload service does not answer. Look whether you are online, then try again.",
-    store_unreachable: "The file could not be sent. Try again; if it stays, tell the shop.",
-    unsupported_model: "This is no 3D model that can be read. Export it as STL, 3MF or OBJ.",
-    crashed: "Something went wrong on our side. Try once more; if it stays, tell the shop.",
-    worker_lost: "Something went wrong on our side. Try once more; if it stays, tell the shop.",
-    internal: "Something went wrong on our side. Try once more; if it stays, tell the shop.",
-    deadline_exceeded: "The model took too long to repair. Send it with fewer faces.",
+    token_missing: "The upload is not set up yet. Please contact the shop.",
+    token_refused: "The shop did not permit the upload. Reload the page or sign in again, then try again.",
+    bad_attribute: "The upload is not set up correctly. Please contact the shop.",
+    origin_not_allowed: "The shop's permission is not valid for the address of this page. Please contact the shop.",
+    unauthorized: "The permission to upload has expired. Reload the page and try again.",
+    forbidden: "The shop's permission does not allow this. Please contact the shop.",
+    unreachable: "The upload service does not answer. Check that you are online, then try again.",
+    store_unreachable: "The file could not be sent. Try again. If the error persists, please contact the shop.",
+    unsupported_model: "This file is not a readable 3D model. Export it as STL, 3MF or OBJ.",
+    crashed: "Something went wrong on our side. Try again. If the error persists, please contact the shop.",
+    worker_lost: "Something went wrong on our side. Try again. If the error persists, please contact the shop.",
+    internal: "Something went wrong on our side. Try again. If the error persists, please contact the shop.",
+    deadline_exceeded: "The repair took too long. Send the model with fewer faces.",
     unavailable: "The upload service is busy. Try again in a moment.",
     unrepairable: "The model could not be repaired.",
-    not_printable: "The model can't be printed, and could not be repaired so that it can.",
+    not_printable: "The model is not printable, and the repair could not make it printable.",
     canceled: "Cancelled.",
   } as Record<string, string>,
 };
@@ -42,25 +42,25 @@ const de: Texts = {
   letGo: "Loslassen zum Hochladen",
   orChoose: "oder vom Gerät auswählen",
   choose: "Datei auswählen",
-  oneAtATime: "Bitte ein Modell nach dem anderen: nur eine Datei ablegen.",
+  oneAtATime: "Bitte legen Sie nur eine Datei ab: ein Modell nach dem anderen.",
   another: "Anderes Modell hochladen",
   result: "Ergebnis",
   proven: (list) => `Am Ergebnis selbst geprüft: ${list}.`,
   advice: {
-    token_missing: "Dieses Hochladen ist noch nicht eingerichtet. Bitte dem Shop Bescheid geben.",
-    token_refused: "Der Shop hat das Hochladen nicht erlaubt. Seite neu laden oder neu anmelden, dann noch einmal versuchen.",
-    bad_attribute: "Dieses Hochladen ist nicht richtig eingerichtet. Bitte dem Shop Bescheid geben.",
-    origin_not_allowed: "Die Erlaubnis des Shops gilt für eine andere Adresse als diese Seite. Bitte dem Shop Bescheid geben.",
-    unauthorized: "Die Erlaubnis zum Hochladen ist abgelaufen. Seite neu laden und noch einmal versuchen.",
-    forbidden: "Die Erlaubnis des Shops reicht hierfür nicht. Bitte dem Shop Bescheid geben.",
-    unreachable: "Der Dienst zum Hochladen antwortet nicht. Verbindung prüfen, dann noch einmal versuchen.",
-    store_unreachable: "Die Datei konnte nicht gesendet werden. Noch einmal versuchen; wenn es bleibt, dem Shop Bescheid geben.",
-    unsupported_model: "Das ist kein lesbares 3D-Modell. Als STL, 3MF oder OBJ exportieren.",
-    crashed: "Auf unserer Seite ist etwas schiefgegangen. Noch einmal versuchen; bleibt es so, dem Shop Bescheid geben.",
-    worker_lost: "Auf unserer Seite ist etwas schiefgegangen. Noch einmal versuchen; bleibt es so, dem Shop Bescheid geben.",
-    internal: "Auf unserer Seite ist etwas schiefgegangen. Noch einmal versuchen; bleibt es so, dem Shop Bescheid geben.",
-    deadline_exceeded: "Die Reparatur hat zu lange gedauert. Mit weniger Dreiecken schicken.",
-    unavailable: "Der Dienst ist ausgelastet. Gleich noch einmal versuchen.",
+    token_missing: "Das Hochladen ist noch nicht eingerichtet. Bitte wenden Sie sich an den Shop.",
+    token_refused: "Der Shop hat das Hochladen nicht erlaubt. Laden Sie die Seite neu oder melden Sie sich neu an, und versuchen Sie es erneut.",
+    bad_attribute: "Das Hochladen ist nicht richtig eingerichtet. Bitte wenden Sie sich an den Shop.",
+    origin_not_allowed: "Die Erlaubnis des Shops gilt nicht für die Adresse dieser Seite. Bitte wenden Sie sich an den Shop.",
+    unauthorized: "Die Erlaubnis zum Hochladen ist abgelaufen. Laden Sie die Seite neu und versuchen Sie es erneut.",
+    forbidden: "Die Erlaubnis des Shops reicht hierfür nicht aus. Bitte wenden Sie sich an den Shop.",
+    unreachable: "Der Dienst zum Hochladen antwortet nicht. Bitte prüfen Sie Ihre Internetverbindung und versuchen Sie es erneut.",
+    store_unreachable: "Die Datei konnte nicht gesendet werden. Bitte versuchen Sie es erneut. Wenn der Fehler bestehen bleibt, wenden Sie sich an den Shop.",
+    unsupported_model: "Diese Datei ist kein lesbares 3D-Modell. Bitte exportieren Sie es als STL, 3MF oder OBJ.",
+    crashed: "Auf unserer Seite ist etwas schiefgegangen. Bitte versuchen Sie es erneut. Wenn der Fehler bestehen bleibt, wenden Sie sich an den Shop.",
+    worker_lost: "Auf unserer Seite ist etwas schiefgegangen. Bitte versuchen Sie es erneut. Wenn der Fehler bestehen bleibt, wenden Sie sich an den Shop.",
+    internal: "Auf unserer Seite ist etwas schiefgegangen. Bitte versuchen Sie es erneut. Wenn der Fehler bestehen bleibt, wenden Sie sich an den Shop.",
+    deadline_exceeded: "Die Reparatur hat zu lange gedauert. Bitte senden Sie das Modell mit weniger Flächen.",
+    unavailable: "Der Dienst ist ausgelastet. Bitte versuchen Sie es gleich erneut.",
     unrepairable: "Das Modell konnte nicht repariert werden.",
     not_printable: "Das Modell ist nicht druckbar und ließ sich nicht druckbar machen.",
     canceled: "Abgebrochen.",
@@ -69,14 +69,14 @@ const de: Texts = {
 
 export const TEXTS: Record<Language, Texts> = { en, de };
 
-/** What the widget says within a view. */
+/** The widget's own texts within a view. */
 export const TextsOf = createContext<Texts>(TEXTS.en);
 
 export function useTexts(): Texts {
   return useContext(TextsOf);
 }
 
-/** What is spoken in the widget: the page's words, with advice for customers where the page's is for whoever runs the service. */
+/** The shared texts for the widget, with advice for customers in place of advice for the operator. */
 export function customerSpeech(language: Language): Speech {
   const { words, figures } = speech(language);
   const { advice, proven } = TEXTS[language];

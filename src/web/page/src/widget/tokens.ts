@@ -56,8 +56,8 @@ export class Tokens {
     if (getToken) given = { token: await getToken().catch(refused) };
     else if (token && !again) given = { token };
     else if (tokenUrl) given = await fetchToken(tokenUrl, signal);
-    else throw new Problem(0, "token_missing", "", "Give the element token-url, token or getToken.");
-    if (typeof given.token !== "string" || given.token === "") refused("The answer has no token.");
+    else throw new Problem(0, "token_missing", "", "Set `token-url`, `token` or `getToken` on the element.");
+    if (typeof given.token !== "string" || given.token === "") refused("The response contains no `token`.");
     const end = typeof given.expires_at === "string" ? Date.parse(given.expires_at) : Number.NaN;
     // A short one is used for half of its life.
     const staleAt = Number.isNaN(end) ? Infinity : Math.max(end - LONGEST_JOB, (at + end) / 2);
@@ -77,7 +77,7 @@ function refused(why: unknown): never {
 async function fetchToken(url: string, signal: AbortSignal): Promise<{ token?: unknown; expires_at?: unknown }> {
   try {
     const answer = await fetch(url, { method: "POST", headers: { accept: "application/json" }, credentials: "same-origin", signal });
-    if (!answer.ok) throw new Error(`${url} answered with ${answer.status}.`);
+    if (!answer.ok) throw new Error(`${url} responded with status ${answer.status}.`);
     return (await answer.json()) as { token?: unknown };
   } catch (error) {
     signal.throwIfAborted();
