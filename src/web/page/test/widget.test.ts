@@ -34,7 +34,7 @@ function tokens(given: string[], good: string, source: Partial<TokenSource> = {}
   const it = new Tokens(() => ({ getToken, token: null, tokenUrl: null, ...source }));
   const asked: (string | null)[] = [];
   const ask = () =>
-    it.asking("https://service", never, async (server) => {
+    it.request("https://service", never, async (server) => {
       asked.push(server.key());
       if (server.key() !== good) throw new Problem(401, "unauthorized", "", "");
       return server.base;

@@ -3,18 +3,18 @@ import { endings } from "../state/files";
 import { Icon } from "../views/icons";
 import { useTexts } from "./texts";
 
-/** Formats that every meshmend reads: which it is can be asked only with a token, and none is asked for before it is needed. */
+/** Formats that every meshmend version reads. Asking the service for its formats needs a token, which is fetched only for an upload. */
 export const FORMATS = ["stl", "obj", "ply", "off", "3mf", "glb", "zip"];
 
-/** Where a model is dropped, and the way to the system's dialog. */
+/** The area to drop a model on, with a button that opens the file dialog. */
 export function DropZone({ accept, over, take }: { accept: string | null; over: boolean; take: (files: File[]) => void }) {
   const texts = useTexts();
   const input = useRef<HTMLInputElement>(null);
   const accepted = accept ?? endings(FORMATS).map((ending) => `.${ending}`).join(",");
   const chosen = (event: Event): void => {
-    const it = event.currentTarget as HTMLInputElement;
-    if (it.files?.length) take([...it.files]);
-    it.value = "";
+    const input = event.currentTarget as HTMLInputElement;
+    if (input.files?.length) take([...input.files]);
+    input.value = "";
   };
   return (
     <div class={over ? "dropzone over" : "dropzone"} part={over ? "dropzone over" : "dropzone"}>

@@ -4,28 +4,28 @@ import { type Unit, UNITS } from "../units";
 import { type Language, firstSpoken } from "../words/words";
 import type { MeshmendUploadElement, MeshmendUploadEventMap } from "./meshmend-upload";
 import { ORIGIN } from "./origin";
-import { Session, type Wishes } from "./session";
+import { Session, type ShopSettings } from "./session";
 import { customerSpeech } from "./texts";
 import { type TokenSource, Tokens } from "./tokens";
 import { Widget } from "./view";
 import css from "./widget.css";
 
-/** Made once for all elements. As no element of the document, it needs no `style-src` of the shop. */
+/** Shared by all elements. A constructed style sheet needs no `style-src` in the shop's Content-Security-Policy. */
 const sheet = new CSSStyleSheet();
 sheet.replaceSync(css);
 
-/** `<meshmend-upload>`: what a customer drops a model on. Its attributes and events are in docs/widget.md. */
+/** `<meshmend-upload>`: the upload area for a shop's customers. docs/widget.md lists its attributes and events. */
 export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement {
   static readonly formAssociated = true;
   static readonly observedAttributes = ["lang", "accept", "display-unit", "token", "token-url"];
 
-  /** It may have been set before the script came. */
+  /** The page may have set this property before the script loaded. */
   getToken = (this as { getToken?: TokenSource["getToken"] }).getToken ?? null;
   readonly #internals = this.attachInternals();
   readonly #root = this.attachShadow({ mode: "open" });
   readonly #tokens = new Tokens(() => ({ getToken: this.getToken, token: this.getAttribute("token"), tokenUrl: this.getAttribute("token-url") }));
-  readonly #session = new Session(() => this.#wishes(), this.#tokens, {
-    tell: (type, detail) => this.#tell(type, detail),
+  readonly #session = new Session(() => this.#settings(), this.#tokens, {
+    send: (type, detail) => this.#send(type, detail),
     explain: (code, title) => this.#explain(code, title),
   });
 
@@ -53,7 +53,7 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   }
 
   disconnectedCallback(): void {
-    // One that is only moved is connected again before this runs.
+    // An element that only moves within the page is connected again before this runs.
     queueMicrotask(() => {
       if (!this.isConnected) this.#session.sleep();
     });
@@ -73,36 +73,36 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
     render(<Widget session={this.#session} language={this.#language()} unit={unit} accept={this.getAttribute("accept")} />, this.#root);
   }
 
-  /** Its own language or that of the page, where there are texts in it; else the browser's. */
+  /** The language of the element or the page, if there are texts in it; else the browser's. */
   #language(): Language {
     const named = this.closest<HTMLElement>("[lang]")?.lang;
     return firstSpoken(named ? [named, ...navigator.languages] : navigator.languages);
   }
 
-  #wishes(): Wishes {
-    const most = this.getAttribute("max-bytes");
+  #settings(): ShopSettings {
+    const maxBytes = this.getAttribute("max-bytes");
     const unit = this.getAttribute("unit");
     return {
       base: (this.getAttribute("server") ?? ORIGIN).replace(/\/+$/, ""),
-      options: { ...this.#json("options"), ...(unit && { unit }), mode: "repair" },
-      metadata: this.#json("metadata") as Record<string, string>,
-      maxBytes: most === null ? Infinity : Number(most),
+      options: { ...this.#jsonAttribute("options"), ...(unit && { unit }), mode: "repair" },
+      metadata: this.#jsonAttribute("metadata") as Record<string, string>,
+      maxBytes: maxBytes === null ? Infinity : Number(maxBytes),
     };
   }
 
-  #json(name: string): Record<string, unknown> {
+  #jsonAttribute(name: string): Record<string, unknown> {
     const text = this.getAttribute(name);
     if (!text) return {};
     try {
-      const it: unknown = JSON.parse(text);
-      if (typeof it === "object" && it !== null && !Array.isArray(it)) return it as Record<string, unknown>;
+      const value: unknown = JSON.parse(text);
+      if (typeof value === "object" && value !== null && !Array.isArray(value)) return value as Record<string, unknown>;
     } catch {
-      // Said below.
+      // Invalid JSON; the error below covers it.
     }
     throw new Problem(0, "bad_attribute", "", `The attribute ${name} must be a JSON object: ${text}`);
   }
 
-  #tell<K extends keyof MeshmendUploadEventMap>(type: K, detail: MeshmendUploadEventMap[K]["detail"]): void {
+  #send<K extends keyof MeshmendUploadEventMap>(type: K, detail: MeshmendUploadEventMap[K]["detail"]): void {
     this.dispatchEvent(new CustomEvent(type, { detail, bubbles: true, composed: true }));
   }
 

@@ -13,7 +13,7 @@ import { Wipe } from "../views/wipe";
 import { useWords } from "../words/words";
 import { ORIGIN } from "./origin";
 
-/** Where the viewer is; build.mjs says it. */
+/** Path of the viewer script; build.mjs defines it. */
 declare const VIEWER: string;
 
 const MODES: Mode[] = ["wipe", "before", "after"];
@@ -27,7 +27,7 @@ interface Props {
   shown: (viewer: Viewer | null) => void;
 }
 
-/** Both models in 3D, or where there is no WebGL the pictures that the service drew. */
+/** Both models in 3D, or without WebGL the pictures that the service drew. */
 export function Look({ job, server, file, shown }: Props) {
   const { words } = useWords();
   const canvas = useRef<HTMLCanvasElement>(null);
@@ -39,10 +39,10 @@ export function Look({ job, server, file, shown }: Props) {
 
   useEffect(() => {
     const stop = new AbortController();
-    // Of a large model a shop's customer sees the coarse one, which weighs as much as a picture.
+    // Customers get the coarse preview of a large model, which is as small as a picture.
     const at = (name: string): Artifact | undefined => job.artifacts[`${name}-preview.glb`] ?? job.artifacts[`${name}.glb`];
     const load = async (): Promise<void> => {
-      // By its whole address: plain scripts of another origin have no address of their own that a short one could be beside.
+      // A classic script from another origin has no base address, so the import needs the full URL.
       const { Viewer, readAppearance, readColouredMesh } = (await import(new URL(VIEWER, ORIGIN).href)) as typeof ViewerModule;
       const read = async (artifact: Artifact | undefined): Promise<ColouredMesh | null> =>
         artifact ? readColouredMesh(await fetchArtifact(server, artifact, stop.signal)) : null;
@@ -52,7 +52,7 @@ export function Look({ job, server, file, shown }: Props) {
       stop.signal.addEventListener("abort", () => viewer.dispose());
       viewer.setMode("wipe");
       viewer.compare(before, change, "fine");
-      // The result shows what the verdict complains of, and nothing else.
+      // The result shows only the defects that the verdict mentions.
       if (remaining && !claimsOf(job).isPrintable) viewer.lay("after", remaining, "fine", (kind) => kind !== "sound" && !isRemark(kind));
       setViewer(viewer);
       shown(viewer);
@@ -114,7 +114,7 @@ export function Look({ job, server, file, shown }: Props) {
   );
 }
 
-/** The result as it was drawn by the service. It is drawn on a canvas, so that the shop needs no `img-src` for it. */
+/** The picture of the result. It is drawn on a canvas, so that the shop's Content-Security-Policy needs no `img-src` for it. */
 function Picture({ job, server }: { job: Job; server: Server }) {
   const { words } = useWords();
   const canvas = useRef<HTMLCanvasElement>(null);
@@ -124,12 +124,12 @@ function Picture({ job, server }: { job: Job; server: Server }) {
     const load = async (picture: Artifact): Promise<void> => {
       const bytes = await fetchArtifact(server, picture, stop.signal);
       const image = await createImageBitmap(new Blob([bytes], { type: picture.media_type }));
-      const it = canvas.current;
-      if (!it) return;
-      [it.width, it.height] = [image.width, image.height];
-      it.getContext("2d")?.drawImage(image, 0, 0);
+      const target = canvas.current;
+      if (!target) return;
+      [target.width, target.height] = [image.width, image.height];
+      target.getContext("2d")?.drawImage(image, 0, 0);
     };
-    // Without it there are still the words.
+    // Without the picture, the texts remain.
     if (drawn) load(drawn).catch(() => undefined);
     return () => stop.abort();
   }, [job.id]);

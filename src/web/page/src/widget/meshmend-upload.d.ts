@@ -1,30 +1,30 @@
-// What a shop's TypeScript needs to know of <meshmend-upload>. It imports nothing, so that the file can be copied. See docs/widget.md.
+// Types of <meshmend-upload> for a shop's TypeScript. The file imports nothing, so it can be copied. See docs/widget.md.
 
-/** A job's outcome, as the API has it. */
+/** Outcome of a job, as in the API. */
 export type Outcome = "already_printable" | "repaired" | "partially_repaired" | "unrepairable";
 export type Point = [number, number, number];
 
-/** What prices an order. Check it on your backend with the numbers of `GET /v1/jobs/{id}`: whoever owns the browser can change these. */
+/** Numbers to price an order with. Verify them on your backend with `GET /v1/jobs/{id}`: the owner of the browser can change them here. */
 export interface Metrics {
   /** Whether the model is closed, consistent and free of intersections: the outcome is `already_printable` or `repaired`. */
   printable: boolean;
-  /** The unit of the file's numbers, such as `mm` or `in`, and who said so; `assumed` is a guess that a person should look at. */
+  /** The unit of the file's numbers, such as `mm` or `in`, and its source. `assumed` is a guess that a person should check. */
   unit: string;
   unitSource: "declared" | "file" | "assumed";
-  /** The bounding box's sides in millimetres, along x, y and z. */
+  /** Sides of the bounding box in millimetres, along x, y and z. */
   sizeMm: Point;
-  /** Its corners in millimetres. */
+  /** Corners of the bounding box in millimetres. */
   boxMm: { min: Point; max: Point } | null;
-  /** Null where the model is not closed. */
+  /** Null if the model is not closed. */
   volumeMm3: number | null;
   areaMm2: number | null;
-  /** Null where there is none, as in a model that is not closed. */
+  /** Null if there is no wall, as in a model that is not closed. */
   thinnestWallMm: number | null;
-  /** Separate bodies. */
+  /** Number of separate solids. */
   solids: number;
 }
 
-/** `uploaded`: the file has arrived and its job is made. */
+/** `uploaded`: the file has arrived and its job has been created. */
 export interface UploadedDetail {
   jobId: string;
   status: "queued" | "running" | "succeeded" | "failed" | "canceled" | "expired";
@@ -33,23 +33,23 @@ export interface UploadedDetail {
   bytes: number;
 }
 
-/** `progress`: something goes on, several times a second. */
+/** `progress`: the upload or the job advanced. Fires several times a second. */
 export interface ProgressDetail {
-  /** Null while the file is on its way. */
+  /** Null while the file is uploading. */
   jobId: string | null;
   status: "uploading" | "queued" | "running";
   outcome: null;
-  /** Bytes that have gone, of how many. */
+  /** Bytes sent, out of `bytes`. */
   sent: number;
   bytes: number;
   stage: "read" | "inspect" | "repair" | "wait" | "verify" | "finish" | null;
-  /** 0 to 100, of the repair. */
+  /** Progress of the repair, 0 to 100. */
   percent: number;
-  /** Jobs that come first. */
+  /** Number of jobs ahead in the queue. */
   queuePosition: number | null;
 }
 
-/** `repaired`: there is a result. Not each can be printed: see `metrics.printable`. */
+/** `repaired`: there is a result. It may not be printable: see `metrics.printable`. */
 export interface RepairedDetail {
   jobId: string;
   status: "succeeded";
@@ -57,18 +57,18 @@ export interface RepairedDetail {
   metrics: Metrics;
 }
 
-/** `failed`: there is no result, and why. */
+/** `failed`: there is no result, and `code` says why. */
 export interface FailedDetail {
-  /** Null where there was no job yet. */
+  /** Null if no job was created. */
   jobId: string | null;
   status: "refused" | "succeeded" | "failed" | "canceled" | "expired";
-  /** `unrepairable`, where the job failed with `not_printable` also `partially_repaired`, or null. */
+  /** `unrepairable` or null; also `partially_repaired` if the job failed with `not_printable`. */
   outcome: Outcome | null;
   /** A code of the API (`/problems`), such as `not_printable` where the option `require` is `printable`, or `unrepairable`, `canceled`, `unreachable`, `store_unreachable` (a bucket whose CORS rules leave the page out), `token_missing`, `token_refused`, `bad_attribute`. */
   code: string;
-  /** What the widget says to the customer, in their language. */
+  /** The message that the customer sees, in their language. */
   message: string;
-  /** The service's own words. */
+  /** The detail from the service, in English. */
   detail: string;
 }
 
@@ -80,13 +80,13 @@ export interface MeshmendUploadEventMap {
 }
 
 export interface MeshmendUploadElement extends HTMLElement {
-  /** Gives a token whenever one is needed; goes before the attributes `token` and `token-url`. */
+  /** Returns a token whenever one is needed; takes precedence over the attributes `token` and `token-url`. */
   getToken: (() => Promise<string>) | null;
-  /** The present job's id. */
+  /** Id of the current job. */
   readonly jobId: string | null;
-  /** Uploads a file, as if it had been dropped. */
+  /** Uploads a file, as if the customer had dropped it. */
   upload(file: File): void;
-  /** Stops what goes on and begins anew, with the drop zone. */
+  /** Stops the current upload and shows the drop zone again. */
   reset(): void;
 
   addEventListener<K extends keyof MeshmendUploadEventMap>(

@@ -7,14 +7,14 @@ function scaled([x = 0, y = 0, z = 0]: readonly number[], factor: number): Point
   return [x * factor, y * factor, z * factor];
 }
 
-/** What prices an order, measured on the result; none where nothing was measured, or nothing is handed out. */
+/** The numbers to price an order with, measured on the result; null if nothing was measured or no model is available. */
 export function metricsOf(job: Job): Metrics | null {
   const report = job.report?.mode === "repair" ? job.report : null;
   const inspection = report && (report.after ?? report.before);
   const print = inspection?.print;
   const { isPrintable, isRefused } = claimsOf(job);
   if (!print || isRefused) return null;
-  const own = inMillimetres(print.unit);
+  const unitInMm = inMillimetres(print.unit);
   const times = (value: number | null | undefined, factor: number): number | null => (value == null ? null : value * factor);
   const box = inspection.bounding_box;
   return {
@@ -22,10 +22,10 @@ export function metricsOf(job: Job): Metrics | null {
     unit: print.unit,
     unitSource: print.unit_source,
     sizeMm: scaled(print.size_mm, 1),
-    boxMm: box ? { min: scaled(box.min, own), max: scaled(box.max, own) } : null,
-    volumeMm3: times(print.volume, own ** 3),
-    areaMm2: times(print.area, own ** 2),
-    thinnestWallMm: times(print.thinnest_wall?.thickness, own),
+    boxMm: box ? { min: scaled(box.min, unitInMm), max: scaled(box.max, unitInMm) } : null,
+    volumeMm3: times(print.volume, unitInMm ** 3),
+    areaMm2: times(print.area, unitInMm ** 2),
+    thinnestWallMm: times(print.thinnest_wall?.thickness, unitInMm),
     solids: print.solids,
   };
 }

@@ -1,5 +1,5 @@
-/** The script of this element: the one that runs, or of a module, of which that is not told, the one that is named so. */
+/** The script of this element. A module has no `currentScript`; then the script is found by its name. */
 const script = document.currentScript ?? document.querySelector("script[src*='/widget.js']");
 
-/** The service that the script came from; that of the page, where it came in another way. */
+/** Origin of the service that the script came from; the page's origin if the script has no address. */
 export const ORIGIN = new URL(script instanceof HTMLScriptElement && script.src ? script.src : location.href).origin;

@@ -14,7 +14,7 @@ import { metricsOf } from "./metrics";
 import type { Session } from "./session";
 import { useTexts } from "./texts";
 
-/** What became of the model: to look at, in words and in numbers, and what may help where it can't be printed. */
+/** The result: both models, verdict and numbers, and what may help if the model is not printable. */
 export function Outcome({ session, job, can, unit }: { session: Session; job: Job; can: Capabilities | null; unit: Unit }) {
   const texts = useTexts();
   const { words } = useWords();
@@ -57,7 +57,7 @@ function isSeen(job: Job): boolean {
   return "defects.glb" in job.artifacts || "before.png" in job.artifacts;
 }
 
-/** What an order is priced by. */
+/** The numbers that an order is priced with. */
 function Measures({ job, unit }: { job: Job; unit: Unit }) {
   const { words, figures } = useWords();
   const metrics = metricsOf(job);

@@ -1,10 +1,10 @@
 import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, standing, submitSurely } from "meshmend-client";
 import { claimsOf } from "../report/verdict";
 import { Store } from "../state/store";
-import { type Teller, tellOfEnd, tellOfProgress, tellOfRefusal, tellOfUpload } from "./telling";
+import { type EventSink, sendEnd, sendProgress, sendRefusal, sendUploaded } from "./events";
 import type { Tokens } from "./tokens";
 
-/** How far the file is; `empty` where there is none. */
+/** State of the file; `empty` without a file. */
 export type Phase = "empty" | "uploading" | "paused" | "submitting" | "following" | "ended" | "refused";
 
 export interface State {
@@ -15,59 +15,59 @@ export interface State {
   progress: ProgressEvent | null;
   job: Job | null;
   problem: Problem | null;
-  /** What the service can do, asked for where a model did not come out whole. */
+  /** The service's capabilities, fetched only if the result is not printable. */
   can: Capabilities | null;
 }
 
 const EMPTY: State = { phase: "empty", name: "", bytes: 0, sent: 0, progress: null, job: null, problem: null, can: null };
 
-/** What the shop says of its jobs. Reading it throws a `Problem` where an attribute can't be understood. */
-export interface Wishes {
+/** The shop's settings for its jobs, from the attributes. Reading them throws a `Problem` if an attribute is malformed. */
+export interface ShopSettings {
   base: string;
   options: Options;
   metadata: Record<string, string>;
   maxBytes: number;
 }
 
-/** One file from drop to result, and then perhaps another. */
+/** One file at a time, from drop to result. */
 export class Session {
   readonly state = new Store<State>(EMPTY);
   #file: File | null = null;
-  /** The service with the token that the present job was submitted with. */
+  /** The service, with the token that submitted the current job. */
   #server: Server | null = null;
   #stop = new AbortController();
 
   constructor(
-    readonly wishes: () => Wishes,
+    readonly settings: () => ShopSettings,
     readonly tokens: Tokens,
-    readonly teller: Teller,
+    readonly sink: EventSink,
   ) {}
 
   get server(): Server | null {
     return this.#server;
   }
 
-  /** The file of the present job. */
+  /** The file of the current job. */
   get file(): File | null {
     return this.#file;
   }
 
-  /** Uploads a file and makes a job of it, with the shop's options or with others. */
+  /** Uploads a file and submits it as a job, with the given options or else with the shop's. */
   take(file: File, options: Options | null = null): void {
     this.#file = file;
     void this.#run({ ...EMPTY, phase: "uploading", name: file.name, bytes: file.size }, (signal) => this.#send(file, options, signal));
   }
 
-  /** Whether the shop leaves an option to its customers. */
+  /** Whether customers may choose an option: the shop has not set it. */
   isFree(option: string): boolean {
     try {
-      return !(option in this.wishes().options);
+      return !(option in this.settings().options);
     } catch {
       return false;
     }
   }
 
-  /** Sends the file anew: one request takes the whole of it. */
+  /** Sends the file from its start again: an upload is one request. */
   resume(): void {
     if (this.#file) this.take(this.#file);
   }
@@ -77,7 +77,7 @@ export class Session {
     this.#change({ phase: "paused", sent: 0 });
   }
 
-  /** Stops what goes on; a job that is made already is canceled, and its end is told as any other's. */
+  /** Stops the upload, or cancels the job. The end of a canceled job is reported like any other end. */
   async cancel(): Promise<void> {
     const { phase, job } = this.state.value;
     if (phase === "following" && job && this.#server) {
@@ -88,23 +88,23 @@ export class Session {
       return;
     }
     this.reset();
-    tellOfRefusal(this.teller, null, new Problem(0, "canceled", "", ""));
+    sendRefusal(this.sink, null, new Problem(0, "canceled", "", ""));
   }
 
-  /** Makes another job of the file, with other options. */
+  /** Submits another job for the same file, with other options. */
   again(options: Options): void {
     const { job, name, bytes } = this.state.value;
     const [file, server] = [this.#file, this.#server];
     if (!job || !file || !server) return;
     void this.#run({ ...EMPTY, phase: "submitting", name, bytes, sent: bytes }, async (signal) => {
-      const asked: NewJob = { source: { job_id: job.id }, options, metadata: this.wishes().metadata };
-      const made = await submitSurely(server, asked, signal).catch((error: unknown) => {
-        // With another token the earlier job is not seen, and the service keeps its file for a while only.
+      const request: NewJob = { source: { job_id: job.id }, options, metadata: this.settings().metadata };
+      const created = await submitSurely(server, request, signal).catch((error: unknown) => {
+        // Another token cannot see the earlier job, and the service keeps its file only for a limited time.
         const isLost = ["unauthorized", "job_expired", "job_deleted", "job_not_found"];
         if (error instanceof Problem && isLost.includes(error.code)) return null;
         throw error;
       });
-      await (made ? this.#made(made, server, signal) : this.#send(file, options, signal));
+      await (created ? this.#followCreated(created, server, signal) : this.#send(file, options, signal));
     });
   }
 
@@ -114,14 +114,14 @@ export class Session {
     this.state.set(EMPTY);
   }
 
-  /** Stops asking while nobody looks; a job goes on. */
+  /** Stops following while the element is not in the page. The job continues. */
   sleep(): void {
     const { phase } = this.state.value;
     if (phase === "uploading" || phase === "submitting") this.pause();
     else this.#stop.abort();
   }
 
-  /** Listens to the job again. */
+  /** Follows the job again. */
   wake(): void {
     const { value } = this.state;
     const [server, { job }] = [this.#server, value];
@@ -141,20 +141,20 @@ export class Session {
   }
 
   async #send(file: File, other: Options | null, signal: AbortSignal): Promise<void> {
-    const { base, options, metadata, maxBytes } = this.wishes();
+    const { base, options, metadata, maxBytes } = this.settings();
     if (file.size > maxBytes) throw new Problem(413, "payload_too_large", "", "");
     this.#change({ phase: "uploading" });
-    const { answer: place, server } = await this.tokens.asking(base, signal, (it) => announce(it, file.name, file.size, signal));
+    const { answer: place, server } = await this.tokens.request(base, signal, (it) => announce(it, file.name, file.size, signal));
     await send(server, place, file, (sent) => this.#change({ sent }), signal);
     this.#change({ phase: "submitting", sent: file.size });
-    const asked: NewJob = { source: { upload_id: place.id }, options: other ?? options, metadata };
-    const made = await this.tokens.asking(base, signal, (it) => submitSurely(it, asked, signal), server);
-    await this.#made(made.answer, made.server, signal);
+    const request: NewJob = { source: { upload_id: place.id }, options: other ?? options, metadata };
+    const created = await this.tokens.request(base, signal, (it) => submitSurely(it, request, signal), server);
+    await this.#followCreated(created.answer, created.server, signal);
   }
 
-  async #made(job: Job, server: Server, signal: AbortSignal): Promise<void> {
+  async #followCreated(job: Job, server: Server, signal: AbortSignal): Promise<void> {
     this.#server = server;
-    tellOfUpload(this.teller, job);
+    sendUploaded(this.sink, job);
     this.#change({ phase: "following", job, progress: standing(job) });
     await this.#follow(job, server, signal);
   }
@@ -165,17 +165,17 @@ export class Session {
     const can = claimsOf(ended).isPrintable ? null : await capabilities(server).catch(() => null);
     signal.throwIfAborted();
     this.state.change((now) => ({ ...now, phase: "ended", job: ended, progress: null, can }));
-    tellOfEnd(this.teller, ended);
+    sendEnd(this.sink, ended);
   }
 
   #change(change: Partial<State>): void {
     this.state.change((now) => ({ ...now, ...change }));
-    tellOfProgress(this.teller, this.state.value);
+    sendProgress(this.sink, this.state.value);
   }
 
   #refuse(error: unknown): void {
     const problem = Problem.from(error);
     this.state.change((now) => ({ ...now, phase: "refused", problem }));
-    tellOfRefusal(this.teller, this.state.value.job?.id ?? null, problem);
+    sendRefusal(this.sink, this.state.value.job?.id ?? null, problem);
   }
 }

@@ -1,6 +1,6 @@
 import { type Server, Problem } from "meshmend-client";
 
-/** Where a shop's page has its tokens from. */
+/** Where a shop's page gets its tokens from. */
 export interface TokenSource {
   getToken: (() => Promise<string>) | null;
   token: string | null;
@@ -9,39 +9,39 @@ export interface TokenSource {
 
 interface Known {
   token: string;
-  /** From when on another is asked for before something is begun with it; milliseconds since 1970. */
+  /** Time after which a new token is fetched before a new upload, in milliseconds since 1970. */
   staleAt: number;
 }
 
-/** A token should last for a job: so long before its end another is asked for, in milliseconds. */
+/** A token should outlast a job: a new one is fetched this many milliseconds before it expires. */
 const LONGEST_JOB = 15 * 60_000;
 
-/** The browser tokens that the shop's backend gives: one is used until it is worth nothing any more. */
+/** Browser tokens from the shop's backend. A token is reused until it expires. */
 export class Tokens {
   #known: Known | null = null;
 
   constructor(readonly source: () => TokenSource) {}
 
-  /** Forgets the token, since the shop gave another one. */
+  /** Forgets the token, because the shop has set another one. */
   forget(): void {
     this.#known = null;
   }
 
   /**
-   * Asks the service something, and once more with another token where the first has expired. What it answers has the server as it was
-   * asked: jobs are seen only with the token that they were submitted with. What was begun goes on with the server that it was begun with.
+   * Sends a request, and retries once with a new token if the first has expired. The answer includes the server with its token, because
+   * only the token that submitted a job can see the job. With `current`, the request uses that server first.
    */
-  async asking<T>(base: string, signal: AbortSignal, ask: (server: Server) => Promise<T>, begun?: Server): Promise<{ answer: T; server: Server }> {
+  async request<T>(base: string, signal: AbortSignal, send: (server: Server) => Promise<T>, current?: Server): Promise<{ answer: T; server: Server }> {
     try {
-      const server = begun ?? serverOf(base, (await this.#fresh(signal)).token);
-      return { answer: await ask(server), server };
+      const server = current ?? serverOf(base, (await this.#fresh(signal)).token);
+      return { answer: await send(server), server };
     } catch (error) {
       const { getToken, tokenUrl } = this.source();
-      const isWorthless = error instanceof Problem && error.code === "unauthorized";
-      if (!isWorthless || !(getToken ?? tokenUrl)) throw error;
+      const isExpired = error instanceof Problem && error.code === "unauthorized";
+      if (!isExpired || !(getToken ?? tokenUrl)) throw error;
     }
     const server = serverOf(base, (await this.#get(signal, true)).token);
-    return { answer: await ask(server), server };
+    return { answer: await send(server), server };
   }
 
   async #fresh(signal: AbortSignal): Promise<Known> {
@@ -49,19 +49,19 @@ export class Tokens {
     return known && Date.now() < known.staleAt ? known : this.#get(signal, false);
   }
 
-  async #get(signal: AbortSignal, again: boolean): Promise<Known> {
+  async #get(signal: AbortSignal, isRetry: boolean): Promise<Known> {
     const { getToken, token, tokenUrl } = this.source();
-    const at = Date.now();
-    let given: { token?: unknown; expires_at?: unknown };
-    if (getToken) given = { token: await getToken().catch(refused) };
-    else if (token && !again) given = { token };
-    else if (tokenUrl) given = await fetchToken(tokenUrl, signal);
+    const now = Date.now();
+    let response: { token?: unknown; expires_at?: unknown };
+    if (getToken) response = { token: await getToken().catch(refused) };
+    else if (token && !isRetry) response = { token };
+    else if (tokenUrl) response = await fetchToken(tokenUrl, signal);
     else throw new Problem(0, "token_missing", "", "Set `token-url`, `token` or `getToken` on the element.");
-    if (typeof given.token !== "string" || given.token === "") refused("The response contains no `token`.");
-    const end = typeof given.expires_at === "string" ? Date.parse(given.expires_at) : Number.NaN;
-    // A short one is used for half of its life.
-    const staleAt = Number.isNaN(end) ? Infinity : Math.max(end - LONGEST_JOB, (at + end) / 2);
-    return (this.#known = { token: given.token as string, staleAt });
+    if (typeof response.token !== "string" || response.token === "") refused("The response contains no `token`.");
+    const end = typeof response.expires_at === "string" ? Date.parse(response.expires_at) : Number.NaN;
+    // A short-lived token is used for half of its life.
+    const staleAt = Number.isNaN(end) ? Infinity : Math.max(end - LONGEST_JOB, (now + end) / 2);
+    return (this.#known = { token: response.token as string, staleAt });
   }
 }
 
@@ -69,11 +69,11 @@ function serverOf(base: string, token: string): Server {
   return { base, key: () => token };
 }
 
-function refused(why: unknown): never {
-  throw new Problem(0, "token_refused", "", why instanceof Error ? why.message : String(why));
+function refused(reason: unknown): never {
+  throw new Problem(0, "token_refused", "", reason instanceof Error ? reason.message : String(reason));
 }
 
-/** Asks the shop's backend, as the customer's session. It answers as `POST /v1/browser-tokens` does. */
+/** Fetches a token from the shop's backend, with the customer's session. The response has the form of `POST /v1/browser-tokens`. */
 async function fetchToken(url: string, signal: AbortSignal): Promise<{ token?: unknown; expires_at?: unknown }> {
   try {
     const answer = await fetch(url, { method: "POST", headers: { accept: "application/json" }, credentials: "same-origin", signal });

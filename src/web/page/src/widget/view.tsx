@@ -29,17 +29,17 @@ export function Widget({ language, ...props }: Props) {
   );
 }
 
-/** What is asked of the customer, or how far their model is, or what became of it; a model may be dropped on all of it but the second. */
+/** The drop zone, the progress, or the result. A model may be dropped on the drop zone and on the result. */
 function Box({ session, lang, unit, accept }: Omit<Props, "language"> & { lang: Language }) {
   const texts = useTexts();
   const state = useStore(session.state);
   const box = useRef<HTMLDivElement>(null);
   const [over, setOver] = useState(false);
-  const [note, tell] = useState("");
+  const [note, setNote] = useState("");
   const isFree = state.phase === "empty" || state.phase === "ended" || state.phase === "refused";
   const shown = isFree ? state.phase : "busy";
   const take = (files: File[]): void => {
-    tell(files.length === 1 ? "" : texts.oneAtATime);
+    setNote(files.length === 1 ? "" : texts.oneAtATime);
     if (files.length === 1) session.take(files[0]!);
   };
   const drag = (event: DragEvent): void => {
@@ -51,7 +51,7 @@ function Box({ session, lang, unit, accept }: Omit<Props, "language"> & { lang: 
     setOver(false);
     if (isFree) void dropped(event.dataTransfer, FORMATS).then(take);
   };
-  // What had the focus may be gone with the view that it was in.
+  // The focused element may have disappeared with its view.
   const hadFocus = box.current?.matches(":focus-within") ?? false;
   useLayoutEffect(() => {
     if (hadFocus && !box.current?.matches(":focus-within")) box.current?.focus();
@@ -71,7 +71,7 @@ function Box({ session, lang, unit, accept }: Omit<Props, "language"> & { lang: 
       onDrop={drag}
     >
       {shown === "empty" && <DropZone accept={accept} over={over} take={take} />}
-      {shown === "busy" && <Under session={session} state={state} />}
+      {shown === "busy" && <Progress session={session} state={state} />}
       {shown === "ended" && state.job && <Outcome key={state.job.id} session={session} job={state.job} can={state.can} unit={unit} />}
       {shown === "refused" && <Refused session={session} state={state} />}
       {over && shown !== "empty" && <p class="letgo">{texts.letGo}</p>}
@@ -81,21 +81,21 @@ function Box({ session, lang, unit, accept }: Omit<Props, "language"> & { lang: 
         </p>
       )}
       <p class="hidden" role="status">
-        <Said state={state} />
+        <Announcement state={state} />
       </p>
     </div>
   );
 }
 
-/** What a screen reader says of the end; of the stages before `Stages` tells itself, of problems their note. */
-function Said({ state: { phase, job } }: { state: State }) {
+/** Text for screen readers when the job ends. `Stages` announces the stages, and the note announces problems. */
+function Announcement({ state: { phase, job } }: { state: State }) {
   const { words } = useWords();
   if (phase !== "ended" || !job) return null;
   return <>{words.outcomes[claimsOf(job).title]}</>;
 }
 
-/** The file on its way, and what can be done with it. */
-function Under({ session, state }: { session: Session; state: State }) {
+/** Progress of the file, with buttons to pause or cancel. */
+function Progress({ session, state }: { session: Session; state: State }) {
   const { words, figures } = useWords();
   const { phase, name } = state;
   return (
@@ -122,7 +122,7 @@ function Under({ session, state }: { session: Session; state: State }) {
   );
 }
 
-/** Why the file was not taken, and another try. */
+/** Why the file was not accepted, with a button to try again. */
 function Refused({ session, state }: { session: Session; state: State }) {
   const texts = useTexts();
   const { words } = useWords();

@@ -1,4 +1,4 @@
 import { MeshmendUpload } from "./element";
 
-// A page may have the script twice.
+// A page may include the script twice.
 if (!customElements.get("meshmend-upload")) customElements.define("meshmend-upload", MeshmendUpload);

@@ -6,26 +6,26 @@ import type { State } from "./session";
 
 const ENDS = ["succeeded", "failed", "canceled", "expired"] as const;
 
-/** Who tells the shop's page of events. */
-export interface Teller {
-  tell<K extends keyof MeshmendUploadEventMap>(type: K, detail: MeshmendUploadEventMap[K]["detail"]): void;
-  /** What the customer reads of a problem. */
+/** Sends events to the shop's page. */
+export interface EventSink {
+  send<K extends keyof MeshmendUploadEventMap>(type: K, detail: MeshmendUploadEventMap[K]["detail"]): void;
+  /** The message for the customer about a problem. */
   explain(code: string, title: string): string;
 }
 
-/** An outcome of a repair; the widget asks for nothing else. */
+/** The outcome of a repair; the widget submits no other jobs. */
 function outcomeOf(job: Job): Outcome | null {
   return job.outcome as Outcome | null;
 }
 
-export function tellOfUpload(teller: Teller, job: Job): void {
-  teller.tell("uploaded", { jobId: job.id, status: job.status, outcome: outcomeOf(job), name: job.input.name, bytes: job.input.bytes });
+export function sendUploaded(sink: EventSink, job: Job): void {
+  sink.send("uploaded", { jobId: job.id, status: job.status, outcome: outcomeOf(job), name: job.input.name, bytes: job.input.bytes });
 }
 
-export function tellOfProgress(teller: Teller, { phase, job, sent, bytes, progress }: State): void {
+export function sendProgress(sink: EventSink, { phase, job, sent, bytes, progress }: State): void {
   if (phase !== "uploading" && phase !== "following") return;
   const status = phase === "uploading" ? phase : progress?.status === "running" ? "running" : "queued";
-  teller.tell("progress", {
+  sink.send("progress", {
     jobId: job?.id ?? null,
     status,
     outcome: null,
@@ -37,19 +37,19 @@ export function tellOfProgress(teller: Teller, { phase, job, sent, bytes, progre
   });
 }
 
-export function tellOfEnd(teller: Teller, job: Job): void {
+export function sendEnd(sink: EventSink, job: Job): void {
   const outcome = outcomeOf(job);
   const metrics = metricsOf(job);
   if (job.status === "succeeded" && claimsOf(job).model && outcome && outcome !== "unrepairable" && metrics) {
-    return teller.tell("repaired", { jobId: job.id, status: job.status, outcome, metrics });
+    return sink.send("repaired", { jobId: job.id, status: job.status, outcome, metrics });
   }
   const status = ENDS.find((end) => end === job.status) ?? "failed";
   const code = job.problem?.code ?? (status === "succeeded" ? "unrepairable" : status);
-  const message = teller.explain(code, job.problem?.title ?? "");
-  teller.tell("failed", { jobId: job.id, status, outcome, code, message, detail: job.problem?.detail ?? "" });
+  const message = sink.explain(code, job.problem?.title ?? "");
+  sink.send("failed", { jobId: job.id, status, outcome, code, message, detail: job.problem?.detail ?? "" });
 }
 
-export function tellOfRefusal(teller: Teller, jobId: string | null, { code, title, detail }: Problem): void {
+export function sendRefusal(sink: EventSink, jobId: string | null, { code, title, detail }: Problem): void {
   const status = code === "canceled" ? "canceled" : "refused";
-  teller.tell("failed", { jobId, status, outcome: null, code, message: teller.explain(code, title), detail });
+  sink.send("failed", { jobId, status, outcome: null, code, message: sink.explain(code, title), detail });
 }
