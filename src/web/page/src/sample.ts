@@ -1,7 +1,7 @@
 type Point = [number, number, number];
 type Triangle = [Point, Point, Point];
 
-/** A ring with holes and flipped faces through which a block runs: something to try the page with. In millimetres, binary STL. */
+/** A sample to try the page with: a ring with holes and flipped faces, intersected by a block. Binary STL in millimetres. */
 export function brokenSample(): File {
   const triangles = [...ring(96, 40), ...block([24, -8, -13], [14, 16, 26])];
   return new File([binaryStl(triangles)], "broken-sample.stl", { type: "model/stl" });

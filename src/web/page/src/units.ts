@@ -1,4 +1,4 @@
-/** The units that people choose from, and those that a model may be in, in millimetres. */
+/** The units that users choose from; below, the units of models in millimetres. */
 export const UNITS = ["mm", "cm", "in"] as const;
 export type Unit = (typeof UNITS)[number];
 const MILLIMETRES: Record<string, number> = { um: 0.001, mm: 1, cm: 10, m: 1000, in: 25.4, ft: 304.8 };
@@ -7,7 +7,7 @@ export function inMillimetres(unit: string): number {
   return MILLIMETRES[unit] ?? 1;
 }
 
-/** Writes numbers as people of a language read them. */
+/** Formats numbers for a language. */
 export class Figures {
   constructor(readonly language: string) {}
 
@@ -16,7 +16,7 @@ export class Figures {
     return new Intl.NumberFormat(this.language, { maximumFractionDigits: 0 }).format(value);
   }
 
-  /** A number with so many significant digits, and no more than it has. */
+  /** A number with the given significant digits, without trailing zeros. */
   number(value: number, digits = 4): string {
     if (!Number.isFinite(value)) return "–";
     const size = Math.abs(value);
@@ -44,7 +44,7 @@ export class Figures {
     return `${this.number(squareMillimetres / inMillimetres(unit) ** 2)} ${unit}²`;
   }
 
-  /** Volumes are told in cm³ where lengths are in mm: what printers and shops reckon in. */
+  /** A volume. With lengths in mm it is in cm³, which printers and shops use. */
   volume(cubicMillimetres: number, unit: Unit): string {
     const told = unit === "mm" ? "cm" : unit;
     return `${this.number(cubicMillimetres / inMillimetres(told) ** 3)} ${told}³`;
@@ -68,7 +68,7 @@ export class Figures {
   }
 }
 
-/** Whether a box of that size fits into a room: as it lies, turned, or not at all. */
+/** Whether a box of this size fits into a build volume: as it is, turned, or not at all. */
 export function fit(size: readonly number[], room: readonly number[]): "as_is" | "turned" | "no" {
   const within = (a: readonly number[], b: readonly number[]): boolean => a.every((side, k) => side <= b[k]!);
   if (within(size, room)) return "as_is";

@@ -1,16 +1,16 @@
 import type { Capabilities, Job, Options, Report } from "meshmend-client";
 import { claimsOf, isPrintable } from "./verdict";
 
-/** Something to try with a job that did not come out whole: other options, and which texts tell of it. */
+/** A suggestion for a job without a printable result: other options, and the key of its text. */
 export interface Try {
   name: "tryBase" | "tryRemesh" | "tryLonger" | "tryAgain";
   options: Options;
 }
 
-/** Seconds that a second try of a job that ran out of time is given. */
+/** Time limit in seconds for retrying a job that exceeded its deadline. */
 const LONGER_S = 600;
 
-/** What may help with a job that failed or was not repaired, the most promising first. */
+/** Suggestions for a job that failed or was not repaired, most promising first. */
 export function tries(job: Job, can: Capabilities | null): Try[] {
   const list: Try[] = [];
   const blender = can?.tiers.some((tier) => tier.tier === 3 && tier.available) ?? false;
@@ -29,23 +29,23 @@ export function tries(job: Job, can: Capabilities | null): Try[] {
   return list;
 }
 
-/** Whether a repair ran to its end and its result is not printable, handed out or not. */
+/** Whether a repair finished with a result that is not printable, available or not. */
 export function isUnfinished(job: Job): boolean {
   const hasEnded = job.status === "succeeded" || claimsOf(job).isRefused;
   return hasEnded && job.report?.mode === "repair" && !isPrintable(job.report.outcome);
 }
 
-/** A model that is nothing but surface without an inside: it has no closed part, and no repair made one. */
+/** Whether a model is only open surface: it has no closed part, and no repair made one. */
 export function isOpenSheet(report: Report): boolean {
   return report.outcome === "unrepairable" && !report.before.closed && (report.options?.["open_sheets"] ?? "auto") === "auto";
 }
 
-/** Whether a job repairs; a service may leave out the mode, which is then this one. */
+/** Whether a job is a repair. A missing mode means repair. */
 export function isRepair(job: Job): boolean {
   return (own(job)["mode"] ?? "repair") === "repair";
 }
 
-/** What a job was asked for, as it can be asked again. */
+/** The options of a job in a form that can be submitted again. */
 export function own(job: Job): Options {
   return Object.fromEntries(Object.entries(job.options).filter(([, value]) => value !== null));
 }

@@ -1,6 +1,6 @@
 import type { Artifact, Job } from "meshmend-client";
 
-/** The bytes of one of a job's files; 0 where the service does not say, as of pictures. */
+/** The size of a job's file in bytes; 0 if the service does not state it, as for pictures. */
 export function weightOf(job: Job, name: string): number {
   const artifact: Partial<Artifact> | undefined = job.artifacts[name];
   return artifact?.bytes ?? 0;

@@ -5,7 +5,7 @@ interface Sample {
   value: number;
 }
 
-/** Reads metrics as far as the page shows them; what it can't read it leaves out. */
+/** Parses the metrics that the page shows; skips lines that it cannot parse. */
 export function readMetrics(text: string): Sample[] {
   const samples: Sample[] = [];
   for (const line of text.split("\n")) {
@@ -17,7 +17,7 @@ export function readMetrics(text: string): Sample[] {
   return samples;
 }
 
-/** The value of one metric, summed over the labels that are not given; none where it is not there or not known. */
+/** The value of a metric, summed over unspecified labels; null if it is missing or not a number. */
 export function valueOf(samples: Sample[], name: string, labels: Record<string, string> = {}): number | null {
   const fits = samples.filter((it) => it.name === name && Object.entries(labels).every(([key, value]) => it.labels[key] === value));
   const sum = fits.reduce((sum, it) => sum + it.value, 0);

@@ -2,25 +2,25 @@ import type { Inspection, Job, PartAccounting, ObjectReport, Report } from "mesh
 import { type Figures, type Unit, inMillimetres } from "../units";
 import type { Words } from "../words/en";
 
-/** The account of one mesh: of a whole file, or of an object in it. */
+/** The report on one mesh: a whole file, or an object in it. */
 type Account = Report | ObjectReport;
 
-/** Kinds that are remarks and no faults, so that nothing is said to be mended of them. */
+/** Kinds that are remarks, not defects, and so are never reported as repaired. */
 const REMARKS = new Set(["disjoint", "inner_shell", "tiny_part"]);
 export function isRemark(kind: string): boolean {
   return REMARKS.has(kind);
 }
 
-/** Changes that end the rim of a sheet without closing a hole. */
+/** Changes that remove the boundary of a sheet without closing a hole. */
 const MADE_SOLID = ["sheets_thickened", "bases_added", "faces_around_open_regions_thickened"];
-/** A move that is a smaller share of the model is rounding. */
+/** Moves below this share of the model's size are rounding errors. */
 const NOTHING = 1e-6;
 
 function counts(inspection: Inspection | null | undefined): Map<string, number> {
   return new Map((inspection?.defects ?? []).map(({ kind, count }) => [kind, count]));
 }
 
-/** What a repair did, in words: what is gone, what became of parts, how far things moved. Most telling first. */
+/** Describes what a repair did: repaired defects, changed parts, moved surface. Most important first. */
 export function inWords(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
   if (report.outcome === "already_printable") return [words.untouched];
   if (report.outcome === "unrepairable" && isSame(report)) return [words.handedBack];
@@ -38,7 +38,7 @@ export function inWords(report: Account, words: Words, figures: Figures, unit: U
   return [...lines, ...ofSurface(report, words, figures, unit)];
 }
 
-/** How many of the holes that are gone were closed. The rim of a sheet that was given a thickness is gone too, and was no hole that was closed. */
+/** The number of closed holes. Thickening a sheet also removes its boundary, which does not count as a closed hole. */
 function holesClosed(report: Account, gone: number): number {
   const accounts: Account[] = "objects" in report && report.objects && report.objects.length > 0 ? report.objects : [report];
   const sum = (names: string[]): number =>
@@ -49,7 +49,7 @@ function holesClosed(report: Account, gone: number): number {
   return sum(MADE_SOLID) > 0 ? Math.min(gone, sum(["holes_closed"])) : gone;
 }
 
-/** Whether the result is what came. */
+/** Whether the result has the same surface as the input. */
 function isSame(report: Account): boolean {
   const surface = report.changes?.surface;
   return !surface || surface.added.faces + surface.moved.faces + surface.removed.faces === 0;
@@ -83,7 +83,7 @@ export function unitOf(report: Account): string {
   return report.before.print?.unit ?? "mm";
 }
 
-/** What is still wrong with the result, in words; empty where nothing is. */
+/** The remaining defects of the result, in words; empty if there are none. */
 export function stillWrong(report: Account, words: Words, figures: Figures): string {
   const list = [...counts(report.after)].filter(([kind]) => !REMARKS.has(kind));
   return list
@@ -98,7 +98,7 @@ export function unitOfJob(job: Job): string {
   return job.report?.mode === "repair" ? unitOf(job.report) : "mm";
 }
 
-/** Which axis of a job's model is up: what its format says, else z, as on a printer. */
+/** The up axis of a job's model: as its format defines, else z, as on a printer. */
 export function upOfJob(job: Job): "y" | "z" {
   return (job.report?.mode === "repair" && job.report.unit?.up) || "z";
 }

@@ -6,25 +6,25 @@ import { unitOf } from "./plain";
 type Flag = Report["red_flags"][number];
 type Assumption = NonNullable<Report["assumptions"]>[number];
 
-/** Walls that are thinner are beyond most printers, in millimetres. */
+/** Most printers cannot print thinner walls; in millimetres. */
 export const LEAST_WALL_MM = 0.8;
 
-/** What a person should know of a result, in plain words. `isEnglish` where only the service's own words tell it. */
+/** A remark on a result for the user. `isEnglish` if the text comes from the service and has no translation. */
 export interface Remark {
   key: string;
   text: string;
   isEnglish: boolean;
-  /** The option that decides otherwise, as `name=value`. */
+  /** The option that changes an assumption, as `name=value`. */
   option: string | null;
 }
 
-/** Flags whose figures are counts or lengths; those of the others are percentages. */
+/** Flags with counts or lengths; all others have percentages. */
 const COUNTS = ["parts_merged", "part_lost", "objects_intersect"];
 const LENGTHS = ["deviation"];
 /** Assumptions whose amount is a length. */
 const THICKNESSES = ["sheets_thickened", "bases_added", "parts_joined"];
 
-/** Signs that the repair changed more than it should, and walls that most printers can't make. */
+/** Red flags of the repair, and walls too thin for most printers. */
 export function warningsOf(report: Report, isPrintable: boolean, words: Words, figures: Figures, unit: Unit): Remark[] {
   const own = inMillimetres(unitOf(report));
   const figure = ({ code }: Flag, value: number): string => {
@@ -43,7 +43,7 @@ export function warningsOf(report: Report, isPrintable: boolean, words: Words, f
   return remarks;
 }
 
-/** What the service decided where the file does not say. */
+/** Assumptions of the service about what the file does not state. */
 export function assumptionsOf(report: Report, words: Words, figures: Figures, unit: Unit): Remark[] {
   return (report.assumptions ?? []).map((assumption) => {
     const { kind, detail, option } = assumption;
@@ -63,7 +63,7 @@ function figuresOf({ kind, count, amount, share_pct }: Assumption, report: Repor
   };
 }
 
-/** What else the service says, in its own words: warnings, and options that it did not apply. */
+/** Warnings of the service, and options that it did not apply. */
 export function notesOf(report: Report, words: Words): Remark[] {
   const warnings = (report.warnings ?? []).map((text) => ({ key: text, text: sentence(text), isEnglish: true, option: null }));
   const options = (report.options_not_applied ?? []).map(({ option, value, reason }) => {
@@ -73,13 +73,13 @@ export function notesOf(report: Report, words: Words): Remark[] {
   return [...warnings, ...options];
 }
 
-/** A text of the service as a sentence. */
+/** Makes a text of the service a sentence: capital letter and final period. */
 function sentence(text: string): string {
   const whole = text.charAt(0).toUpperCase() + text.slice(1);
   return /[.!?]$/.test(whole) ? whole : `${whole}.`;
 }
 
-/** The options of a job with one of them, as `name=value`, set; a list of operators gets one more. */
+/** A job's options with one more option, given as `name=value`. An operator is appended to its list. */
 export function withOption(options: Record<string, unknown>, option: string): Record<string, unknown> {
   const [name = "", value = ""] = option.split("=", 2);
   const before = options[name];

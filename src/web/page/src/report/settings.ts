@@ -5,7 +5,7 @@ import { unitOf } from "./plain";
 
 /** The units that a file may be in, as the option `unit` names them. */
 export const FILE_UNITS = ["mm", "cm", "in", "m", "ft", "um"] as const;
-/** Formats that name no unit, so that other programs read their lengths as millimetres. */
+/** Formats without a unit; other programs read their lengths as millimetres. */
 const WITHOUT_UNIT = ["stl", "obj", "ply", "off", "mesh", "zip"];
 /** Options that are lengths. */
 const LENGTHS = ["thickness", "max_deviation", "max_error", "merge_distance", "stitch_distance", "voxel_size"];
@@ -15,19 +15,19 @@ export function fileUnit({ unit, before }: Report): string {
   return unit?.scaled_from ?? unit?.used ?? before.print?.unit ?? "mm";
 }
 
-/** The sides of the model in millimetres, were its file in another unit. */
+/** The sides of the model in millimetres if its file were in `unit`. */
 export function sizeIn(report: Report, unit: string): [number, number, number] | null {
   const size = report.before.print?.size_mm;
   const factor = inMillimetres(unit) / inMillimetres(fileUnit(report));
   return size ? (size.map((side) => side * factor) as [number, number, number]) : null;
 }
 
-/** The unit that lengths among some options are in. */
+/** The unit of the lengths among the options. */
 function unitOfOptions(report: Report, options: Options): string {
   return String(options["scale_to"] ?? options["unit"] ?? fileUnit(report));
 }
 
-/** A job's options for the same file read in another unit. A format that names no unit gets millimetres. */
+/** A job's options for reading the same file in another unit. A result format without a unit is written in millimetres. */
 export function withUnit(job: Job, report: Report, unit: string): Options {
   const before = own(job);
   const format = report.output?.format ?? report.input.format;
@@ -38,13 +38,13 @@ export function withUnit(job: Job, report: Report, unit: string): Options {
   return options;
 }
 
-/** What is known of an open surface: that it is still open, or how thick it was made, in millimetres. */
+/** The state of an open surface: still open, or its new thickness in millimetres. */
 export interface OpenSurface {
   is: "open" | "thick" | "base";
   mm: number | null;
 }
 
-/** The open surface that a job's model is or was; none where it was a solid. */
+/** The open surface of a job's model; null if the model was a solid. */
 export function openSurfaceOf(job: Job): OpenSurface | null {
   const report = job.report?.mode === "repair" ? job.report : null;
   if (!report) return null;
@@ -56,14 +56,14 @@ export function openSurfaceOf(job: Job): OpenSurface | null {
   return isAsked ? { is: "thick", mm: Number(asked["thickness"]) * inMillimetres(unitOfOptions(report, asked)) } : null;
 }
 
-/** A job's options with open surfaces made so thick, in millimetres. */
+/** A job's options with a thickness for open surfaces, in millimetres. */
 export function withThickness(job: Job, report: Report, mm: number): Options {
   const options = own(job);
   const kind = openSurfaceOf(job)?.is === "base" ? "base" : "thicken";
   return { ...options, open_sheets: kind, thickness: lengthIn(mm, unitOfOptions(report, options)) };
 }
 
-/** A length in a unit, without the digits that only come from the division. */
+/** A length in a unit, rounded to hide the rounding error of the division. */
 export function lengthIn(mm: number, unit: string): number {
   return Number((mm / inMillimetres(unit)).toPrecision(9));
 }

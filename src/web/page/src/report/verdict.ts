@@ -1,33 +1,33 @@
 import type { Artifact, Job, Outcome, Report } from "meshmend-client";
 
 type Verdict = NonNullable<Report["verdict"]>;
-/** A property that the service checked on the file's own bytes. */
+/** A property that the service verified on the file's bytes. */
 export type Property = Verdict["proven"][number];
 
-/** What may be said of a job's model. The page and the widget claim nothing else. */
+/** What the page and the widget may claim about a job's model. */
 export interface Claims {
   tone: "good" | "fair" | "bad";
-  /** Which of the texts for outcomes and ends is the title. */
+  /** The key of the title among the texts for outcomes. */
   title: Outcome | "flagged" | "failed" | "canceled" | "expired";
   isPrintable: boolean;
-  /** What was proven of a printable file; empty for every other. */
+  /** The verified properties of a printable file; otherwise empty. */
   proven: Property[];
-  /** Whether the job has no model because only a printable one was asked for. */
+  /** Whether the job has no model because a printable one was required. */
   isRefused: boolean;
   model: Artifact | null;
-  /** The upload, where nothing made it better. */
+  /** The uploaded file, if the repair did not improve it. */
   original: Artifact | null;
 }
 
-/** Whether an outcome is that of a printable model, where no report is at hand: in lists, and of single objects. */
+/** Whether an outcome means printable; for lists and single objects, which have no report. */
 export function isPrintable(outcome: Outcome | null): boolean {
   return outcome === "repaired" || outcome === "already_printable" || outcome === "printable";
 }
 
-/** What may be said of a job's model, by the verdict in its report. */
+/** Derives the claims about a job's model from the verdict in its report. */
 export function claimsOf(job: Job): Claims {
   const report = job.report?.mode === "repair" ? job.report : null;
-  // Reports of earlier versions have no verdict, and prove nothing here.
+  // Reports of earlier versions have no verdict, so nothing is claimed.
   const verdict: Partial<Verdict> | undefined = report?.verdict;
   const isGood = job.status === "succeeded" && (verdict?.printable ?? isPrintable(job.outcome));
   const isRefused = job.problem?.code === "not_printable";

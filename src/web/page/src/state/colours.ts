@@ -3,18 +3,18 @@ import { weightOf } from "../report/files";
 import { claimsOf } from "../report/verdict";
 import type { SideName } from "../viewer/layout";
 
-/** Formats that can say colours. */
+/** Formats that can store colours. */
 const COLOURED = ["glb", "obj", "zip", "ply", "off", "3mf"];
-/** Larger files are shown without their own colours. */
+/** Larger files are shown without their original colours. */
 const MOST_BYTES = 80_000_000;
 
-/** A file that may say how one side looks. */
+/** A file that may have the colours of one side. */
 export interface ColouredFile {
   side: SideName;
   bytes: () => Promise<ArrayBuffer>;
 }
 
-/** The files that may say the colours of a job's models: the uploaded one, where it is at hand, and the result. */
+/** The files that may have the colours of a job's models: the uploaded file, if available, and the result. */
 export function colouredFiles(server: Server, job: Job, file: File | null, signal: AbortSignal): ColouredFile[] {
   const report = job.report?.mode === "repair" ? job.report : null;
   const { model, original } = claimsOf(job);

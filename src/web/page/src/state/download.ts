@@ -3,7 +3,7 @@ import { own } from "../report/advice";
 import { claimsOf } from "../report/verdict";
 import { server } from "./server";
 
-/** Has the browser save a file of a job. Where a key is needed the file passes through the page, since links send none. */
+/** Lets the browser save a file of a job. If a key is required, the page fetches the file, because links cannot send a key. */
 export async function save(artifact: Artifact): Promise<void> {
   if (!server.key()) return click(server.base + artifact.href, artifact.filename);
   const bytes = await fetchArtifact(server, artifact);
@@ -20,8 +20,8 @@ function click(href: string, name: string): void {
 }
 
 /**
- * Has a result made in another format. A printable one is written anew as it is; of another the file that came is repaired once more
- * with the same options, since what is not whole would be repaired further.
+ * Converts a result to another format. A printable result is only rewritten. Otherwise the uploaded file is repaired again with the same
+ * options, because converting an unfinished result would repair it further.
  */
 export async function convert(job: Job, format: string, signal: AbortSignal): Promise<Artifact> {
   const whole = claimsOf(job).isPrintable;

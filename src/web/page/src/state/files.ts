@@ -1,4 +1,4 @@
-/** Endings of files that may be models, by format; others of a folder are passed over. */
+/** Extensions of model files, by format. Other files in a folder are skipped. */
 const ENDINGS: Record<string, string[]> = {
   stl: ["stl"],
   obj: ["obj"],
@@ -18,12 +18,12 @@ export function isModel(name: string, formats: readonly string[]): boolean {
   return endings(formats).includes(ending);
 }
 
-/** The most files of one drop: more are for the API. */
+/** Most files per drop; larger batches should use the API. */
 export const MOST_FILES = 200;
 
-/** The files that were dropped, those in folders too. A file on its own is taken whatever its name. */
+/** The dropped files, including files in folders. A single file is accepted whatever its name. */
 export async function dropped(data: DataTransfer, formats: readonly string[]): Promise<File[]> {
-  // Entries must be taken before anything is awaited.
+  // The browser clears the entries at the first `await`, so they are read before.
   const entries = [...data.items].filter((item) => item.kind === "file").map((item) => item.webkitGetAsEntry());
   if (entries.every((entry) => entry === null)) return [...data.files];
   const files: File[] = [];

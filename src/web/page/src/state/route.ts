@@ -1,6 +1,6 @@
 import { Store } from "./store";
 
-/** Where on the page somebody is. */
+/** The current view of the page. */
 export type Route = { at: "repair"; job: string | null } | { at: "jobs" } | { at: "job"; id: string };
 
 export function routeOf(hash: string): Route {

@@ -1,11 +1,11 @@
-/** Formats that the page can scale: those whose lengths stand in them as they are, or that may name a scale. */
+/** Formats that the page can scale: they store plain coordinates, or allow a scale. */
 const SCALABLE = ["stl", "obj", "glb"];
 
 export function isScalable(format: string): boolean {
   return SCALABLE.includes(format);
 }
 
-/** A copy of a model's file whose lengths are multiplied by a factor. Throws where the file is of another format. */
+/** A copy of a model file with all lengths multiplied by a factor. Throws if the file has another format. */
 export async function scaledCopy(file: File, format: string, factor: number): Promise<File> {
   const bytes = new Uint8Array(await file.arrayBuffer());
   const scaled = format === "glb" ? scaledGltf(bytes, factor) : format === "stl" && isBinaryStl(bytes) ? scaledStl(bytes, factor) : scaledText(bytes, factor);
@@ -16,7 +16,7 @@ function isBinaryStl(bytes: Uint8Array): boolean {
   return bytes.length >= 84 && 84 + 50 * new DataView(bytes.buffer).getUint32(80, true) === bytes.length;
 }
 
-/** Binary STL: three corners after the normal of each face. */
+/** Binary STL: three vertices after the normal of each face. */
 function scaledStl(bytes: Uint8Array, factor: number): ArrayBuffer {
   const copy = bytes.slice();
   const view = new DataView(copy.buffer);
@@ -26,7 +26,7 @@ function scaledStl(bytes: Uint8Array, factor: number): ArrayBuffer {
   return copy.buffer;
 }
 
-/** STL and OBJ as text: the three numbers after `vertex` or `v`. */
+/** ASCII STL and OBJ: the three numbers after `vertex` or `v`. */
 function scaledText(bytes: Uint8Array, factor: number): string {
   const line = /^(\s*(?:vertex|v)\s+)(\S+)(\s+)(\S+)(\s+)(\S+)/gim;
   const times = (text: string): string => String(Number(text) * factor);
@@ -38,7 +38,7 @@ interface Gltf {
   nodes?: object[];
 }
 
-/** glTF: every scene gets one more node above its own, which scales them. */
+/** glTF: every scene gets one parent node that scales its nodes. */
 function scaledGltf(bytes: Uint8Array, factor: number): Blob | string {
   const view = new DataView(bytes.buffer);
   const isBinary = view.getUint32(0, true) === 0x46546c67;

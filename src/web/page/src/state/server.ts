@@ -3,7 +3,7 @@ import { Store } from "./store";
 
 const NAME = "meshmend.key";
 
-/** The API key, where the service asks for one: in this tab's memory and gone with it, never in a cookie. */
+/** The API key, if the service requires one. It lives in the session storage of this tab, never in a cookie. */
 export const key = new Store<string | null>(sessionStorage.getItem(NAME));
 
 key.listen(() => {
@@ -13,7 +13,7 @@ key.listen(() => {
 
 export const server: Server = { base: "", key: () => key.value };
 
-/** What is known of the service: nothing yet, what it can do, that it wants a key, or why it does not answer. */
+/** The state of the service: unknown yet, ready with its capabilities, locked until a key is entered, or unreachable. */
 export type Known = { is: "asking" } | { is: "ready"; can: Capabilities } | { is: "locked"; refused: boolean } | { is: "away"; problem: Problem };
 
 export const known = new Store<Known>({ is: "asking" });
@@ -28,7 +28,7 @@ export async function meet(): Promise<void> {
   }
 }
 
-/** Whatever asks tells here of a key that is worth nothing any more. */
+/** Locks the page if a request failed because of an invalid or revoked key. */
 export function noticed(problem: Problem): void {
   if (problem.code === "unauthorized") known.set({ is: "locked", refused: key.value !== null });
 }

@@ -4,12 +4,12 @@ import { Store } from "./store";
 
 export type Theme = "auto" | "light" | "dark";
 
-/** What a person chose, kept in the browser. */
+/** The user's choices, kept in the browser. */
 export interface Settings {
   language: Language;
   theme: Theme;
   unit: Unit;
-  /** A printer's room in millimetres, by name, or of one's own. */
+  /** The printer by name, and the build volume in millimetres. */
   printer: string;
   room: [number, number, number];
 }
@@ -31,7 +31,7 @@ settings.listen(() => {
   try {
     localStorage.setItem(NAME, JSON.stringify(settings.value));
   } catch {
-    // Kept for this visit only.
+    // Without storage, the choices last for this visit only.
   }
 });
 

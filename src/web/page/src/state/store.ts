@@ -1,4 +1,4 @@
-/** Something that changes and tells whoever listens. */
+/** A value that notifies its listeners when it changes. */
 export class Store<T> {
   #value: T;
   readonly #listeners = new Set<() => void>();

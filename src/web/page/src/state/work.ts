@@ -2,16 +2,16 @@ import { type Job, type NewJob, type Options, type ProgressEvent, Problem, annou
 import { noticed, server } from "./server";
 import { Store } from "./store";
 
-/** How far one file is. */
+/** The state of one file. */
 export type Phase = "waiting" | "uploading" | "paused" | "submitting" | "following" | "ended" | "refused";
 
 export interface Piece {
   id: number;
   name: string;
   bytes: number;
-  /** None of a job that was opened by its address, since the page never had its file. */
+  /** Null for a job that was opened by its address: the page never had its file. */
   file: File | null;
-  /** What the job is asked for. */
+  /** The options of the job. */
   options: Options;
   phase: Phase;
   sent: number;
@@ -20,7 +20,7 @@ export interface Piece {
   problem: Problem | null;
 }
 
-/** Files that are sent at once: the next one goes while the one before is repaired. */
+/** Files that upload at the same time. The next file uploads while earlier ones are repaired. */
 const AT_ONCE = 2;
 
 /** The files of this visit, from drop to result. */
@@ -51,7 +51,7 @@ export function add(files: readonly File[]): void {
   pump();
 }
 
-/** Shows a job that is there already. */
+/** Shows an existing job. */
 export function open(id: string): void {
   const there = pieces.value.find((it) => it.job?.id === id);
   if (there) return selected.set(there.id);
@@ -61,14 +61,14 @@ export function open(id: string): void {
   void run(opened.id, async (signal) => heard(opened.id, await getJob(server, id, signal), signal));
 }
 
-/** Codes of an earlier job whose file the service no longer has. */
+/** Problem codes that mean the service no longer has the file of the earlier job. */
 const FILE_IS_GONE = ["job_expired", "job_deleted", "job_not_found"];
-/** The HTTP statuses of refused options. */
+/** HTTP statuses for refused options. */
 const REFUSED_OPTIONS = [400, 422];
 
 /**
- * Makes another job of an earlier one's file, with other options. The service still has the file as a rule; otherwise the page sends it
- * again. Throws where the service refuses the options, so that a form can say so.
+ * Submits another job for the file of an earlier job, with other options. If the service no longer has the file, the page sends it
+ * again. Throws if the service refuses the options, so that a form can show why.
  */
 export async function again(earlier: Job, options: Options): Promise<void> {
   const file = fileOf(earlier);
@@ -90,7 +90,7 @@ export async function again(earlier: Job, options: Options): Promise<void> {
   }
 }
 
-/** Makes a job of a file that the page made itself, such as a scaled copy, or that a person chose again. */
+/** Submits a file that the page created, such as a scaled copy, or that the user chose again. */
 export function sendFile(file: File, options: Options): void {
   const next: Piece = { ...piece(file.name, file.size, file), options };
   pieces.change((all) => [...all, next]);
@@ -103,7 +103,7 @@ export function fileOf(job: Job): File | null {
   return pieces.value.find((piece) => piece.job?.id === job.id)?.file ?? null;
 }
 
-/** Whether a job could not be made because the service has deleted the file of the earlier one. */
+/** Whether a job could not be created because the service has deleted the file of the earlier job. */
 export function isGone(error: unknown): boolean {
   return error instanceof Problem && FILE_IS_GONE.includes(error.code);
 }
@@ -113,7 +113,7 @@ export function pauseUpload(id: number): void {
   update(id, { phase: "paused" });
 }
 
-/** Sends the file from its beginning, since one request takes the whole file. A file that is given replaces the one before. */
+/** Sends the file from its start again: an upload is one request. `file` replaces the earlier file. */
 export function resume(id: number, file?: File): void {
   update(id, { phase: "waiting", sent: 0, problem: null, ...(file && { file, bytes: file.size }) });
   pump();
@@ -165,7 +165,7 @@ async function upload(it: Piece, signal: AbortSignal): Promise<void> {
   const place = await announce(server, file.name, file.size, signal);
   await send(server, place, file, (sent) => update(id, { sent }), signal);
   update(id, { phase: "submitting", sent: file.size });
-  // The next file may go meanwhile.
+  // The next file can upload now.
   pump();
   await make(id, { source: { upload_id: place.id }, options: it.options }, signal);
 }

@@ -2,7 +2,7 @@ import { BufferAttribute, BufferGeometry, DoubleSide, LineBasicMaterial, LineSeg
 import { type Frame, toWorld } from "./model";
 import { srgb } from "./materials";
 
-/** A box in the world. */
+/** A bounding box in the world. */
 export interface Box {
   min: Vector3;
   max: Vector3;
@@ -32,7 +32,7 @@ export function corners({ min, max }: Box): Vector3[] {
   return Array.from({ length: 8 }, (_, i) => new Vector3(i & 1 ? max.x : min.x, i & 2 ? max.y : min.y, i & 4 ? max.z : min.z));
 }
 
-/** The model's box, and the middles of the edges along its own x, y and z, where its lengths are written. */
+/** The lines of the model's bounding box, and the midpoints of edges along x, y and z for the length labels. */
 export function sizeBox(frame: Frame): { object: Object3D; labels: Vector3[] } {
   const { min, max } = boxOf(frame);
   const middle = min.clone().add(max).multiplyScalar(0.5);
@@ -41,13 +41,13 @@ export function sizeBox(frame: Frame): { object: Object3D; labels: Vector3[] } {
   return { object: lines(boxLines({ min, max }), "#8a94a6", 0.75), labels };
 }
 
-/** The box of a model. */
+/** The bounding box of a model in the world. */
 export function boxOf(frame: Frame): Box {
   const [a, b] = [inWorld(frame, frame.min), inWorld(frame, frame.max)];
   return { min: a.clone().min(b), max: a.clone().max(b) };
 }
 
-/** A printer's build volume around a model that stands in the middle of its floor. `size` is in the model's unit, its last side is the height. */
+/** The build volume of a printer, with the model in the middle of its floor. `size` is in the model's unit; its last number is the height. */
 export function roomOf(frame: Frame, size: readonly number[]): Box {
   const box = boxOf(frame);
   const middle = box.min.clone().add(box.max).multiplyScalar(0.5).setZ(box.min.z);
@@ -55,7 +55,7 @@ export function roomOf(frame: Frame, size: readonly number[]): Box {
   return { min: middle.clone().sub(new Vector3(x / 2, y / 2, 0)), max: middle.clone().add(new Vector3(x / 2, y / 2, z)) };
 }
 
-/** Draws that room, in another colour where the model does not fit. */
+/** The lines and floor of a build volume; the colour shows whether the model fits. */
 export function printerRoom({ min, max }: Box, fits: boolean): Object3D {
   const room = new Object3D();
   room.add(lines(boxLines({ min, max }), fits ? "#2f9e7f" : "#d1453b", 0.9));

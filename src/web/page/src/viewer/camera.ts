@@ -4,12 +4,12 @@ import type { Place } from "./places";
 
 const FOV = 32;
 const FLIGHT_MS = 650;
-/** Room around a model that is seen whole. */
+/** Margin around a model that fills the view. */
 const MARGIN = 1.03;
-/** The nearest that a place is looked at from, as a share of the model's radius. */
+/** Least size of a place for the camera distance, as a share of the model's radius. */
 const NEAREST = 0.16;
 
-/** One camera for both sides, so that they are always seen from the same place. The model's radius is 1. */
+/** The camera, shared by both sides so that both have the same view. The model's radius is 1. */
 export class Eye {
   readonly camera = new PerspectiveCamera(FOV);
   readonly controls: OrbitControls;
@@ -25,7 +25,7 @@ export class Eye {
     this.controls.addEventListener("start", () => cancelAnimationFrame(this.#flight));
   }
 
-  /** Looks into a pane of that shape. What is near is cut off only close to the eye, so that depths are told apart far from it too. */
+  /** Sets the camera up for a pane's aspect ratio. The near plane follows the distance, which keeps the depth buffer precise far away. */
   aim(aspect: number): PerspectiveCamera {
     const distance = this.camera.position.distanceTo(this.controls.target);
     this.camera.aspect = aspect;
@@ -35,7 +35,7 @@ export class Eye {
     return this.camera;
   }
 
-  /** Steps back until all of these points are in panes of that shape. */
+  /** Moves back until all points are visible in a pane of this aspect ratio. */
   home(points: readonly Vector3[], aspect: number, calm: boolean): void {
     const half = Math.tan((FOV * Math.PI) / 360);
     const back = new Vector3(0.62, -1, 0.52).normalize();
@@ -48,7 +48,7 @@ export class Eye {
     this.#fly(middle.clone().add(back.multiplyScalar(distance)), middle, calm);
   }
 
-  /** Looks at a place from outside, near enough to see it. */
+  /** Moves the camera near a place, outside the model. */
   visit(place: Place, calm: boolean): void {
     const target = new Vector3(...place.at);
     const outward = target.clone();
@@ -59,7 +59,7 @@ export class Eye {
     this.#fly(target.clone().add(direction.multiplyScalar(distance)), target, calm);
   }
 
-  /** Turns around the model by so many radians, or nears it by a factor: for the keyboard. */
+  /** Orbits the model by angles in radians, and scales the distance by a factor; for the keyboard. */
   turn(around: number, up: number, nearer: number): void {
     cancelAnimationFrame(this.#flight);
     const arm = this.camera.position.clone().sub(this.controls.target);

@@ -1,9 +1,9 @@
-/** One kind of thing that a scene shows: its surface, its lines and its dots, in the model's unit about the scene's middle. */
+/** One kind of defect or surface in a scene, in the model's unit relative to the scene's centre. */
 export interface Group {
   kind: string;
-  /** Three vertices a face, as indices into `positions`. */
+  /** Three indices into `positions` per face. */
   surface: { positions: Float32Array; indices: Uint32Array } | null;
-  /** Two points a piece. */
+  /** Two points per segment. */
   lines: Float32Array | null;
   dots: Float32Array | null;
 }
@@ -15,12 +15,12 @@ export interface LegendEntry {
   area?: number;
 }
 
-/** A coloured mesh that the service made: `defects.glb`, `change.glb` and their like. */
+/** A coloured mesh from the service, such as `defects.glb` or `change.glb`. */
 export interface ColouredMesh {
   groups: Group[];
   legend: LegendEntry[];
   sound: string;
-  /** What positions are relative to, and what they were multiplied by where they did not fit. */
+  /** The origin of the positions, and their scale factor if the service scaled them. */
   middle: [number, number, number];
   scale: number;
   faces: number;
@@ -38,8 +38,8 @@ const MAGIC = 0x46546c67;
 const [POINTS, LINES, TRIANGLES] = [0, 1, 4];
 
 /**
- * Reads glTF 2.0 binary as the service writes it: z is up within the root node, which turns it; the arrays stay where they are in
- * the buffer. It is no reader for other programs' files.
+ * Reads binary glTF 2.0 as the service writes it. Within the root node, z is up. The arrays are views of the
+ * buffer. Files of other programs are not supported.
  */
 export function readColouredMesh(buffer: ArrayBuffer): ColouredMesh {
   const head = new DataView(buffer);
@@ -72,7 +72,7 @@ export function readColouredMesh(buffer: ArrayBuffer): ColouredMesh {
     groups.push(group);
   }
   const { legend = [], sound = "#C4C4C4", scale = 1 } = document.scenes[0]?.extras ?? {};
-  // The root's translation is in axes with y up.
+  // The root's translation is in coordinates with y up.
   const [x, y, z] = document.nodes[0]?.translation ?? [0, 0, 0];
   const faces = groups.reduce((sum, group) => sum + (group.surface?.indices.length ?? 0) / 3, 0);
   return { groups, legend, sound, middle: [x, -z, y], scale, faces };

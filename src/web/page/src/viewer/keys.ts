@@ -1,6 +1,6 @@
 import type { Viewer } from "./viewer";
 
-/** How far a key turns the model, in radians, and how much nearer one brings it. */
+/** The angle of one key press in radians, and the zoom factor. */
 const STEP = 0.12;
 const NEARER = 0.85;
 
@@ -14,7 +14,7 @@ const KEYS: Record<string, (viewer: Viewer) => void> = {
   "0": (viewer) => viewer.home(),
 };
 
-/** Does what a key pressed on the canvas is for. */
+/** Handles a key press on the canvas. */
 export function pressed(viewer: Viewer | undefined, event: KeyboardEvent): void {
   const act = KEYS[event.key];
   if (!act || event.ctrlKey || event.metaKey || event.altKey) return;

@@ -1,15 +1,15 @@
-/** What of the two sides is seen. */
+/** Which of the two sides are visible, and how. */
 export type Mode = "both" | "wipe" | "before" | "after";
 export type SideName = "before" | "after";
 
-/** Where one side is drawn, and what of that is kept; in the page's pixels from the lower left, as WebGL counts. */
+/** The viewport and the scissor box of one side, in CSS pixels from the lower left as in WebGL. */
 export interface Pane {
   side: SideName;
   view: [number, number, number, number];
   scissor: [number, number, number, number];
 }
 
-/** Narrower than this, two sides stand one above the other. */
+/** Below this width in pixels, the sides are stacked vertically. */
 const NARROW = 560;
 
 export function panes(mode: Mode, width: number, height: number, wipe: number, has: (side: SideName) => boolean): Pane[] {

@@ -1,10 +1,10 @@
-/** How surface of a kind is told apart without colour, and its lines and dots too. */
+/** Patterns and marks distinguish kinds without colour. */
 export type Pattern = "plain" | "stripes" | "dots" | "crossed" | "bars" | "checks";
 export const PATTERNS: Pattern[] = ["plain", "stripes", "dots", "crossed", "bars", "checks"];
 export type Mark = "circle" | "square" | "diamond" | "triangle";
 export const MARKS: Mark[] = ["circle", "square", "diamond", "triangle"];
 
-/** Kinds that belong together share a pattern and a mark. */
+/** The pattern and the mark of a family of kinds. */
 export interface Look {
   family: Family;
   pattern: Pattern;
@@ -57,7 +57,7 @@ export function lookOf(kind: string): Look {
   return { family, ...FAMILIES[family] };
 }
 
-/** Remarks rather than faults, which would hide the others: not shown at first. */
+/** Remarks are hidden at first, because they would cover the defects. */
 export function isShownAtFirst(kind: string): boolean {
   return !["disjoint", "inner_shell", "removed"].includes(kind);
 }

@@ -3,9 +3,9 @@ import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
 import type { Patch } from "./appearance/appearance";
 import { type Look, MARKS, PATTERNS } from "./looks";
 
-/** What all materials of a viewer share: the cut, and how many of the canvas' pixels are one of the page's. */
+/** Uniforms that all materials of a viewer share: the cut, and the device pixels per CSS pixel. */
 export interface Shared {
-  /** Keeps what is on the side `dot(p, xyz) <= w`. */
+  /** Keeps points with `dot(p, xyz) <= w`. */
   cut: { value: Vector4 };
   ratio: { value: number };
 }
@@ -14,10 +14,10 @@ export function shared(): Shared {
   return { cut: { value: new Vector4(0, 0, 0, 1) }, ratio: { value: 1 } };
 }
 
-/** The inner side of surface: where it is seen there is a hole, a turned face, or the cut. */
+/** The colour of back faces, visible through holes, at flipped faces and at the cut. */
 const INSIDE = "#65313f";
 
-/** How much nearer to the eye, as a share of the distance, what lies on surface is drawn so that it is seen. */
+/** Depth offsets toward the camera, as a share of the distance, so that overlays on a surface are visible. */
 export const NEARER = { overlay: 0.0006, wire: 0.0008, dot: 0.004 };
 
 const VERTEX = /* glsl */ `
@@ -32,7 +32,7 @@ void main() {
   gl_Position = projectionMatrix * vec4(view.xyz * (1.0 - nearer), 1.0);
 }`;
 
-// Colours are mixed as they are seen (sRGB) and written so. Normals are the faces' own, so that they need no memory.
+// Colours are mixed and written in sRGB. Face normals come from derivatives, so they need no memory.
 const FRAGMENT = /* glsl */ `
 uniform vec3 colour;
 uniform vec3 inside;
@@ -103,7 +103,7 @@ void main() {
   gl_Position = projectionMatrix * view;
 }`;
 
-// The light is that of the other surfaces, a little brighter, so that colours are seen as they are.
+// The lighting is that of the other surfaces, slightly brighter, so that colours look true.
 const APPEARANCE_FRAGMENT = /* glsl */ `
 uniform vec3 colour;
 uniform vec4 cut;
@@ -127,7 +127,7 @@ void main() {
   gl_FragColor = vec4(min(base * light, vec3(1.0)), 1.0);
 }`;
 
-/** Surface with the colours and the picture of its own file; plain where the file says none. */
+/** Surface with its original colours and texture; plain without them. */
 export function appearanceMaterial({ colours, colour }: Patch, picture: Texture | null, plain: string, common: Shared): ShaderMaterial {
   const isPlain = !colours && !picture && colour.every((part) => part >= 0.995);
   return new ShaderMaterial({
@@ -156,7 +156,7 @@ void main() {
   gl_FragColor = vec4(min(colour * light, vec3(1.0)), 0.82);
 }`;
 
-/** Surface that is only proposed: seen through a little. */
+/** Surface of a preview: slightly transparent. */
 export function shellMaterial(colour: string, common: Shared): ShaderMaterial {
   return new ShaderMaterial({
     vertexShader: VERTEX,
@@ -233,19 +233,19 @@ export function dotMaterial(colour: string, look: Look, size: number, common: Sh
   });
 }
 
-/** Lines as wide as they are asked for on the screen; a dark one below makes the rim. */
+/** Lines with a width in pixels; a darker, wider line below forms the outline. */
 export function lineMaterial(colour: string, width: number, dashed: boolean, dash: number): LineMaterial {
   const material = new LineMaterial({ color: 0xffffff, linewidth: width, dashed, dashSize: dash, gapSize: dash * 0.7 });
   material.color.copy(srgb(colour));
   material.polygonOffset = true;
   material.polygonOffsetFactor = -1;
   material.polygonOffsetUnits = -400;
-  // The rim is drawn before its line and must not hide it.
+  // The outline is drawn before its line and must not hide the line.
   material.depthWrite = false;
   return material;
 }
 
-/** A colour whose numbers are those of sRGB, which the shaders write as they are. */
+/** A colour with sRGB components, which the shaders write unchanged. */
 export function srgb(hex: string): Color {
   const number = Number.parseInt(hex.slice(1), 16);
   const colour = new Color();

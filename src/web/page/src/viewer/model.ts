@@ -6,35 +6,35 @@ import type { ColouredMesh, Group } from "./glb";
 import { lookOf } from "./looks";
 import { NEARER, type Shared, dotMaterial, lineMaterial, surfaceMaterial, wireMaterial } from "./materials";
 
-/** Where the world's middle is in the model's unit, and how much of that is 1 there: so that any size fits in f32. */
+/** The transform from the model's unit to the world, where the model has radius 1. Models of any size then fit in f32. */
 export interface Frame {
   centre: [number, number, number];
   radius: number;
-  /** The box's corners in the model's unit. */
+  /** The corners of the bounding box in the model's unit. */
   min: [number, number, number];
   max: [number, number, number];
-  /** The model's axis that is up in the world, where it is z. */
+  /** The model's up axis; the world's up axis is z. */
   up: "y" | "z";
 }
 
-/** A direction of the model in the world, which a model with y up is turned into. */
+/** Rotates a direction of the model into the world, where z is up. */
 export function turned([x, y, z]: readonly [number, number, number], up: Frame["up"]): [number, number, number] {
   return up === "y" ? [x, -z, y] : [x, y, z];
 }
 
-/** A point in the model's unit in the world. */
+/** Transforms a point from the model's unit to the world. */
 export function toWorld(frame: Frame, point: readonly number[]): [number, number, number] {
   const [x, y, z] = point.map((part, k) => (part - frame.centre[k]!) / frame.radius);
   return turned([x!, y!, z!], frame.up);
 }
 
-/** The same the other way. */
+/** Transforms a point from the world to the model's unit. */
 export function fromWorld(frame: Frame, [x, y, z]: readonly [number, number, number]): [number, number, number] {
   const own = frame.up === "y" ? [x, z, -y] : [x, y, z];
   return own.map((part, k) => part * frame.radius + frame.centre[k]!) as [number, number, number];
 }
 
-/** The kinds whose surface is what most of a model is. */
+/** The kinds of surface without defects or changes, which most of a model has. */
 const PLAIN = new Set(["sound", "kept"]);
 const LINE_WIDTH = 3.2;
 const RIM = "#1c1c20";
@@ -61,7 +61,7 @@ export function frameOf(mesh: ColouredMesh, up: Frame["up"] = "z"): Frame {
   return { centre, radius, min: low, max: high, up } as Frame;
 }
 
-/** A coloured mesh as it is drawn: for each kind its surface, lines and dots, which can be shown and told apart or not. */
+/** The scene objects of a coloured mesh: for each kind its surface, lines and dots, which can be shown or hidden. */
 export class Model {
   readonly root = new Object3D();
   readonly #surfaces = new Map<string, Mesh<BufferGeometry, ShaderMaterial>>();
@@ -69,11 +69,11 @@ export class Model {
   readonly #lines: LineMaterial[] = [];
   readonly #wires: Mesh[] = [];
   readonly #shared: Shared;
-  /** Kinds whose lines or dots are what is seen, and whose surface is tinted only. */
+  /** Kinds that are drawn as lines or dots; their surface is only tinted. */
   readonly #tinted = new Set<string>();
   #isOnlyMarked = false;
 
-  /** Of an overlay, what is not shown is not drawn; otherwise its surface is plain. */
+  /** Hidden kinds of an overlay are not drawn; hidden kinds of a model are drawn plain. */
   constructor(
     readonly mesh: ColouredMesh,
     frame: Frame,
@@ -101,7 +101,7 @@ export class Model {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(group.surface.positions, 3));
       geometry.setIndex(new BufferAttribute(group.surface.indices, 1));
-      // The neighbours of lines and dots are tinted only.
+      // Surface next to lines and dots is only tinted.
       const tinted = group.lines || (group.dots && !["crossing", "needless"].includes(look.family));
       if (tinted) this.#tinted.add(group.kind);
       const shown = tinted ? mixed(colour, this.mesh.sound, 0.55) : colour;
@@ -145,7 +145,7 @@ export class Model {
     for (const mark of this.#marks.get(kind) ?? []) mark.visible = shown;
   }
 
-  /** Leaves out the surface that nothing is wrong with, and draws the rest over something else, or not. */
+  /** Hides or shows the surface without defects, so that the defects can be drawn over original colours. */
   showOnlyMarked(isOn: boolean): void {
     this.#isOnlyMarked = isOn;
     for (const [kind, surface] of this.#surfaces) {
@@ -159,12 +159,12 @@ export class Model {
     return shown || !(this.isOverlay || this.#isOnlyMarked);
   }
 
-  /** All surfaces, for finding what is under a pointer. */
+  /** All surfaces, for picking with a pointer. */
   get surfaces(): Mesh[] {
     return [...this.#surfaces.values()];
   }
 
-  /** Draws the edges of all faces, or not. */
+  /** Shows or hides the edges of all faces. */
   wire(shown: boolean): void {
     if (shown && this.#wires.length === 0) {
       const material = wireMaterial(this.#shared);
@@ -193,7 +193,7 @@ export class Model {
   }
 }
 
-/** Smaller the more there are, so that the surface is still seen. */
+/** The size of dots: the more dots, the smaller, so that the surface stays visible. */
 export function dotSize(count: number): number {
   return count <= 30 ? 13 : count <= 150 ? 9 : 5;
 }

@@ -1,15 +1,15 @@
 import type { Group } from "./glb";
 
-/** Somewhere to take a person: a ball around what is to be seen, in the scene's coordinates. */
+/** A place to move the camera to: a bounding sphere, in the scene's coordinates. */
 export interface Place {
   at: [number, number, number];
   radius: number;
 }
 
-/** Most places that are told apart. */
+/** Most places per group. */
 const MOST = 5000;
 
-/** Where a group's things are: connected lines together, then dots, then connected faces; the largest first. */
+/** The places of a group: connected lines, then dots, then connected faces; largest first. */
 export function placesOf(group: Group): Place[] {
   if (group.lines) return gathered(group.lines, byPosition(group.lines), pairs(group.lines.length / 3));
   if (group.dots) {
@@ -24,13 +24,13 @@ export function placesOf(group: Group): Place[] {
 }
 
 function pairs(points: number): Uint32Array {
-  // Each piece as a face that has its second end twice.
+  // Each line segment as a degenerate face, with its second end repeated.
   const faces = new Uint32Array((points / 2) * 3);
   for (let i = 0; i < points / 2; i += 1) faces.set([2 * i, 2 * i + 1, 2 * i + 1], 3 * i);
   return faces;
 }
 
-/** For each point the first that lies where it does. */
+/** For each point, the index of the first point at the same position. */
 function byPosition(positions: Float32Array): Uint32Array {
   const first = new Map<string, number>();
   return Uint32Array.from({ length: positions.length / 3 }, (_, i) => {
@@ -41,7 +41,7 @@ function byPosition(positions: Float32Array): Uint32Array {
   });
 }
 
-/** A ball around each set of connected faces. */
+/** A bounding sphere for each set of connected faces. */
 function gathered(positions: Float32Array, number: Uint32Array, faces: Uint32Array): Place[] {
   const parent = number.slice();
   const root = (v: number): number => {

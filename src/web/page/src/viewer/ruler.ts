@@ -1,11 +1,11 @@
 import { BufferAttribute, BufferGeometry, type Camera, Line, LineBasicMaterial, type Mesh, type Object3D, Raycaster, Vector2, Vector3, type Vector4 } from "three";
 import { srgb } from "./materials";
 
-/** A corner of the mesh so many pixels from the pointer is taken instead of the place under it. */
+/** Within this many pixels of the pointer, a vertex is picked instead of the point under the pointer. */
 const SNAP = 10;
 
 /**
- * The place of some surfaces under a point of a pane, in the world: what is nearest to the eye and not cut off. `at` counts from -1 to 1,
+ * The point of some surfaces under a point of a pane, in the world: the nearest to the camera that is not cut off. `at` is from -1 to 1,
  * and `half` is half of the pane's size in pixels.
  */
 export function placeUnder(surfaces: Mesh[], camera: Camera, at: Vector2, half: Vector2, cut: Vector4): Vector3 | null {
@@ -29,7 +29,7 @@ export function placeUnder(surfaces: Mesh[], camera: Camera, at: Vector2, half: 
   return near && near.far <= SNAP ? near.corner : hit.point;
 }
 
-/** A line between two points of the world that is seen through everything. */
+/** A line between two points of the world, visible through the model. */
 export function rulerLine(a: Vector3, b: Vector3): Object3D {
   const points = Float32Array.from([...a.toArray(), ...b.toArray()]);
   const material = new LineBasicMaterial({ depthTest: false, transparent: true });

@@ -2,7 +2,7 @@ import { BufferAttribute, BufferGeometry, Mesh, type Object3D } from "three";
 import type { ColouredMesh } from "./glb";
 import { type Shared, shellMaterial } from "./materials";
 
-/** Models with more faces have no preview, since finding their open parts would hold up the page. */
+/** Models with more faces have no preview, because finding their open parts would block the page. */
 export const MOST_FACES = 400_000;
 
 /** The open parts of a mesh: their vertices with normals, their faces, and the edges that only one face has. */
@@ -13,7 +13,7 @@ export interface Sheet {
   rim: [number, number][];
 }
 
-/** Finds the connected parts of a mesh that have an open edge. Vertices at one place are one vertex. */
+/** Finds the connected parts of a mesh with open edges. Vertices at the same position count as one. */
 export function openParts({ groups }: ColouredMesh): Sheet {
   const ids = new Map<string, number>();
   const points: number[] = [];
@@ -45,7 +45,7 @@ export function openParts({ groups }: ColouredMesh): Sheet {
 
 function sheetOf(points: Float64Array, all: number[]): Sheet {
   const count = points.length / 3;
-  // The faces at each edge.
+  // Maps each edge to its faces.
   const edges = new Map<number, number[]>();
   const key = (a: number, b: number): number => (a < b ? a * count + b : b * count + a);
   for (let f = 0; f < all.length; f += 3) {
@@ -56,7 +56,7 @@ function sheetOf(points: Float64Array, all: number[]): Sheet {
       else edges.set(name, [f]);
     }
   }
-  // Neighbours are turned alike, part by part, and parts without an open edge are left out.
+  // Orients neighbouring faces consistently, part by part, and skips parts without open edges.
   const seen = new Uint8Array(all.length / 3);
   const faces: number[] = [];
   const rim: [number, number][] = [];
@@ -86,7 +86,7 @@ function sheetOf(points: Float64Array, all: number[]): Sheet {
   return { points, normals: normalsOf(points, faces), faces: Uint32Array.from(faces), rim };
 }
 
-/** The mean of the normals around each vertex, weighted by area, of length 1. */
+/** The area-weighted unit normal of each vertex. */
 function normalsOf(points: Float64Array, faces: number[]): Float64Array {
   const normals = new Float64Array(points.length);
   for (let f = 0; f < faces.length; f += 3) {
@@ -106,7 +106,7 @@ function normalsOf(points: Float64Array, faces: number[]): Float64Array {
   return normals;
 }
 
-/** Corners of the solid that a sheet of some thickness is: a skin on each side, and a strip along the rim. */
+/** The triangle corners of a thickened sheet: a copy on each side, and a strip along the boundary. */
 export function shellOf({ points, normals, faces, rim }: Sheet, thickness: number): { positions: Float32Array; indices: Uint32Array } {
   const count = points.length / 3;
   const positions = new Float32Array(6 * count);
@@ -123,7 +123,7 @@ export function shellOf({ points, normals, faces, rim }: Sheet, thickness: numbe
   return { positions, indices: Uint32Array.from(indices) };
 }
 
-/** That solid as it is drawn, in the mesh's coordinates. */
+/** The scene object of the thickened sheet, in the mesh's coordinates. */
 export function drawnShell(sheet: Sheet, thickness: number, colour: string, common: Shared): Object3D {
   const { positions, indices } = shellOf(sheet, thickness);
   const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(positions, 3));

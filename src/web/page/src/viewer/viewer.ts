@@ -16,33 +16,33 @@ import { MOST_FACES, type Sheet, drawnShell, openParts } from "./shell";
 export type Axis = "x" | "y" | "z";
 export type Level = "fine" | "coarse";
 
-/** Something that is written or drawn over the canvas at a point of the model. */
+/** A label or mark over the canvas at a point of the model. */
 interface Pin {
-  /** One for each side that the point is seen on, where sides have panes of their own. */
+  /** One element per pane, if both sides have separate panes. */
   elements: HTMLElement[];
   at: Vector3;
 }
 
 interface Side {
   scene: Scene;
-  /** All of it, and a coarse one that is drawn instead while the camera moves and drawing is slow. */
+  /** The full model, and a coarse one that replaces it while the camera moves and rendering is slow. */
   fine: Model | null;
   coarse: Model | null;
-  /** What lies over each. */
+  /** Overlays, each for one level of detail. */
   overlays: { level: Level; model: Model }[];
-  /** The model as its own file colours it. */
+  /** The model with its original colours. */
   appearance: Object3D | null;
 }
 
-/** The colour of a proposed solid. */
+/** The colour of a previewed solid. */
 const SHELL_COLOUR = "#2f9e8f";
 
-/** Longer frames than this, in milliseconds, are not smooth. */
+/** Frames longer than this, in milliseconds, count as slow. */
 const SLOW = 70;
-/** So long after its last move the camera stands still, in milliseconds. */
+/** Time without movement after which the camera counts as resting, in milliseconds. */
 const REST = 160;
 
-/** Shows a model before and after on one canvas, with one camera. It knows meshes, kinds and places, and nothing of where they come from. */
+/** Shows a model before and after the repair on one canvas with one camera. It does not know about jobs or the service. */
 export class Viewer {
   readonly #renderer: WebGLRenderer;
   readonly #eye: Eye;
@@ -75,14 +75,14 @@ export class Viewer {
   #resting: ReturnType<typeof setTimeout> | undefined;
   #slow = false;
   #isHome = true;
-  /** Told after each frame how long the one before took. */
+  /** Called after each frame. */
   drawn: (() => void) | null = null;
 
   constructor(
     readonly canvas: HTMLCanvasElement,
-    /** What lies over the canvas and has its size. */
+    /** The element for labels over the canvas, of the same size. */
     readonly over: HTMLElement,
-    /** The model's axis that is up. */
+    /** The model's up axis. */
     readonly up: Frame["up"] = "z",
   ) {
     this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "high-performance" });
@@ -100,7 +100,7 @@ export class Viewer {
     this.#resize();
   }
 
-  /** Shows a mesh on one side, whole or coarse. The first one says where the camera stands. */
+  /** Shows a mesh on one side, in full or coarse. The first mesh positions the camera. */
   show(name: SideName, mesh: ColouredMesh, level: Level, kinds?: (kind: string) => boolean): void {
     const isFirst = this.#frame === null;
     this.#frame ??= frameOf(mesh, this.up);
@@ -109,11 +109,11 @@ export class Viewer {
     const model = new Model(mesh, this.#frame, this.#common, false, kinds);
     side[level] = model;
     this.#adopt(side, model);
-    // A second side leaves less room for the first.
+    // A second side makes the first pane smaller.
     if (isFirst || this.#isHome) this.home(true);
   }
 
-  /** Lays some kinds of a mesh over one side's whole or coarse one. */
+  /** Draws some kinds of a mesh over the full or coarse mesh of one side. */
   lay(name: SideName, mesh: ColouredMesh, level: Level, kinds: (kind: string) => boolean): void {
     if (!this.#frame) return;
     const side = this.#sides[name];
@@ -122,7 +122,7 @@ export class Viewer {
     this.#adopt(side, model);
   }
 
-  /** Shows a model as it came and what became of it. What was removed is seen on the first, where it still is. */
+  /** Shows the input and the result. Removed surface appears on the input, where it still exists. */
   compare(before: ColouredMesh | null, change: ColouredMesh | null, level: Level): void {
     if (before) this.show("before", before, level);
     if (change) this.show("after", change, level, (kind) => kind !== "removed");
@@ -138,12 +138,12 @@ export class Viewer {
     this.invalidate();
   }
 
-  /** Gives one side the colours of its own file. Answers whether the file is that of the model that is shown. */
+  /** Gives one side the original colours. Returns whether the file belongs to the shown model. */
   setAppearance(name: SideName, appearance: Appearance): boolean {
     const side = this.#sides[name];
     const mesh = (side.fine ?? side.coarse)?.mesh;
     disposeOfAppearance(side.appearance);
-    // What was removed is no part of the result.
+    // Removed surface is not part of the result.
     const whole = mesh && { ...mesh, groups: mesh.groups.filter(({ kind }) => name === "before" || kind !== "removed") };
     side.appearance = (this.#frame && whole && drawnAppearance(appearance, frameOf(whole, this.up), this.#frame, whole.sound, this.#common)) ?? null;
     if (side.appearance) side.scene.add(side.appearance);
@@ -151,7 +151,7 @@ export class Viewer {
     return side.appearance !== null;
   }
 
-  /** Shows models in the colours of their own files, or in grey. */
+  /** Shows models in their original colours, or in grey. */
   showColours(shown: boolean): void {
     this.#hasColours = shown;
     for (const { fine, coarse, overlays, appearance } of Object.values(this.#sides)) {
@@ -161,7 +161,7 @@ export class Viewer {
   }
 
   /**
-   * Draws the solid that the model's open parts would be with a thickness, in the model's unit; nothing where it is none. Answers whether
+   * Draws the model's open parts as a solid of the given thickness, in the model's unit; null removes the preview. Returns whether
    * there are open parts to draw.
    */
   setShell(thickness: number | null): boolean {
@@ -181,7 +181,7 @@ export class Viewer {
     return this.#shell !== null;
   }
 
-  /** The place of the model under a point of the page, in the model's unit; without a point that in the middle of the first pane. */
+  /** The point of the model under a pointer, in the model's unit; without a pointer, under the middle of the first pane. */
   pick(pointer: { clientX: number; clientY: number } | null): Point | null {
     const frame = this.#frame;
     const all = this.#panes();
@@ -203,14 +203,14 @@ export class Viewer {
     return found && fromWorld(frame, found.toArray());
   }
 
-  /** Shows a cross where `pick` without a pointer looks, or not. */
+  /** Shows or hides a cross at the point that `pick` uses without a pointer. */
   showCross(shown: boolean): void {
     this.#cross?.remove();
     this.#cross = shown ? this.#write("cross", "") : null;
     this.invalidate();
   }
 
-  /** Marks up to two points of the model, and writes at the line between them. */
+  /** Marks up to two points of the model, and labels the line between them. */
   setRuler(points: readonly Point[], text: string): void {
     const frame = this.#frame;
     for (const { elements } of this.#ruler.pins) for (const element of elements) element.remove();
@@ -230,7 +230,7 @@ export class Viewer {
     this.invalidate();
   }
 
-  /** The model's box in its own unit. */
+  /** The model's bounding box in its own unit, and the transform to the world. */
   get frame(): Frame | null {
     return this.#frame;
   }
@@ -246,7 +246,7 @@ export class Viewer {
     this.invalidate();
   }
 
-  /** Where there is something of a kind, in the world, the largest first. */
+  /** The places of a kind in the world, largest first. */
   places(kind: string): Place[] {
     const frame = this.#frame;
     const model = this.#models().find(({ mesh }) => mesh.groups.some((group) => group.kind === kind));
@@ -259,7 +259,7 @@ export class Viewer {
     });
   }
 
-  /** A point in the model's unit as a place. */
+  /** Converts a point in the model's unit to a place. */
   placeAt(point: readonly number[]): Place | null {
     return this.#frame && { at: inWorld(this.#frame, point).toArray(), radius: 0 };
   }
@@ -289,7 +289,7 @@ export class Viewer {
     this.invalidate();
   }
 
-  /** Where the two sides part, as a share of the width. */
+  /** Position of the divider between the two sides, as a share of the width. */
   setWipe(share: number): void {
     this.#wipe = share;
     this.invalidate();
@@ -301,7 +301,7 @@ export class Viewer {
     this.invalidate();
   }
 
-  /** Cuts off what is beyond a share (0 to 1) of the box along an axis; nothing where it is none. */
+  /** Cuts the model at a share (0 to 1) of its box along an axis; null removes the cut. */
   setCut(axis: Axis | null, share: number): void {
     const frame = this.#frame;
     if (axis === null || !frame) {
@@ -313,13 +313,13 @@ export class Viewer {
       const at = (frame.min[k]! + (frame.max[k]! - frame.min[k]!) * share - frame.centre[k]!) / frame.radius;
       this.#common.cut.value = new Vector4(normal.x, normal.y, normal.z, at);
       this.#cut = new Plane(normal.negate(), at);
-      // The uniform's holder stays; only its vector is another.
+      // All materials share the uniform object, so only its vector is replaced.
     }
     for (const model of this.#models()) model.cut(this.#cut && [this.#cut]);
     this.invalidate();
   }
 
-  /** Writes the lengths of the box's sides at it; nothing where there are none. */
+  /** Labels the sides of the bounding box; null removes the labels. */
   setSizes(texts: [string, string, string] | null): void {
     disposeOf(this.#size?.object ?? null);
     for (const { elements } of this.#pins) for (const element of elements) element.remove();
@@ -332,7 +332,7 @@ export class Viewer {
     this.invalidate();
   }
 
-  /** Marks points of the result with dots of a kind; none where there are none. */
+  /** Marks points of the result with the dots of a kind; an empty list removes them. */
   setSpots(kind: string, points: readonly (readonly number[])[], colour: string): void {
     const frame = this.#frame;
     disposeOf(this.#spots.get(kind) ?? null);
@@ -345,7 +345,7 @@ export class Viewer {
     this.invalidate();
   }
 
-  /** Draws a printer's room, its size in the model's unit; none where there is none. */
+  /** Draws a printer's build volume, its size in the model's unit; null removes it. */
   setRoom(size: readonly number[] | null, fits: boolean): void {
     disposeOf(this.#room);
     this.#roomBox = size && this.#frame && roomOf(this.#frame, size);
@@ -385,7 +385,7 @@ export class Viewer {
     this.invalidate();
   }
 
-  /** Has the next frame drawn. */
+  /** Requests a redraw in the next frame. */
   invalidate(): void {
     if (this.#asked !== 0) return;
     this.#askedAt = performance.now();
@@ -400,10 +400,10 @@ export class Viewer {
 
   #draw(): void {
     this.#asked = 0;
-    // The moment it was asked for, since a slow frame is drawn long after.
+    // The time of the request counts, because a slow frame is drawn much later.
     const isMoving = this.#askedAt - this.#moving < REST;
     const now = performance.now();
-    // Of two frames of one movement the second waited for the first.
+    // Two consecutive requests of one movement: the time between their frames is the time to draw the first.
     if (isMoving && this.#askedAt - this.#last < 50) this.#slow ||= now - this.#last > SLOW;
     this.#last = now;
     const renderer = this.#renderer;
@@ -430,7 +430,7 @@ export class Viewer {
     this.drawn?.();
   }
 
-  /** Puts what is written over the canvas where it belongs. */
+  /** Positions the labels over the canvas. */
   #place(): void {
     const [first, second] = this.#panes();
     if (!first) return;

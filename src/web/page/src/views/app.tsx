@@ -11,7 +11,7 @@ import { JobsPage } from "./jobs";
 import { RepairPage } from "./repair";
 import { useStore } from "./use-store";
 
-/** The page in the language that was chosen. */
+/** The page in the chosen language. */
 export function Page() {
   const { language } = useStore(settings);
   const said = useMemo(() => pageSpeech(language), [language]);
@@ -48,7 +48,7 @@ function App() {
   );
 }
 
-/** The address after # is the page's own, so the link can't be followed as usual. */
+/** The page uses the part after # for its views, so a normal link to an anchor would change the view. */
 function toMain(event: Event): void {
   event.preventDefault();
   document.getElementById("main")?.focus();

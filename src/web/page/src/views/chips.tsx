@@ -2,13 +2,13 @@ import type { Job, Outcome } from "meshmend-client";
 import { isPrintable } from "../report/verdict";
 import { usePageWords } from "../words/page-words";
 
-/** What became of a model, in a word and a colour. */
+/** The outcome for a model, as a coloured label. */
 export function OutcomeChip({ outcome }: { outcome: Outcome }) {
   const { words } = usePageWords();
   return <span class={`chip ${isPrintable(outcome) ? "good" : "fair"}`}>{words.outcomes[outcome]}</span>;
 }
 
-/** Where a job stands, in a word and a colour. */
+/** The status of a job, as a coloured label. */
 export function StatusChip({ job }: { job: Job }) {
   const { words } = usePageWords();
   if (job.status === "succeeded" && job.outcome) return <OutcomeChip outcome={job.outcome} />;

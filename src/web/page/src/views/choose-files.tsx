@@ -4,7 +4,7 @@ import { endings, isModel } from "../state/files";
 import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 
-/** Buttons that open the system's dialogs for files and for a folder. */
+/** Buttons that open the dialogs for files and for a folder. */
 export function ChooseFiles({ can, take, compact = false }: { can: Capabilities | null; take: (files: File[]) => void; compact?: boolean }) {
   const { words } = usePageWords();
   const files = useRef<HTMLInputElement>(null);

@@ -8,7 +8,7 @@ import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 import { ProblemNote } from "./problem-note";
 
-/** The result to take away, in its format or in any other. */
+/** Download buttons for the result, in its format or another. */
 export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
   const { words, figures } = usePageWords();
   const [making, setMaking] = useState("");

@@ -4,7 +4,7 @@ import { usePageWords } from "../words/page-words";
 import { ChooseFiles } from "./choose-files";
 import { Icon } from "./icons";
 
-/** The first thing seen: what this is, and where to drop a model. */
+/** The start view: a short description and the drop zone. */
 export function Dropzone({ can, over, take }: { can: Capabilities | null; over: boolean; take: (files: File[]) => void }) {
   const { words, figures } = usePageWords();
   const limits = can?.limits;
@@ -28,7 +28,7 @@ export function Dropzone({ can, over, take }: { can: Capabilities | null; over: 
   );
 }
 
-/** A mesh with a hole that is being closed. */
+/** An illustration: a mesh with a hole being closed. */
 function Shape() {
   return (
     <svg class="shape" viewBox="0 0 160 96" width="160" height="96" aria-hidden="true" focusable="false">

@@ -1,4 +1,4 @@
-/** Names and what is to be said of each. */
+/** A list of names with values. */
 export function Facts({ list, look }: { list: readonly (readonly [string, string])[]; look: string }) {
   return (
     <dl class={look}>

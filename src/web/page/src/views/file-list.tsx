@@ -12,7 +12,7 @@ interface Props {
   can: Capabilities | null;
 }
 
-/** All files of this visit, each with its state. */
+/** All files of this visit with their states. */
 export function FileList({ pieces, chosen, take, can }: Props) {
   const { words } = usePageWords();
   return (

@@ -5,7 +5,7 @@ import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 import { ProblemNote } from "./problem-note";
 
-/** Asks for the API key of a service that wants one. */
+/** Asks for the API key of a service that requires one. */
 export function AskForKey({ refused }: { refused: boolean }) {
   const { words } = usePageWords();
   const [text, set] = useState("");

@@ -13,7 +13,7 @@ interface Seen {
   queued: number | null;
   running: number | null;
   wait: number | null;
-  /** Whether the metrics may be read. */
+  /** Whether the key may read the metrics. */
   open: boolean;
 }
 
@@ -29,7 +29,7 @@ async function look(): Promise<Seen> {
   }
 }
 
-/** How the service, its queue and its tiers are. */
+/** The health of the service, its queue and its tiers. */
 export function Health({ can }: { can: Capabilities | null }) {
   const { words, figures } = usePageWords();
   const [seen, setSeen] = useState<Seen | null>(null);
@@ -51,7 +51,7 @@ export function Health({ can }: { can: Capabilities | null }) {
     };
   }, []);
   const ready = seen?.ready?.ready;
-  // Blender's is among the tiers.
+  // Blender's check is shown with the tiers.
   const checks = Object.entries(seen?.ready?.checks ?? {}).filter(([name]) => name !== "blender");
   return (
     <aside class="card health" aria-label={words.health}>

@@ -4,7 +4,7 @@ import { server } from "../state/server";
 import { usePageWords } from "../words/page-words";
 import { ProblemNote } from "./problem-note";
 
-/** What the job's process and its Blender said, read when it is opened. */
+/** The log of the job and of Blender, loaded when opened. */
 export function JobLog({ job }: { job: Job }) {
   const { words } = usePageWords();
   const [text, setText] = useState<string | null>(null);

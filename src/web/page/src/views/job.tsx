@@ -13,7 +13,7 @@ import { ProblemNote } from "./problem-note";
 import { RetryForm } from "./retry-form";
 import { StepsTable } from "./steps-table";
 
-/** One job for whoever runs the service: its steps and timings, its log, its files, and what can be done with it. */
+/** One job for the operator: its steps and timings, log, files and actions. */
 export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
   const { words, figures } = usePageWords();
   const [job, setJob] = useState<Job | null>(null);
@@ -104,7 +104,7 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
   );
 }
 
-/** When a job waited, ran and ended, and what it was asked for. */
+/** The times and the options of a job. */
 function Times({ job }: { job: Job }) {
   const { words, figures } = usePageWords();
   const time = (iso: string | null): number => (iso ? Date.parse(iso) : Number.NaN);
@@ -140,7 +140,7 @@ function Files({ job, save, bytes }: { job: Job; save: (name: string) => void; b
   );
 }
 
-/** Deletes only when asked twice. */
+/** Deletes after a confirmation. */
 function Purge({ purge }: { purge: () => void }) {
   const { words } = usePageWords();
   const dialog = useRef<HTMLDialogElement>(null);

@@ -8,10 +8,10 @@ import { ProblemNote } from "./problem-note";
 
 const STATUSES = ["queued", "running", "succeeded", "failed", "canceled", "expired"];
 const PAGE = 25;
-/** How often the list is read again while something in it is under way, in milliseconds. */
+/** Interval of refreshing the list while a listed job is unfinished, in milliseconds. */
 const AGAIN_MS = 3000;
 
-/** All jobs that the key may see, newest first, and how the service is. */
+/** All jobs that the key may see, newest first, and the health of the service. */
 export function JobsPage({ can }: { can: Capabilities | null }) {
   const { words } = usePageWords();
   const [status, setStatus] = useState<Status | "">("");
@@ -35,7 +35,7 @@ export function JobsPage({ can }: { can: Capabilities | null }) {
   useEffect(() => void read(null), [status, round]);
   const isBusy = jobs?.some((job) => job.status === "queued" || job.status === "running") ?? false;
   useEffect(() => {
-    // Only the first page: a person who reads on is not to be thrown back.
+    // Only the first page refreshes, so that the user does not lose their place in the list.
     if (!isBusy || (jobs?.length ?? 0) > PAGE) return;
     const timer = setTimeout(() => document.visibilityState === "visible" && setRound((it) => it + 1), AGAIN_MS);
     return () => clearTimeout(timer);

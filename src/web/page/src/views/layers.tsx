@@ -17,7 +17,7 @@ export interface Layer {
   kind: string;
   colour: string;
   count: number;
-  /** Of the result rather than of what came. */
+  /** Whether the row belongs to the result instead of the input. */
   isAfter: boolean;
 }
 
@@ -32,12 +32,12 @@ export function layersOf(shown: Shown | null): Layer[] {
   return [...found, ...order].filter(({ count }) => count > 0);
 }
 
-/** Every kind of thing that was found or changed: its colour and pattern, how often, and the way there. */
+/** Every kind of defect or change: colour and pattern, count, and buttons to its places. */
 export function Layers({ job, shown }: { job: Job; shown: Shown | null }) {
   const { words } = usePageWords();
   const layers = useMemo(() => layersOf(shown), [shown]);
   const found = new Set(layers.map(({ kind }) => lookOf(kind).family));
-  // Where the time was over before the file was inspected, nothing was looked for.
+  // If the deadline passed before the inspection, no defects were searched for.
   const isInspected = job.report?.mode === "repair" && job.report.before.level !== "none";
   const clean = isInspected ? FAMILIES.filter((family) => !found.has(family)) : [];
   return (
@@ -83,7 +83,7 @@ function LayerRow({ layer, shown }: { layer: Layer; shown: Shown | null }) {
   );
 }
 
-/** Goes to the first place, and then from one to the next. */
+/** Moves the camera to the first place, then from place to place. */
 export function GoThere({ label, places, shown }: { label: string; places: () => Place[]; shown: Shown | null }) {
   const { words, figures } = usePageWords();
   const [at, setAt] = useState<{ i: number; of: Place[] } | null>(null);
@@ -105,12 +105,12 @@ export function GoThere({ label, places, shown }: { label: string; places: () =>
   );
 }
 
-/** A patch with a layer's colour and pattern, as it is in the picture. */
+/** A sample of a layer's colour and pattern, as in the viewer. */
 export function Swatch({ kind, colour }: { kind: string; colour: string }) {
   return <span class={`swatch ${lookOf(kind).pattern}`} style={{ backgroundColor: colour }} />;
 }
 
-/** The length in millimetres of 1 in the numbers of a job's model. */
+/** The unit of a job's model in millimetres. */
 export function useLength(job: Job): { tell: (own: number) => string; own: (mm: number) => number } {
   const { figures } = usePageWords();
   const { unit } = useStore(settings);

@@ -10,7 +10,7 @@ import { useStore } from "./use-store";
 
 type Row = [string, string, string];
 
-/** Everything that was measured, for those who want it. */
+/** A table of all measures. */
 export function Numbers({ report }: { report: Report }) {
   const { words, figures } = usePageWords();
   const { unit } = useStore(settings);

@@ -5,7 +5,7 @@ import { usePageWords } from "../words/page-words";
 import { OutcomeChip } from "./chips";
 import { useStore } from "./use-store";
 
-/** What became of each object of a file that has several. */
+/** The outcome for each object of a file with several objects. */
 export function Objects({ objects }: { objects: ObjectReport[] }) {
   const { words, figures } = usePageWords();
   const { unit } = useStore(settings);

@@ -6,7 +6,7 @@ import { ProblemNote } from "./problem-note";
 import { Result } from "./result";
 import { Stages } from "./stages";
 
-/** One file: on its way, or what became of it. */
+/** One file: its progress or its result. */
 export function PieceView({ piece, can }: { piece: Piece; can: Capabilities | null }) {
   const { words } = usePageWords();
   const input = useRef<HTMLInputElement>(null);

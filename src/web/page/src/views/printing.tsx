@@ -7,7 +7,7 @@ import { usePageWords } from "../words/page-words";
 import { useStore } from "./use-store";
 import type { Shown } from "./viewer-pane";
 
-/** Rooms of common printers, in millimetres. */
+/** Build volumes of common printers, in millimetres. */
 const PRINTERS: [string, [number, number, number]][] = [
   ["Bambu Lab A1 mini", [180, 180, 180]],
   ["Bambu Lab X1 / P1", [256, 256, 256]],
@@ -19,7 +19,7 @@ const PRINTERS: [string, [number, number, number]][] = [
   ["Formlabs Form 4 (resin)", [200, 125, 210]],
 ];
 
-/** How large the result is, and whether it fits into a printer. */
+/** The size of the result, and whether it fits into a printer. */
 export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
   const { words, figures } = usePageWords();
   const { unit, printer, room: mine } = useStore(settings);
@@ -28,7 +28,7 @@ export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
   const own = report ? inMillimetres(unitOf(report)) : 1;
   const size = print?.size_mm ?? null;
   const room = printer === "own" ? mine : (PRINTERS.find(([name]) => name === printer)?.[1] ?? null);
-  // As the model stands: along the printer's x, y and z.
+  // The model's size along the printer's x, y and z.
   const standing = size && upOfJob(job) === "y" ? [size[0]!, size[2]!, size[1]!] : size;
   const fits = standing && room ? fit(standing, room) : null;
   useEffect(() => {

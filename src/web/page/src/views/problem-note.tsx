@@ -9,7 +9,7 @@ interface Noted {
   errors?: readonly FieldError[];
 }
 
-/** What went wrong, in the service's words, and what to do, in the reader's. A form shows the errors of its own fields itself: `without` has them. */
+/** A problem: the detail from the service, and translated advice. `without` lists the fields whose errors a form shows itself. */
 export function ProblemNote({ problem, without = [] }: { problem: Noted; without?: readonly FieldError[] }) {
   const { words } = useWords();
   const advice = words.advice[problem.code];

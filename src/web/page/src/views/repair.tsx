@@ -8,7 +8,7 @@ import { FileList } from "./file-list";
 import { PieceView } from "./piece";
 import { useStore } from "./use-store";
 
-/** From a dropped file to its repaired one. */
+/** The repair view: drop zone, list of files, and result. */
 export function RepairPage({ job, can }: { job: string | null; can: Capabilities | null }) {
   const { words, figures } = usePageWords();
   const all = useStore(pieces);
@@ -30,7 +30,7 @@ export function RepairPage({ job, can }: { job: string | null; can: Capabilities
   };
 
   useEffect(() => {
-    // Wherever a file is let go on the page it is taken, rather than opened by the browser.
+    // A file dropped anywhere on the page is accepted; otherwise the browser would open it.
     let depth = 0;
     const carries = (event: DragEvent): boolean => event.dataTransfer?.types.includes("Files") ?? false;
     const enter = (event: DragEvent): void => {

@@ -17,7 +17,7 @@ import { Verdict } from "./verdict";
 import { type Shown, ViewerPane } from "./viewer-pane";
 import { WhatToDo } from "./what-to-do";
 
-/** What became of a model: the verdict in words, both models to look at, the files, and all numbers. */
+/** The result for a model: the verdict, both models in 3D, the files, and all numbers. */
 export function Result({ job, file, can }: { job: Job; file: File | null; can: Capabilities | null }) {
   const { words } = usePageWords();
   const report = job.report?.mode === "repair" ? job.report : null;
@@ -74,7 +74,7 @@ export function Result({ job, file, can }: { job: Job; file: File | null; can: C
   );
 }
 
-/** Where there is no 3D: the pictures that the service drew. */
+/** Without 3D: the pictures that the service drew. */
 export function Pictures({ job }: { job: Job }) {
   const { words } = usePageWords();
   const drawn = ["before.png", "after.png", "defects.png"].filter((name) => name in job.artifacts);

@@ -5,10 +5,10 @@ import { again } from "../state/work";
 import { usePageWords } from "../words/page-words";
 import { ProblemNote } from "./problem-note";
 
-/** The service's defaults, where a job does not list its options. */
+/** The service's defaults, for jobs that do not list their options. */
 const DEFAULTS = { preset: "auto", output: "auto", open_sheets: "auto", max_tier: 3, deadline_s: 300 };
 
-/** Makes another job of the same file, with some options changed. */
+/** A form that submits another job for the same file, with changed options. */
 export function RetryForm({ job, can }: { job: Job; can: Capabilities | null }) {
   const { words } = usePageWords();
   const [options, change] = useState(() => ({ ...DEFAULTS, ...own(job) }) as Record<string, unknown>);

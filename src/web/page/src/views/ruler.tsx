@@ -6,19 +6,19 @@ import type { Viewer } from "../viewer/viewer";
 import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 
-/** A pointer that moves farther between down and up turns the model rather than picking a point; in pixels. */
+/** A pointer that moves farther than this between down and up turns the model instead of picking a point; in pixels. */
 const STILL = 6;
 
 interface Props {
   viewer: Viewer;
   canvas: RefObject<HTMLCanvasElement | null>;
-  /** The unit that lengths are shown in, and that of the model's numbers. */
+  /** The unit to show lengths in, and the unit of the model's numbers. */
   unit: Unit;
   own: string;
   close: () => void;
 }
 
-/** Measures between two points of the model that are picked with a mouse, a finger or the keyboard. */
+/** Measures the distance between two points, picked with a mouse, a finger or the keyboard. */
 export function Ruler({ viewer, canvas, unit, own, close }: Props) {
   const { words, figures } = usePageWords();
   const [points, setPoints] = useState<Point[]>([]);
@@ -36,7 +36,7 @@ export function Ruler({ viewer, canvas, unit, own, close }: Props) {
     setPoints([]);
     setMissed(false);
   };
-  // Before the ruler is painted, so that the first key or click after it counts.
+  // A layout effect runs before painting, so that the first key or click is not missed.
   useLayoutEffect(() => {
     const element = canvas.current;
     if (!element) return;

@@ -5,12 +5,12 @@ import { usePageWords } from "../words/page-words";
 import { Icon } from "./icons";
 import { useStore } from "./use-store";
 
-/** The address of a job's result on this page. It holds no key. */
+/** The address of a job's result on this page. It contains no key. */
 export function linkTo(job: Job): string {
   return `${location.origin}${location.pathname}#/result/${job.id}`;
 }
 
-/** A link to the result, to copy, and who can open it. */
+/** A link to the result to copy, and who can open it. */
 export function Share({ job }: { job: Job }) {
   const { words, figures } = usePageWords();
   const secret = useStore(key);
@@ -21,7 +21,7 @@ export function Share({ job }: { job: Job }) {
       await navigator.clipboard.writeText(linkTo(job));
       setNote(words.copied);
     } catch {
-      // Pages that came over plain HTTP have no clipboard of this kind.
+      // Pages served over plain HTTP have no access to this clipboard API.
       field.current?.focus();
       field.current?.select();
       setNote(document.execCommand("copy") ? words.copied : words.copyByHand);

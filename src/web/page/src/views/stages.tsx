@@ -5,7 +5,7 @@ import { Icon } from "./icons";
 const ORDER = ["upload", "queue", "read", "inspect", "repair", "verify", "finish"] as const;
 type Shown = (typeof ORDER)[number];
 
-/** The way of a file from upload to result, and where on it the file is. */
+/** The stages of a file from upload to result, with the current stage. */
 export function Stages({ piece }: { piece: Pick<Piece, "phase" | "sent" | "bytes" | "progress"> }) {
   const { words, figures } = useWords();
   const { stage, tier, percent, queue_position } = piece.progress ?? { stage: null, tier: null, percent: 0, queue_position: null };
@@ -19,7 +19,7 @@ export function Stages({ piece }: { piece: Pick<Piece, "phase" | "sent" | "bytes
     return tier ? (words.tiers[tier] ?? "") : "";
   };
   const share = now === "upload" ? piece.sent / Math.max(1, piece.bytes) : percent / 100;
-  // Read aloud at each stage and each step in the queue, and not at each percent.
+  // Screen readers announce each stage and queue position, not each percent.
   const label = now === "queue" ? `${words.stages.queue} ${detail(now)}` : words.stages[now];
   return (
     <div class="stages">

@@ -1,7 +1,7 @@
 import type { Report } from "meshmend-client";
 import { usePageWords } from "../words/page-words";
 
-/** What ran, in order, with its time; steps that changed nothing are only counted unless they took long. */
+/** The steps in order, with their times. Steps without changes are only counted, unless they took long. */
 export function StepsTable({ report, heading: Heading = "h3", all = false }: { report: Report; heading?: "h2" | "h3"; all?: boolean }) {
   const { words, figures } = usePageWords();
   const isTelling = (step: Report["steps"][number]): boolean => all || step.changed.length > 0 || Boolean(step.note) || step.milliseconds > 200;

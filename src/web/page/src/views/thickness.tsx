@@ -6,20 +6,20 @@ import { unitOf } from "../report/plain";
 import type { Viewer } from "../viewer/viewer";
 import { useWords } from "../words/words";
 
-/** Thicknesses that common printers make: two, three and five lines of a 0.4 mm nozzle. */
+/** Common wall thicknesses in millimetres: two, three and five lines of a 0.4 mm nozzle. */
 const PRESETS_MM = [0.8, 1.2, 2];
 const [LEAST_MM, MOST_MM] = [0.4, 6];
 
 interface Props {
   job: Job;
   report: Report;
-  /** Where the preview is drawn, once there is a viewer. */
+  /** The viewer for the preview, once it is loaded. */
   viewer: Viewer | null;
   retry: (options: Options) => void;
   heading?: "h2" | "h3";
 }
 
-/** How thick an open surface was made or may be made, with a preview, and another run with another thickness. */
+/** The thickness of an open surface, with a preview and a form to run again with another thickness. */
 export function Thickness({ job, report, viewer, retry, heading: Heading = "h2" }: Props) {
   const { words, figures } = useWords();
   const surface = openSurfaceOf(job);

@@ -7,9 +7,9 @@ import { GoThere, Swatch, useLength } from "./layers";
 import { Icon } from "./icons";
 import type { Shown } from "./viewer-pane";
 
-/** What most printers need, in millimetres. */
+/** The thinnest wall that most printers can print, in millimetres. */
 const USUAL_MM = 0.8;
-/** The service tells no more places than this. */
+/** The service reports at most this many places. */
 const MOST = 100;
 const CHOICES_MM = [0.4, 0.8, 1.2, 2, 3];
 export const THIN_COLOUR = "#e45fb4";
@@ -19,7 +19,7 @@ function wallOf(report: Job["report"]): ThinnestWall | null {
   return report.after?.print?.thinnest_wall ?? report.before.print?.thinnest_wall ?? null;
 }
 
-/** The thinnest wall of the job's model, first from the job and then from its full report, which has all thin places. */
+/** The thinnest wall of the job's model: first from the job, then from its full report, which lists all thin places. */
 function useWall(job: Job): ThinnestWall | null {
   const [whole, setWhole] = useState<ThinnestWall | null>(null);
   useEffect(() => {
@@ -36,7 +36,7 @@ function useWall(job: Job): ThinnestWall | null {
   return whole ?? wallOf(job.report);
 }
 
-/** The layer of walls thinner than somebody's printer can make. */
+/** The layer of walls that are too thin for the chosen printer. */
 export function ThinWalls({ job, shown }: { job: Job; shown: Shown | null }) {
   const { words, figures } = usePageWords();
   const { tell, own } = useLength(job);

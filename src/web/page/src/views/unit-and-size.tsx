@@ -9,16 +9,16 @@ import { ProblemNote } from "./problem-note";
 interface Props {
   job: Job;
   report: Report;
-  /** The uploaded file, where the page still has it. */
+  /** The uploaded file, if the page still has it. */
   file: File | null;
-  /** Makes another job of the file that the service has. */
+  /** Submits another job for the file on the service. */
   retry: (options: Options) => void;
-  /** Uploads a file and makes a job of it. */
+  /** Uploads a file and submits it as a job. */
   send: (file: File, options: Options) => void;
   heading?: "h2" | "h3";
 }
 
-/** The unit and the size that a model is taken for, and another run with others. */
+/** The unit and the size of a model, with a form to run again with others. */
 export function UnitAndSize({ job, report, file, retry, send, heading: Heading = "h2" }: Props) {
   const { words, figures } = useWords();
   const now = fileUnit(report);

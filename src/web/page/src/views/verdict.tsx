@@ -14,13 +14,13 @@ interface Props {
   job: Job;
   unit: Unit;
   heading: "h1" | "h2";
-  /** Makes another job with other options, where people may. */
+  /** Submits another job with other options, if the user may. */
   retry?: Retry;
-  /** What comes right after the heading. */
+  /** Content directly below the heading. */
   children?: ComponentChildren;
 }
 
-/** The verdict and what was done, in plain words. */
+/** The verdict and a summary of the repair. */
 export function Verdict({ job, unit, heading: Heading, retry, children }: Props) {
   const { words, figures } = useWords();
   const report = job.report?.mode === "repair" ? job.report : null;
@@ -53,7 +53,7 @@ export function Verdict({ job, unit, heading: Heading, retry, children }: Props)
   );
 }
 
-/** What a person should check: signs of damage by the repair, what was assumed, and what else the service says. */
+/** What the user should check: red flags, assumptions and other notes of the service. */
 function Remarks({ job, report, unit, retry }: { job: Job; report: Report; unit: Unit; retry: Retry | undefined }) {
   const { words, figures } = useWords();
   const warnings = warningsOf(report, claimsOf(job).isPrintable, words, figures, unit);
@@ -95,7 +95,7 @@ function Remarks({ job, report, unit, retry }: { job: Job; report: Report; unit:
   );
 }
 
-/** Options that have a form of their own on the page. */
+/** Options that have a separate form on the page. */
 const HAS_FORM = /^(unit|open_sheets)=/;
 
 function RemarkLine({ remark: { text, isEnglish, option }, retry }: { remark: Remark; retry?: ((option: string) => void) | undefined }) {

@@ -17,13 +17,13 @@ interface Props {
   box: RefObject<HTMLElement | null>;
   /** The unit of the model's numbers. */
   unit: string;
-  /** Whether a model has colours of its own. */
+  /** Whether a model has original colours. */
   hasColours: boolean;
   isMeasuring: boolean;
   setMeasuring: (isOn: boolean) => void;
 }
 
-/** What is seen of the model, and how. */
+/** The viewer's toolbar. */
 export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: own, hasColours, isMeasuring, setMeasuring }: Props) {
   const { words, figures } = usePageWords();
   const { unit } = useStore(settings);

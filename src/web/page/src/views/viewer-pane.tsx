@@ -17,10 +17,10 @@ import { useStore } from "./use-store";
 import { ViewerBar } from "./viewer-bar";
 import { Wipe } from "./wipe";
 
-/** Larger files are loaded when somebody asks, and a coarse preview is shown until then. */
+/** Larger files are loaded on request; until then a coarse preview is shown. */
 const LARGE = 60_000_000;
 
-/** What is loaded, and what of it is still to come. */
+/** What is loaded, and what is still loading. */
 export interface Shown {
   viewer: Viewer;
   before: ColouredMesh | null;
@@ -30,13 +30,13 @@ export interface Shown {
 
 interface Props {
   job: Job;
-  /** The uploaded file, where the page still has it. */
+  /** The uploaded file, if the page still has it. */
   file: File | null;
   shown: Shown | null;
   setShown: (shown: Shown | null) => void;
 }
 
-/** Both models on a canvas, with the tools that belong to it. */
+/** Both models on a canvas, with the viewer's tools. */
 export function ViewerPane({ job, file, shown, setShown }: Props) {
   const { words, figures } = usePageWords();
   const canvas = useRef<HTMLCanvasElement>(null);
@@ -62,7 +62,7 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
       const fetched = async (artifact: Artifact): Promise<ColouredMesh> => readColouredMesh(await fetchArtifact(server, artifact, stop.signal));
       const read = (artifact: Artifact | undefined): Promise<ColouredMesh | null> => {
         const mesh = artifact ? fetched(artifact) : Promise.resolve(null);
-        // Where one fails, nobody waits for the others.
+        // If one download fails, the others are not awaited.
         mesh.catch(() => undefined);
         return mesh;
       };
@@ -78,13 +78,13 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
         setState("coarse");
         if (!wanted) await new Promise<void>((resolve) => (go.current = resolve));
       }
-      // The first to come is shown while the other is on its way.
+      // The first loaded model is shown while the other is still loading.
       const [first, second] = [read(at("defects.glb")), read(at("change.glb"))];
       const before = await first;
       const change = await second;
       place(before, change, "fine");
       const rest = await remaining;
-      // The result shows what the verdict complains of, and nothing else.
+      // The result shows only the defects that the verdict mentions.
       if (rest && !claimsOf(job).isPrintable) viewer.lay("after", rest, "fine", (kind) => kind !== "sound" && !isRemark(kind));
       if (stop.signal.aborted) return;
       setShown({ viewer, before, change, remaining: rest });

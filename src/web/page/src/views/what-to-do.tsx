@@ -2,7 +2,7 @@ import type { Capabilities, Job, Options } from "meshmend-client";
 import { isUnfinished, tries } from "../report/advice";
 import { useWords } from "../words/words";
 
-/** What may help where a model did not come out whole. */
+/** Suggestions for a model that was not repaired completely. */
 export function WhatToDo({ job, can, retry }: { job: Job; can: Capabilities | null; retry: (options: Options) => void }) {
   const { words } = useWords();
   const list = tries(job, can);

@@ -5,7 +5,7 @@ import type { Words } from "./en";
 import { enPage } from "./en-page";
 import { type Language, type Speech, speech } from "./words";
 
-/** All texts of the page. The widget has only the first part of them. */
+/** All texts of the page: the shared texts and the page's own. */
 export type PageWords = Words & typeof enPage;
 const MORE: Record<Language, typeof enPage> = { en: enPage, de: dePage };
 

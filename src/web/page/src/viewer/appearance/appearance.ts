@@ -1,44 +1,44 @@
-/** Faces of one look, as a model's own file has them. Colours are in sRGB, from 0 to 1. */
+/** Faces with the same material, from the model file. Colours are in sRGB, from 0 to 1. */
 export interface Patch {
   positions: Float32Array;
-  /** Three vertices a face; without it the vertices come in this order. */
+  /** Three indices per face; null if the vertices are in order. */
   indices: Uint32Array | null;
-  /** Three numbers a vertex. */
+  /** Three numbers per vertex. */
   colours: Float32Array | null;
-  /** Two numbers a vertex. The first row of the picture is at 0. */
+  /** Two numbers per vertex. 0 is the first row of the picture. */
   uvs: Float32Array | null;
   image: ImageBitmap | null;
-  /** What the colours of vertices and picture are multiplied by. */
+  /** The factor for the colours of vertices and texture. */
   colour: Colour;
 }
 
 export type Colour = [number, number, number];
 export type Up = "y" | "z";
 
-/** How a model looks by its own file: its faces with their colours and pictures. */
+/** The original appearance of a model: its faces with colours and textures. */
 export interface Appearance {
   patches: Patch[];
-  /** Which axis is up, where the format says so. */
+  /** The up axis, if the format defines one. */
   up: Up | null;
 }
 
-/** The file beside a model's file, such as a picture or a list of materials; none where there is no such file. */
+/** Returns a sidecar file of a model, such as a texture or a material library; null if it is missing. */
 export type Beside = (name: string) => Promise<Uint8Array | null>;
 
 export const WHITE: Colour = [1, 1, 1];
 
-/** Whether a file says any colour at all. */
+/** Whether a file has any colours. */
 export function isColoured({ patches }: Appearance): boolean {
   return patches.some(({ colours, image, colour }) => colours !== null || image !== null || colour.some((part) => part < 0.995));
 }
 
-/** A linear colour, as glTF has it, in sRGB. */
+/** Converts a linear colour, as in glTF, to sRGB. */
 export function fromLinear(part: number): number {
   const x = Math.min(1, Math.max(0, part));
   return x <= 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055;
 }
 
-/** Collects triangles of one look whose corners are not shared. */
+/** Collects triangles of one material with unshared vertices. */
 export class PatchBuilder {
   readonly #positions: number[] = [];
   readonly #colours: number[] = [];
@@ -49,7 +49,7 @@ export class PatchBuilder {
     readonly image: ImageBitmap | null = null,
   ) {}
 
-  /** Adds a corner. Either all corners of a patch have a colour or none, and so with places in the picture. */
+  /** Adds a vertex. Either all vertices of a patch have a colour or none; the same holds for texture coordinates. */
   add(position: ArrayLike<number>, colour: ArrayLike<number> | null = null, uv: ArrayLike<number> | null = null): void {
     this.#positions.push(position[0]!, position[1]!, position[2]!);
     if (colour) this.#colours.push(colour[0]!, colour[1]!, colour[2]!);
@@ -71,12 +71,12 @@ export class PatchBuilder {
   }
 }
 
-/** A picture of a file; none where the browser can't read it. */
+/** Decodes a picture; null if the browser cannot decode it. */
 export async function readImage(bytes: Uint8Array, type: string): Promise<ImageBitmap | null> {
   return createImageBitmap(new Blob([bytes.slice()], { type }), { colorSpaceConversion: "none", premultiplyAlpha: "none" }).catch(() => null);
 }
 
-/** The media type of a picture by the ending of its name. */
+/** The media type of a picture by its extension. */
 export function imageType(name: string): string {
   return /\.jpe?g$/i.test(name) ? "image/jpeg" : /\.webp$/i.test(name) ? "image/webp" : "image/png";
 }

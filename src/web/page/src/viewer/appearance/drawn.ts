@@ -3,12 +3,12 @@ import { type Shared, appearanceMaterial } from "../materials";
 import { type Frame, toWorld } from "../model";
 import type { Appearance, Patch, Up } from "./appearance";
 
-/** How far the sides of two boxes of one model may differ, as a share of the longest. */
+/** Tolerance for comparing the sides of two bounding boxes of one model, as a share of the longest side. */
 const TOLERANCE = 0.02;
 
 type Point = [number, number, number];
 
-/** A model with its own colours and pictures, in the world of a frame. None where the file does not have the model's box. */
+/** The scene object of a model with its original colours and textures. Null if the file's bounding box does not match the model's. */
 export function drawnAppearance(appearance: Appearance, model: Frame, frame: Frame, plain: string, common: Shared): Object3D | null {
   const place = alignment(appearance, model, frame);
   if (!place) return null;
@@ -44,8 +44,8 @@ function textureOf(image: ImageBitmap, textures: Map<ImageBitmap, Texture>): Tex
 }
 
 /**
- * From a file's numbers to the world: another unit and another axis that is up are found by the boxes. Only what has the model's box, up to
- * a scale, is the model.
+ * The transform from a file's coordinates to the world. Comparing bounding boxes finds a different unit or up axis. A file whose box does not
+ * match, up to a scale, is not the model.
  */
 function alignment({ patches, up }: Appearance, model: Frame, frame: Frame): ((point: Point) => Point) | null {
   const own = (point: Point): Point => between(point, up, model.up);
@@ -72,7 +72,7 @@ function alignment({ patches, up }: Appearance, model: Frame, frame: Frame): ((p
   };
 }
 
-/** A point of axes with one axis up in axes with another. */
+/** Converts a point between coordinate systems with different up axes. */
 function between([x, y, z]: Point, from: Up | null, to: Up): Point {
   if (from === null || from === to) return [x, y, z];
   return from === "y" ? [x, -z, y] : [x, z, -y];

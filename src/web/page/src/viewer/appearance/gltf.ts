@@ -45,7 +45,7 @@ interface Document {
 
 const SIZES: Record<string, number> = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4 };
 const [TRIANGLES, STRIP, FAN] = [4, 5, 6];
-/** By component type: bytes, how one is read, and the largest value, for normalized integers. */
+/** By component type: size in bytes, reader, and the largest value for normalized integers. */
 const COMPONENTS: Record<number, [number, (view: DataView, at: number) => number, number]> = {
   5120: [1, (view, at) => view.getInt8(at), 127],
   5121: [1, (view, at) => view.getUint8(at), 255],
@@ -55,7 +55,7 @@ const COMPONENTS: Record<number, [number, (view: DataView, at: number) => number
   5126: [4, (view, at) => view.getFloat32(at, true), 1],
 };
 
-/** Reads the looks of a glTF 2.0 file, binary or text: base colours, base colour pictures and colours of vertices. */
+/** Reads the appearance of a glTF 2.0 file, binary or text: base colours, base colour textures and vertex colours. */
 export async function readGltf(bytes: Uint8Array, beside: Beside): Promise<Appearance> {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const isBinary = view.getUint32(0, true) === 0x46546c67;
@@ -86,7 +86,7 @@ function poseOf({ matrix, translation = [0, 0, 0], rotation = [0, 0, 0, 1], scal
   return new Matrix4().compose(new Vector3(...translation), new Quaternion(...rotation), new Vector3(...scale));
 }
 
-/** The bytes of an address within a glTF file: its own, or of a file beside it. Nothing is loaded from elsewhere. */
+/** The bytes of a URI in a glTF file: embedded data or a sidecar file. Nothing is loaded from the network. */
 async function fetched(uri: string, beside: Beside): Promise<Uint8Array | null> {
   const [, data] = /^data:[^,]*;base64,(.*)$/s.exec(uri) ?? [];
   if (data === undefined) return beside(decodeURIComponent(uri));
@@ -107,7 +107,7 @@ class File {
     return { bytes: buffer.subarray(start, start + view.byteLength), stride: view.byteStride };
   }
 
-  /** All numbers of an accessor, normalized ones from 0 to 1. */
+  /** All numbers of an accessor; normalized integers are scaled to 0 to 1. */
   numbers(number: number | undefined, wanted: number): { values: Float64Array; size: number } | null {
     const accessor = number === undefined ? undefined : this.document.accessors?.[number];
     const size = accessor && SIZES[accessor.type];

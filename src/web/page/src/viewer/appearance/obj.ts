@@ -5,7 +5,7 @@ interface Material {
   image: ImageBitmap | null;
 }
 
-/** Reads the looks of an OBJ file: colours of vertices, and the colours (`Kd`) and pictures (`map_Kd`) of its materials. */
+/** Reads the appearance of an OBJ file: vertex colours, and the colours (`Kd`) and textures (`map_Kd`) of its materials. */
 export async function readObj(bytes: Uint8Array, beside: Beside): Promise<Appearance> {
   const text = new TextDecoder().decode(bytes).replaceAll("\\\n", " ");
   const materials = new Map<string, Material>();
@@ -24,7 +24,7 @@ export async function readObj(bytes: Uint8Array, beside: Beside): Promise<Appear
   for (const line of text.split("\n")) {
     const [key, ...words] = line.trim().split(/\s+/);
     if (key === "v") points.push(words.map(Number));
-    // Pictures begin at their lower edge in OBJ files.
+    // In OBJ files, texture coordinates start at the lower edge.
     else if (key === "vt") places.push([Number(words[0]), 1 - Number(words[1] ?? 0)]);
     else if (key === "usemtl") name = words.join(" ");
     else if (key === "f") {
@@ -52,7 +52,7 @@ async function readMaterials(text: string, beside: Beside, materials: Map<string
     if (key === "newmtl") materials.set(rest, (now = { colour: WHITE, image: null }));
     else if (key === "Kd") now.colour = rest.split(/\s+/).slice(0, 3).map(Number) as Colour;
     else if (key.toLowerCase() === "map_kd") {
-      // Options come before the name.
+      // Options precede the file name.
       const name = rest.replace(/^(-\w+\s+([\d.+-]+\s+|on\s+|off\s+)*)+/, "");
       const bytes = await beside(name);
       now.image = bytes && (await readImage(bytes, imageType(name)));

@@ -33,7 +33,7 @@ export function readOff(bytes: Uint8Array): Appearance {
   return { patches: [tinted, plain].map((builder) => builder.build()).filter((patch) => patch !== null), up: null };
 }
 
-/** A colour in words: whole numbers up to 255, or numbers up to 1. A single number names a colour of another file. */
+/** Parses a colour: integers up to 255, or fractions up to 1. A single number is an index into another file, which is not supported. */
 function colourOf(words: string[]): number[] | null {
   if (words.length < 3) return null;
   const numbers = words.slice(0, 3).map(Number);

@@ -3,7 +3,7 @@ import { type Appearance, PatchBuilder } from "./appearance";
 interface Property {
   name: string;
   type: string;
-  /** The type of the count before a list. */
+  /** For a list: the type of its count. */
   count: string | null;
 }
 
@@ -67,7 +67,7 @@ export function readPly(bytes: Uint8Array): Appearance {
   return { patches: [byFace, byVertex, plain].map((builder) => builder.build()).filter((patch) => patch !== null), up: null };
 }
 
-/** The colour among some values, from 0 to 1. */
+/** The colour among the values, scaled to 0 to 1. */
 function tintOf(values: Record<string, number>, properties: Property[]): number[] | null {
   for (const names of [["red", "green", "blue"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["r", "g", "b"]]) {
     if (!names.every((name) => name in values)) continue;

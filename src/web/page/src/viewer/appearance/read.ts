@@ -6,11 +6,11 @@ import { readPly } from "./ply";
 import { read3mf } from "./threemf";
 import { ZipArchive } from "./zip";
 
-/** Larger files are shown without their colours, since a browser needs many times their size for them. */
+/** Larger files are shown without their colours, because parsing them takes many times their size in memory. */
 export const MOST_BYTES = 80_000_000;
 const NOTHING: Beside = () => Promise.resolve(null);
 
-/** Reads the colours and pictures of a model's own file; none where it has none, or where they can't be read. */
+/** Reads the colours and textures of a model file; null if there are none or they are unreadable. */
 export async function readAppearance(buffer: ArrayBuffer): Promise<Appearance | null> {
   if (buffer.byteLength > MOST_BYTES) return null;
   try {
@@ -31,7 +31,7 @@ async function readFile(bytes: Uint8Array, beside: Beside): Promise<Appearance |
   return /^(mtllib|v|o|g|usemtl)\s/m.test(start) ? readObj(bytes, beside) : null;
 }
 
-/** Of an archive the 3MF model, or the first file that is a model, with the files beside it. */
+/** Reads an archive: the 3MF model, or else the first model file with its sidecar files. */
 async function readArchive(archive: ZipArchive): Promise<Appearance | null> {
   const { names } = archive;
   if (names.some((name) => name.endsWith(".model"))) return read3mf(archive);

@@ -2,17 +2,17 @@ import { Matrix4, Vector3 } from "three";
 import { type Appearance, type Colour, PatchBuilder, type Patch, WHITE, imageType, readImage } from "./appearance";
 import type { ZipArchive } from "./zip";
 
-/** Longer model files are not read, since a browser needs many times their size for them. */
+/** Larger model files are not read, because parsing them takes many times their size in memory. */
 const MOST_BYTES = 120_000_000;
 
-/** What a property of a 3MF file says of a corner: a colour, or a place in a picture. */
+/** A 3MF property of a vertex: a colour, or a texture coordinate. */
 interface Property {
   colour: Colour;
   uv: [number, number] | null;
   image: ImageBitmap | null;
 }
 
-/** One model file of the archive with its properties and objects, both by id. */
+/** One model file of the archive, with its properties and objects by id. */
 interface Part {
   properties: Map<string, Property[]>;
   objects: Map<string, Element>;
@@ -22,7 +22,7 @@ const inside = (element: Element | Document, name: string): Element[] => [...ele
 const given = (element: Element, name: string): string | null => [...element.attributes].find((attribute) => attribute.localName === name)?.value ?? null;
 const children = (element: Element, name: string): Element[] => [...element.children].filter((child) => child.localName === name);
 
-/** Reads the looks of a 3MF file: base materials, colour groups and textures (3MF core specification and its materials extension). */
+/** Reads the appearance of a 3MF file: base materials, colour groups and textures (3MF Core Specification and Materials Extension). */
 export async function read3mf(archive: ZipArchive): Promise<Appearance> {
   const parts = new Map<string, Promise<Part>>();
   const relations = await archive.read("_rels/.rels");
@@ -56,7 +56,7 @@ async function parsed(archive: ZipArchive, path: string): Promise<Document> {
   return new DOMParser().parseFromString(new TextDecoder().decode(bytes), "text/xml");
 }
 
-/** A transform of 3MF: the rows of a matrix that points are multiplied with from the left. */
+/** A 3MF transform: the rows of a matrix; points are row vectors that are multiplied from the left. */
 function transformOf(element: Element): Matrix4 {
   const numbers = (given(element, "transform") ?? "").trim().split(/\s+/).map(Number);
   if (numbers.length !== 12) return new Matrix4();
@@ -80,12 +80,12 @@ async function readPart(document: Document, archive: ZipArchive): Promise<Part> 
   }
   for (const element of inside(document, "texture2dgroup")) {
     const image = images.get(given(element, "texid") ?? "") ?? null;
-    // Pictures begin at their lower edge in 3MF files.
+    // In 3MF files, texture coordinates start at the lower edge.
     const property = (place: Element): Property => ({ colour: WHITE, image, uv: [Number(given(place, "u")), 1 - Number(given(place, "v"))] });
     properties.set(given(element, "id") ?? "", children(element, "tex2coord").map(property));
   }
   for (const element of inside(document, "multiproperties")) {
-    // Only the first layer is shown.
+    // Only the first layer of a multi-property is shown.
     const layer = properties.get((given(element, "pids") ?? "").split(/\s+/)[0] ?? "") ?? [];
     const members = children(element, "multi").map((multi) => layer[Number((given(multi, "pindices") ?? "").split(/\s+/)[0])] ?? plain(WHITE));
     properties.set(given(element, "id") ?? "", members);

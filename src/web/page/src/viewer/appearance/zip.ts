@@ -1,8 +1,8 @@
-/** More bytes than this are not unpacked. */
+/** Files that unpack to more bytes are not read. */
 const MOST_BYTES = 300_000_000;
 const [END, ENTRY] = [0x06054b50, 0x02014b50];
 
-/** The files of a ZIP archive, unpacked when they are asked for (PKWARE APPNOTE 6.3, without its 64-bit form). */
+/** The files of a ZIP archive, unpacked on demand (PKWARE APPNOTE 6.3, without ZIP64). */
 export class ZipArchive {
   readonly #entries = new Map<string, { method: number; at: number; packed: number; size: number }>();
   readonly #view: DataView;
@@ -27,7 +27,7 @@ export class ZipArchive {
     return [...this.#entries.keys()];
   }
 
-  /** A file by its path, or by the end of its path, whatever the case of its letters. */
+  /** Finds a file by its path or the end of its path, case-insensitively. */
   async read(path: string): Promise<Uint8Array | null> {
     const wanted = path.replaceAll("\\", "/").replace(/^\.?\//, "").toLowerCase();
     const name = this.names.find((other) => other.toLowerCase() === wanted) ?? this.names.find((other) => other.toLowerCase().endsWith(`/${wanted.split("/").pop()}`));
