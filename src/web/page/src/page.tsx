@@ -1,6 +1,6 @@
 import { render } from "preact";
-import { meet } from "./state/server";
+import { connect } from "./state/server";
 import { Page } from "./views/app";
 
 render(<Page />, document.getElementById("page")!);
-void meet();
+void connect();

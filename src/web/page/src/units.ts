@@ -69,9 +69,9 @@ export class Figures {
 }
 
 /** Whether a box of this size fits into a build volume: as it is, turned, or not at all. */
-export function fit(size: readonly number[], room: readonly number[]): "as_is" | "turned" | "no" {
+export function fit(size: readonly number[], buildVolume: readonly number[]): "as_is" | "turned" | "no" {
   const within = (a: readonly number[], b: readonly number[]): boolean => a.every((side, k) => side <= b[k]!);
-  if (within(size, room)) return "as_is";
+  if (within(size, buildVolume)) return "as_is";
   const sorted = (it: readonly number[]): number[] => [...it].sort((a, b) => a - b);
-  return within(sorted(size), sorted(room)) ? "turned" : "no";
+  return within(sorted(size), sorted(buildVolume)) ? "turned" : "no";
 }

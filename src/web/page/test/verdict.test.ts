@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Job } from "meshmend-client";
-import { isUnfinished, tries } from "../src/report/advice";
+import { isUnfinished, suggestions } from "../src/report/advice";
 import { claimsOf } from "../src/report/verdict";
 
 const ALL = ["closed", "manifold", "outward", "no_intersections"];
@@ -39,8 +39,8 @@ test("a job that had to be printable and is not says so, and what may help", () 
   const claims = claimsOf(refused);
   assert.deepEqual([claims.tone, claims.title, claims.isRefused, claims.isPrintable], ["bad", "not_printable", true, false]);
   assert.ok(isUnfinished(refused));
-  const can = { tiers: [{ tier: 3, available: true }] } as unknown as Parameters<typeof tries>[1];
-  assert.deepEqual(tries(refused, can).map(({ name }) => name), ["tryRemesh"]);
+  const can = { tiers: [{ tier: 3, available: true }] } as unknown as Parameters<typeof suggestions>[1];
+  assert.deepEqual(suggestions(refused, can).map(({ name }) => name), ["tryRemesh"]);
   const crashed = job(null, verdict, { status: "failed", report: null, problem: { code: "crashed" } });
-  assert.deepEqual([claimsOf(crashed).title, tries(crashed, can).map(({ name }) => name)], ["failed", ["tryAgain"]]);
+  assert.deepEqual([claimsOf(crashed).title, suggestions(crashed, can).map(({ name }) => name)], ["failed", ["tryAgain"]]);
 });

@@ -2,7 +2,7 @@ import type { Capabilities, Job, Options, Report } from "meshmend-client";
 import { claimsOf, isPrintable } from "./verdict";
 
 /** A suggestion for a job without a printable result: other options, and the key of its text. */
-export interface Try {
+export interface Suggestion {
   name: "tryBase" | "tryRemesh" | "tryLonger" | "tryAgain";
   options: Options;
 }
@@ -11,20 +11,20 @@ export interface Try {
 const LONGER_S = 600;
 
 /** Suggestions for a job that failed or was not repaired, most promising first. */
-export function tries(job: Job, can: Capabilities | null): Try[] {
-  const list: Try[] = [];
+export function suggestions(job: Job, can: Capabilities | null): Suggestion[] {
+  const list: Suggestion[] = [];
   const blender = can?.tiers.some((tier) => tier.tier === 3 && tier.available) ?? false;
   if (job.status === "failed" && !isUnfinished(job)) {
     const code = job.problem?.code;
-    if (code === "deadline_exceeded") list.push({ name: "tryLonger", options: { ...own(job), deadline_s: LONGER_S } });
-    if (code === "crashed" || code === "worker_lost" || code === "internal") list.push({ name: "tryAgain", options: own(job) });
+    if (code === "deadline_exceeded") list.push({ name: "tryLonger", options: { ...optionsOf(job), deadline_s: LONGER_S } });
+    if (code === "crashed" || code === "worker_lost" || code === "internal") list.push({ name: "tryAgain", options: optionsOf(job) });
     return list;
   }
   if (job.report?.mode !== "repair" || !isUnfinished(job)) return list;
   if (isOpenSheet(job.report)) {
-    list.push({ name: "tryBase", options: { ...own(job), open_sheets: "base" } });
-  } else if (blender && own(job)["preset"] !== "blender-remesh") {
-    list.push({ name: "tryRemesh", options: { ...own(job), preset: "blender-remesh", max_tier: 3 } });
+    list.push({ name: "tryBase", options: { ...optionsOf(job), open_sheets: "base" } });
+  } else if (blender && optionsOf(job)["preset"] !== "blender-remesh") {
+    list.push({ name: "tryRemesh", options: { ...optionsOf(job), preset: "blender-remesh", max_tier: 3 } });
   }
   return list;
 }
@@ -42,10 +42,10 @@ export function isOpenSheet(report: Report): boolean {
 
 /** Whether a job is a repair. A missing mode means repair. */
 export function isRepair(job: Job): boolean {
-  return (own(job)["mode"] ?? "repair") === "repair";
+  return (optionsOf(job)["mode"] ?? "repair") === "repair";
 }
 
 /** The options of a job in a form that can be submitted again. */
-export function own(job: Job): Options {
+export function optionsOf(job: Job): Options {
   return Object.fromEntries(Object.entries(job.options).filter(([, value]) => value !== null));
 }

@@ -1,7 +1,7 @@
 import type { Report } from "meshmend-client";
 import { type Figures, type Unit, inMillimetres } from "../units";
 import type { Words } from "../words/en";
-import { unitOf } from "./plain";
+import { unitOf } from "./summary";
 
 type Flag = Report["red_flags"][number];
 type Assumption = NonNullable<Report["assumptions"]>[number];
@@ -26,18 +26,18 @@ const THICKNESSES = ["sheets_thickened", "bases_added", "parts_joined"];
 
 /** Red flags of the repair, and walls too thin for most printers. */
 export function warningsOf(report: Report, isPrintable: boolean, words: Words, figures: Figures, unit: Unit): Remark[] {
-  const own = inMillimetres(unitOf(report));
+  const unitInMm = inMillimetres(unitOf(report));
   const figure = ({ code }: Flag, value: number): string => {
     if (COUNTS.includes(code)) return figures.count(value);
-    return LENGTHS.includes(code) ? figures.length(value * own, unit, 3) : figures.percent(value / 100);
+    return LENGTHS.includes(code) ? figures.length(value * unitInMm, unit, 3) : figures.percent(value / 100);
   };
   const remarks = report.red_flags.map((flag) => {
     const text = words.flagTexts[flag.code]?.({ value: figure(flag, flag.value), limit: figure(flag, flag.threshold) });
     return { key: `${flag.code} ${flag.detail}`, text: text ?? flag.detail, isEnglish: text === undefined, option: null };
   });
   const wall = (report.after ?? report.before).print?.thinnest_wall?.thickness;
-  if (isPrintable && wall !== undefined && wall * own < LEAST_WALL_MM * 0.999) {
-    const text = words.thinWarning(figures.length(wall * own, unit, 2), figures.length(LEAST_WALL_MM, unit, 2));
+  if (isPrintable && wall !== undefined && wall * unitInMm < LEAST_WALL_MM * 0.999) {
+    const text = words.thinWarning(figures.length(wall * unitInMm, unit, 2), figures.length(LEAST_WALL_MM, unit, 2));
     remarks.push({ key: "thin_wall", text, isEnglish: false, option: null });
   }
   return remarks;
@@ -53,11 +53,11 @@ export function assumptionsOf(report: Report, words: Words, figures: Figures, un
 }
 
 function figuresOf({ kind, count, amount, share_pct }: Assumption, report: Report, figures: Figures, unit: Unit) {
-  const own = inMillimetres(unitOf(report));
+  const unitInMm = inMillimetres(unitOf(report));
   return {
     n: figures.count(count),
     k: count,
-    amount: amount != null && THICKNESSES.includes(kind) ? figures.length(amount * own, unit, 2) : "",
+    amount: amount != null && THICKNESSES.includes(kind) ? figures.length(amount * unitInMm, unit, 2) : "",
     share: share_pct == null ? "" : figures.percent(share_pct / 100),
     unit: unitOf(report),
   };

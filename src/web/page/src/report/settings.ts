@@ -1,7 +1,7 @@
 import type { Job, Options, Report } from "meshmend-client";
 import { inMillimetres } from "../units";
-import { isOpenSheet, own } from "./advice";
-import { unitOf } from "./plain";
+import { isOpenSheet, optionsOf } from "./advice";
+import { unitOf } from "./summary";
 
 /** The units that a file may be in, as the option `unit` names them. */
 export const FILE_UNITS = ["mm", "cm", "in", "m", "ft", "um"] as const;
@@ -29,7 +29,7 @@ function unitOfOptions(report: Report, options: Options): string {
 
 /** A job's options for reading the same file in another unit. A result format without a unit is written in millimetres. */
 export function withUnit(job: Job, report: Report, unit: string): Options {
-  const before = own(job);
+  const before = optionsOf(job);
   const format = report.output?.format ?? report.input.format;
   const scale = unit !== "mm" && WITHOUT_UNIT.includes(format) ? { scale_to: "mm" } : {};
   const options: Options = { ...scale, ...before, unit };
@@ -51,14 +51,14 @@ export function openSurfaceOf(job: Job): OpenSurface | null {
   const solidified = report.assumptions?.find(({ kind, amount }) => amount != null && (kind === "sheets_thickened" || kind === "bases_added"));
   if (solidified) return { is: solidified.kind === "bases_added" ? "base" : "thick", mm: solidified.amount! * inMillimetres(unitOf(report)) };
   if (isOpenSheet(report)) return { is: "open", mm: null };
-  const asked = own(job);
+  const asked = optionsOf(job);
   const isAsked = asked["open_sheets"] === "thicken" && typeof asked["thickness"] === "number" && !report.verdict?.printable;
   return isAsked ? { is: "thick", mm: Number(asked["thickness"]) * inMillimetres(unitOfOptions(report, asked)) } : null;
 }
 
 /** A job's options with a thickness for open surfaces, in millimetres. */
 export function withThickness(job: Job, report: Report, mm: number): Options {
-  const options = own(job);
+  const options = optionsOf(job);
   const kind = openSurfaceOf(job)?.is === "base" ? "base" : "thicken";
   return { ...options, open_sheets: kind, thickness: lengthIn(mm, unitOfOptions(report, options)) };
 }

@@ -1,5 +1,5 @@
 import { type Artifact, type Job, Problem, fetchArtifact, follow, newKey, submit } from "meshmend-client";
-import { own } from "../report/advice";
+import { optionsOf } from "../report/advice";
 import { claimsOf } from "../report/verdict";
 import { server } from "./server";
 
@@ -29,7 +29,7 @@ export async function convert(job: Job, format: string, signal: AbortSignal): Pr
     server,
     {
       source: whole ? { job_id: job.id, file: "model" } : { job_id: job.id },
-      options: whole ? { output: format, pictures: false } : { ...own(job), output: format },
+      options: whole ? { output: format, pictures: false } : { ...optionsOf(job), output: format },
       name: job.input.name,
     },
     newKey(),

@@ -14,21 +14,21 @@ key.listen(() => {
 export const server: Server = { base: "", key: () => key.value };
 
 /** The state of the service: unknown yet, ready with its capabilities, locked until a key is entered, or unreachable. */
-export type Known = { is: "asking" } | { is: "ready"; can: Capabilities } | { is: "locked"; refused: boolean } | { is: "away"; problem: Problem };
+export type ServiceState = { is: "asking" } | { is: "ready"; can: Capabilities } | { is: "locked"; refused: boolean } | { is: "away"; problem: Problem };
 
-export const known = new Store<Known>({ is: "asking" });
+export const serviceState = new Store<ServiceState>({ is: "asking" });
 
-export async function meet(): Promise<void> {
+export async function connect(): Promise<void> {
   try {
-    known.set({ is: "ready", can: await capabilities(server) });
+    serviceState.set({ is: "ready", can: await capabilities(server) });
   } catch (error) {
     const problem = error instanceof Problem ? error : Problem.unreachable();
-    if (problem.status === 401 || problem.status === 403) known.set({ is: "locked", refused: key.value !== null });
-    else known.set({ is: "away", problem });
+    if (problem.status === 401 || problem.status === 403) serviceState.set({ is: "locked", refused: key.value !== null });
+    else serviceState.set({ is: "away", problem });
   }
 }
 
 /** Locks the page if a request failed because of an invalid or revoked key. */
-export function noticed(problem: Problem): void {
-  if (problem.code === "unauthorized") known.set({ is: "locked", refused: key.value !== null });
+export function lockIfUnauthorized(problem: Problem): void {
+  if (problem.code === "unauthorized") serviceState.set({ is: "locked", refused: key.value !== null });
 }

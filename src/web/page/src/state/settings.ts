@@ -1,5 +1,5 @@
 import type { Unit } from "../units";
-import { type Language, firstSpoken } from "../words/words";
+import { type Language, firstSupported } from "../words/locale";
 import { Store } from "./store";
 
 export type Theme = "auto" | "light" | "dark";
@@ -17,7 +17,7 @@ export interface Settings {
 const NAME = "meshmend.settings";
 
 function load(): Settings {
-  const first: Settings = { language: firstSpoken(navigator.languages), theme: "auto", unit: "mm", printer: "", room: [220, 220, 250] };
+  const first: Settings = { language: firstSupported(navigator.languages), theme: "auto", unit: "mm", printer: "", room: [220, 220, 250] };
   try {
     return { ...first, ...(JSON.parse(localStorage.getItem(NAME) ?? "{}") as Partial<Settings>) };
   } catch {

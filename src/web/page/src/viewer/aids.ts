@@ -48,7 +48,7 @@ export function boxOf(frame: Frame): Box {
 }
 
 /** The build volume of a printer, with the model in the middle of its floor. `size` is in the model's unit; its last number is the height. */
-export function roomOf(frame: Frame, size: readonly number[]): Box {
+export function buildVolumeOf(frame: Frame, size: readonly number[]): Box {
   const box = boxOf(frame);
   const middle = box.min.clone().add(box.max).multiplyScalar(0.5).setZ(box.min.z);
   const [x, y, z] = size.map((side) => side / frame.radius) as [number, number, number];
@@ -56,21 +56,21 @@ export function roomOf(frame: Frame, size: readonly number[]): Box {
 }
 
 /** The lines and floor of a build volume; the colour shows whether the model fits. */
-export function printerRoom({ min, max }: Box, fits: boolean): Object3D {
-  const room = new Object3D();
-  room.add(lines(boxLines({ min, max }), fits ? "#2f9e7f" : "#d1453b", 0.9));
+export function buildVolumeObject({ min, max }: Box, fits: boolean): Object3D {
+  const buildVolume = new Object3D();
+  buildVolume.add(lines(boxLines({ min, max }), fits ? "#2f9e7f" : "#d1453b", 0.9));
   const grid: number[] = [];
   for (let i = 1; i < 10; i += 1) {
     const [x, y] = [min.x + ((max.x - min.x) * i) / 10, min.y + ((max.y - min.y) * i) / 10];
     grid.push(x, min.y, min.z, x, max.y, min.z, min.x, y, min.z, max.x, y, min.z);
   }
-  room.add(lines(Float32Array.from(grid), "#8a94a6", 0.35));
+  buildVolume.add(lines(Float32Array.from(grid), "#8a94a6", 0.35));
   const corners = [min.x, min.y, max.x, min.y, max.x, max.y, min.x, min.y, max.x, max.y, min.x, max.y];
   const sheet = Float32Array.from({ length: 18 }, (_, i) => (i % 3 === 2 ? min.z : corners[Math.floor(i / 3) * 2 + (i % 3)]!));
   const material = new MeshBasicMaterial({ transparent: true, opacity: 0.08, side: DoubleSide, depthWrite: false });
   material.color.copy(srgb(fits ? "#2f9e7f" : "#d1453b"));
-  room.add(new Mesh(new BufferGeometry().setAttribute("position", new BufferAttribute(sheet, 3)), material));
-  return room;
+  buildVolume.add(new Mesh(new BufferGeometry().setAttribute("position", new BufferAttribute(sheet, 3)), material));
+  return buildVolume;
 }
 
 /** Dots at points of the world. */

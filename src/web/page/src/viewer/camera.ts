@@ -10,7 +10,7 @@ const MARGIN = 1.03;
 const NEAREST = 0.16;
 
 /** The camera, shared by both sides so that both have the same view. The model's radius is 1. */
-export class Eye {
+export class CameraControl {
   readonly camera = new PerspectiveCamera(FOV);
   readonly controls: OrbitControls;
   #flight = 0;

@@ -1,7 +1,7 @@
 import { Color, DoubleSide, ShaderMaterial, type Texture, Vector3, Vector4 } from "three";
 import { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
 import type { Patch } from "./appearance/appearance";
-import { type Look, MARKS, PATTERNS } from "./looks";
+import { type KindStyle, MARKS, PATTERNS } from "./kind-styles";
 
 /** Uniforms that all materials of a viewer share: the cut, and the device pixels per CSS pixel. */
 export interface Shared {
@@ -68,7 +68,7 @@ void main() {
   gl_FragColor = vec4(min(base * light, vec3(1.0)), 1.0);
 }`;
 
-export function surfaceMaterial(colour: string, plain: string, look: Look | null, isOverlay: boolean, common: Shared): ShaderMaterial {
+export function surfaceMaterial(colour: string, plain: string, look: KindStyle | null, isOverlay: boolean, common: Shared): ShaderMaterial {
   return new ShaderMaterial({
     vertexShader: VERTEX,
     fragmentShader: FRAGMENT,
@@ -218,7 +218,7 @@ void main() {
   gl_FragColor = vec4(r > 0.68 ? vec3(0.1) : colour, 1.0);
 }`;
 
-export function dotMaterial(colour: string, look: Look, size: number, common: Shared): ShaderMaterial {
+export function dotMaterial(colour: string, look: KindStyle, size: number, common: Shared): ShaderMaterial {
   return new ShaderMaterial({
     vertexShader: DOT_VERTEX,
     fragmentShader: DOT_FRAGMENT,

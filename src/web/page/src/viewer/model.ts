@@ -3,7 +3,7 @@ import { LineSegments2 } from "three/examples/jsm/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/examples/jsm/lines/LineSegmentsGeometry.js";
 import type { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";
 import type { ColouredMesh, Group } from "./glb";
-import { lookOf } from "./looks";
+import { styleOf } from "./kind-styles";
 import { NEARER, type Shared, dotMaterial, lineMaterial, surfaceMaterial, wireMaterial } from "./materials";
 
 /** The transform from the model's unit to the world, where the model has radius 1. Models of any size then fit in f32. */
@@ -95,7 +95,7 @@ export class Model {
   }
 
   #add(group: Group, colour: string, dash: number): void {
-    const look = lookOf(group.kind);
+    const look = styleOf(group.kind);
     const plain = PLAIN.has(group.kind);
     if (group.surface) {
       const geometry = new BufferGeometry();

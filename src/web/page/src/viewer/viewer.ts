@@ -1,12 +1,12 @@
 import { LinearSRGBColorSpace, type Object3D, Plane, Scene, Vector2, Vector3, Vector4, WebGLRenderer } from "three";
-import { type Box, boxOf, corners, disposeOf, inWorld, printerRoom, roomOf, sizeBox, spots } from "./aids";
+import { type Box, boxOf, corners, disposeOf, inWorld, buildVolumeObject, buildVolumeOf, sizeBox, spots } from "./aids";
 import type { Appearance } from "./appearance/appearance";
 import { disposeOfAppearance, drawnAppearance } from "./appearance/drawn";
-import { Eye } from "./camera";
+import { CameraControl } from "./camera";
 import type { Point } from "./distance";
 import type { ColouredMesh } from "./glb";
 import { type Mode, type Pane, type SideName, panes } from "./layout";
-import { isShownAtFirst, lookOf } from "./looks";
+import { isShownAtFirst, styleOf } from "./kind-styles";
 import { dotMaterial, shared } from "./materials";
 import { type Frame, Model, dotSize, frameOf, fromWorld, turned } from "./model";
 import { type Place, placesOf } from "./places";
@@ -45,7 +45,7 @@ const REST = 160;
 /** Shows a model before and after the repair on one canvas with one camera. It does not know about jobs or the service. */
 export class Viewer {
   readonly #renderer: WebGLRenderer;
-  readonly #eye: Eye;
+  readonly #cameraControl: CameraControl;
   readonly #common = shared();
   readonly #sides: Record<SideName, Side>;
   readonly #aids = new Scene();
@@ -58,8 +58,8 @@ export class Viewer {
   #wire = false;
   #cut: Plane | null = null;
   #size: { object: Object3D; labels: Vector3[] } | null = null;
-  #room: Object3D | null = null;
-  #roomBox: Box | null = null;
+  #buildVolume: Object3D | null = null;
+  #buildVolumeBox: Box | null = null;
   readonly #spots = new Map<string, Object3D>();
   #pins: Pin[] = [];
   #ring: Pin | null = null;
@@ -91,8 +91,8 @@ export class Viewer {
     this.#renderer.autoClear = false;
     const side = (): Side => ({ scene: new Scene(), fine: null, coarse: null, overlays: [], appearance: null });
     this.#sides = { before: side(), after: side() };
-    this.#eye = new Eye(canvas, () => this.#moved());
-    this.#eye.controls.addEventListener("start", () => {
+    this.#cameraControl = new CameraControl(canvas, () => this.#moved());
+    this.#cameraControl.controls.addEventListener("start", () => {
       this.#isHome = false;
     });
     this.#observer = new ResizeObserver(() => this.#resize());
@@ -197,7 +197,7 @@ export class Viewer {
     if (!pane || !model) return null;
     const half = new Vector2(pane.view[2] / 2, pane.view[3] / 2);
     const at = new Vector2((x - pane.view[0]) / half.x - 1, (y - pane.view[1]) / half.y - 1);
-    const camera = this.#eye.aim(half.x / half.y);
+    const camera = this.#cameraControl.aim(half.x / half.y);
     camera.updateMatrixWorld();
     const found = placeUnder(model.surfaces, camera, at, half, this.#common.cut.value);
     return found && fromWorld(frame, found.toArray());
@@ -267,20 +267,20 @@ export class Viewer {
   visit(place: Place): void {
     this.#isHome = false;
     this.#mark(new Vector3(...place.at));
-    this.#eye.visit(place, this.#calm.matches);
+    this.#cameraControl.visit(place, this.#calm.matches);
   }
 
   home(calm = this.#calm.matches): void {
     this.#isHome = true;
     this.#mark(null);
     const pane = this.#panes()[0];
-    const box = this.#roomBox ?? (this.#frame && boxOf(this.#frame));
-    if (pane && box) this.#eye.home(corners(box), pane.view[2] / Math.max(1, pane.view[3]), calm);
+    const box = this.#buildVolumeBox ?? (this.#frame && boxOf(this.#frame));
+    if (pane && box) this.#cameraControl.home(corners(box), pane.view[2] / Math.max(1, pane.view[3]), calm);
   }
 
   turn(around: number, up: number, nearer = 1): void {
     this.#isHome = false;
-    this.#eye.turn(around, up, nearer);
+    this.#cameraControl.turn(around, up, nearer);
   }
 
   setMode(mode: Mode): void {
@@ -338,7 +338,7 @@ export class Viewer {
     disposeOf(this.#spots.get(kind) ?? null);
     this.#spots.delete(kind);
     if (frame && points.length > 0) {
-      const dots = spots(points.map((point) => inWorld(frame, point)), dotMaterial(colour, lookOf(kind), dotSize(points.length), this.#common));
+      const dots = spots(points.map((point) => inWorld(frame, point)), dotMaterial(colour, styleOf(kind), dotSize(points.length), this.#common));
       this.#spots.set(kind, dots);
       (this.#sides.after.fine ?? this.#sides.after.coarse ? this.#sides.after : this.#sides.before).scene.add(dots);
     }
@@ -346,11 +346,11 @@ export class Viewer {
   }
 
   /** Draws a printer's build volume, its size in the model's unit; null removes it. */
-  setRoom(size: readonly number[] | null, fits: boolean): void {
-    disposeOf(this.#room);
-    this.#roomBox = size && this.#frame && roomOf(this.#frame, size);
-    this.#room = this.#roomBox && printerRoom(this.#roomBox, fits);
-    if (this.#room) this.#aids.add(this.#room);
+  setBuildVolume(size: readonly number[] | null, fits: boolean): void {
+    disposeOf(this.#buildVolume);
+    this.#buildVolumeBox = size && this.#frame && buildVolumeOf(this.#frame, size);
+    this.#buildVolume = this.#buildVolumeBox && buildVolumeObject(this.#buildVolumeBox, fits);
+    if (this.#buildVolume) this.#aids.add(this.#buildVolume);
     if (this.#isHome) this.home();
     this.invalidate();
   }
@@ -418,7 +418,7 @@ export class Viewer {
       if (coarse) coarse.root.visible = useCoarse;
       if (appearance) appearance.visible = this.#hasColours;
       for (const { level, model } of overlays) model.root.visible = (level === "coarse") === useCoarse;
-      const camera = this.#eye.aim(view[2] / Math.max(1, view[3]));
+      const camera = this.#cameraControl.aim(view[2] / Math.max(1, view[3]));
       renderer.setViewport(...view);
       renderer.setScissor(...scissor);
       renderer.render(scene, camera);
@@ -435,7 +435,7 @@ export class Viewer {
     const [first, second] = this.#panes();
     if (!first) return;
     const put = (element: HTMLElement, at: Vector3, pane: Pane): void => {
-      const seen = at.clone().project(this.#eye.aim(pane.view[2] / Math.max(1, pane.view[3])));
+      const seen = at.clone().project(this.#cameraControl.aim(pane.view[2] / Math.max(1, pane.view[3])));
       const x = pane.view[0] + ((seen.x + 1) / 2) * pane.view[2];
       const y = this.canvas.clientHeight - pane.view[1] - ((seen.y + 1) / 2) * pane.view[3];
       const inside = seen.z < 1 && Math.abs(seen.x) < 1.02 && Math.abs(seen.y) < 1.02;
@@ -460,10 +460,10 @@ export class Viewer {
     cancelAnimationFrame(this.#asked);
     clearTimeout(this.#resting);
     this.#observer.disconnect();
-    this.#eye.dispose();
+    this.#cameraControl.dispose();
     for (const model of this.#models()) model.dispose();
     this.setSizes(null);
-    this.setRoom(null, true);
+    this.setBuildVolume(null, true);
     this.#mark(null);
     for (const dots of this.#spots.values()) disposeOf(dots);
     for (const { appearance } of Object.values(this.#sides)) disposeOfAppearance(appearance);

@@ -1,9 +1,9 @@
 import { useLayoutEffect, useMemo } from "preact/hooks";
 import { route } from "../state/route";
-import { known } from "../state/server";
+import { serviceState } from "../state/server";
 import { settings } from "../state/settings";
-import { PageSpoken, pageSpeech, usePageWords } from "../words/page-words";
-import { Spoken } from "../words/words";
+import { PageLocaleContext, pageLocaleOf, usePageWords } from "../words/page-locale";
+import { LocaleContext } from "../words/locale";
 import { AskForKey, Away } from "./gate";
 import { Header } from "./header";
 import { JobPage } from "./job";
@@ -14,13 +14,13 @@ import { useStore } from "./use-store";
 /** The page in the chosen language. */
 export function Page() {
   const { language } = useStore(settings);
-  const said = useMemo(() => pageSpeech(language), [language]);
+  const said = useMemo(() => pageLocaleOf(language), [language]);
   return (
-    <Spoken.Provider value={said}>
-      <PageSpoken.Provider value={said}>
+    <LocaleContext.Provider value={said}>
+      <PageLocaleContext.Provider value={said}>
         <App />
-      </PageSpoken.Provider>
-    </Spoken.Provider>
+      </PageLocaleContext.Provider>
+    </LocaleContext.Provider>
   );
 }
 
@@ -55,7 +55,7 @@ function toMain(event: Event): void {
 }
 
 function Content() {
-  const service = useStore(known);
+  const service = useStore(serviceState);
   const where = useStore(route);
   if (service.is === "locked") return <AskForKey refused={service.refused} />;
   if (service.is === "away") return <Away problem={service.problem} />;

@@ -1,6 +1,6 @@
 import type { Job, Outcome } from "meshmend-client";
 import { isPrintable } from "../report/verdict";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 
 /** The outcome for a model, as a coloured label. */
 export function OutcomeChip({ outcome }: { outcome: Outcome }) {

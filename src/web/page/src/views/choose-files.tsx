@@ -1,7 +1,7 @@
 import { useRef } from "preact/hooks";
 import type { Capabilities } from "meshmend-client";
 import { endings, isModel } from "../state/files";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { Icon } from "./icons";
 
 /** Buttons that open the dialogs for files and for a folder. */

@@ -3,8 +3,8 @@ import { type Capabilities, type Job, Problem } from "meshmend-client";
 import { weightOf } from "../report/files";
 import { claimsOf } from "../report/verdict";
 import { convert, save } from "../state/download";
-import { noticed } from "../state/server";
-import { usePageWords } from "../words/page-words";
+import { lockIfUnauthorized } from "../state/server";
+import { usePageWords } from "../words/page-locale";
 import { Icon } from "./icons";
 import { ProblemNote } from "./problem-note";
 
@@ -25,7 +25,7 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
     } catch (error) {
       if (stop.current.signal.aborted) return;
       const it = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
-      noticed(it);
+      lockIfUnauthorized(it);
       setProblem(it);
     } finally {
       setMaking("");

@@ -1,6 +1,6 @@
 import type { Capabilities } from "meshmend-client";
 import { brokenSample } from "../sample";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { ChooseFiles } from "./choose-files";
 import { Icon } from "./icons";
 

@@ -1,7 +1,7 @@
 import { useState } from "preact/hooks";
 import type { Problem } from "meshmend-client";
-import { key, meet } from "../state/server";
-import { usePageWords } from "../words/page-words";
+import { key, connect } from "../state/server";
+import { usePageWords } from "../words/page-locale";
 import { Icon } from "./icons";
 import { ProblemNote } from "./problem-note";
 
@@ -13,7 +13,7 @@ export function AskForKey({ refused }: { refused: boolean }) {
     event.preventDefault();
     if (!text.trim()) return;
     key.set(text.trim());
-    void meet();
+    void connect();
   };
   return (
     <section class="gate card">
@@ -43,7 +43,7 @@ export function Away({ problem }: { problem: Problem }) {
     <section class="gate card">
       <h1>{words.away}</h1>
       <ProblemNote problem={problem} />
-      <button type="button" class="primary" onClick={() => void meet()}>
+      <button type="button" class="primary" onClick={() => void connect()}>
         {words.retry}
       </button>
     </section>

@@ -1,8 +1,8 @@
 import { route } from "../state/route";
-import { key, meet } from "../state/server";
+import { key, connect } from "../state/server";
 import { type Theme, choose, settings } from "../state/settings";
-import { usePageWords } from "../words/page-words";
-import { LANGUAGES, type Language } from "../words/words";
+import { usePageWords } from "../words/page-locale";
+import { LANGUAGES, type Language } from "../words/locale";
 import { Icon, type IconName, Logo } from "./icons";
 import { useStore } from "./use-store";
 
@@ -19,7 +19,7 @@ export function Header() {
   const secret = useStore(key);
   const forget = (): void => {
     key.set(null);
-    void meet();
+    void connect();
   };
   const at = THEMES.findIndex(([name]) => name === theme);
   const [next] = THEMES[(at + 1) % THEMES.length]!;

@@ -2,7 +2,7 @@ import { useEffect, useState } from "preact/hooks";
 import { type Capabilities, type Readiness, Problem, metrics, readiness } from "meshmend-client";
 import { readMetrics, valueOf } from "../report/metrics";
 import { server } from "../state/server";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { Facts } from "./facts";
 import { Icon } from "./icons";
 
@@ -35,18 +35,18 @@ export function Health({ can }: { can: Capabilities | null }) {
   const [seen, setSeen] = useState<Seen | null>(null);
   useEffect(() => {
     let timer = 0;
-    let isGone = false;
+    let isFileGone = false;
     const again = async (): Promise<void> => {
       if (document.visibilityState === "visible") {
         const now = await look();
-        if (isGone) return;
+        if (isFileGone) return;
         setSeen(now);
       }
       timer = window.setTimeout(() => void again(), AGAIN_MS);
     };
     void again();
     return () => {
-      isGone = true;
+      isFileGone = true;
       clearTimeout(timer);
     };
   }, []);

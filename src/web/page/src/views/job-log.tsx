@@ -1,7 +1,7 @@
 import { useState } from "preact/hooks";
 import { type Job, Problem, fetchArtifact } from "meshmend-client";
 import { server } from "../state/server";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { ProblemNote } from "./problem-note";
 
 /** The log of the job and of Blender, loaded when opened. */

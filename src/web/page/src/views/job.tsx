@@ -1,10 +1,10 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, type Progress, Problem, cancelJob, deleteJob, follow, getJob, hasEnded } from "meshmend-client";
-import { isRepair, own } from "../report/advice";
+import { isRepair, optionsOf } from "../report/advice";
 import { save } from "../state/download";
 import { weightOf } from "../report/files";
-import { noticed, server } from "../state/server";
-import { usePageWords } from "../words/page-words";
+import { lockIfUnauthorized, server } from "../state/server";
+import { usePageWords } from "../words/page-locale";
 import { StatusChip } from "./chips";
 import { Facts } from "./facts";
 import { Icon } from "./icons";
@@ -19,7 +19,7 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
   const [job, setJob] = useState<Job | null>(null);
   const [progress, setProgress] = useState<Progress | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
-  const [isGone, setGone] = useState(false);
+  const [isFileGone, setGone] = useState(false);
 
   const trying = async (work: () => Promise<void>): Promise<void> => {
     try {
@@ -27,7 +27,7 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
       await work();
     } catch (error) {
       const it = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
-      noticed(it);
+      lockIfUnauthorized(it);
       setProblem(it);
     }
   };
@@ -54,7 +54,7 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
       <Icon name="arrow" size={16} /> {words.backToJobs}
     </a>
   );
-  if (isGone) return <section class="card job-page">{back}<p class="nothing" role="status">{words.purged}</p></section>;
+  if (isFileGone) return <section class="card job-page">{back}<p class="nothing" role="status">{words.purged}</p></section>;
   if (!job) return <section class="card job-page">{back}{problem ? <ProblemNote problem={problem} /> : <p class="nothing">{words.loading}</p>}</section>;
   const report = job.report?.mode === "repair" ? job.report : null;
   const under = !hasEnded(job);
@@ -114,7 +114,7 @@ function Times({ job }: { job: Job }) {
     [words.waited, span(job.created_at, job.started_at)],
     [words.ran, span(job.started_at, job.finished_at)],
     [words.attempt, String(job.attempt)],
-    [words.preset, String(own(job)["preset"] ?? (isRepair(job) ? "auto" : own(job)["mode"]))],
+    [words.preset, String(optionsOf(job)["preset"] ?? (isRepair(job) ? "auto" : optionsOf(job)["mode"]))],
   ];
   return <Facts list={list} look="times" />;
 }

@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { type Capabilities, type Job, Problem, type Status, listJobs } from "meshmend-client";
-import { noticed, server } from "../state/server";
-import { usePageWords } from "../words/page-words";
+import { lockIfUnauthorized, server } from "../state/server";
+import { usePageWords } from "../words/page-locale";
 import { StatusChip } from "./chips";
 import { Health } from "./health";
 import { ProblemNote } from "./problem-note";
@@ -28,7 +28,7 @@ export function JobsPage({ can }: { can: Capabilities | null }) {
       setProblem(null);
     } catch (error) {
       const it = error instanceof Problem ? error : Problem.unreachable();
-      noticed(it);
+      lockIfUnauthorized(it);
       setProblem(it);
     }
   };

@@ -1,12 +1,12 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import type { Job } from "meshmend-client";
-import { type Family, isShownAtFirst, lookOf } from "../viewer/looks";
+import { type Family, isShownAtFirst, styleOf } from "../viewer/kind-styles";
 import type { Place } from "../viewer/places";
 import { inMillimetres } from "../units";
 import { settings } from "../state/settings";
-import { unitOfJob } from "../report/plain";
+import { unitOfJob } from "../report/summary";
 import { claimsOf } from "../report/verdict";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { Icon } from "./icons";
 import { ThinWalls } from "./thin-walls";
 import { useStore } from "./use-store";
@@ -36,7 +36,7 @@ export function layersOf(shown: Shown | null): Layer[] {
 export function Layers({ job, shown }: { job: Job; shown: Shown | null }) {
   const { words } = usePageWords();
   const layers = useMemo(() => layersOf(shown), [shown]);
-  const found = new Set(layers.map(({ kind }) => lookOf(kind).family));
+  const found = new Set(layers.map(({ kind }) => styleOf(kind).family));
   // If the deadline passed before the inspection, no defects were searched for.
   const isInspected = job.report?.mode === "repair" && job.report.before.level !== "none";
   const clean = isInspected ? FAMILIES.filter((family) => !found.has(family)) : [];
@@ -107,7 +107,7 @@ export function GoThere({ label, places, shown }: { label: string; places: () =>
 
 /** A sample of a layer's colour and pattern, as in the viewer. */
 export function Swatch({ kind, colour }: { kind: string; colour: string }) {
-  return <span class={`swatch ${lookOf(kind).pattern}`} style={{ backgroundColor: colour }} />;
+  return <span class={`swatch ${styleOf(kind).pattern}`} style={{ backgroundColor: colour }} />;
 }
 
 /** The unit of a job's model in millimetres. */

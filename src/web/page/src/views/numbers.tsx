@@ -1,9 +1,9 @@
 import type { Inspection, Report } from "meshmend-client";
-import { unitOf } from "../report/plain";
+import { unitOf } from "../report/summary";
 import { settings } from "../state/settings";
 import { type Figures, type Unit, inMillimetres } from "../units";
-import type { PageWords as Words } from "../words/page-words";
-import { usePageWords } from "../words/page-words";
+import type { PageWords as Words } from "../words/page-locale";
+import { usePageWords } from "../words/page-locale";
 import { Facts } from "./facts";
 import { StepsTable } from "./steps-table";
 import { useStore } from "./use-store";
@@ -14,7 +14,7 @@ type Row = [string, string, string];
 export function Numbers({ report }: { report: Report }) {
   const { words, figures } = usePageWords();
   const { unit } = useStore(settings);
-  const own = inMillimetres(unitOf(report));
+  const unitInMm = inMillimetres(unitOf(report));
   return (
     <details class="numbers card">
       <summary>{words.numbers}</summary>
@@ -29,7 +29,7 @@ export function Numbers({ report }: { report: Report }) {
               </tr>
             </thead>
             <tbody>
-              {rows(report.before, report.after, words, figures, own, unit).map(([name, before, after]) => (
+              {rows(report.before, report.after, words, figures, unitInMm, unit).map(([name, before, after]) => (
                 <tr key={name} class={before !== after ? "differs" : undefined}>
                   <th scope="row">{name}</th>
                   <td>{before}</td>
@@ -39,14 +39,14 @@ export function Numbers({ report }: { report: Report }) {
             </tbody>
           </table>
         </div>
-        <Changes report={report} own={own} />
+        <Changes report={report} unitInMm={unitInMm} />
       </div>
       <StepsTable report={report} />
     </details>
   );
 }
 
-function rows(before: Inspection, after: Inspection | null, words: Words, figures: Figures, own: number, unit: Unit): Row[] {
+function rows(before: Inspection, after: Inspection | null, words: Words, figures: Figures, unitInMm: number, unit: Unit): Row[] {
   const row = (name: keyof Words["measures"], tell: (it: Inspection) => string): Row => [words.measures[name], tell(before), after ? tell(after) : "–"];
   const count = (name: "faces" | "vertices" | "parts" | "boundary_edges" | "boundary_loops" | "non_manifold_edges" | "non_manifold_vertices" | "misoriented_edges" | "degenerate_faces" | "duplicate_faces" | "inverted_parts"): Row =>
     row(name, (it) => figures.count(it[name]));
@@ -65,13 +65,13 @@ function rows(before: Inspection, after: Inspection | null, words: Words, figure
     count("faces"),
     count("vertices"),
     row("size", (it) => it.print ? figures.box(it.print.size_mm, unit) : "–"),
-    row("area", (it) => figures.area(it.area * own ** 2, unit)),
-    row("volume", (it) => (it.volume.reliable ? figures.volume(it.volume.value * own ** 3, unit) : "–")),
-    row("thinnest", (it) => (it.print?.thinnest_wall ? figures.length(it.print.thinnest_wall.thickness * own, unit) : "–")),
+    row("area", (it) => figures.area(it.area * unitInMm ** 2, unit)),
+    row("volume", (it) => (it.volume.reliable ? figures.volume(it.volume.value * unitInMm ** 3, unit) : "–")),
+    row("thinnest", (it) => (it.print?.thinnest_wall ? figures.length(it.print.thinnest_wall.thickness * unitInMm, unit) : "–")),
   ];
 }
 
-function Changes({ report, own }: { report: Report; own: number }) {
+function Changes({ report, unitInMm }: { report: Report; unitInMm: number }) {
   const { words, figures } = usePageWords();
   const { unit } = useStore(settings);
   const changes = report.changes;
@@ -79,10 +79,10 @@ function Changes({ report, own }: { report: Report; own: number }) {
   const percent = (value: number | null | undefined): string => (value == null ? "–" : figures.percent(value / 100));
   const share = (name: "kept" | "added" | "removed"): string => {
     const it = changes.surface?.[name];
-    return it ? `${figures.area(it.area * own ** 2, unit)} · ${figures.count(it.faces)}` : "–";
+    return it ? `${figures.area(it.area * unitInMm ** 2, unit)} · ${figures.count(it.faces)}` : "–";
   };
   const list: [string, string][] = [
-    [words.changes.moved, changes.moved ? figures.length(changes.moved.distance.max * own, unit, 3) : "–"],
+    [words.changes.moved, changes.moved ? figures.length(changes.moved.distance.max * unitInMm, unit, 3) : "–"],
     [words.changes.kept, share("kept")],
     [words.changes.added, share("added")],
     [words.changes.removed, share("removed")],

@@ -1,7 +1,7 @@
 import type { ObjectReport } from "meshmend-client";
-import { inWords } from "../report/plain";
+import { repairSummary } from "../report/summary";
 import { settings } from "../state/settings";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { OutcomeChip } from "./chips";
 import { useStore } from "./use-store";
 
@@ -32,7 +32,7 @@ export function Objects({ objects }: { objects: ObjectReport[] }) {
                 <td>
                   <OutcomeChip outcome={it.outcome} />
                 </td>
-                <td>{inWords(it, words, figures, unit).join(", ")}</td>
+                <td>{repairSummary(it, words, figures, unit).join(", ")}</td>
                 <td>
                   {figures.count(it.before.faces)}
                   {it.after && it.after.faces !== it.before.faces && ` → ${figures.count(it.after.faces)}`}

@@ -1,9 +1,9 @@
 import { useEffect } from "preact/hooks";
 import type { Job } from "meshmend-client";
-import { unitOf, upOfJob } from "../report/plain";
+import { unitOf, upOfJob } from "../report/summary";
 import { choose, settings } from "../state/settings";
 import { fit, inMillimetres } from "../units";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { useStore } from "./use-store";
 import type { Shown } from "./viewer-pane";
 
@@ -25,15 +25,15 @@ export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
   const { unit, printer, room: mine } = useStore(settings);
   const report = job.report?.mode === "repair" ? job.report : null;
   const print = report?.after?.print ?? report?.before.print ?? null;
-  const own = report ? inMillimetres(unitOf(report)) : 1;
+  const unitInMm = report ? inMillimetres(unitOf(report)) : 1;
   const size = print?.size_mm ?? null;
   const room = printer === "own" ? mine : (PRINTERS.find(([name]) => name === printer)?.[1] ?? null);
   // The model's size along the printer's x, y and z.
   const standing = size && upOfJob(job) === "y" ? [size[0]!, size[2]!, size[1]!] : size;
   const fits = standing && room ? fit(standing, room) : null;
   useEffect(() => {
-    shown?.viewer.setRoom(room && room.map((side) => side / own), fits !== "no");
-  }, [shown, room?.join(), own, fits]);
+    shown?.viewer.setBuildVolume(room && room.map((side) => side / unitInMm), fits !== "no");
+  }, [shown, room?.join(), unitInMm, fits]);
   if (!print || !size) return null;
   return (
     <section class="printing">
@@ -44,13 +44,13 @@ export function Printing({ job, shown }: { job: Job; shown: Shown | null }) {
         {print.volume != null && (
           <>
             <dt>{words.volume}</dt>
-            <dd>{figures.volume(print.volume * own ** 3, unit)}</dd>
+            <dd>{figures.volume(print.volume * unitInMm ** 3, unit)}</dd>
           </>
         )}
         {print.area != null && (
           <>
             <dt>{words.area}</dt>
-            <dd>{figures.area(print.area * own ** 2, unit)}</dd>
+            <dd>{figures.area(print.area * unitInMm ** 2, unit)}</dd>
           </>
         )}
       </dl>

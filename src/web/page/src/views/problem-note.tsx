@@ -1,5 +1,5 @@
 import type { FieldError } from "meshmend-client";
-import { useWords } from "../words/words";
+import { useWords } from "../words/locale";
 import { Icon } from "./icons";
 
 interface Noted {

@@ -1,17 +1,17 @@
 import { useEffect, useState } from "preact/hooks";
 import type { Capabilities } from "meshmend-client";
 import { MOST_FILES, dropped } from "../state/files";
-import { add, open, pieces, selected } from "../state/work";
-import { usePageWords } from "../words/page-words";
+import { add, open, items, selected } from "../state/items";
+import { usePageWords } from "../words/page-locale";
 import { Dropzone } from "./dropzone";
 import { FileList } from "./file-list";
-import { PieceView } from "./piece";
+import { FileView } from "./file-view";
 import { useStore } from "./use-store";
 
 /** The repair view: drop zone, list of files, and result. */
 export function RepairPage({ job, can }: { job: string | null; can: Capabilities | null }) {
   const { words, figures } = usePageWords();
-  const all = useStore(pieces);
+  const all = useStore(items);
   const chosen = useStore(selected);
   const [note, tell] = useState("");
   const [over, setOver] = useState(false);
@@ -58,7 +58,7 @@ export function RepairPage({ job, can }: { job: string | null; can: Capabilities
     };
   });
 
-  const shown = all.find((piece) => piece.id === chosen);
+  const shown = all.find((item) => item.id === chosen);
   return (
     <>
       {over && all.length > 0 && <div class="letgo">{words.letGo}</div>}
@@ -69,8 +69,8 @@ export function RepairPage({ job, can }: { job: string | null; can: Capabilities
         <Dropzone can={can} over={over} take={take} />
       ) : (
         <div class={all.length > 1 ? "work several" : "work"}>
-          <FileList pieces={all} chosen={chosen} take={take} can={can} />
-          {shown && <PieceView key={shown.id} piece={shown} can={can} />}
+          <FileList items={all} chosen={chosen} take={take} can={can} />
+          {shown && <FileView key={shown.id} item={shown} can={can} />}
         </div>
       )}
     </>

@@ -1,8 +1,8 @@
 import { useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, type Options, Problem } from "meshmend-client";
 import { settings } from "../state/settings";
-import { again, sendFile } from "../state/work";
-import { usePageWords } from "../words/page-words";
+import { again, sendFile } from "../state/items";
+import { usePageWords } from "../words/page-locale";
 import { Download } from "./download";
 import { Layers } from "./layers";
 import { Numbers } from "./numbers";

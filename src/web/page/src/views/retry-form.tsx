@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
 import { type Capabilities, type FieldError, type Job, Problem } from "meshmend-client";
-import { isRepair, own } from "../report/advice";
-import { again } from "../state/work";
-import { usePageWords } from "../words/page-words";
+import { isRepair, optionsOf } from "../report/advice";
+import { again } from "../state/items";
+import { usePageWords } from "../words/page-locale";
 import { ProblemNote } from "./problem-note";
 
 /** The service's defaults, for jobs that do not list their options. */
@@ -11,7 +11,7 @@ const DEFAULTS = { preset: "auto", output: "auto", open_sheets: "auto", max_tier
 /** A form that submits another job for the same file, with changed options. */
 export function RetryForm({ job, can }: { job: Job; can: Capabilities | null }) {
   const { words } = usePageWords();
-  const [options, change] = useState(() => ({ ...DEFAULTS, ...own(job) }) as Record<string, unknown>);
+  const [options, change] = useState(() => ({ ...DEFAULTS, ...optionsOf(job) }) as Record<string, unknown>);
   const [problem, setProblem] = useState<Problem | null>(null);
   if (!isRepair(job) || job.status === "expired" || !can) return null;
   const set = (name: string, value: unknown): void => change((all) => ({ ...all, [name]: value }));

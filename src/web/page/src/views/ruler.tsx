@@ -3,7 +3,7 @@ import { useEffect, useLayoutEffect, useState } from "preact/hooks";
 import { type Unit, inMillimetres } from "../units";
 import { type Point, distance } from "../viewer/distance";
 import type { Viewer } from "../viewer/viewer";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { Icon } from "./icons";
 
 /** A pointer that moves farther than this between down and up turns the model instead of picking a point; in pixels. */
@@ -14,16 +14,16 @@ interface Props {
   canvas: RefObject<HTMLCanvasElement | null>;
   /** The unit to show lengths in, and the unit of the model's numbers. */
   unit: Unit;
-  own: string;
+  modelUnit: string;
   close: () => void;
 }
 
 /** Measures the distance between two points, picked with a mouse, a finger or the keyboard. */
-export function Ruler({ viewer, canvas, unit, own, close }: Props) {
+export function Ruler({ viewer, canvas, unit, modelUnit, close }: Props) {
   const { words, figures } = usePageWords();
   const [points, setPoints] = useState<Point[]>([]);
   const [isMissed, setMissed] = useState(false);
-  const length = (value: number): string => figures.length(value * inMillimetres(own), unit, 4);
+  const length = (value: number): string => figures.length(value * inMillimetres(modelUnit), unit, 4);
   const [a, b] = points;
   const measured = a && b ? distance(a, b) : null;
 
@@ -74,7 +74,7 @@ export function Ruler({ viewer, canvas, unit, own, close }: Props) {
   useEffect(() => {
     viewer.setRuler(points, measured ? length(measured.length) : "");
     return () => viewer.setRuler([], "");
-  }, [viewer, points, unit, own, figures]);
+  }, [viewer, points, unit, modelUnit, figures]);
 
   return (
     <div class="ruler" role="group" aria-label={words.ruler}>

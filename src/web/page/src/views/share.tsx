@@ -1,7 +1,7 @@
 import { useRef, useState } from "preact/hooks";
 import type { Job } from "meshmend-client";
 import { key } from "../state/server";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { Icon } from "./icons";
 import { useStore } from "./use-store";
 

@@ -1,24 +1,24 @@
-import type { Piece } from "../state/work";
-import { useWords } from "../words/words";
+import type { FileItem } from "../state/items";
+import { useWords } from "../words/locale";
 import { Icon } from "./icons";
 
 const ORDER = ["upload", "queue", "read", "inspect", "repair", "verify", "finish"] as const;
 type Shown = (typeof ORDER)[number];
 
 /** The stages of a file from upload to result, with the current stage. */
-export function Stages({ piece }: { piece: Pick<Piece, "phase" | "sent" | "bytes" | "progress"> }) {
+export function Stages({ item }: { item: Pick<FileItem, "phase" | "sent" | "bytes" | "progress"> }) {
   const { words, figures } = useWords();
-  const { stage, tier, percent, queue_position } = piece.progress ?? { stage: null, tier: null, percent: 0, queue_position: null };
-  const now = at(piece);
+  const { stage, tier, percent, queue_position } = item.progress ?? { stage: null, tier: null, percent: 0, queue_position: null };
+  const now = at(item);
   const place = ORDER.indexOf(now);
   const detail = (name: Shown): string => {
     if (name !== now) return "";
-    if (name === "upload") return words.uploaded(figures.bytes(piece.sent), figures.bytes(piece.bytes));
+    if (name === "upload") return words.uploaded(figures.bytes(item.sent), figures.bytes(item.bytes));
     if (name === "queue") return queue_position === null ? "" : words.queuePlace(queue_position);
     if (stage === "wait") return words.stages.wait;
     return tier ? (words.tiers[tier] ?? "") : "";
   };
-  const share = now === "upload" ? piece.sent / Math.max(1, piece.bytes) : percent / 100;
+  const share = now === "upload" ? item.sent / Math.max(1, item.bytes) : percent / 100;
   // Screen readers announce each stage and queue position, not each percent.
   const label = now === "queue" ? `${words.stages.queue} ${detail(now)}` : words.stages[now];
   return (
@@ -43,10 +43,10 @@ export function Stages({ piece }: { piece: Pick<Piece, "phase" | "sent" | "bytes
   );
 }
 
-function at(piece: Pick<Piece, "phase" | "progress">): Shown {
-  if (piece.phase !== "following") return piece.phase === "submitting" ? "queue" : "upload";
-  if (!piece.progress || piece.progress.status === "queued") return "queue";
-  const { stage } = piece.progress;
+function at(item: Pick<FileItem, "phase" | "progress">): Shown {
+  if (item.phase !== "following") return item.phase === "submitting" ? "queue" : "upload";
+  if (!item.progress || item.progress.status === "queued") return "queue";
+  const { stage } = item.progress;
   if (stage === "wait") return "repair";
   return stage ?? "read";
 }

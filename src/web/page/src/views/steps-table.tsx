@@ -1,5 +1,5 @@
 import type { Report } from "meshmend-client";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 
 /** The steps in order, with their times. Steps without changes are only counted, unless they took long. */
 export function StepsTable({ report, heading: Heading = "h3", all = false }: { report: Report; heading?: "h2" | "h3"; all?: boolean }) {

@@ -2,9 +2,9 @@ import { useEffect, useState } from "preact/hooks";
 import type { Job, Options, Report } from "meshmend-client";
 import { LEAST_WALL_MM } from "../report/remarks";
 import { lengthIn, openSurfaceOf, withThickness } from "../report/settings";
-import { unitOf } from "../report/plain";
+import { unitOf } from "../report/summary";
 import type { Viewer } from "../viewer/viewer";
-import { useWords } from "../words/words";
+import { useWords } from "../words/locale";
 
 /** Common wall thicknesses in millimetres: two, three and five lines of a 0.4 mm nozzle. */
 const PRESETS_MM = [0.8, 1.2, 2];

@@ -2,7 +2,7 @@ import { useEffect, useMemo, useState } from "preact/hooks";
 import type { Job, ThinPlace, ThinnestWall } from "meshmend-client";
 import { fullReport } from "../state/job";
 import { server } from "../state/server";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { GoThere, Swatch, useLength } from "./layers";
 import { Icon } from "./icons";
 import type { Shown } from "./viewer-pane";

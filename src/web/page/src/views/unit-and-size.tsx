@@ -1,9 +1,9 @@
 import { useRef, useState } from "preact/hooks";
 import { type FieldError, type Job, type Options, Problem, type Report } from "meshmend-client";
-import { own } from "../report/advice";
+import { optionsOf } from "../report/advice";
 import { FILE_UNITS, fileUnit, sizeIn, withUnit } from "../report/settings";
 import { isScalable, scaledCopy } from "../state/scale";
-import { useWords } from "../words/words";
+import { useWords } from "../words/locale";
 import { ProblemNote } from "./problem-note";
 
 interface Props {
@@ -35,7 +35,7 @@ export function UnitAndSize({ job, report, file, retry, send, heading: Heading =
   const shown = Number(longest.toPrecision(6));
   const side = wanted === null ? shown : Number(wanted);
   const isSized = wanted !== null && side !== shown;
-  const isUnit = unit !== now || (report.unit?.source === "assumed" && !("unit" in own(job)));
+  const isUnit = unit !== now || (report.unit?.source === "assumed" && !("unit" in optionsOf(job)));
   const source = file ?? chosen;
   const needsFile = isSized && isScalable(format) && !source;
   const isBlocked = isSized && (!isScalable(format) || !(side > 0) || needsFile);

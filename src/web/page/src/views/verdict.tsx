@@ -1,11 +1,11 @@
 import type { ComponentChildren } from "preact";
 import type { Job, Options, Report } from "meshmend-client";
-import { isOpenSheet, own } from "../report/advice";
-import { inWords, stillWrong } from "../report/plain";
+import { isOpenSheet, optionsOf } from "../report/advice";
+import { repairSummary, remainingDefects } from "../report/summary";
 import { type Remark, assumptionsOf, notesOf, warningsOf, withOption } from "../report/remarks";
 import { claimsOf } from "../report/verdict";
 import type { Unit } from "../units";
-import { useWords } from "../words/words";
+import { useWords } from "../words/locale";
 import { Icon } from "./icons";
 
 type Retry = (options: Options) => void;
@@ -26,7 +26,7 @@ export function Verdict({ job, unit, heading: Heading, retry, children }: Props)
   const report = job.report?.mode === "repair" ? job.report : null;
   const claims = claimsOf(job);
   const good = claims.isPrintable;
-  const left = report && !good ? stillWrong(report, words, figures) : "";
+  const left = report && !good ? remainingDefects(report, words, figures) : "";
   return (
     <section class={`verdict ${claims.tone}`}>
       <p class="file-name">{job.input.name}</p>
@@ -40,7 +40,7 @@ export function Verdict({ job, unit, heading: Heading, retry, children }: Props)
       {report && isOpenSheet(report) && <p>{words.openSurface}</p>}
       {report && !claims.isRefused && (
         <ul class="deeds">
-          {inWords(report, words, figures, unit).map((line) => (
+          {repairSummary(report, words, figures, unit).map((line) => (
             <li key={line}>{line}</li>
           ))}
         </ul>
@@ -76,7 +76,7 @@ function Remarks({ job, report, unit, retry }: { job: Job; report: Report; unit:
           <p>{words.assumptions}</p>
           <ul>
             {assumptions.map((remark) => (
-              <RemarkLine key={remark.key} remark={remark} retry={retry && ((option) => retry(withOption(own(job), option)))} />
+              <RemarkLine key={remark.key} remark={remark} retry={retry && ((option) => retry(withOption(optionsOf(job), option)))} />
             ))}
           </ul>
         </div>

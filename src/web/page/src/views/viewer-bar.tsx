@@ -4,7 +4,7 @@ import { type Unit, UNITS, inMillimetres } from "../units";
 import { choose, settings } from "../state/settings";
 import type { Mode } from "../viewer/layout";
 import type { Axis } from "../viewer/viewer";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { Icon } from "./icons";
 import { useStore } from "./use-store";
 import type { Shown } from "./viewer-pane";
@@ -24,7 +24,7 @@ interface Props {
 }
 
 /** The viewer's toolbar. */
-export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: own, hasColours, isMeasuring, setMeasuring }: Props) {
+export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: modelUnit, hasColours, isMeasuring, setMeasuring }: Props) {
   const { words, figures } = usePageWords();
   const { unit } = useStore(settings);
   const [wire, setWire] = useState(false);
@@ -38,9 +38,9 @@ export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: own, hasC
   useEffect(() => viewer?.setCut(axis, cut), [viewer, axis, cut, shown]);
   useEffect(() => {
     const frame = viewer?.frame;
-    const text = (k: 0 | 1 | 2): string => figures.length((frame!.max[k] - frame!.min[k]) * inMillimetres(own), unit);
+    const text = (k: 0 | 1 | 2): string => figures.length((frame!.max[k] - frame!.min[k]) * inMillimetres(modelUnit), unit);
     viewer?.setSizes(sizes && frame ? [text(0), text(1), text(2)] : null);
-  }, [viewer, sizes, unit, own, figures, shown]);
+  }, [viewer, sizes, unit, modelUnit, figures, shown]);
   const full = (): void => {
     if (document.fullscreenElement) void document.exitFullscreen();
     else void box.current?.requestFullscreen?.();

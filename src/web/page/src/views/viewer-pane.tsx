@@ -1,7 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Artifact, type Job, fetchArtifact } from "meshmend-client";
 import { weightOf } from "../report/files";
-import { isRemark, unitOfJob, upOfJob } from "../report/plain";
+import { isRemark, unitOfJob, upOfJob } from "../report/summary";
 import { claimsOf } from "../report/verdict";
 import { server } from "../state/server";
 import { settings } from "../state/settings";
@@ -10,7 +10,7 @@ import type { ColouredMesh } from "../viewer/glb";
 import { pressed } from "../viewer/keys";
 import type { Mode } from "../viewer/layout";
 import type { Viewer } from "../viewer/viewer";
-import { usePageWords } from "../words/page-words";
+import { usePageWords } from "../words/page-locale";
 import { Pictures } from "./result";
 import { Ruler } from "./ruler";
 import { useStore } from "./use-store";
@@ -126,7 +126,7 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
   return (
     <section class="viewer" data-mode={hasAfter ? mode : "before"} aria-label={words.viewer} ref={box}>
       <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} hasColours={hasColours} isMeasuring={isMeasuring} setMeasuring={setMeasuring} />
-      {isMeasuring && shown && <Ruler viewer={shown.viewer} canvas={canvas} unit={unit} own={unitOfJob(job)} close={() => setMeasuring(false)} />}
+      {isMeasuring && shown && <Ruler viewer={shown.viewer} canvas={canvas} unit={unit} modelUnit={unitOfJob(job)} close={() => setMeasuring(false)} />}
       <div class="canvas-box">
         <canvas key={job.id} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(shown?.viewer, event)} />
         <div class="over" ref={over}>

@@ -1,11 +1,11 @@
 import type { Capabilities, Job, Options } from "meshmend-client";
-import { isUnfinished, tries } from "../report/advice";
-import { useWords } from "../words/words";
+import { isUnfinished, suggestions } from "../report/advice";
+import { useWords } from "../words/locale";
 
 /** Suggestions for a model that was not repaired completely. */
 export function WhatToDo({ job, can, retry }: { job: Job; can: Capabilities | null; retry: (options: Options) => void }) {
   const { words } = useWords();
-  const list = tries(job, can);
+  const list = suggestions(job, can);
   const isPartial = isUnfinished(job);
   if (list.length === 0 && !isPartial) return null;
   return (

@@ -1,6 +1,6 @@
 import { useEffect, useState } from "preact/hooks";
 import type { Viewer } from "../viewer/viewer";
-import { useWords } from "../words/words";
+import { useWords } from "../words/locale";
 
 /** The handle between before and after. */
 export function Wipe({ viewer }: { viewer: Viewer | null }) {

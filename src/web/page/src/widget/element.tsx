@@ -1,11 +1,11 @@
 import { render } from "preact";
 import { Problem } from "meshmend-client";
 import { type Unit, UNITS } from "../units";
-import { type Language, firstSpoken } from "../words/words";
+import { type Language, firstSupported } from "../words/locale";
 import type { MeshmendUploadElement, MeshmendUploadEventMap } from "./meshmend-upload";
 import { ORIGIN } from "./origin";
 import { Session, type ShopSettings } from "./session";
-import { customerSpeech } from "./texts";
+import { customerLocale } from "./texts";
 import { type TokenSource, Tokens } from "./tokens";
 import { Widget } from "./view";
 import css from "./widget.css";
@@ -76,7 +76,7 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   /** The language of the element or the page, if there are texts in it; else the browser's. */
   #language(): Language {
     const named = this.closest<HTMLElement>("[lang]")?.lang;
-    return firstSpoken(named ? [named, ...navigator.languages] : navigator.languages);
+    return firstSupported(named ? [named, ...navigator.languages] : navigator.languages);
   }
 
   #settings(): ShopSettings {
@@ -107,7 +107,7 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   }
 
   #explain(code: string, title: string): string {
-    const { words } = customerSpeech(this.#language());
+    const { words } = customerLocale(this.#language());
     return words.advice[code] ?? (title || words.problem);
   }
 }

@@ -8,8 +8,8 @@ import { UnitAndSize } from "../views/unit-and-size";
 import { Verdict } from "../views/verdict";
 import { WhatToDo } from "../views/what-to-do";
 import type { Viewer } from "../viewer/viewer";
-import { useWords } from "../words/words";
-import { Look } from "./look";
+import { useWords } from "../words/locale";
+import { ModelView } from "./model-view";
 import { metricsOf } from "./metrics";
 import type { Session } from "./session";
 import { useTexts } from "./texts";
@@ -25,7 +25,7 @@ export function Outcome({ session, job, can, unit }: { session: Session; job: Jo
   const hasThickness = report !== null && session.isFree("thickness") && session.isFree("open_sheets");
   return (
     <section class={isSeen(job) ? "outcome" : "outcome alone"}>
-      {server && isSeen(job) && <Look job={job} server={server} file={session.file} shown={setViewer} />}
+      {server && isSeen(job) && <ModelView job={job} server={server} file={session.file} shown={setViewer} />}
       <div class="side">
         <div class="told" role="region" aria-label={texts.result} tabIndex={0}>
           <div part="verdict">

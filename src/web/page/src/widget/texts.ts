@@ -1,6 +1,6 @@
 import { createContext } from "preact";
 import { useContext } from "preact/hooks";
-import { type Language, type Speech, speech } from "../words/words";
+import { type Language, type Locale, localeOf } from "../words/locale";
 
 /** Texts that only the widget uses. A shop's customers read them and do not know about the service behind the widget. */
 const en = {
@@ -77,8 +77,8 @@ export function useTexts(): Texts {
 }
 
 /** The shared texts for the widget, with advice for customers in place of advice for the operator. */
-export function customerSpeech(language: Language): Speech {
-  const { words, figures } = speech(language);
+export function customerLocale(language: Language): Locale {
+  const { words, figures } = localeOf(language);
   const { advice, proven } = TEXTS[language];
   return { words: { ...words, proven, advice: { ...words.advice, ...advice } }, figures };
 }

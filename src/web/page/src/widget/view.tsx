@@ -6,11 +6,11 @@ import { Icon } from "../views/icons";
 import { ProblemNote } from "../views/problem-note";
 import { Stages } from "../views/stages";
 import { useStore } from "../views/use-store";
-import { type Language, Spoken, useWords } from "../words/words";
+import { type Language, LocaleContext, useWords } from "../words/locale";
 import { DropZone, FORMATS } from "./drop-zone";
 import { Outcome } from "./outcome";
 import type { Session, State } from "./session";
-import { TEXTS, TextsOf, customerSpeech, useTexts } from "./texts";
+import { TEXTS, TextsOf, customerLocale, useTexts } from "./texts";
 
 interface Props {
   session: Session;
@@ -21,11 +21,11 @@ interface Props {
 
 export function Widget({ language, ...props }: Props) {
   return (
-    <Spoken.Provider value={useMemo(() => customerSpeech(language), [language])}>
+    <LocaleContext.Provider value={useMemo(() => customerLocale(language), [language])}>
       <TextsOf.Provider value={TEXTS[language]}>
         <Box lang={language} {...props} />
       </TextsOf.Provider>
-    </Spoken.Provider>
+    </LocaleContext.Provider>
   );
 }
 
@@ -101,7 +101,7 @@ function Progress({ session, state }: { session: Session; state: State }) {
   return (
     <section class="under" part="progress">
       <h2>{name}</h2>
-      <Stages piece={{ ...state, phase: phase === "empty" ? "waiting" : phase }} />
+      <Stages item={{ ...state, phase: phase === "empty" ? "waiting" : phase }} />
       <p class="aside">{phase === "paused" ? `${words.states.paused}. ${words.pauseNote}` : "\u00a0"}</p>
       <div class="actions">
         {phase === "uploading" && (

@@ -1,5 +1,5 @@
 // The English texts that the page and the widget share. The page's other texts are in en-page.ts. Another language has two files of the
-// same shape, listed in words.ts and page-words.ts.
+// same shape, listed in locale.ts and page-locale.ts.
 
 const s = (n: number, one: string, many: string): string => (n === 1 ? one : many);
 

@@ -5,7 +5,7 @@ export type Mark = "circle" | "square" | "diamond" | "triangle";
 export const MARKS: Mark[] = ["circle", "square", "diamond", "triangle"];
 
 /** The pattern and the mark of a family of kinds. */
-export interface Look {
+export interface KindStyle {
   family: Family;
   pattern: Pattern;
   mark: Mark;
@@ -14,7 +14,7 @@ export interface Look {
 
 export type Family = "open" | "non_manifold" | "crossing" | "flipped" | "needless" | "parts" | "thin" | "change";
 
-const FAMILIES: Record<Family, Omit<Look, "family">> = {
+const FAMILIES: Record<Family, Omit<KindStyle, "family">> = {
   open: { pattern: "dots", mark: "circle", dashed: false },
   non_manifold: { pattern: "checks", mark: "diamond", dashed: true },
   crossing: { pattern: "crossed", mark: "triangle", dashed: false },
@@ -52,7 +52,7 @@ const KINDS: Record<string, Family> = {
   moved: "change",
 };
 
-export function lookOf(kind: string): Look {
+export function styleOf(kind: string): KindStyle {
   const family = KINDS[kind] ?? "needless";
   return { family, ...FAMILIES[family] };
 }

@@ -21,7 +21,7 @@ function counts(inspection: Inspection | null | undefined): Map<string, number> 
 }
 
 /** Describes what a repair did: repaired defects, changed parts, moved surface. Most important first. */
-export function inWords(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
+export function repairSummary(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
   if (report.outcome === "already_printable") return [words.untouched];
   if (report.outcome === "unrepairable" && isSame(report)) return [words.handedBack];
   const lines: string[] = [];
@@ -33,9 +33,9 @@ export function inWords(report: Account, words: Words, figures: Figures, unit: U
   }
   const part_accounting = report.part_accounting;
   if (part_accounting && part_accounting.united > 1) lines.push(words.united(figures.count(part_accounting.united)));
-  const left = part_accounting ? leftOut(part_accounting) : 0;
+  const left = part_accounting ? droppedPieces(part_accounting) : 0;
   if (left > 0) lines.push(words.dropped(figures.count(left), left));
-  return [...lines, ...ofSurface(report, words, figures, unit)];
+  return [...lines, ...surfaceLines(report, words, figures, unit)];
 }
 
 /** The number of closed holes. Thickening a sheet also removes its boundary, which does not count as a closed hole. */
@@ -55,22 +55,22 @@ function isSame(report: Account): boolean {
   return !surface || surface.added.faces + surface.moved.faces + surface.removed.faces === 0;
 }
 
-function leftOut(part_accounting: PartAccounting): number {
+function droppedPieces(part_accounting: PartAccounting): number {
   return part_accounting.duplicate + part_accounting.no_volume + part_accounting.debris;
 }
 
-function ofSurface(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
+function surfaceLines(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
   const lines: string[] = [];
   const surface = report.changes?.surface;
   const whole = surface ? surface.kept.area + surface.moved.area + surface.added.area : 0;
   if (surface && whole > 0 && surface.added.area / whole >= 0.0005) lines.push(words.added(figures.percent(surface.added.area / whole)));
-  const own = inMillimetres(unitOf(report));
+  const unitInMm = inMillimetres(unitOf(report));
   const voxel = report.steps.find((step) => step.status === "done" && step.voxel_size && isChosen(report, step.strategy))?.voxel_size;
-  if (voxel) lines.push(words.remade(figures.length(voxel * own, unit, 2)));
+  if (voxel) lines.push(words.remade(figures.length(voxel * unitInMm, unit, 2)));
   const moved = report.changes?.moved?.distance.max;
   if (moved !== undefined) {
     const size = Math.max(...(report.before.print?.size ?? [0]));
-    lines.push(moved <= NOTHING * size ? words.notMoved : words.moved(figures.length(moved * own, unit, 2)));
+    lines.push(moved <= NOTHING * size ? words.notMoved : words.moved(figures.length(moved * unitInMm, unit, 2)));
   }
   return lines;
 }
@@ -84,7 +84,7 @@ export function unitOf(report: Account): string {
 }
 
 /** The remaining defects of the result, in words; empty if there are none. */
-export function stillWrong(report: Account, words: Words, figures: Figures): string {
+export function remainingDefects(report: Account, words: Words, figures: Figures): string {
   const list = [...counts(report.after)].filter(([kind]) => !REMARKS.has(kind));
   return list
     .map(([kind, count]) => {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Report } from "meshmend-client";
-import { inWords, stillWrong } from "../src/report/plain";
+import { repairSummary, remainingDefects } from "../src/report/summary";
 import { Figures } from "../src/units";
 import { de } from "../src/words/de";
 import { en } from "../src/words/en";
@@ -24,42 +24,42 @@ function report(change: object): Report {
 }
 
 test("what was done is told in plain words", () => {
-  assert.deepEqual(inWords(report({}), en, figures, "mm"), [
+  assert.deepEqual(repairSummary(report({}), en, figures, "mm"), [
     "11 holes closed",
     "2 parts united",
     "2% of the surface is new",
     "nothing moved more than 0.002 mm",
   ]);
-  assert.equal(inWords(report({}), de, new Figures("de"), "mm")[0], "11 Löcher geschlossen");
+  assert.equal(repairSummary(report({}), de, new Figures("de"), "mm")[0], "11 Löcher geschlossen");
 });
 
 test("only what is gone was mended, and what is left is said", () => {
   const partly = report({ outcome: "partially_repaired", after: { defects: [{ kind: "hole", count: 1 }, { kind: "sheet", count: 2 }] } });
-  assert.equal(inWords(partly, en, figures, "mm")[0], "10 holes closed");
-  assert.equal(stillWrong(partly, en, figures), "1 hole, 2 sheets without thickness");
+  assert.equal(repairSummary(partly, en, figures, "mm")[0], "10 holes closed");
+  assert.equal(remainingDefects(partly, en, figures), "1 hole, 2 sheets without thickness");
 });
 
 test("moves that are rounding are none", () => {
   const changes = { moved: { distance: { max: 4e-7 } } };
-  assert.ok(inWords(report({ changes }), en, figures, "mm").includes("nothing was moved"));
+  assert.ok(repairSummary(report({ changes }), en, figures, "mm").includes("nothing was moved"));
 });
 
 test("lengths are told in the chosen unit whatever the file's is", () => {
   const inches = report({ before: { defects: [], print: { unit: "in", size: [3, 3, 1] } } });
-  assert.ok(inWords(inches, en, figures, "mm").includes("nothing moved more than 0.051 mm"));
+  assert.ok(repairSummary(inches, en, figures, "mm").includes("nothing moved more than 0.051 mm"));
 });
 
 test("a printable model was not touched", () => {
-  assert.deepEqual(inWords(report({ outcome: "already_printable" }), en, figures, "mm"), [en.untouched]);
+  assert.deepEqual(repairSummary(report({ outcome: "already_printable" }), en, figures, "mm"), [en.untouched]);
 });
 
 test("the rim of a sheet that was thickened is no hole that was closed", () => {
   const before = { defects: [{ kind: "hole", count: 62 }], print: { unit: "mm", size: [80, 80, 20] } };
   const step = (kind: string, count: number): object => ({ status: "done", strategy: 1, changed: [{ kind, count }] });
   const made = { before, steps: [step("holes_closed", 3), step("sheets_thickened", 36), { ...step("holes_closed", 50), strategy: 0 }], candidates: [{ chosen: true, strategy: 1 }] };
-  assert.equal(inWords(report(made), en, figures, "mm")[0], "3 holes closed");
+  assert.equal(repairSummary(report(made), en, figures, "mm")[0], "3 holes closed");
   const objects = [made, made];
-  assert.equal(inWords(report({ before, objects }), en, figures, "mm")[0], "6 holes closed");
+  assert.equal(repairSummary(report({ before, objects }), en, figures, "mm")[0], "6 holes closed");
   const none = { ...made, steps: [step("sheets_thickened", 36)] };
-  assert.ok(!inWords(report(none), en, figures, "mm").some((line) => line.includes("hole")));
+  assert.ok(!repairSummary(report(none), en, figures, "mm").some((line) => line.includes("hole")));
 });

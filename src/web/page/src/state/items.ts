@@ -1,11 +1,11 @@
 import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, standing, submitSurely } from "meshmend-client";
-import { noticed, server } from "./server";
+import { lockIfUnauthorized, server } from "./server";
 import { Store } from "./store";
 
 /** The state of one file. */
 export type Phase = "waiting" | "uploading" | "paused" | "submitting" | "following" | "ended" | "refused";
 
-export interface Piece {
+export interface FileItem {
   id: number;
   name: string;
   bytes: number;
@@ -21,44 +21,44 @@ export interface Piece {
 }
 
 /** Files that upload at the same time. The next file uploads while earlier ones are repaired. */
-const AT_ONCE = 2;
+const MAX_UPLOADS = 2;
 
 /** The files of this visit, from drop to result. */
-export const pieces = new Store<Piece[]>([]);
+export const items = new Store<FileItem[]>([]);
 export const selected = new Store<number | null>(null);
 
 const stops = new Map<number, AbortController>();
 let last = 0;
 
-function update(id: number, change: Partial<Piece>): void {
-  pieces.change((all) => all.map((piece) => (piece.id === id ? { ...piece, ...change } : piece)));
+function update(id: number, change: Partial<FileItem>): void {
+  items.change((all) => all.map((item) => (item.id === id ? { ...item, ...change } : item)));
 }
 
-function piece(name: string, bytes: number, file: File | null): Piece {
+function newItem(name: string, bytes: number, file: File | null): FileItem {
   last += 1;
   return { id: last, name, bytes, file, options: {}, phase: "waiting", sent: 0, progress: null, job: null, problem: null };
 }
 
-export function find(id: number): Piece | undefined {
-  return pieces.value.find((it) => it.id === id);
+export function find(id: number): FileItem | undefined {
+  return items.value.find((it) => it.id === id);
 }
 
 export function add(files: readonly File[]): void {
   if (files.length === 0) return;
-  const added = files.map((file) => piece(file.name, file.size, file));
-  pieces.change((all) => [...all, ...added]);
+  const added = files.map((file) => newItem(file.name, file.size, file));
+  items.change((all) => [...all, ...added]);
   selected.set(added[0]!.id);
-  pump();
+  startUploads();
 }
 
 /** Shows an existing job. */
 export function open(id: string): void {
-  const there = pieces.value.find((it) => it.job?.id === id);
+  const there = items.value.find((it) => it.job?.id === id);
   if (there) return selected.set(there.id);
-  const opened: Piece = { ...piece(id, 0, null), phase: "submitting" };
-  pieces.change((all) => [...all, opened]);
+  const opened: FileItem = { ...newItem(id, 0, null), phase: "submitting" };
+  items.change((all) => [...all, opened]);
   selected.set(opened.id);
-  void run(opened.id, async (signal) => heard(opened.id, await getJob(server, id, signal), signal));
+  void run(opened.id, async (signal) => followJob(opened.id, await getJob(server, id, signal), signal));
 }
 
 /** Problem codes that mean the service no longer has the file of the earlier job. */
@@ -72,39 +72,39 @@ const REFUSED_OPTIONS = [400, 422];
  */
 export async function again(earlier: Job, options: Options): Promise<void> {
   const file = fileOf(earlier);
-  const next: Piece = { ...piece(earlier.input.name, earlier.input.bytes, file), options, phase: "submitting" };
-  const show = (change: Partial<Piece>): void => {
-    pieces.change((all) => [...all, { ...next, ...change }]);
+  const next: FileItem = { ...newItem(earlier.input.name, earlier.input.bytes, file), options, phase: "submitting" };
+  const show = (change: Partial<FileItem>): void => {
+    items.change((all) => [...all, { ...next, ...change }]);
     selected.set(next.id);
   };
   try {
     const job = await submitSurely(server, { source: { job_id: earlier.id }, options });
     show({});
-    void run(next.id, (signal) => heard(next.id, job, signal));
+    void run(next.id, (signal) => followJob(next.id, job, signal));
   } catch (error) {
     const problem = Problem.from(error);
-    noticed(problem);
+    lockIfUnauthorized(problem);
     if (REFUSED_OPTIONS.includes(problem.status)) throw problem;
-    show(file && isGone(problem) ? { phase: "waiting" } : { phase: "refused", problem });
-    pump();
+    show(file && isFileGone(problem) ? { phase: "waiting" } : { phase: "refused", problem });
+    startUploads();
   }
 }
 
 /** Submits a file that the page created, such as a scaled copy, or that the user chose again. */
 export function sendFile(file: File, options: Options): void {
-  const next: Piece = { ...piece(file.name, file.size, file), options };
-  pieces.change((all) => [...all, next]);
+  const next: FileItem = { ...newItem(file.name, file.size, file), options };
+  items.change((all) => [...all, next]);
   selected.set(next.id);
-  pump();
+  startUploads();
 }
 
 /** The file of a job that was uploaded during this visit. */
 export function fileOf(job: Job): File | null {
-  return pieces.value.find((piece) => piece.job?.id === job.id)?.file ?? null;
+  return items.value.find((item) => item.job?.id === job.id)?.file ?? null;
 }
 
 /** Whether a job could not be created because the service has deleted the file of the earlier job. */
-export function isGone(error: unknown): boolean {
+export function isFileGone(error: unknown): boolean {
   return error instanceof Problem && FILE_IS_GONE.includes(error.code);
 }
 
@@ -116,7 +116,7 @@ export function pauseUpload(id: number): void {
 /** Sends the file from its start again: an upload is one request. `file` replaces the earlier file. */
 export function resume(id: number, file?: File): void {
   update(id, { phase: "waiting", sent: 0, problem: null, ...(file && { file, bytes: file.size }) });
-  pump();
+  startUploads();
 }
 
 export async function stop(id: number): Promise<void> {
@@ -127,14 +127,14 @@ export async function stop(id: number): Promise<void> {
 
 export function remove(id: number): void {
   stops.get(id)?.abort();
-  pieces.change((all) => all.filter((it) => it.id !== id));
-  if (selected.value === id) selected.set(pieces.value.at(-1)?.id ?? null);
-  pump();
+  items.change((all) => all.filter((it) => it.id !== id));
+  if (selected.value === id) selected.set(items.value.at(-1)?.id ?? null);
+  startUploads();
 }
 
-function pump(): void {
-  const busy = pieces.value.filter((it) => it.phase === "uploading").length;
-  for (const next of pieces.value.filter((it) => it.phase === "waiting").slice(0, Math.max(0, AT_ONCE - busy))) {
+function startUploads(): void {
+  const busy = items.value.filter((it) => it.phase === "uploading").length;
+  for (const next of items.value.filter((it) => it.phase === "waiting").slice(0, Math.max(0, MAX_UPLOADS - busy))) {
     update(next.id, { phase: "uploading" });
     void run(next.id, (signal) => upload(next, signal));
   }
@@ -149,32 +149,32 @@ async function run(id: number, work: (signal: AbortSignal) => Promise<void>): Pr
     if (!stop.signal.aborted) fail(id, error);
   } finally {
     if (stops.get(id) === stop) stops.delete(id);
-    pump();
+    startUploads();
   }
 }
 
 function fail(id: number, error: unknown): void {
   const problem = Problem.from(error);
-  noticed(problem);
+  lockIfUnauthorized(problem);
   update(id, { phase: "refused", problem });
 }
 
-async function upload(it: Piece, signal: AbortSignal): Promise<void> {
+async function upload(it: FileItem, signal: AbortSignal): Promise<void> {
   const { id, file } = it;
   if (!file) return;
   const place = await announce(server, file.name, file.size, signal);
   await send(server, place, file, (sent) => update(id, { sent }), signal);
   update(id, { phase: "submitting", sent: file.size });
   // The next file can upload now.
-  pump();
-  await make(id, { source: { upload_id: place.id }, options: it.options }, signal);
+  startUploads();
+  await createJob(id, { source: { upload_id: place.id }, options: it.options }, signal);
 }
 
-async function make(id: number, asked: NewJob, signal: AbortSignal): Promise<void> {
-  await heard(id, await submitSurely(server, asked, signal), signal);
+async function createJob(id: number, asked: NewJob, signal: AbortSignal): Promise<void> {
+  await followJob(id, await submitSurely(server, asked, signal), signal);
 }
 
-async function heard(id: number, job: Job, signal: AbortSignal): Promise<void> {
+async function followJob(id: number, job: Job, signal: AbortSignal): Promise<void> {
   update(id, { phase: "following", job, name: job.input.name, bytes: job.input.bytes, progress: standing(job) });
   const ended = await follow(server, job.id, (progress) => update(id, { progress }), signal);
   update(id, { phase: "ended", job: ended, progress: null });

@@ -1,6 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Artifact, type Job, type Server, fetchArtifact } from "meshmend-client";
-import { isRemark, upOfJob } from "../report/plain";
+import { isRemark, upOfJob } from "../report/summary";
 import { claimsOf } from "../report/verdict";
 import { colouredFiles } from "../state/colours";
 import type { ColouredMesh } from "../viewer/glb";
@@ -10,7 +10,7 @@ import type * as ViewerModule from "../viewer/mod";
 import type { Viewer } from "../viewer/viewer";
 import { Icon } from "../views/icons";
 import { Wipe } from "../views/wipe";
-import { useWords } from "../words/words";
+import { useWords } from "../words/locale";
 import { ORIGIN } from "./origin";
 
 /** Path of the viewer script; build.mjs defines it. */
@@ -28,7 +28,7 @@ interface Props {
 }
 
 /** Both models in 3D, or without WebGL the pictures that the service drew. */
-export function Look({ job, server, file, shown }: Props) {
+export function ModelView({ job, server, file, shown }: Props) {
   const { words } = useWords();
   const canvas = useRef<HTMLCanvasElement>(null);
   const over = useRef<HTMLDivElement>(null);

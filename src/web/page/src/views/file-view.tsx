@@ -1,31 +1,31 @@
 import { useRef } from "preact/hooks";
 import type { Capabilities } from "meshmend-client";
-import { type Piece, isGone, resume, stop } from "../state/work";
-import { usePageWords } from "../words/page-words";
+import { type FileItem, isFileGone, resume, stop } from "../state/items";
+import { usePageWords } from "../words/page-locale";
 import { ProblemNote } from "./problem-note";
 import { Result } from "./result";
 import { Stages } from "./stages";
 
 /** One file: its progress or its result. */
-export function PieceView({ piece, can }: { piece: Piece; can: Capabilities | null }) {
+export function FileView({ item, can }: { item: FileItem; can: Capabilities | null }) {
   const { words } = usePageWords();
   const input = useRef<HTMLInputElement>(null);
-  if (piece.phase === "ended" && piece.job) return <Result job={piece.job} file={piece.file} can={can} />;
-  if (piece.phase === "refused" && piece.problem) {
+  if (item.phase === "ended" && item.job) return <Result job={item.job} file={item.file} can={can} />;
+  if (item.phase === "refused" && item.problem) {
     return (
       <section class="card wide">
-        <h1>{piece.name}</h1>
-        <ProblemNote problem={piece.problem} />
-        {!piece.file && !piece.job && isGone(piece.problem) && Object.keys(piece.options).length > 0 && (
+        <h1>{item.name}</h1>
+        <ProblemNote problem={item.problem} />
+        {!item.file && !item.job && isFileGone(item.problem) && Object.keys(item.options).length > 0 && (
           <>
-            <p>{words.chooseAgainMore(piece.name)}</p>
+            <p>{words.chooseAgainMore(item.name)}</p>
             <input
               ref={input}
               type="file"
               hidden
               onChange={(event) => {
                 const file = event.currentTarget.files?.[0];
-                if (file) resume(piece.id, file);
+                if (file) resume(item.id, file);
               }}
             />
             <button type="button" class="primary" onClick={() => input.current?.click()}>
@@ -33,8 +33,8 @@ export function PieceView({ piece, can }: { piece: Piece; can: Capabilities | nu
             </button>
           </>
         )}
-        {piece.file && !piece.job && (
-          <button type="button" class="primary" onClick={() => resume(piece.id)}>
+        {item.file && !item.job && (
+          <button type="button" class="primary" onClick={() => resume(item.id)}>
             {words.retry}
           </button>
         )}
@@ -43,9 +43,9 @@ export function PieceView({ piece, can }: { piece: Piece; can: Capabilities | nu
   }
   return (
     <section class="card wide">
-      <h1>{piece.name}</h1>
-      <Stages piece={piece} />
-      <button type="button" class="plain" onClick={() => void stop(piece.id)}>
+      <h1>{item.name}</h1>
+      <Stages item={item} />
+      <button type="button" class="plain" onClick={() => void stop(item.id)}>
         {words.cancel}
       </button>
     </section>
