@@ -334,7 +334,7 @@ mod tests {
             ("a.stl -o out.3MF --scale-to in", "mode=repair&output=3mf&scale_to=in"),
             ("a.stl --output-format same", "mode=repair&output=same"),
             ("a.stl --without sew,stitch", "mode=repair&without=[\"sew\",\"stitch\"]"),
-            ("a.stl --max-tier 1 --option max-tier=2;inside=odd", "winding_rule=odd&max_tier=2&mode=repair"),
+            ("a.stl --max-tier 1 --option max-tier=2;winding_rule=odd", "max_tier=2&mode=repair&winding_rule=odd"),
             ("a.stl --mode analyze -o r.json --option level=basic", "level=basic&mode=analyze"),
         ] {
             assert_eq!(fields(line).as_deref(), Ok(expected), "{line}");

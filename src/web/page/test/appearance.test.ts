@@ -16,7 +16,7 @@ const nothing = (): Promise<null> => Promise.resolve(null);
 const buffer = (file: Uint8Array): ArrayBuffer => new Uint8Array(file).buffer as ArrayBuffer;
 const rounded = (numbers: Iterable<number>): number[] => [...numbers].map((x) => Math.round(x * 100) / 100);
 
-test("colours of a PLY file are those of its vertices or its faces, as text or binary", () => {
+test("reads vertex and face colours of PLY files, text and binary", () => {
   const head = "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n";
   const face = "element face 1\nproperty list uchar int vertex_indices\nend_header\n";
   const ascii = readPly(bytes(`ply\nformat ascii 1.0\nelement vertex 3\n${head}${face}0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n3 0 1 2\n`));
@@ -35,7 +35,7 @@ test("colours of a PLY file are those of its vertices or its faces, as text or b
   assert.deepEqual([...binary.patches[0]!.colours!], [1, 0, 0, 0, 1, 0, 0, 0, 1]);
 });
 
-test("colours of an OFF file are whole numbers or shares, at vertices or faces", () => {
+test("reads integer and fractional colours of OFF vertices and faces", () => {
   const vertices = readOff(bytes("COFF\n# a comment\n3 1 0\n0 0 0 255 0 0 255\n1 0 0 255 0 0 255\n0 1 0 255 0 0 255\n3 0 1 2\n"));
   assert.deepEqual([...vertices.patches[0]!.colours!].slice(0, 3), [1, 0, 0]);
   const faces = readOff(bytes("OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2 0.5 0.25 0\n"));
@@ -43,7 +43,7 @@ test("colours of an OFF file are whole numbers or shares, at vertices or faces",
   assert.ok(!isColoured(readOff(bytes("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"))));
 });
 
-test("an OBJ file has the colours of its materials, counts backwards too, and asks for no more than it names", async () => {
+test("reads OBJ materials and negative indices, and requests only the named files", async () => {
   const asked: string[] = [];
   const beside = async (name: string): Promise<Uint8Array | null> => {
     asked.push(name);
@@ -56,7 +56,7 @@ test("an OBJ file has the colours of its materials, counts backwards too, and as
   assert.deepEqual([...tinted.patches[0]!.colours!], [1, 0, 0, 0, 1, 0, 0, 0, 1]);
 });
 
-test("files are told by their content, and archives by what is in them", async () => {
+test("recognizes files by content, and archives by the files inside", async () => {
   const glb = await readAppearance(buffer(colouredGlb()));
   assert.equal(glb?.up, "y");
   // Base colours are linear in glTF files.
@@ -68,7 +68,7 @@ test("files are told by their content, and archives by what is in them", async (
   for (const file of [colouredPly(), colouredOff()]) assert.equal((await readAppearance(buffer(file)))?.patches.length, 1);
 });
 
-test("a file without colours, or one that can't be read, has no appearance", async () => {
+test("a file without colours, or an unreadable file, has no appearance", async () => {
   assert.equal(await readAppearance(buffer(bytes("solid a\nendsolid\n"))), null);
   assert.equal(await readAppearance(buffer(bytes("v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 3\n"))), null);
   const { warn } = console;

@@ -6,7 +6,7 @@ import { isRepair } from "../src/report/advice";
 import { weightOf } from "../src/report/files";
 import { fullReport } from "../src/state/job";
 
-test("errors of a problem are texts or objects with fields, and both are read alike", () => {
+test("reads errors of a problem both as texts and as objects with fields", () => {
   assert.deepEqual(fieldErrors(["a", { field: "thickness", message: "b" }, { message: "c" }]), [
     { field: null, message: "a" },
     { field: "thickness", message: "b" },
@@ -17,7 +17,7 @@ test("errors of a problem are texts or objects with fields, and both are read al
   assert.deepEqual(Problem.of(400, body, null).errors, [{ field: "unit", message: "`unit` must be a unit." }]);
 });
 
-test("the whole report is a file of the job, and a job of before has its own report", async () => {
+test("the full report is a file of the job; older jobs contain their report", async () => {
   const service = createServer((request, response) => {
     const isThere = request.url === "/full";
     response.writeHead(isThere ? 200 : 404, { "content-type": "application/json" });
@@ -41,7 +41,7 @@ test("the whole report is a file of the job, and a job of before has its own rep
   }
 });
 
-test("a job is a repair also where the service leaves out its mode, and files may have no size", () => {
+test("a job without a mode is a repair, and files may have no size", () => {
   const job = (options: object): Parameters<typeof isRepair>[0] => ({ options, artifacts: { model: { bytes: 5 }, "after.png": {} } }) as never;
   assert.deepEqual([isRepair(job({})), isRepair(job({ mode: "repair" })), isRepair(job({ mode: "analyze" }))], [true, true, false]);
   assert.deepEqual(["model", "after.png", "none"].map((name) => weightOf(job({}), name)), [5, 0, 0]);

@@ -10,7 +10,7 @@ meshmend_class_jobs{class="a\\"b",status="queued"} 2
 meshmend_queue_wait_seconds 0.5
 `;
 
-test("metrics are found by name and labels", () => {
+test("finds metrics by name and labels", () => {
   const samples = readMetrics(TEXT);
   assert.equal(samples.length, 5);
   assert.equal(valueOf(samples, "meshmend_jobs", { status: "queued" }), 3);
@@ -18,7 +18,7 @@ test("metrics are found by name and labels", () => {
   assert.equal(valueOf(samples, "meshmend_queue_wait_seconds"), 0.5);
 });
 
-test("what is not known is no number", () => {
+test("an unknown metric has the value null", () => {
   const samples = readMetrics(TEXT);
   assert.equal(valueOf(samples, "meshmend_jobs", { status: "running" }), null);
   assert.equal(valueOf(samples, "meshmend_none"), null);

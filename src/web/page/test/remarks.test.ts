@@ -22,7 +22,7 @@ test("every kind of flag and assumption of the service has a text in both langua
   }
 });
 
-test("figures of flags are percentages, counts or lengths", () => {
+test("numbers of flags are percentages, counts or lengths", () => {
   const red_flags = [
     { code: "surface_lost", value: 12.34, threshold: 1, detail: "a" },
     { code: "parts_merged", value: 3, threshold: 1, detail: "b" },
@@ -39,12 +39,12 @@ test("figures of flags are percentages, counts or lengths", () => {
   assert.deepEqual(told.map(({ isEnglish }) => isEnglish), [false, false, false, true]);
 });
 
-test("a thin wall is named for a printable model only", () => {
+test("warns of a thin wall only if the model is printable", () => {
   assert.deepEqual(warningsOf(report({}), true, en, figures, "mm").map(({ text }) => text), ["The thinnest wall is 0.51 mm. Most printers need at least 0.8 mm."]);
   assert.deepEqual(warningsOf(report({}), false, en, figures, "mm"), []);
 });
 
-test("an assumption is told with its thickness in the unit that is shown, and its option", () => {
+test("an assumption shows its thickness in the chosen unit, and its option", () => {
   const assumptions = [
     { kind: "sheets_thickened", count: 1, amount: 0.01, detail: "x", option: "open_sheets=leave" },
     { kind: "unit", count: 1, detail: "y", option: "unit=mm" },
@@ -56,13 +56,13 @@ test("an assumption is told with its thickness in the unit that is shown, and it
   ]);
 });
 
-test("notes are sentences, and name options that were not applied", () => {
+test("notes are sentences, and list options that were not applied", () => {
   const options_not_applied = [{ option: "thickness", value: "2", cause: "nothing_to_do", reason: "there is no open surface" }];
   const told = notesOf(report({ warnings: ["bytes were left out"], options_not_applied }), en);
   assert.deepEqual(told.map(({ text }) => text), ["Bytes were left out.", "The option thickness=2 was not applied. There is no open surface."]);
 });
 
-test("an option that decides otherwise keeps the others, and lists grow", () => {
+test("setting one option keeps the others, and operators are appended to lists", () => {
   assert.deepEqual(withOption({ max_tier: 2 }, "winding_rule=nonzero"), { max_tier: 2, inside: "nonzero" });
   assert.deepEqual(withOption({}, "max_hole_size=0.25"), { max_hole_size: 0.25 });
   assert.deepEqual(withOption({ without: ["sew"] }, "without=join_parts"), { without: ["sew", "join_parts"] });

@@ -9,30 +9,30 @@ function job(options: object, unit: object, more: object = {}): Job & { report: 
   return { options, report } as unknown as Job & { report: Report };
 }
 
-test("a file in inches that other programs read as millimetres is brought into millimetres", () => {
+test("a result without a unit is converted from inches to millimetres", () => {
   const it = job({ mode: "repair", preset: "auto", unit: null }, { used: "mm", source: "assumed" });
   assert.deepEqual(sizeIn(it.report, "in"), [254, 508, 762]);
   assert.deepEqual(withUnit(it, it.report, "in"), { mode: "repair", preset: "auto", unit: "in", scale_to: "mm" });
   assert.deepEqual(withUnit(it, it.report, "mm"), { mode: "repair", preset: "auto", unit: "mm" });
 });
 
-test("a format that names its unit keeps its numbers", () => {
+test("a format with a unit keeps its numbers", () => {
   const it = job({}, { used: "mm", source: "file" }, { output: { format: "3mf" } });
   assert.deepEqual(withUnit(it, it.report, "cm"), { unit: "cm" });
 });
 
-test("the unit of a file that was scaled is the one that it was scaled from", () => {
+test("the unit of a scaled file is the unit before scaling", () => {
   const it = job({ unit: "in", scale_to: "mm" }, { used: "mm", source: "declared", scaled_from: "in" });
   assert.equal(fileUnit(it.report), "in");
   assert.deepEqual(sizeIn(it.report, "in"), [10, 20, 30]);
 });
 
-test("lengths among the options stay what they are in millimetres", () => {
+test("lengths in options keep their value in millimetres", () => {
   const it = job({ thickness: 2 }, { used: "mm", source: "assumed" }, { output: { format: "glb" } });
   assert.deepEqual(withUnit(it, it.report, "cm"), { thickness: 0.2, unit: "cm" });
 });
 
-test("a thickness is asked for in the model's unit, and a base stays a base", () => {
+test("a thickness is sent in the model's unit, and a base stays a base", () => {
   const open = { outcome: "unrepairable", before: { closed: false, print: { unit: "in", size_mm: [1, 1, 1] } } };
   const it = job({ max_tier: 2 }, { used: "in", source: "declared" }, open);
   assert.deepEqual(openSurfaceOf(it), { is: "open", mm: null });
@@ -45,7 +45,7 @@ test("a thickness is asked for in the model's unit, and a base stays a base", ()
 
 const text = async (file: File): Promise<string> => new TextDecoder().decode(await file.arrayBuffer());
 
-test("a scaled copy has its lengths multiplied, whatever the format, and keeps its name", async () => {
+test("a scaled copy multiplies all lengths in every format and keeps its name", async () => {
   const obj = await scaledCopy(new File(["v 1 2 -3 0.5 0.5 0.5\nvt 1 1\nvn 0 0 1\nf 1 1 1\n"], "a.obj"), "obj", 2);
   assert.equal(await text(obj), "v 2 4 -6 0.5 0.5 0.5\nvt 1 1\nvn 0 0 1\nf 1 1 1\n");
   assert.equal(obj.name, "a.obj");

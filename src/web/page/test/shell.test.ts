@@ -13,7 +13,7 @@ function mesh(positions: number[], indices: number[]): ColouredMesh {
 const square = [0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0];
 const tetrahedron = [5, 0, 0, 6, 0, 0, 5, 1, 0, 5, 0, 1];
 
-test("an open part becomes a closed solid of the thickness, and closed parts stay out of it", () => {
+test("thickening closes open parts and ignores closed parts", () => {
   // The second face of the square is turned the wrong way.
   const it = mesh([...square, ...tetrahedron], [0, 1, 2, 0, 3, 2, 4, 6, 5, 4, 5, 7, 5, 6, 7, 6, 4, 7]);
   const sheet = openParts(it);
@@ -33,7 +33,7 @@ test("an open part becomes a closed solid of the thickness, and closed parts sta
   assert.equal(openParts(mesh(tetrahedron, [0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3])).faces.length, 0);
 });
 
-test("a model with y up stands in a world with z up, and points come back as they were", () => {
+test("a y-up model is rotated to z up, and points survive the round trip", () => {
   const frame = frameOf(mesh([0, 0, 0, 2, 0, 0, 0, 6, 0, 0, 0, 4], [0, 1, 2, 0, 1, 3]), "y");
   const top = toWorld(frame, [1, 6, 2]);
   assert.ok(Math.abs(top[2] - 3 / frame.radius) < 1e-9 && Math.abs(top[0]) < 1e-9 && Math.abs(top[1]) < 1e-9, `${top}`);
@@ -44,6 +44,6 @@ test("a model with y up stands in a world with z up, and points come back as the
   }
 });
 
-test("a distance is told along each axis, without what is rounding", () => {
+test("a distance has a component per axis, without rounding errors", () => {
   assert.deepEqual(distance([0, 0, 0], [3, -4, 1e-7]), { length: 5.000000000000001, along: [3, 4, 0] });
 });

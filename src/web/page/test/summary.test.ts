@@ -23,7 +23,7 @@ function report(change: object): Report {
   } as unknown as Report;
 }
 
-test("what was done is told in plain words", () => {
+test("describes a repair in plain words", () => {
   assert.deepEqual(repairSummary(report({}), en, figures, "mm"), [
     "11 holes closed",
     "2 parts united",
@@ -33,27 +33,27 @@ test("what was done is told in plain words", () => {
   assert.equal(repairSummary(report({}), de, new Figures("de"), "mm")[0], "11 Löcher geschlossen");
 });
 
-test("only what is gone was mended, and what is left is said", () => {
+test("lists only removed defects as repaired, and lists remaining defects", () => {
   const partly = report({ outcome: "partially_repaired", after: { defects: [{ kind: "hole", count: 1 }, { kind: "sheet", count: 2 }] } });
   assert.equal(repairSummary(partly, en, figures, "mm")[0], "10 holes closed");
   assert.equal(remainingDefects(partly, en, figures), "1 hole, 2 sheets without thickness");
 });
 
-test("moves that are rounding are none", () => {
+test("moves within the rounding error count as none", () => {
   const changes = { moved: { distance: { max: 4e-7 } } };
   assert.ok(repairSummary(report({ changes }), en, figures, "mm").includes("nothing was moved"));
 });
 
-test("lengths are told in the chosen unit whatever the file's is", () => {
+test("lengths appear in the chosen unit, whatever the file's unit", () => {
   const inches = report({ before: { defects: [], print: { unit: "in", size: [3, 3, 1] } } });
   assert.ok(repairSummary(inches, en, figures, "mm").includes("nothing moved more than 0.051 mm"));
 });
 
-test("a printable model was not touched", () => {
+test("an already printable model is reported as unchanged", () => {
   assert.deepEqual(repairSummary(report({ outcome: "already_printable" }), en, figures, "mm"), [en.untouched]);
 });
 
-test("the rim of a sheet that was thickened is no hole that was closed", () => {
+test("the boundary of a thickened sheet does not count as a closed hole", () => {
   const before = { defects: [{ kind: "hole", count: 62 }], print: { unit: "mm", size: [80, 80, 20] } };
   const step = (kind: string, count: number): object => ({ status: "done", strategy: 1, changed: [{ kind, count }] });
   const made = { before, steps: [step("holes_closed", 3), step("sheets_thickened", 36), { ...step("holes_closed", 50), strategy: 0 }], candidates: [{ chosen: true, strategy: 1 }] };

@@ -11,7 +11,7 @@ function job(outcome: string | null, verdict: object, more: object = {}): Job {
   return { status: "succeeded", outcome, report, artifacts: {}, options: {}, problem: null, ...more } as unknown as Job;
 }
 
-test("only of a printable file is anything claimed", () => {
+test("claims properties only of a printable file", () => {
   const good = claimsOf(job("repaired", { printable: true, passes: true, file: "model", proven: ALL }));
   assert.deepEqual([good.tone, good.title, good.isPrintable, good.proven], ["good", "repaired", true, ALL]);
   const flagged = claimsOf(job("partially_repaired", { printable: false, passes: true, file: "model", proven: ALL }));
@@ -22,18 +22,18 @@ test("only of a printable file is anything claimed", () => {
   assert.deepEqual(some.proven, ["closed"], "no more than was proven");
 });
 
-test("a report of an earlier version proves nothing here", () => {
+test("claims nothing from a report without a verdict", () => {
   const old = claimsOf({ ...job("repaired", {}), report: { mode: "repair", outcome: "repaired" } } as unknown as Job);
   assert.deepEqual([old.isPrintable, old.proven], [true, []]);
 });
 
-test("what was not repaired is the upload and no model", () => {
+test("an unrepairable job offers the upload, not a model", () => {
   const original = { href: "/v1/jobs/job_1/artifacts/original" };
   const claims = claimsOf(job("unrepairable", { printable: false, passes: false, file: "original", proven: [] }, { artifacts: { original } }));
   assert.deepEqual([claims.tone, claims.model, claims.original], ["fair", null, original]);
 });
 
-test("a job that had to be printable and is not says so, and what may help", () => {
+test("a job that failed as not printable says so and suggests a remedy", () => {
   const verdict = { printable: false, passes: false, file: "none", proven: [] };
   const refused = job("partially_repaired", verdict, { status: "failed", outcome: null, problem: { code: "not_printable" } });
   const claims = claimsOf(refused);

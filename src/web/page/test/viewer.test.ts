@@ -15,21 +15,21 @@ test("two sides share the canvas without a gap, whatever its shape", () => {
   assert.deepEqual(panes("both", 800, 600, 0.5, (side) => side === "before").map(({ side }) => side), ["before"]);
 });
 
-test("lines that meet are one place, and the largest comes first", () => {
+test("connected lines form one place, and the largest comes first", () => {
   const small = [0, 0, 0, 1, 0, 0, 1, 0, 0, 1, 1, 0];
   const large = [10, 0, 0, 20, 0, 0, 20, 0, 0, 20, 8, 0];
   const places = placesOf({ kind: "hole", surface: null, lines: Float32Array.from([...small, ...large]), dots: null });
   assert.deepEqual(places.map(({ at }) => at), [[15, 4, 0], [0.5, 0.5, 0]]);
 });
 
-test("faces that share a vertex are one place", () => {
+test("faces that share a vertex form one place", () => {
   const positions = Float32Array.from([0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 5, 5, 5, 6, 5, 5, 5, 6, 5]);
   const indices = Uint32Array.from([0, 1, 2, 1, 3, 2, 4, 5, 6]);
   const places = placesOf({ kind: "added", surface: { positions, indices }, lines: null, dots: null });
   assert.deepEqual(places.map(({ at }) => at), [[0.5, 0.5, 0], [5.5, 5.5, 5]]);
 });
 
-test("a coloured mesh is read without a copy of its numbers", () => {
+test("reads a coloured mesh without copying its arrays", () => {
   const document = {
     scenes: [{ extras: { legend: [{ kind: "hole", count: 1, colour: "#E69F00" }], sound: "#C4C4C4", scale: 2 } }],
     nodes: [{ name: "model", translation: [1, 2, 3] }, { name: "hole", mesh: 0 }],

@@ -10,7 +10,7 @@ function job(outcome: string, inspections: object): Job {
   return { status: "succeeded", outcome, artifacts: {}, report: { mode: "repair", ...inspections } } as unknown as Job;
 }
 
-test("what prices an order is measured on the result, in millimetres", () => {
+test("measures the result in millimetres", () => {
   const after = { print, bounding_box: { min: [0, 0, 0], max: [1, 2, 3] } };
   const metrics = metricsOf(job("repaired", { before: { print: { ...print, volume: 1 } }, after }));
   assert.ok(metrics);
@@ -21,7 +21,7 @@ test("what prices an order is measured on the result, in millimetres", () => {
   assert.equal(metricsOf(job("unrepairable", { before: { print: null }, after: null })), null);
 });
 
-test("a model that is not handed out is priced by nothing", () => {
+test("an unavailable model has no metrics", () => {
   const refused = { ...job("", { before: { print }, after: { print } }), status: "failed", outcome: null, problem: { code: "not_printable" } } as unknown as Job;
   assert.equal(metricsOf(refused), null);
 });
@@ -42,7 +42,7 @@ function tokens(given: string[], good: string, source: Partial<TokenSource> = {}
   return { ask, asked };
 }
 
-test("a token is used until the service knows it no more, and then another one, once", async () => {
+test("reuses a token until it expires, then retries once with a new one", async () => {
   const { ask, asked } = tokens(["old", "new", "newer"], "new");
   assert.equal((await ask()).answer, "https://service");
   assert.equal((await ask()).server.key(), "new");
@@ -52,7 +52,7 @@ test("a token is used until the service knows it no more, and then another one, 
   assert.deepEqual(bad.asked, ["a", "b"]);
 });
 
-test("where there is but the attribute, no other token is to be had", async () => {
+test("a token from the attribute is not replaced after it expires", async () => {
   const { ask, asked } = tokens([], "none", { getToken: null, token: "given" });
   await assert.rejects(ask(), { code: "unauthorized" });
   assert.deepEqual(asked, ["given"]);

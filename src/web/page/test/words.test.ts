@@ -18,7 +18,7 @@ function texts(value: unknown, name = ""): [string, string][] {
   return Object.entries(value as object).flatMap(([key, inner]) => texts(inner, `${name}.${key}`));
 }
 
-test("every language has every text, and says something with it", () => {
+test("every language has every text, and no text is empty", () => {
   const [english, german] = [texts([{ ...en, ...enPage }, TEXTS.en]), texts([{ ...de, ...dePage }, TEXTS.de])];
   assert.deepEqual(german.map(([name]) => name), english.map(([name]) => name));
   for (const [name, text] of [...english, ...german]) {
@@ -27,13 +27,13 @@ test("every language has every text, and says something with it", () => {
   }
 });
 
-test("German is not English left as it was", () => {
+test("no German text is left in English", () => {
   const english = new Map(texts([en, enPage, TEXTS.en]));
   const same = texts([de, dePage, TEXTS.de]).filter(([name, text]) => text.length > 14 && english.get(name) === text);
   assert.deepEqual(same, []);
 });
 
-test("what a repair is doing is not the name of its stage again", () => {
+test("the text of a tier does not repeat the name of the repair stage", () => {
   for (const { stages, tiers } of [en, de]) {
     for (const tier of tiers) assert.ok(tier === "" || !tier.toLowerCase().includes(stages.repair.toLowerCase()), tier);
   }
