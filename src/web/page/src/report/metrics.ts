@@ -19,7 +19,7 @@ export function readMetrics(text: string): Sample[] {
 
 /** The value of a metric, summed over unspecified labels; null if it is missing or not a number. */
 export function valueOf(samples: Sample[], name: string, labels: Record<string, string> = {}): number | null {
-  const fits = samples.filter((it) => it.name === name && Object.entries(labels).every(([key, value]) => it.labels[key] === value));
-  const sum = fits.reduce((sum, it) => sum + it.value, 0);
+  const fits = samples.filter((sample) => sample.name === name && Object.entries(labels).every(([key, value]) => sample.labels[key] === value));
+  const sum = fits.reduce((sum, sample) => sum + sample.value, 0);
   return fits.length > 0 && Number.isFinite(sum) ? sum : null;
 }

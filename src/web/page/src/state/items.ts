@@ -40,7 +40,7 @@ function newItem(name: string, bytes: number, file: File | null): FileItem {
 }
 
 export function find(id: number): FileItem | undefined {
-  return items.value.find((it) => it.id === id);
+  return items.value.find((item) => item.id === id);
 }
 
 export function add(files: readonly File[]): void {
@@ -53,7 +53,7 @@ export function add(files: readonly File[]): void {
 
 /** Shows an existing job. */
 export function open(id: string): void {
-  const there = items.value.find((it) => it.job?.id === id);
+  const there = items.value.find((item) => item.job?.id === id);
   if (there) return selected.set(there.id);
   const opened: FileItem = { ...newItem(id, 0, null), phase: "submitting" };
   items.change((all) => [...all, opened]);
@@ -120,21 +120,21 @@ export function resume(id: number, file?: File): void {
 }
 
 export async function stop(id: number): Promise<void> {
-  const it = find(id);
-  if (it?.phase === "following" && it.job) await cancelJob(server, it.job.id).catch((error: unknown) => fail(id, error));
+  const item = find(id);
+  if (item?.phase === "following" && item.job) await cancelJob(server, item.job.id).catch((error: unknown) => fail(id, error));
   else remove(id);
 }
 
 export function remove(id: number): void {
   stops.get(id)?.abort();
-  items.change((all) => all.filter((it) => it.id !== id));
+  items.change((all) => all.filter((item) => item.id !== id));
   if (selected.value === id) selected.set(items.value.at(-1)?.id ?? null);
   startUploads();
 }
 
 function startUploads(): void {
-  const busy = items.value.filter((it) => it.phase === "uploading").length;
-  for (const next of items.value.filter((it) => it.phase === "waiting").slice(0, Math.max(0, MAX_UPLOADS - busy))) {
+  const busy = items.value.filter((item) => item.phase === "uploading").length;
+  for (const next of items.value.filter((item) => item.phase === "waiting").slice(0, Math.max(0, MAX_UPLOADS - busy))) {
     update(next.id, { phase: "uploading" });
     void run(next.id, (signal) => upload(next, signal));
   }
@@ -159,15 +159,15 @@ function fail(id: number, error: unknown): void {
   update(id, { phase: "refused", problem });
 }
 
-async function upload(it: FileItem, signal: AbortSignal): Promise<void> {
-  const { id, file } = it;
+async function upload(item: FileItem, signal: AbortSignal): Promise<void> {
+  const { id, file } = item;
   if (!file) return;
   const place = await announce(server, file.name, file.size, signal);
   await send(server, place, file, (sent) => update(id, { sent }), signal);
   update(id, { phase: "submitting", sent: file.size });
   // The next file can upload now.
   startUploads();
-  await createJob(id, { source: { upload_id: place.id }, options: it.options }, signal);
+  await createJob(id, { source: { upload_id: place.id }, options: item.options }, signal);
 }
 
 async function createJob(id: number, asked: NewJob, signal: AbortSignal): Promise<void> {

@@ -83,8 +83,8 @@ export function spots(points: Vector3[], material: ShaderMaterial): Points {
 }
 
 export function disposeOf(object: Object3D | null): void {
-  object?.traverse((it) => {
-    const drawn = it as Partial<Mesh<BufferGeometry, LineBasicMaterial>>;
+  object?.traverse((child) => {
+    const drawn = child as Partial<Mesh<BufferGeometry, LineBasicMaterial>>;
     drawn.geometry?.dispose();
     drawn.material?.dispose();
   });

@@ -250,7 +250,7 @@ export class Viewer {
   places(kind: string): Place[] {
     const frame = this.#frame;
     const model = this.#models().find(({ mesh }) => mesh.groups.some((group) => group.kind === kind));
-    const group = model?.mesh.groups.find((it) => it.kind === kind);
+    const group = model?.mesh.groups.find((candidate) => candidate.kind === kind);
     if (!frame || !model || !group) return [];
     const { middle, scale } = model.mesh;
     return placesOf(group).map(({ at, radius }) => {

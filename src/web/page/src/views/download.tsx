@@ -24,9 +24,9 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
       await work();
     } catch (error) {
       if (stop.current.signal.aborted) return;
-      const it = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
-      lockIfUnauthorized(it);
-      setProblem(it);
+      const problem = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
+      lockIfUnauthorized(problem);
+      setProblem(problem);
     } finally {
       setMaking("");
     }
@@ -35,7 +35,7 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
     setMaking(wanted.toUpperCase());
     void doing(async () => save(await convert(job, wanted, stop.current.signal)));
   };
-  const others = (can?.output_formats ?? []).filter((it) => it.toUpperCase() !== format);
+  const others = (can?.output_formats ?? []).filter((other) => other.toUpperCase() !== format);
   const small = [
     [original, words.downloadOriginal],
     [job.artifacts["report.json"], words.downloadReport],
@@ -54,9 +54,9 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
               <option value="" disabled>
                 {making ? words.converting(making) : words.otherFormat}
               </option>
-              {others.map((it) => (
-                <option key={it} value={it}>
-                  {it.toUpperCase()}
+              {others.map((other) => (
+                <option key={other} value={other}>
+                  {other.toUpperCase()}
                 </option>
               ))}
             </select>

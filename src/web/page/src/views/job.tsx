@@ -26,9 +26,9 @@ export function JobPage({ id, can }: { id: string; can: Capabilities | null }) {
       setProblem(null);
       await work();
     } catch (error) {
-      const it = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
-      lockIfUnauthorized(it);
-      setProblem(it);
+      const problem = error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
+      lockIfUnauthorized(problem);
+      setProblem(problem);
     }
   };
   useEffect(() => {

@@ -27,9 +27,9 @@ export function JobsPage({ can }: { can: Capabilities | null }) {
       setNext(page.next);
       setProblem(null);
     } catch (error) {
-      const it = error instanceof Problem ? error : Problem.unreachable();
-      lockIfUnauthorized(it);
-      setProblem(it);
+      const problem = error instanceof Problem ? error : Problem.unreachable();
+      lockIfUnauthorized(problem);
+      setProblem(problem);
     }
   };
   useEffect(() => void read(null), [status, round]);
@@ -37,7 +37,7 @@ export function JobsPage({ can }: { can: Capabilities | null }) {
   useEffect(() => {
     // Only the first page refreshes, so that the user does not lose their place in the list.
     if (!isBusy || (jobs?.length ?? 0) > PAGE) return;
-    const timer = setTimeout(() => document.visibilityState === "visible" && setRound((it) => it + 1), AGAIN_MS);
+    const timer = setTimeout(() => document.visibilityState === "visible" && setRound((round) => round + 1), AGAIN_MS);
     return () => clearTimeout(timer);
   }, [isBusy, jobs]);
 
@@ -50,9 +50,9 @@ export function JobsPage({ can }: { can: Capabilities | null }) {
             <span>{words.filter}</span>
             <select value={status} onChange={(event) => (setJobs(null), setStatus(event.currentTarget.value as Status | ""))}>
               <option value="">{words.all}</option>
-              {STATUSES.map((it) => (
-                <option key={it} value={it}>
-                  {words.statuses[it]}
+              {STATUSES.map((option) => (
+                <option key={option} value={option}>
+                  {words.statuses[option]}
                 </option>
               ))}
             </select>

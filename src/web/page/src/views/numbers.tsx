@@ -47,11 +47,11 @@ export function Numbers({ report }: { report: Report }) {
 }
 
 function rows(before: Inspection, after: Inspection | null, words: Words, figures: Figures, unitInMm: number, unit: Unit): Row[] {
-  const row = (name: keyof Words["measures"], tell: (it: Inspection) => string): Row => [words.measures[name], tell(before), after ? tell(after) : "–"];
+  const row = (name: keyof Words["measures"], format: (inspection: Inspection) => string): Row => [words.measures[name], format(before), after ? format(after) : "–"];
   const count = (name: "faces" | "vertices" | "parts" | "boundary_edges" | "boundary_loops" | "non_manifold_edges" | "non_manifold_vertices" | "misoriented_edges" | "degenerate_faces" | "duplicate_faces" | "inverted_parts"): Row =>
-    row(name, (it) => figures.count(it[name]));
+    row(name, (inspection) => figures.count(inspection[name]));
   return [
-    row("closed", (it) => (it.closed ? words.yes : words.no)),
+    row("closed", (inspection) => (inspection.closed ? words.yes : words.no)),
     count("boundary_loops"),
     count("boundary_edges"),
     row("intersections", ({ self_intersections: { pairs } }) => (typeof pairs === "number" ? figures.count(pairs) : "–")),
@@ -64,10 +64,10 @@ function rows(before: Inspection, after: Inspection | null, words: Words, figure
     count("parts"),
     count("faces"),
     count("vertices"),
-    row("size", (it) => it.print ? figures.box(it.print.size_mm, unit) : "–"),
-    row("area", (it) => figures.area(it.area * unitInMm ** 2, unit)),
-    row("volume", (it) => (it.volume.reliable ? figures.volume(it.volume.value * unitInMm ** 3, unit) : "–")),
-    row("thinnest", (it) => (it.print?.thinnest_wall ? figures.length(it.print.thinnest_wall.thickness * unitInMm, unit) : "–")),
+    row("size", (inspection) => inspection.print ? figures.box(inspection.print.size_mm, unit) : "–"),
+    row("area", (inspection) => figures.area(inspection.area * unitInMm ** 2, unit)),
+    row("volume", (inspection) => (inspection.volume.reliable ? figures.volume(inspection.volume.value * unitInMm ** 3, unit) : "–")),
+    row("thinnest", (inspection) => (inspection.print?.thinnest_wall ? figures.length(inspection.print.thinnest_wall.thickness * unitInMm, unit) : "–")),
   ];
 }
 
@@ -78,8 +78,8 @@ function Changes({ report, unitInMm }: { report: Report; unitInMm: number }) {
   if (!changes) return null;
   const percent = (value: number | null | undefined): string => (value == null ? "–" : figures.percent(value / 100));
   const share = (name: "kept" | "added" | "removed"): string => {
-    const it = changes.surface?.[name];
-    return it ? `${figures.area(it.area * unitInMm ** 2, unit)} · ${figures.count(it.faces)}` : "–";
+    const surface = changes.surface?.[name];
+    return surface ? `${figures.area(surface.area * unitInMm ** 2, unit)} · ${figures.count(surface.faces)}` : "–";
   };
   const list: [string, string][] = [
     [words.changes.moved, changes.moved ? figures.length(changes.moved.distance.max * unitInMm, unit, 3) : "–"],

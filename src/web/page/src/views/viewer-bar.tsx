@@ -50,9 +50,9 @@ export function ViewerBar({ shown, mode, setMode, hasAfter, box, unit: modelUnit
     <div class="viewer-bar" role="toolbar" aria-label={words.viewer}>
       {hasAfter && (
         <div class="segments" role="group">
-          {modes.map((it) => (
-            <button key={it} type="button" aria-pressed={mode === it} onClick={() => setMode(it)}>
-              {words.modes[it]}
+          {modes.map((option) => (
+            <button key={option} type="button" aria-pressed={mode === option} onClick={() => setMode(option)}>
+              {words.modes[option]}
             </button>
           ))}
         </div>

@@ -25,7 +25,7 @@ export function DropZone({ accept, over, take }: { accept: string | null; over: 
       <button type="button" class="primary" part="button primary" onClick={() => input.current?.click()}>
         {texts.choose}
       </button>
-      <p class="small">{accept ?? FORMATS.map((it) => it.toUpperCase()).join(", ")}</p>
+      <p class="small">{accept ?? FORMATS.map((format) => format.toUpperCase()).join(", ")}</p>
     </div>
   );
 }

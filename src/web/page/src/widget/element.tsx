@@ -69,7 +69,7 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   }
 
   #draw(): void {
-    const unit: Unit = UNITS.find((it) => it === this.getAttribute("display-unit")) ?? "mm";
+    const unit: Unit = UNITS.find((unit) => unit === this.getAttribute("display-unit")) ?? "mm";
     render(<Widget session={this.#session} language={this.#language()} unit={unit} accept={this.getAttribute("accept")} />, this.#root);
   }
 

@@ -86,9 +86,9 @@ export function ModelView({ job, server, file, shown }: Props) {
       <div class="look-bar">
         {hasAfter && (
           <div class="segments" role="group" aria-label={words.viewer}>
-            {MODES.map((it) => (
-              <button key={it} type="button" aria-pressed={mode === it} onClick={() => choose(it)}>
-                {words.modes[it]}
+            {MODES.map((option) => (
+              <button key={option} type="button" aria-pressed={mode === option} onClick={() => choose(option)}>
+                {words.modes[option]}
               </button>
             ))}
           </div>

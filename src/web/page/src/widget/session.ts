@@ -144,11 +144,11 @@ export class Session {
     const { base, options, metadata, maxBytes } = this.settings();
     if (file.size > maxBytes) throw new Problem(413, "payload_too_large", "", "");
     this.#change({ phase: "uploading" });
-    const { answer: place, server } = await this.tokens.request(base, signal, (it) => announce(it, file.name, file.size, signal));
+    const { answer: place, server } = await this.tokens.request(base, signal, (server) => announce(server, file.name, file.size, signal));
     await send(server, place, file, (sent) => this.#change({ sent }), signal);
     this.#change({ phase: "submitting", sent: file.size });
     const request: NewJob = { source: { upload_id: place.id }, options: other ?? options, metadata };
-    const created = await this.tokens.request(base, signal, (it) => submitSurely(it, request, signal), server);
+    const created = await this.tokens.request(base, signal, (server) => submitSurely(server, request, signal), server);
     await this.#followCreated(created.answer, created.server, signal);
   }
 

@@ -194,7 +194,7 @@ export const en = {
     upload_interrupted: "The upload was interrupted. Please send the file again.",
     upload_timeout: "The upload stalled. Please send the file again.",
     upload_not_found: "The upload has expired. Please send the file again.",
-    job_not_found: "There is no such job, or it is not yours.",
+    job_not_found: "This job does not exist, or it belongs to another account.",
     job_deleted: "The job was deleted.",
     job_expired: "The files of this job have expired. Please send the model again.",
     job_finished: "The job has already ended.",

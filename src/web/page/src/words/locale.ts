@@ -19,7 +19,7 @@ export function localeOf(language: Language): Locale {
 
 /** The first language of a list that has texts here; else English. */
 export function firstSupported(languages: readonly string[]): Language {
-  return languages.find((it) => /^(de|en)\b/i.test(it))?.toLowerCase().startsWith("de") ? "de" : "en";
+  return languages.find((language) => /^(de|en)\b/i.test(language))?.toLowerCase().startsWith("de") ? "de" : "en";
 }
 
 /** The texts within a view. */
