@@ -167,13 +167,13 @@ enum TenantsCommand {
         /// hyphens.
         #[arg(long, env = "MESHMEND_TENANT_SET_CLASS")]
         class: Option<TenantClass>,
-        /// Most queued jobs of the tenant.
+        /// Maximum number of queued jobs of the tenant.
         #[arg(long, env = "MESHMEND_TENANT_SET_MAX_QUEUED")]
         max_queued: Option<u32>,
-        /// Most running jobs of the tenant.
+        /// Maximum number of running jobs of the tenant.
         #[arg(long, env = "MESHMEND_TENANT_SET_MAX_RUNNING")]
         max_running: Option<u32>,
-        /// Most requests of the tenant per minute and serving process.
+        /// Maximum number of requests of the tenant per minute and serving process.
         #[arg(long, env = "MESHMEND_TENANT_SET_REQUESTS_PER_MINUTE", value_parser = clap::value_parser!(u32).range(1..))]
         requests_per_minute: Option<u32>,
         /// Settings to remove, comma-separated. The service's own limit then applies, and the class is `standard`.

@@ -25,7 +25,8 @@ pub struct CompareArgs {
     /// Print JSON instead of text.
     #[arg(long, env = "MESHMEND_JSON")]
     json: bool,
-    /// Most sample points on each surface, most vertices of each surface, and most points in the bounding box.
+    /// Maximum number of sample points on each surface, of vertices of each surface, and of points in the bounding
+    /// box.
     #[arg(long, env = "MESHMEND_SAMPLES", default_value_t = CompareOptions::default().samples, value_parser = clap::value_parser!(u32).range(100..=10_000_000))]
     samples: u32,
     #[command(flatten)]

@@ -18,10 +18,10 @@ pub struct LimitArgs {
     /// Largest file, or total size of the files of one job, in MiB.
     #[arg(long, env = "MESHMEND_MAX_FILE_MIB", default_value_t = 512, value_parser = clap::value_parser!(u64).range(1..=65_536))]
     pub max_file_mib: u64,
-    /// Most triangles in a file.
+    /// Maximum number of triangles in a file.
     #[arg(long, env = "MESHMEND_MAX_FILE_FACES", default_value_t = Limits::default().max_faces)]
     pub max_file_faces: u64,
-    /// Most vertices in a file.
+    /// Maximum number of vertices in a file.
     #[arg(long, env = "MESHMEND_MAX_FILE_VERTICES", default_value_t = Limits::default().max_vertices)]
     pub max_file_vertices: u64,
 }

@@ -23,21 +23,21 @@ pub struct ServeArgs {
     /// the service listens on this machine only.
     #[arg(long, env = "MESHMEND_AUTH", value_enum, default_value_t)]
     pub(super) auth: AuthMode,
-    /// Most queued jobs of one tenant, unless `meshmend tenants set` gives the tenant another limit. Default:
-    /// `--max-queued`.
+    /// Maximum number of queued jobs of one tenant, unless `meshmend tenants set` gives the tenant another limit.
+    /// Default: `--max-queued`.
     #[arg(long, env = "MESHMEND_TENANT_MAX_QUEUED")]
     pub(super) tenant_max_queued: Option<u32>,
-    /// Most requests of one tenant per minute and serving process, unless `meshmend tenants set` gives the tenant
-    /// another limit. Further requests get status 429. Default: no limit.
+    /// Maximum number of requests of one tenant per minute and serving process, unless `meshmend tenants set` gives
+    /// the tenant another limit. Further requests get status 429. Default: no limit.
     #[arg(long, env = "MESHMEND_TENANT_REQUESTS_PER_MINUTE")]
     pub(super) tenant_requests_per_minute: Option<u32>,
     /// Seconds without data after which an upload is aborted.
     #[arg(long, env = "MESHMEND_UPLOAD_IDLE_S", default_value_t = 30)]
     pub(super) upload_idle_s: u64,
-    /// Most files that one job may analyse.
+    /// Maximum number of files that one job may analyse.
     #[arg(long, env = "MESHMEND_MAX_FILES", default_value_t = 32, value_parser = clap::value_parser!(u16).range(1..=1000))]
     pub(super) max_files: u16,
-    /// Most queued jobs, and most announced uploads that have no job yet. Further ones get status 429.
+    /// Maximum number of queued jobs, and of announced uploads that have no job yet. Further ones get status 429.
     #[arg(long, env = "MESHMEND_MAX_QUEUED", default_value_t = 10_000)]
     pub(super) max_queued: u64,
     /// Let clients send announced files directly to the S3 store. With `false`, or with a local folder, uploads pass
@@ -65,8 +65,8 @@ pub struct WorkArgs {
     /// Jobs to run at the same time, at least 1. Default: one per processor.
     #[arg(long, env = "MESHMEND_WORKERS", value_parser = workers)]
     pub(super) workers: Option<usize>,
-    /// Most jobs of one tenant that run at the same time, on all workers together, unless `meshmend tenants set`
-    /// gives the tenant another limit. Default: as many as there are workers.
+    /// Maximum number of jobs of one tenant that run at the same time, on all workers together, unless `meshmend
+    /// tenants set` gives the tenant another limit. Default: as many as there are workers.
     #[arg(long, env = "MESHMEND_TENANT_MAX_RUNNING")]
     pub(super) tenant_max_running: Option<u32>,
     /// Memory limit of one job, as address space in MiB.
@@ -78,7 +78,7 @@ pub struct WorkArgs {
     /// Disk space that one job may use in addition to its input files, in MiB.
     #[arg(long, env = "MESHMEND_JOB_SCRATCH_MIB", default_value_t = 8192)]
     pub(super) job_scratch_mib: u64,
-    /// Most processes and threads of one job.
+    /// Maximum number of processes and threads of one job.
     #[arg(long, env = "MESHMEND_JOB_PROCESSES", default_value_t = 1024, value_parser = clap::value_parser!(u64).range(16..))]
     pub(super) job_processes: u64,
     /// Sandbox jobs, without network and without other files: `auto` uses what the kernel offers, `require` fails
@@ -133,7 +133,7 @@ pub struct DataArgs {
     /// Default: a SQLite file in the data folder.
     #[arg(long, env = "MESHMEND_DATABASE_URL", hide_env_values = true)]
     pub(super) database_url: Option<String>,
-    /// Most PostgreSQL connections of this process.
+    /// Maximum number of PostgreSQL connections of this process.
     #[arg(long, env = "MESHMEND_DATABASE_CONNECTIONS", default_value_t = 10, value_parser = clap::value_parser!(u32).range(2..=1000))]
     pub(super) database_connections: u32,
     #[command(flatten)]

@@ -213,7 +213,7 @@ fn reason(cause: Unmeasurable) -> &'static str {
         Unmeasurable::NotClosed => "not closed",
         Unmeasurable::NotManifold => "not manifold",
         Unmeasurable::NotConsistent => "not consistent",
-        Unmeasurable::NoElement => "no such element",
+        Unmeasurable::NoElement => "no element to measure",
     }
 }
 

@@ -1,4 +1,4 @@
-// Drawn for 20 by 20, one stroke; they say nothing that a text beside them or a label does not.
+// Icons drawn on a 20 by 20 grid with one stroke. They are decorative: a text or label beside each has the meaning.
 const PATHS = {
   upload: "M10 13V3.5M6 7l4-4 4 4M3.5 13.5v2a1.5 1.5 0 0 0 1.5 1.5h10a1.5 1.5 0 0 0 1.5-1.5v-2",
   download: "M10 3v9.5M6 9l4 4 4-4M3.5 13.5v2A1.5 1.5 0 0 0 5 17h10a1.5 1.5 0 0 0 1.5-1.5v-2",
