@@ -72,8 +72,8 @@ metrics! {
     WEBHOOK_BACKLOG: Gauge "meshmend_webhook_backlog" [] "Webhook messages that have not been delivered yet. Every process reports the same value.";
     WEBHOOK_OVERDUE: Gauge "meshmend_webhook_overdue_seconds" [] "Time for which the oldest due webhook message has been due. Every process reports the same value.";
     SWEEP: Histogram "meshmend_sweep_seconds" [] "Duration of a sweep, which removes expired data.";
-    SWEPT: Counter "meshmend_swept_total" ["what"] "Items removed by sweeps: files of `expired` jobs, records of `forgotten` jobs, webhook `messages`, and `orphaned` files without a job.";
-    STORE_ERRORS: Counter "meshmend_store_errors_total" ["kind"] "Database errors: `away` for transient ones, where a retry may succeed, and `other`.";
+    SWEPT: Counter "meshmend_swept_total" ["item"] "Items removed by sweeps: `expired` files of jobs, `records` of old jobs, webhook `messages`, and `orphaned` files without a job.";
+    STORE_ERRORS: Counter "meshmend_store_errors_total" ["kind"] "Database errors: `transient`, where a retry may succeed, and `other`.";
     BLOB_ERRORS: Counter "meshmend_blob_errors_total" [] "File store errors, except missing files.";
     DATABASE_CONNECTIONS: Gauge "meshmend_database_connections" ["state"] "Database connections of this process, `busy` and `idle`.";
     DATABASE_CONNECTIONS_MAX: Gauge "meshmend_database_connections_max" [] "Maximum number of database connections of this process.";

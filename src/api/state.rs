@@ -199,8 +199,8 @@ impl Capabilities {
             ],
             levels: vec![Level::None, Level::Basic, Level::Full],
             tiers: vec![
-                tier(1, "clean", true),
-                tier(2, "mend", true),
+                tier(1, "cleanup", true),
+                tier(2, "repair", true),
                 TierStatus { detail: missing, available: program.is_some(), program, ..tier(3, "Blender", false) },
             ],
             limits: UploadLimits {

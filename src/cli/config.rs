@@ -167,7 +167,7 @@ fn computed_value(id: &str, matches: &ArgMatches) -> Option<String> {
         "s3_region" if is_set("blob_url") => {
             Some(std::env::var("AWS_REGION").unwrap_or_else(|_| AWS_REGION.to_owned()))
         }
-        "blenders_memory_mib" => Some((BlenderConfig::default().memory_for_all() >> 20).to_string()),
+        "blender_total_memory_mib" => Some((BlenderConfig::default().memory_for_all() >> 20).to_string()),
         "blender_slots" => Some(BlenderConfig::default().slots_folder().display().to_string()),
         "blender" => Some(BlenderConfig::default().candidates().first()?.display().to_string()),
         _ => None,

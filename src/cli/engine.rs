@@ -49,8 +49,8 @@ pub struct BlenderArgs {
     pub blender_memory_mib: u64,
     /// Memory for all Blender processes on this machine together, in MiB. It limits how many run at once. Default:
     /// half of the machine's memory.
-    #[arg(long, env = "MESHMEND_BLENDERS_MEMORY_MIB")]
-    pub blenders_memory_mib: Option<u64>,
+    #[arg(long, env = "MESHMEND_BLENDER_TOTAL_MEMORY_MIB")]
+    pub blender_total_memory_mib: Option<u64>,
     /// Folder of the lock files with which all processes on this machine share the Blender slots. Default: one folder
     /// per user in /tmp.
     #[arg(long, env = "MESHMEND_BLENDER_SLOTS", value_name = "FOLDER")]
@@ -63,7 +63,7 @@ impl BlenderArgs {
         BlenderConfig {
             program: self.blender.clone(),
             memory: self.blender_memory_mib.saturating_mul(1 << 20),
-            memory_together: self.blenders_memory_mib.map(|mib| mib.saturating_mul(1 << 20)),
+            memory_together: self.blender_total_memory_mib.map(|mib| mib.saturating_mul(1 << 20)),
             // Jobs run in another working directory, so the path must be absolute.
             slots: self.blender_slots.as_ref().map(|path| std::path::absolute(path).unwrap_or_else(|_| path.clone())),
             ..BlenderConfig::default()

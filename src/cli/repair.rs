@@ -203,7 +203,7 @@ pub struct RepairOptionArgs {
     #[arg(long, env = "MESHMEND_MAX_VERTEX_LOSS_PCT", default_value_t = Options::default().max_vertex_loss_pct)]
     max_vertex_loss_pct: f64,
     /// Largest accepted change of the bounding box, in percent; more raises a red flag.
-    #[arg(long, env = "MESHMEND_MAX_BOX_CHANGE_PCT", default_value_t = Options::default().max_bounding_box_change_pct)]
+    #[arg(long, env = "MESHMEND_MAX_BOUNDING_BOX_CHANGE_PCT", default_value_t = Options::default().max_bounding_box_change_pct)]
     max_bounding_box_change_pct: f64,
     /// Largest accepted change of the volume, in percent; more raises a red flag.
     #[arg(long, env = "MESHMEND_MAX_VOLUME_CHANGE_PCT", default_value_t = Options::default().max_volume_change_pct)]
@@ -263,7 +263,7 @@ pub struct RepairOptionArgs {
     #[arg(long, env = "MESHMEND_OVERLAPS", value_enum, default_value_t)]
     overlaps: Overlaps,
     /// Rule for what is solid where faces intersect, by how many times the surface winds around it.
-    #[arg(long, env = "MESHMEND_INSIDE", value_enum, default_value_t)]
+    #[arg(long, env = "MESHMEND_WINDING_RULE", value_enum, default_value_t)]
     winding_rule: WindingRuleChoice,
     /// Treatment of open sheets, which enclose nothing.
     #[arg(long, env = "MESHMEND_OPEN_SHEETS", value_enum, default_value_t)]

@@ -137,7 +137,7 @@ fn sqlite_code(error: &sqlx::Error) -> Option<u32> {
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
         let error = Self::Database(error);
-        let kind = if error.is_transient() { "away" } else { "other" };
+        let kind = if error.is_transient() { "transient" } else { "other" };
         metrics::counter!(telemetry::STORE_ERRORS, "kind" => kind).increment(1);
         error
     }

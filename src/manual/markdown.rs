@@ -36,6 +36,7 @@ pub const PAGES: &[(&str, &str)] = pages! {
     "options"
     "report"
     "problems"
+    "glossary"
     "operations"
     "metrics"
 };

@@ -50,7 +50,7 @@ change_kinds! {
     /// Open parts flipped.
     OpenPartsFlipped = "open_parts_flipped",
     /// Defective places removed and patched.
-    PlacesPatched = "places_patched",
+    RegionsPatched = "regions_patched",
     /// Faces removed.
     FacesRemoved = "faces_removed",
     /// Faces added.
@@ -100,7 +100,7 @@ change_kinds! {
     /// Parts joined.
     PartsJoined = "parts_joined",
     /// Internal walls removed, as groups of connected internal faces.
-    InternalWallsRemoved = "internal_walls_removed",
+    InternalPatchesRemoved = "internal_patches_removed",
     /// Internal faces removed.
     InternalFacesRemoved = "internal_faces_removed",
     /// Vertices merged.

@@ -313,7 +313,7 @@ async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Resul
             break;
         }
     }
-    count("forgotten", store.forget_jobs(retention.jobs.max(retention.results)).await?);
+    count("records", store.forget_jobs(retention.jobs.max(retention.results)).await?);
     Ok(())
 }
 
@@ -354,5 +354,5 @@ fn is_lost(job: &Job, claim: &str) -> bool {
 
 /// Counts removed items in the metrics.
 fn count(kind: &'static str, number: u64) {
-    metrics::counter!(telemetry::SWEPT, "what" => kind).increment(number);
+    metrics::counter!(telemetry::SWEPT, "item" => kind).increment(number);
 }

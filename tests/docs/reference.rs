@@ -30,6 +30,7 @@ fn sections() -> BTreeMap<&'static str, String> {
     };
     BTreeMap::from([
         ("pages", list_of_pages()),
+        ("enum-values", values_of_enums(schemas)),
         ("presets", of_enum("Preset")),
         ("outcomes", of_enum("Outcome")),
         ("red-flags", of_enum("RedFlagCode")),
@@ -169,6 +170,17 @@ fn values(schemas: &Value) -> String {
         text += &format!("### `{name}`\n\n{}\n", table(["Value", "What it does"], described(schemas, other)));
     }
     text.trim_end().to_owned() + "\n"
+}
+
+/// Every enumeration of the API with its values; those of operators and options' values are in it too.
+fn values_of_enums(schemas: &Value) -> String {
+    let enums = schemas.as_object().unwrap().iter().filter(|(_, schema)| schema["enum"].is_array());
+    let section = |(name, schema): (&String, &Value)| {
+        let heading = format!("### {name}\n\n");
+        let about = schema["description"].as_str().map(|text| format!("{}\n\n", cell(text))).unwrap_or_default();
+        heading + &about + &table(["Value", "Meaning"], described(schemas, name))
+    };
+    enums.map(section).collect::<Vec<_>>().join("\n")
 }
 
 fn operators() -> String {

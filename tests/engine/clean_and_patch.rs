@@ -69,7 +69,7 @@ fn a_crumpled_place_becomes_solid_and_what_is_around_it_stays_as_it_is() {
             assert!(now.contains(&corners.map(|p| p.to_array().map(f64::to_bits))), "face {f} is gone");
         }
     }
-    assert!(change_count(&applied.changes, "places_patched") > 0 && applied.moved > 0.0 && applied.moved < 0.5);
+    assert!(change_count(&applied.changes, "regions_patched") > 0 && applied.moved > 0.0 && applied.moved < 0.5);
 }
 
 #[test]

@@ -86,7 +86,7 @@ fn config_lists_effective_settings_with_their_sources_and_without_secrets() {
     assert_eq!(computed("--database-url"), "sqlite:/data/meshmend.db");
     assert_eq!(computed("--blob-url"), "/data/files");
     assert_eq!(computed("--tenant-max-queued"), "10000");
-    for number in ["--workers", "--blenders-memory-mib"] {
+    for number in ["--workers", "--blender-total-memory-mib"] {
         assert!(computed(number).parse::<u64>().is_ok_and(|number| number > 0), "{number}");
     }
     let none = config(&["serve", "--no-workers"], &[]);

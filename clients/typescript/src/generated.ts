@@ -11,7 +11,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Whether the process runs. */
+        /**
+         * Liveness probe.
+         * @description Returns 200 while the process runs.
+         */
         get: operations["livez"];
         put?: never;
         post?: never;
@@ -30,7 +33,7 @@ export interface paths {
         };
         /**
          * Metrics for Prometheus.
-         * @description Where the service asks for keys, one with the scope `metrics`.
+         * @description Requires a key with the scope `metrics` if the service requires keys.
          */
         get: operations["get_metrics"];
         put?: never;
@@ -48,7 +51,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Every problem code, and what to do about it. */
+        /**
+         * List the problem codes.
+         * @description Returns every code with its title, HTTP status and advice.
+         */
         get: operations["list_problems"];
         put?: never;
         post?: never;
@@ -65,7 +71,10 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** One problem code, and what to do about it. */
+        /**
+         * Get a problem code.
+         * @description Returns the code's title, HTTP status and advice.
+         */
         get: operations["get_problem"];
         put?: never;
         post?: never;
@@ -83,8 +92,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Whether the service can take jobs.
-         * @description Asks the database, writes and reads a file, looks how much room the disks have, and tells whether Blender is there.
+         * Readiness probe.
+         * @description Queries the database, writes and reads a file in the file store, and checks free disk space and Blender.
          */
         get: operations["readyz"];
         put?: never;
@@ -105,9 +114,10 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Make a token for a page.
-         * @description For a storefront's own pages: its server asks for a token with its key, and gives it to the page, which uploads with it straight
-         *     to this service (CORS). The token holds for one origin, for a while, up to a size, and sees only jobs submitted with it.
+         * Create a browser token.
+         * @description For uploads from a storefront's own pages. The shop's server creates a token with its API key and gives it to the page. The page then
+         *     uploads directly to this service (CORS). The token is valid for one origin, a limited time and a maximum upload size. It gives access
+         *     only to jobs submitted with it.
          */
         post: operations["make_token"];
         delete?: never;
@@ -124,9 +134,9 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * What this service can do.
-         * @description Formats, modes, presets, levels, limits, every option with its default, the tiers that work right now with Blender's version, and
-         *     the sandbox that jobs run in.
+         * Get the service's capabilities.
+         * @description Returns the supported formats, modes, presets, levels and limits, every option with its default, the available tiers with Blender's
+         *     version, and the sandbox of the jobs.
          */
         get: operations["get_capabilities"];
         put?: never;
@@ -144,16 +154,16 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Jobs, newest first. */
+        /** List jobs, newest first. */
         get: operations["list_jobs"];
         put?: never;
         /**
-         * Submit a model for repair, or files for analysis.
-         * @description Send a form with the part `file` (for an analysis several, if wanted) and, if wanted, `options`; or one model's bytes
-         *     as the whole body, with the options in the query and the file's name as `name`; or, for a file that was sent to an address of
-         *     `POST /v1/uploads` before, JSON that names it. The answer comes as soon as the files are stored: poll the job, or listen to its events.
-         *     Where an earlier job of yours repaired the same bytes with the same options and engine, its result is taken, and the job has ended
-         *     at once (`reused_from`).
+         * Submit a job.
+         * @description Repairs one model, or analyses one or several. Send one of three bodies: a form with `file` and optionally `options`; one model's
+         *     bytes, with the options in the query and the file's name as `name`; or JSON that names an upload or an earlier job.
+         *     The response comes as soon as the files are stored. Then poll the job or listen to its events.
+         *     If an earlier job of yours processed the same bytes with the same options and engine, its result is reused and the new job has
+         *     already ended (`reused_from`).
          */
         post: operations["submit_job"];
         delete?: never;
@@ -170,16 +180,16 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * One job.
-         * @description Answers 304 where If-None-Match names the state that the client has. Retry-After says when to ask again.
+         * Get a job.
+         * @description Returns 304 if `If-None-Match` contains the job's current entity tag. `Retry-After` says when to poll again.
          */
         get: operations["get_job"];
         put?: never;
         post?: never;
         /**
          * Delete a job and its files.
-         * @description A job that has not ended is canceled first. The upload, the results and the report are deleted, and so is what webhooks have told
-         *     of it or still had to tell.
+         * @description Cancels the job first if it has not ended. Deletes the upload, the results and the report. Also deletes the job's webhook messages,
+         *     delivered or pending.
          */
         delete: operations["delete_job"];
         options?: never;
@@ -195,14 +205,17 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Download a file of a job.
-         * @description `model` is the result, or where nothing made the model better `original` is the upload. `report.json` is the account, `log.txt` what
-         *     the tiers said. Unless `pictures` is false there are pictures, which are drawn when one of them is asked for first: `before.png` and
-         *     `after.png` show the input and the result with what is wrong in colour, and `defects.glb` and `defects.ply` are the input as coloured
-         *     meshes with a legend. `change.png`, `change.glb` and `change.ply` show the surface that was kept, moved, added and removed. What is
-         *     still wrong with a result that is not printable is in `remaining.glb`; models of more than 400,000 faces have coarse previews,
-         *     `defects-preview.glb` and `change-preview.glb`. Single ranges, If-Range and If-None-Match are honoured; the entity tag is the file's
-         *     SHA-256.
+         * Download an artifact.
+         * @description `model` is the result. If no repair step improved the model, `original` is the submitted file instead. `report.json` is the report, and
+         *     `log.txt` is the log of all tiers.
+         *
+         *     Unless the option `pictures` is false, there are images, rendered when one of them is first requested. `before.png` and `after.png`
+         *     show the input and the result with the defects in colour. `defects.glb` and `defects.ply` are the input as coloured meshes with a
+         *     legend. `change.png`, `change.glb` and `change.ply` show which surface was kept, moved, added and removed. `remaining.glb` shows the
+         *     remaining defects of a result that is not printable. Models of more than 400,000 faces also have the coarse previews
+         *     `defects-preview.glb` and `change-preview.glb`.
+         *
+         *     Single ranges, `If-Range` and `If-None-Match` are supported. The entity tag is the file's SHA-256 hash.
          */
         get: operations["get_artifact"];
         put?: never;
@@ -223,8 +236,8 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Stop a job.
-         * @description A job that runs is stopped with all its processes. Canceling a canceled job changes nothing.
+         * Cancel a job.
+         * @description Stops a running job and all its processes. Canceling a canceled job has no effect.
          */
         post: operations["cancel_job"];
         delete?: never;
@@ -241,9 +254,9 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Listen to a job.
-         * @description Server-sent events: `progress` with stage, tier, percent and queue position each time the job changes, and at the end
-         *     `done` with the job. A client that reconnects hears the present state first.
+         * Stream a job's events.
+         * @description Server-sent events: `progress` with stage, tier, percent and queue position after each change of the job, then `done` with the job.
+         *     A client that reconnects first receives the current state.
          */
         get: operations["job_events"];
         put?: never;
@@ -262,14 +275,14 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * List API keys.
-         * @description Of all tenants or of one, newest first, without their secrets. Browser tokens are not listed. The key needs the scope `admin`.
+         * List API keys, newest first.
+         * @description Lists the keys of all tenants or of one, without their secrets. Browser tokens are not listed. Requires the scope `admin`.
          */
         get: operations["list_keys"];
         put?: never;
         /**
-         * Make an API key.
-         * @description Of any tenant. The `secret` is shown here and never again. The key that asks needs the scope `admin`.
+         * Create an API key.
+         * @description The key may belong to any tenant. The response contains the `secret`, which is never shown again. Requires the scope `admin`.
          */
         post: operations["create_key"];
         delete?: never;
@@ -286,16 +299,15 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * One API key.
-         * @description Without its secret. The key that asks needs the scope `admin`.
+         * Get an API key.
+         * @description The response does not contain the secret. Requires the scope `admin`.
          */
         get: operations["get_key"];
         put?: never;
         post?: never;
         /**
          * Revoke an API key.
-         * @description It is refused from then on, and so are the browser tokens made with it. Its record stays in the list. The key that asks needs the scope
-         *     `admin`.
+         * @description The key and all browser tokens created with it become invalid. The key remains in the list. Requires the scope `admin`.
          */
         delete: operations["revoke_key"];
         options?: never;
@@ -311,8 +323,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * List the tenants.
-         * @description Every tenant that has an API key or settings, by name. The key needs the scope `admin`.
+         * List tenants, sorted by name.
+         * @description Lists every tenant that has an API key or settings. Requires the scope `admin`.
          */
         get: operations["list_tenants"];
         put?: never;
@@ -331,8 +343,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * One tenant.
-         * @description The key needs the scope `admin`.
+         * Get a tenant.
+         * @description Requires the scope `admin`.
          */
         get: operations["get_tenant"];
         put?: never;
@@ -341,9 +353,9 @@ export interface paths {
         options?: never;
         head?: never;
         /**
-         * Change the settings of a tenant.
-         * @description A field that is left out stays, and null clears it: then the service's own limit holds. A tenant without settings gets its first. The
-         *     key needs the scope `admin`.
+         * Change a tenant's settings.
+         * @description An omitted field keeps its value. `null` clears a setting, so that the service's own limit applies. Creates the settings of a tenant
+         *     that has none. Requires the scope `admin`.
          */
         patch: operations["change_tenant"];
         trace?: never;
@@ -358,9 +370,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Announce a file, and learn where to send it.
-         * @description For large files and for browsers: the bytes go straight to the store where there is one, and a job is made of them afterwards, by
-         *     `POST /v1/jobs` with JSON. Send the file as the whole body of the request that `put` describes.
+         * Create an upload.
+         * @description For large files and for browsers. The file goes directly to the file store if the operator allows it. Send the file as the whole body
+         *     of the request that `put` describes. Then create a job from the upload with `POST /v1/jobs` and a JSON body.
          */
         post: operations["announce_upload"];
         delete?: never;
@@ -378,8 +390,9 @@ export interface paths {
         };
         get?: never;
         /**
-         * Send an announced file.
-         * @description The address is in the answer to `POST /v1/uploads`, and takes one file, for an hour. One that broke off may be sent again.
+         * Send the file of an upload.
+         * @description The response to `POST /v1/uploads` contains this URL. The URL accepts one file, for one hour. After an interrupted upload, send the file
+         *     again.
          */
         put: operations["put_upload"];
         post?: never;
@@ -397,8 +410,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Deliveries to endpoints and to the jobs' own callback addresses, newest first.
-         * @description They are known for 30 days.
+         * List all deliveries, newest first.
+         * @description Lists deliveries to endpoints and to the callback URLs of jobs. Deliveries are kept for 30 days.
          */
         get: operations["list_deliveries"];
         put?: never;
@@ -419,8 +432,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * Send a message again.
-         * @description It is due at once, with the same `webhook-id`, whatever became of it before. One that was given up gets all of its tries anew.
+         * Redeliver a message.
+         * @description Sends the message again immediately, with the same `webhook-id`, whatever the delivery's status. A failed delivery gets its full number
+         *     of attempts again.
          */
         post: operations["redeliver"];
         delete?: never;
@@ -436,14 +450,14 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Webhook endpoints. */
+        /** List webhook endpoints. */
         get: operations["list_endpoints"];
         put?: never;
         /**
-         * Make a webhook endpoint.
-         * @description It is told of jobs that end by POST: a `WebhookMessage`, signed in the form of the Standard Webhooks specification, at least once.
-         *     What it does not answer in time with a status of 200 to 299 is sent again over some days; if it answers 410 it is told no more. The
-         *     `secret` is shown here and never again.
+         * Create a webhook endpoint.
+         * @description When a job ends, the service sends the endpoint a POST with a `WebhookMessage`, signed as the Standard Webhooks specification says.
+         *     Each message is delivered at least once. A delivery without a timely response of status 200 to 299 is retried over several days. A
+         *     response of 410 disables the endpoint. The response to this request contains the `secret`, which is never truncated again.
          */
         post: operations["create_endpoint"];
         delete?: never;
@@ -459,17 +473,17 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** One webhook endpoint. */
+        /** Get a webhook endpoint. */
         get: operations["get_endpoint"];
         put?: never;
         post?: never;
-        /** Delete a webhook endpoint, and the log of its deliveries. */
+        /** Delete a webhook endpoint and its delivery log. */
         delete: operations["delete_endpoint"];
         options?: never;
         head?: never;
         /**
          * Change a webhook endpoint.
-         * @description `enabled: true` makes one work again that was disabled; what was given up meanwhile can be sent by its delivery's `redeliver`.
+         * @description `enabled: true` enables a disabled endpoint again. To resend messages dropped in the meantime, use `redeliver` on their deliveries.
          */
         patch: operations["change_endpoint"];
         trace?: never;
@@ -482,8 +496,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * Deliveries to an endpoint, newest first.
-         * @description They are known for 30 days.
+         * List the deliveries of an endpoint, newest first.
+         * @description Deliveries are kept for 30 days.
          */
         get: operations["list_of_endpoint"];
         put?: never;
@@ -504,8 +518,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * A new secret for a webhook endpoint.
-         * @description For 24 hours both sign: each message then has two signatures, and a receiver takes it if one is right.
+         * Rotate the secret of a webhook endpoint.
+         * @description For 24 hours each message carries two signatures, one with the old and one with the new secret. A receiver accepts the message if
+         *     either is valid.
          */
         post: operations["rotate_endpoint"];
         delete?: never;
@@ -525,7 +540,7 @@ export interface paths {
         put?: never;
         /**
          * Test a webhook endpoint.
-         * @description It gets a message of the type `ping`, like any other message: signed, and sent again if it fails.
+         * @description Sends the endpoint a message of type `ping`. The message is signed and retried like any other.
          */
         post: operations["test_endpoint"];
         delete?: never;
@@ -542,8 +557,8 @@ export interface paths {
             cookie?: never;
         };
         /**
-         * The secret of callbacks.
-         * @description What is sent to the `callback_url` of a job is signed with it. It is made when it is first asked for, or first needed.
+         * Get the secret for callbacks.
+         * @description This secret signs the messages to the `callback_url` of jobs. It is created on the first request or the first callback.
          */
         get: operations["get_secret"];
         put?: never;
@@ -564,8 +579,9 @@ export interface paths {
         get?: never;
         put?: never;
         /**
-         * A new secret for callbacks.
-         * @description For 24 hours both sign: each message then has two signatures, and a receiver takes it if one is right.
+         * Rotate the secret for callbacks.
+         * @description For 24 hours each message carries two signatures, one with the old and one with the new secret. A receiver accepts the message if
+         *     either is valid.
          */
         post: operations["rotate_secret"];
         delete?: never;
@@ -587,7 +603,7 @@ export interface webhooks {
         put?: never;
         /**
          * A job has ended
-         * @description Posted to every webhook endpoint whose events include the message's `type`, and to the job's `callback_url`. Signed in the form of the Standard Webhooks specification. Sent again until the receiver answers 2xx.
+         * @description Posted to every webhook endpoint whose events include the message's `type`, and to the job's `callback_url`. Signed as the Standard Webhooks specification says. Retried until the receiver responds with 2xx.
          */
         post: operations["job_ended"];
         delete?: never;
@@ -599,52 +615,58 @@ export interface webhooks {
 }
 export interface components {
     schemas: {
-        /** @description A part that is not in the result, and why it is not missed. */
+        /** @description A part absent from the result for a known reason. */
         AccountedPart: {
             /**
              * Format: int64
-             * @description Its faces.
+             * @description Number of faces of the part.
              */
             faces: number;
             /**
              * Format: int32
-             * @description Its first face, by index in the file from 0.
+             * @description Index of the part's first face in the file, from 0.
              */
             first_face: number;
             /**
              * Format: int32
-             * @description The part, by number from 0 in the order of the parts' first faces.
+             * @description Number of the part, from 0 in the order of the parts' first faces.
              */
             part: number;
-            /** @description Why it is not missed. */
+            /** @description Why the absence is no loss. */
             reason: components["schemas"]["PartReason"];
             /**
              * Format: int32
-             * @description Points on it that were looked at; 0 where its faces alone tell.
+             * @description Number of sample points that support the reason; 0 if the part's own faces decide.
              */
             samples: number;
         };
         /**
-         * @description One thing a plan does.
+         * @description An action of a plan, which runs one operator or several.
          * @enum {string}
          */
         Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "full_repair" | "conservative_repair" | "make_manifold" | "clean_and_patch" | "close_sheets" | "self_union" | "perturb" | "simplify" | "drop_small_parts" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
-        /** @description The account of one analysis. */
+        /** @description Report of one analysis. */
         AnalysisReport: {
-            /** @description Whether lists are shortened to their first items, and statistics and histograms are left out. Counts are always of everything. */
+            /**
+             * @description Whether the report is shortened: lists have only their first items, and statistics and histograms are omitted.
+             *     Counts are always complete.
+             */
             abridged?: boolean;
             /** @description Name and version of the engine. */
             engine: string;
-            /** @description What was found in each file, in the order they were sent. */
+            /** @description Results for each file, in the order of the request. */
             files: components["schemas"]["FileAnalysis"][];
             /**
              * Format: double
-             * @description Time from the first file's first byte to the end, in milliseconds.
+             * @description Time from reading the first file to the end, in milliseconds.
              */
             milliseconds: number;
-            /** @description The options that were in force. */
+            /** @description The effective options. */
             options: components["schemas"]["AnalyzeOptions"];
-            /** @description Whether every file is printable; none where nothing is wrong that was looked for, but not all was looked for. */
+            /**
+             * @description Whether every file is printable. `null` if no file is known to be unprintable, but the inspection of at least
+             *     one file was not complete enough to decide.
+             */
             printable?: boolean | null;
             set?: components["schemas"]["SetReport"] | null;
             /**
@@ -653,27 +675,27 @@ export interface components {
              */
             version: number;
         };
-        /** @description Look at one file or several, and change nothing. */
+        /** @description Inspect one file or several, without changing them. */
         AnalyzeJobOptions: components["schemas"]["AnalyzeOptions"] & {
             /** @enum {string} */
             mode: "analyze";
         };
-        /** @description How files are to be analysed. Every field has a default. */
+        /** @description Options of an analysis. Every field has a default. */
         AnalyzeOptions: components["schemas"]["InspectOptions"] & {
             /**
              * Format: double
-             * @description Seconds the analysis of all files may take from its start; then the job fails.
+             * @description Time limit in seconds for the analysis of all files, from 1 to 3600. The job fails when the limit is exceeded.
              * @default 300
              */
             deadline_s?: number;
             /**
-             * @description Whether to count the faces of each file that intersect those of another.
+             * @description Whether to count intersecting faces between each two files.
              * @default true
              */
             intersections?: boolean;
             /**
-             * @description Whether what was found can be had as pictures: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
-             *     and so on for the others. They are drawn when somebody asks for one of them first.
+             * @description Whether to provide pictures of the defects: `defects.png`, `defects.glb` and `defects.ply` for the first file,
+             *     `2-defects.png` and so on for the others. They are rendered on the first request for one of them.
              * @default true
              */
             pictures?: boolean;
@@ -685,13 +707,13 @@ export interface components {
              */
             spacing?: boolean;
         };
-        /** @description Of an analysis. */
+        /** @description The report of an analysis. */
         AnalyzeReport: components["schemas"]["AnalysisReport"] & {
             /** @enum {string} */
             mode: "analyze";
         };
         /**
-         * @description An answer to a question that can't always be asked.
+         * @description Answer to a question that may not apply.
          * @enum {string}
          */
         Answer: "yes" | "no" | "not_measurable";
@@ -699,87 +721,84 @@ export interface components {
         ApiKey: {
             /**
              * Format: date-time
-             * @description When it was made.
+             * @description When the key was created.
              */
             created_at: string;
             /**
              * Format: date-time
-             * @description When it expires; null where it does not.
+             * @description When the key expires, or `null` if it never does.
              */
             expires_at: string | null;
             /**
-             * @description Its name.
+             * @description The key's id.
              * @example key_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a
              */
             id: string;
-            /** @description What it is for. */
+            /** @description What the key is for. */
             label: string;
             /**
              * Format: date-time
-             * @description When it was last used, to within five minutes; null where it never was.
+             * @description When the key was last used, accurate to five minutes, or `null` if it was never used.
              */
             last_used_at: string | null;
             /**
              * Format: date-time
-             * @description When it was revoked; null where it was not.
+             * @description When the key was revoked, or `null` if it was not.
              */
             revoked_at: string | null;
-            /** @description What it allows. */
+            /** @description The key's scopes. */
             scopes: components["schemas"]["Scope"][];
-            /** @description The secret, to be sent as `Authorization: Bearer`; only in the answer that makes the key. */
+            /** @description The secret, to be sent as `Authorization: Bearer`. Only in the response that creates the key. */
             secret?: string | null;
-            /** @description The tenant that it belongs to. */
+            /** @description The key's tenant. */
             tenant: string;
         };
-        /** @description A page of keys. */
+        /** @description One page of API keys. */
         ApiKeys: {
-            /** @description The keys, newest first, revoked and expired ones among them. */
+            /** @description The keys, newest first, including revoked and expired ones. */
             keys: components["schemas"]["ApiKey"][];
-            /** @description The cursor of the next page; none on the last. */
+            /** @description The cursor of the next page, or `null` on the last page. */
             next: string | null;
         };
         /** @description A file to download. */
         ArtifactLink: {
             /**
              * Format: int64
-             * @description Its size; left out of a picture that is drawn when it is first asked for.
+             * @description The file's size in bytes. Omitted for an image that is rendered on the first request.
              */
             bytes?: number | null;
-            /** @description The name to save it under. */
+            /** @description The file name to save under. */
             filename: string;
-            /** @description Its address, relative to the service's. */
+            /** @description The file's URL, relative to the service. */
             href: string;
-            /** @description Its media type. */
+            /** @description The file's media type. */
             media_type: string;
-            /** @description SHA-256 of its bytes, in hexadecimal; left out of pictures and coloured meshes. */
+            /** @description The SHA-256 hash of the file's bytes, in hexadecimal. Omitted for images and coloured meshes. */
             sha256?: string | null;
         };
-        /**
-         * @description A decision that the input does not prove: what was decided, how much of the model it concerns, and the option that decides
-         *     otherwise.
-         */
+        /** @description A decision that the input does not prove, with the extent it concerns and the option that decides otherwise. */
         Assumption: {
             /**
              * Format: double
-             * @description How much, in the quantity that the kind documents.
+             * @description Extent of the decision; the kind documents the quantity.
              */
             amount?: number | null;
             /**
              * Format: int64
-             * @description How many things it concerns: sheets, holes, objects, pieces or cavities.
+             * @description Number of sheets, holes, objects, pieces or cavities that the decision concerns.
              */
             count: number;
-            /** @description The decision as a sentence. */
+            /** @description The decision as text. */
             detail: string;
-            /** @description What was decided. */
+            /** @description The kind of decision. */
             kind: components["schemas"]["AssumptionKind"];
-            /** @description The option that decides otherwise, as `name=value`. */
+            /** @description The option that reverses the decision, as `name=value`. */
             option?: string | null;
-            /** @description Points where it applies, in the model's unit; at most five. */
+            /** @description Points where the decision applies, in the model's unit; at most five. */
             places?: number[][];
             /**
              * Format: double
-             * @description Share of the result's surface that it concerns, in percent.
+             * @description Share of the result's surface that the decision concerns, in percent.
              */
             share_pct?: number | null;
         };
@@ -788,115 +807,112 @@ export interface components {
          * @enum {string}
          */
         AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "methods_agree";
-        /**
-         * @description The four attributes of a mesh as meshalyzer defines them (seed 004), each one assuming those before it where its
-         *     definition does.
-         */
+        /** @description The four attributes of a mesh as the tool meshalyzer defines them. Some attributes require preceding ones. */
         Attributes: {
-            /** @description Each edge is shared by two or more faces. Edges of more than two are allowed. */
+            /** @description Whether every edge is shared by two or more faces. Edges with more than two faces are allowed. */
             closed: components["schemas"]["Answer"];
-            /** @description No edge is crossed twice in the same direction. Assumes manifold; the mesh may be open. */
+            /** @description Whether no two faces traverse an edge in the same direction. Requires `manifold`; the mesh may be open. */
             consistent: components["schemas"]["Answer"];
             /**
-             * @description All faces at a vertex are reached from one another across edges, of which each has at most two faces. The mesh
+             * @description Whether every edge has at most two faces, and the faces at each vertex are connected across edges. The mesh
              *     may be open.
              */
             manifold: components["schemas"]["Answer"];
             /**
-             * @description A ray from a face to the outside passes an even number of faces, for each part of the mesh: outer shells are
-             *     turned outward and cavities into their hollow. Assumes closed, manifold and consistent. Unlike the field of
-             *     [`Measures`] it is not given to a part turned outward inside another.
+             * @description Whether a ray along any face's normal crosses an even number of further faces, in each part: outer shells face
+             *     outward and cavities face inward. Requires `closed`, `manifold` and `consistent`. Stricter than the field of
+             *     [`Measures`], which accepts an outward-facing part inside another.
              */
             outward: components["schemas"]["Answer"];
         };
         /**
-         * @description How the bins of a histogram are placed.
+         * @description Spacing of histogram bins.
          * @enum {string}
          */
         BinSpacing: "linear" | "geometric";
         /** @description An axis-parallel box. */
         BoundingBox: {
-            /** @description Largest coordinates. */
+            /** @description Largest x, y and z coordinates. */
             max: number[];
-            /** @description Smallest coordinates. */
+            /** @description Smallest x, y and z coordinates. */
             min: number[];
         };
         /**
-         * @description What a token for a page may allow.
+         * @description A scope of a browser token.
          * @enum {string}
          */
         BrowserScope: "jobs:read" | "jobs:write";
-        /** @description A token for a page. */
+        /** @description A token for web pages of one origin. */
         BrowserToken: {
             /**
              * Format: date-time
-             * @description When it expires.
+             * @description When the token expires.
              */
             expires_at?: string | null;
-            /** @description Its name, as jobs submitted with it have it in the service's log. */
+            /** @description The token's id, which the service's log shows for jobs submitted with it. */
             id: string;
             /**
              * Format: int64
-             * @description Largest upload in bytes.
+             * @description Maximum upload size in bytes.
              */
             max_bytes: number;
             /** @description The page's origin. */
             origin: string;
-            /** @description What it allows. */
+            /** @description The token's scopes. */
             scopes: components["schemas"]["Scope"][];
             /** @description The secret, to be sent as `Authorization: Bearer`. It is not shown again. */
             token: string;
         };
-        /** @description A result that was judged. */
+        /** @description A repair result that was judged. */
         Candidate: {
-            /** @description Whether it is the one handed out. */
+            /** @description Whether this result is the returned one. */
             chosen: boolean;
             /**
              * Format: int64
-             * @description How many things are still wrong with it.
+             * @description Number of remaining defects.
              */
             defects: number;
             /**
              * Format: int64
-             * @description Its faces.
+             * @description Number of faces.
              */
             faces: number;
-            /** @description Whether it passed every check. */
+            /** @description Whether the result passed every check. */
             printable: boolean;
-            /** @description Its red flags. */
+            /** @description The red flags of the result. */
             red_flags: components["schemas"]["RedFlag"][];
             /**
              * Format: int32
-             * @description Index of the strategy that made it; none for the input itself.
+             * @description Index of the strategy that made the result; null for the input itself.
              */
             strategy: number | null;
         };
-        /** @description What this service can do right now. */
+        /** @description What this service supports. */
         Capabilities: {
-            /** @description Every option of an analysis with its default. */
+            /** @description Every analysis option with its default. */
             default_analyze_options: components["schemas"]["AnalyzeOptions"];
-            /** @description Every option of a repair with its default. */
+            /** @description Every repair option with its default. */
             default_options: components["schemas"]["Options"];
             /** @description Name and version of the engine. */
             engine: string;
-            /** @description Formats that can be sent. */
+            /** @description Supported input formats. */
             input_formats: components["schemas"]["Format"][];
-            /** @description Levels of an analysis. */
+            /** @description Analysis levels. */
             levels: components["schemas"]["Level"][];
-            /** @description Limits on an upload. */
+            /** @description Limits on uploads. */
             limits: components["schemas"]["UploadLimits"];
-            /** @description What a job can do. */
+            /** @description Job modes. */
             modes: components["schemas"]["Mode"][];
-            /** @description Formats that can be asked for. */
+            /** @description Supported output formats. */
             output_formats: components["schemas"]["Format"][];
-            /** @description Presets of a repair. */
+            /** @description Repair presets. */
             presets: components["schemas"]["Preset"][];
             sandbox?: components["schemas"]["SandboxStatus"] | null;
-            /** @description The tiers and whether they work. */
+            /** @description The repair tiers and their availability. */
             tiers: components["schemas"]["TierStatus"][];
         };
         /**
-         * @description What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping").
+         * @description The category of a model's damage, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping").
          * @enum {string}
          */
         Category: "clean" | "holes" | "many_small_holes" | "non_manifold" | "self_intersecting" | "fragmented" | "multiple_components" | "orientation" | "degenerate" | "open_sheet" | "complex";
@@ -904,126 +920,129 @@ export interface components {
         Change: {
             /**
              * Format: int64
-             * @description How many.
+             * @description The number of changes of this kind.
              */
             count: number;
-            /** @description What was changed, as a name for programs. */
+            /** @description The kind of change, as a stable name. */
             kind: string;
         };
         /**
-         * @description How one mesh, the result, differs from another, the input. Percentages are of the input's value; none where the input's
-         *     value is zero or not reliable.
+         * @description Differences between an input mesh and a result. Percentages are relative to the input's value, and `null` if the
+         *     input's value is zero or not reliable.
          */
         Changes: {
             added?: components["schemas"]["Deviation"] | null;
             /**
              * Format: double
-             * @description Change of the surface area.
+             * @description Change of the surface area, in percent.
              */
             area_change_pct?: number | null;
             /**
              * Format: double
-             * @description Largest move of a side of the box around all faces with an area, over its diagonal before.
+             * @description Largest displacement of a side of the bounding box, in percent of the input's diagonal. Ignores faces without
+             *     area.
              */
             bounding_box_change_pct?: number | null;
             /**
              * Format: double
-             * @description Of the input's faces that the result has not, the share with the result's material on both sides, in percent: walls inside
-             *     parts that were united. None where the result has no fewer faces, or is not closed.
+             * @description Of the input's faces missing from the result, the share with the result's material on both sides, in percent.
+             *     These are internal faces of united parts. `null` if the result has at least as many faces, or is not closed.
              */
             enclosed_faces_pct?: number | null;
             /**
              * Format: double
-             * @description Share of the faces lost; negative where faces were added.
+             * @description Decrease of the number of faces, in percent; negative if the number increased.
              */
             face_loss_pct: number;
             /**
              * Format: int64
-             * @description Faces after minus before.
+             * @description Number of faces, after minus before.
              */
             faces: number;
             /**
              * Format: double
-             * @description Faces of the input that stand in the result at the same three positions, in percent.
+             * @description Faces of the input that the result has at the same three positions, in percent.
              */
             faces_kept_pct: number;
             lost?: components["schemas"]["Deviation"] | null;
             moved?: components["schemas"]["Deviation"] | null;
             /**
              * Format: int64
-             * @description Parts after minus before.
+             * @description Number of parts, after minus before.
              */
             parts: number;
             surface?: components["schemas"]["SurfaceShares"] | null;
             /**
              * Format: double
-             * @description Share of the surface that can be seen from outside with nothing of the result within 0.5 % of the diagonal, or
-             *     material of it on both sides: sampled, so 0.1 is about the least that is seen.
+             * @description Share of the input's surface visible from outside that the result lost, in percent. Surface is lost if the
+             *     result is farther than 0.5 % of the diagonal or has material on both sides. Sampled; the resolution is about
+             *     0.1 %.
              */
             surface_lost_pct?: number | null;
             /**
              * Format: int64
-             * @description Vertices after minus before.
+             * @description Number of vertices, after minus before.
              */
             vertices: number;
             /**
              * Format: double
-             * @description Change of the volume, in percent of what the input encloses once its closed parts look outward; none where that is no more
-             *     than rounding.
+             * @description Change of the volume, in percent of the input's volume with all closed parts facing outward. `null` if that
+             *     volume is no more than rounding error.
              */
             volume_change_pct?: number | null;
             /**
              * Format: double
-             * @description Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
-             *     where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
-             *     input, the share of what is inside it that is inside the result.
+             * @description Overlap of the enclosed points of input and result (intersection over union), in percent, by winding numbers
+             *     at sampled points. Given if the input is closed but its volume is unreliable because faces intersect or parts
+             *     overlap. For an open input, the share of the points inside the input that are inside the result.
              */
             volume_overlap_pct?: number | null;
         };
-        /** @description What meshalyzer reports of a mesh (seed 004) beyond [`Measures`]. */
+        /** @description Attributes, element counts, parts and shape statistics of a mesh, as the tool meshalyzer reports them. */
         Characteristics: {
-            /** @description The four attributes. */
+            /** @description Whether the mesh is closed, manifold, consistent and outward. */
             attributes: components["schemas"]["Attributes"];
-            /** @description What the file itself says of its vertices and faces. */
+            /** @description Counts of the file's own vertices and faces. */
             elements: components["schemas"]["Elements"];
-            /** @description The edge-connected parts. */
+            /** @description Edge-connected parts. */
             shells: components["schemas"]["Shells"];
             statistics?: components["schemas"]["Statistics"] | null;
         };
         /**
-         * @description A rule of Parasolid's mesh checking (seed 002, 86.4), as far as it concerns a mesh by itself.
+         * @description A rule of Parasolid's mesh check that applies to a single mesh.
          * @enum {string}
          */
         CheckRule: "manifold" | "no_zero_length_edge" | "no_zero_area_face" | "no_opposed_vertex_normal" | "no_slit" | "no_self_intersection";
         /**
-         * @description Whether a mesh keeps the rules of a check level. A mesh that [`Measures::printable`] passes keeps them all.
+         * @description Result of checking a mesh against the rules of its inspection level. A printable mesh breaks no rule.
          *
-         *     A rule is broken by what is exactly so: an edge without length, a face without area, a slit. What is so within the tolerances only,
-         *     such as a face lower than a ten-millionth of the model, is advice: no reader takes it for broken, and to remove it may move surface
-         *     into other surface. Normals of the file are advice too, since slicers compute their own.
+         *     Only an exact violation breaks a rule: an edge of zero length, a face of zero area, a slit. A violation within the
+         *     tolerances, such as a face lower than 1e-7 of the diagonal, is advice. No reader rejects such a face, and removing
+         *     the face can move surface into other surface. Bad normals are advice too, since slicers compute their own.
          */
         CheckVerdict: {
-            /** @description The rules that are kept exactly, but not within the tolerances, or by the normals that the file gives. */
+            /** @description Rules that hold exactly but fail within the tolerances, or that the file's normals violate. */
             advice?: components["schemas"]["CheckRule"][];
-            /** @description The rules that are broken. */
+            /** @description Broken rules. */
             broken: components["schemas"]["CheckRule"][];
-            /** @description Every rule was checked, and none is broken. */
+            /** @description Whether every rule was checked and none is broken. */
             passes: boolean;
-            /** @description The rules that could not be decided: nothing against them was found, but the search was not finished. */
+            /** @description Rules without a verdict: the search found no violation but stopped early. */
             undecided: components["schemas"]["CheckRule"][];
         };
-        /** @description One thing that is wrong, with its place. */
+        /** @description One defect and its place. */
         Defect: {
-            /** @description A point of it, in the model's unit. */
+            /** @description A point of the defect, in the model's unit. */
             at: number[];
-            /** @description The faces of the file that it concerns, by index from 0, ascending. Of a large set only the first. */
+            /** @description The affected faces of the file: 0-based indices, ascending. Only the first ones of a large set. */
             faces: number[];
-            /** @description The points of the edge or chain of edges that it is, in the model's unit; empty for a face or a vertex. */
+            /** @description Points along the affected edge or chain of edges, in the model's unit; empty for a face or vertex defect. */
             line?: number[][];
             meeting?: components["schemas"]["Meeting"] | null;
             /**
              * Format: double
-             * @description What was measured: a height, a gap or a size in the model's unit, an angle in radians, or a count.
+             * @description The measured quantity: a height, gap or size in the model's unit, an angle in radians, or a count. See the
+             *     kind.
              */
             value?: number | null;
         };
@@ -1031,257 +1050,261 @@ export interface components {
         DefectGroup: {
             /**
              * Format: int64
-             * @description How many there are, exactly.
+             * @description Exact number of defects of this kind. A lower bound if the inspection lists the kind as incomplete.
              */
             count: number;
-            /** @description Which kind. */
+            /** @description The kind of these defects. */
             kind: components["schemas"]["DefectKind"];
-            /** @description The first of them, with their places; all of them where offenders were asked for. */
+            /**
+             * @description The first of these defects, as many as the option `places` allows; all of them with `meshmend inspect
+             *     --offenders`.
+             */
             places: components["schemas"]["Defect"][];
         };
         /**
-         * @description What can be wrong with a mesh at a place.
+         * @description Kind of a defect that an inspection can locate.
          *
-         *     The first ten are those of Parasolid's `PK_MESH_find_defects` (seed 002).
+         *     The first ten kinds follow Parasolid's `PK_MESH_find_defects`. Each variant names the quantity in
+         *     [`Defect::value`].
          * @enum {string}
          */
         DefectKind: "disjoint" | "foldover" | "flat_face" | "degenerate_face" | "slit" | "self_intersection" | "non_manifold_edge" | "non_manifold_vertex" | "bad_vertex_normal" | "corrupt" | "hole" | "misoriented_edge" | "t_junction" | "crack" | "inverted_part" | "duplicate_face" | "opposite_face" | "sheet" | "inner_shell" | "tiny_part";
-        /** @description One try to deliver a message. */
+        /** @description One attempt at a delivery. */
         DeliveryAttempt: {
             /**
              * Format: date-time
-             * @description When it began.
+             * @description When the attempt began.
              */
             at: string;
-            /** @description Why it was no success. */
+            /** @description Why the attempt failed. */
             error?: string | null;
             /**
              * Format: int64
-             * @description How long it took, in milliseconds.
+             * @description How long the attempt took, in milliseconds.
              */
             milliseconds: number;
             /**
              * Format: int32
-             * @description The HTTP status that the receiver answered; none if it did not answer.
+             * @description The HTTP status of the receiver's response; null without a response.
              */
             status?: number | null;
         };
         /**
-         * @description How a delivery stands.
+         * @description The status of a delivery.
          * @enum {string}
          */
         DeliveryStatus: "pending" | "delivered" | "failed";
-        /** @description How far the surface of one mesh is from that of another, sampled evenly by area. */
+        /** @description Distance from the surface of one mesh to the surface of another, sampled evenly by area. */
         Deviation: {
-            /** @description Whether all points were measured to the end; not on meshes made to be slow. */
+            /** @description Whether every point was measured. False if the search ran out of its budget. */
             complete: boolean;
-            /** @description In the unit of the input. */
+            /** @description Distances in the unit of the input. */
             distance: components["schemas"]["Spread"];
-            /** @description The point that is farthest away, in the unit of the input. */
+            /** @description Point with the largest distance, in the unit of the input. */
             farthest: number[];
-            /** @description In percent of the diagonal of the input's box. */
+            /** @description Distances in percent of the diagonal of the input's bounding box. */
             percent: components["schemas"]["Spread"];
             /**
              * Format: int64
-             * @description Points on faces that were measured.
+             * @description Number of sample points on faces.
              */
             samples: number;
             /**
              * Format: int64
-             * @description Vertices that were measured beside them; they count for the largest distance only.
+             * @description Number of vertices measured in addition to the samples. Vertices contribute to the maximum distance only.
              */
             vertices: number;
         };
         /**
-         * @description How a quantity is distributed over the elements of a mesh.
+         * @description Distribution of a quantity over the elements of a mesh.
          *
-         *     The same values in any order give the same figures: they are sorted before they are added.
+         *     The figures do not depend on the order of the values, since summation sorts them first.
          */
         Distribution: {
             /**
              * Format: int64
-             * @description How many values there are.
+             * @description Number of values.
              */
             count: number;
-            /** @description How many values there are in each of a row of bins; left out of an abridged report. */
+            /** @description Number of values per bin; absent from an abridged report. */
             histogram?: components["schemas"]["Histogram"];
             /**
              * Format: double
-             * @description The largest.
+             * @description Maximum.
              */
             max: number;
             /**
              * Format: double
-             * @description The arithmetic mean.
+             * @description Arithmetic mean.
              */
             mean: number;
             /**
              * Format: double
-             * @description The middle value, or the mean of the two in the middle.
+             * @description Median: the middle value, or the mean of the two middle values.
              */
             median: number;
             /**
              * Format: double
-             * @description The smallest.
+             * @description Minimum.
              */
             min: number;
             /**
              * Format: double
-             * @description The mean of the squared distances to the mean, in the square of the quantity's unit.
+             * @description Population variance, in the square of the quantity's unit.
              */
             variance: number;
         };
-        /** @description Angles between the two faces of an edge, measured on the side that their normals look to. */
+        /** @description Dihedral angles at edges, measured on the side of the face normals. */
         EdgeAngles: {
             distribution?: components["schemas"]["Distribution"] | null;
             /**
              * Format: int64
-             * @description Edges of a degenerate face, which has no normal; they have no angle.
+             * @description Number of edges without an angle, because one of their faces is degenerate and has no normal.
              */
             edges_without_angle: number;
             not_measurable?: components["schemas"]["Unmeasurable"] | null;
             side?: components["schemas"]["Side"] | null;
         };
-        /** @description What the file itself says of its vertices and faces, before vertices are merged. */
+        /** @description Counts of the file's own vertices and faces, before coincident vertices are merged. */
         Elements: {
             /**
              * Format: int64
-             * @description Faces of three different vertices that lie on a line, or so near one that f64 finds no area.
+             * @description Faces with three different vertices whose area is zero, exactly or in f64.
              */
             collinear_faces: number;
-            /** @description Whether faces are numbered 1, 2, 3 and so on; none where the format has no numbers. */
+            /** @description Whether faces are numbered 1, 2, 3 and so on; absent if the format has no face numbers. */
             faces_contiguous?: boolean | null;
             /**
              * Format: int64
-             * @description Faces that name such a vertex; nothing else counts them.
+             * @description Faces that name a missing vertex. No other count includes these faces.
              */
             faces_without_vertex?: number | null;
             /**
              * Format: int64
-             * @description Used vertices of the file that can't be told from another one, since they stand at its position. None where no
-             *     vertex of the file is used twice, as in STL, which has no numbers: there, it is the rule.
+             * @description Used vertices that share their position with another vertex. Absent if no vertex of the file is used twice, as
+             *     in STL, which stores the corners of each face separately.
              */
             indistinguishable_vertices?: number | null;
             /**
              * Format: int64
-             * @description Vertices that a face names and the file does not give. None where the format can't have them, or its reader refuses
-             *     them.
+             * @description Vertices that a face names and the file lacks. Absent if the format cannot have such faces or its reader
+             *     rejects them.
              */
             missing_vertices?: number | null;
             /**
              * Format: int64
-             * @description Faces that name a vertex more than once, by its number or by its position.
+             * @description Faces that name a vertex more than once, by index or by position.
              */
             repeated_vertex_faces: number;
             /**
              * Format: int64
-             * @description Vertices in the file.
+             * @description Number of vertices in the file.
              */
             vertices: number;
-            /** @description Whether vertices are numbered 1, 2, 3 and so on; none where the format has no numbers. */
+            /** @description Whether vertices are numbered 1, 2, 3 and so on; absent if the format has no vertex numbers. */
             vertices_contiguous?: boolean | null;
         };
-        /** @description What is wrong with one field of a request. */
+        /** @description An error in one field of a request. */
         FieldError: {
-            /** @description The field, an option for example; one within another by its path, such as `tolerances.slit` or `file[1]`. */
+            /** @description The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`. */
             field: string;
-            /** @description What is wrong, and what to send instead. */
+            /** @description What is wrong with the field, and what to send instead. */
             message: string;
         };
-        /** @description What was found in one file. */
+        /** @description Analysis of one file. */
         FileAnalysis: {
             /**
              * Format: int64
-             * @description Its size.
+             * @description Size of the file, in bytes.
              */
             bytes: number;
-            /** @description The dialect in words, such as `binary STL`. */
+            /** @description Description of the format's variant, such as `binary STL`. */
             dialect: string;
-            /** @description Its format. */
+            /** @description File format. */
             format: components["schemas"]["Format"];
-            /** @description Everything that was found, in the same structure as `before` and `after` of a repair report. */
+            /** @description Inspection of the file, of the same structure as `before` and `after` of a repair report. */
             inspection: components["schemas"]["Inspection"];
-            /** @description The name it was sent with. */
+            /** @description Name of the file in the request. */
             name: string;
-            /** @description Whether it can be printed as it is, as far as its level of inspection tells. */
+            /** @description Whether the file is printable as it is; `null` if its inspection level does not decide. */
             printable?: boolean | null;
-            /** @description SHA-256 of its bytes, in hexadecimal, where it is known. */
+            /** @description SHA-256 of the file, in hexadecimal; absent if unknown. */
             sha256?: string | null;
-            /** @description The unit of every length that is told of it. */
+            /** @description Unit of all lengths reported for the file. */
             unit: components["schemas"]["LengthUnit"];
-            /** @description What a person should know. */
+            /** @description Warnings for the sender of the file. */
             warnings: string[];
         };
-        /** @description A file that went in or came out. */
+        /** @description The format and size of the input file or of the returned file. */
         FileSummary: {
             /**
              * Format: int64
-             * @description Its size.
+             * @description The size in bytes.
              */
             bytes: number;
-            /** @description The dialect in words, such as `binary STL`. */
+            /** @description The dialect of the format, such as `binary STL`. */
             dialect: string;
-            /** @description Its format. */
+            /** @description The file format. */
             format: components["schemas"]["Format"];
         };
-        /** @description Whether a model fits a printer. */
+        /** @description Whether a model fits a printer's build volume. */
         Fit: {
-            /** @description Whether it fits as it stands. */
+            /** @description Whether the model fits in its present orientation. */
             as_is: boolean;
-            /** @description Sides of the build volume, in millimetres. */
+            /** @description Side lengths of the build volume, in millimetres. */
             build_volume: number[];
-            /** @description Whether it fits in some order of its axes. */
+            /** @description Whether the model fits with its axes permuted, that is, after rotations by 90 degrees. */
             rotated: boolean;
         };
         /**
-         * @description A file format that is both read and written.
+         * @description A file format that meshmend reads and writes.
          * @enum {string}
          */
         Format: "stl" | "obj" | "ply" | "off" | "mesh" | "glb" | "3mf" | "zip";
-        /** @description How many values there are in each of a row of bins, usually 16. */
+        /** @description Number of values per bin, usually with 16 bins. */
         Histogram: {
-            /** @description The values in each bin. */
+            /** @description Number of values in each bin. */
             counts: number[];
             /**
-             * @description The borders of the bins, ascending, one more than there are bins. A value on a border belongs to the bin above it, the
-             *     last border to the last bin; a value counts as on a border that is above it by a millionth at most, which is rounding. A range so
-             *     narrow is one bin.
+             * @description Bin edges, ascending; one more than bins. A value on an edge belongs to the bin above, except that the last
+             *     bin includes the last edge. A value less than a millionth below an edge counts as on the edge, to absorb
+             *     rounding. If all values are equal to within a millionth, there is one bin.
              */
             edges: number[];
-            /** @description How the edges are placed. */
+            /** @description Spacing of the bin edges. */
             spacing: components["schemas"]["BinSpacing"];
         };
         /**
-         * @description How the triangles of a hole's patch are chosen.
+         * @description How the triangles that fill a hole are chosen.
          * @enum {string}
          */
         HoleFilling: "auto" | "smooth" | "planar" | "sharp";
-        /** @description An uploaded file. */
+        /** @description A submitted file. */
         Input: {
             /**
              * Format: int64
-             * @description Its size.
+             * @description The file's size in bytes.
              */
             bytes: number;
-            /** @description The format found in its bytes. */
+            /** @description The file format, detected from the bytes. */
             format: components["schemas"]["Format"];
-            /** @description The name it was sent with, without folders. */
+            /** @description The file name as submitted, without folders. */
             name: string;
-            /** @description SHA-256 of its bytes, in hexadecimal. */
+            /** @description The SHA-256 hash of the file's bytes, in hexadecimal. */
             sha256: string;
             unit?: components["schemas"]["InputUnit"] | null;
         };
-        /** @description What a file's lengths are in. */
+        /** @description The length unit of a file. */
         InputUnit: {
-            /** @description How it is known what the file's lengths are in. */
+            /** @description How the unit was determined. */
             source: components["schemas"]["UnitSource"];
-            /** @description The unit that the report and the result are in. */
+            /** @description The unit of all lengths in the report and in the result. */
             used: components["schemas"]["Unit"];
         };
-        /** @description What to look for, and how. Every field has a default. */
+        /** @description Options of an inspection. Every field has a default. */
         InspectOptions: {
             /**
-             * @description Sides of the printer's build volume, in millimetres.
+             * @description Side lengths of the printer's build volume along x, y and z, in millimetres.
              * @default null
              */
             build_volume?: [
@@ -1290,23 +1313,24 @@ export interface components {
                 number
             ] | null;
             /**
-             * @description How closely.
+             * @description How thoroughly the mesh is inspected.
              * @default full
              */
             level?: components["schemas"]["Level"];
             /**
              * Format: double
-             * @description An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60.
+             * @description Additional overhang angle from the vertical, in degrees from 0 to 90. The report always has 30, 45 and 60
+             *     degrees.
              * @default 45
              */
             overhang_deg?: number;
             /**
-             * @description Places of each kind of defect that the report lists.
+             * @description Largest number of places that the report lists for each kind of defect, from 0 to 1000.
              * @default 20
              */
             places?: number;
             /**
-             * @description How closely things must agree to count as the same.
+             * @description Distances and angles below which a defect is recognised.
              * @default {
              *       "crack": {
              *         "of_diagonal": 0.0001
@@ -1329,7 +1353,7 @@ export interface components {
             /** @default null */
             unit?: components["schemas"]["Unit"] | null;
             /**
-             * @description The direction in which the model is built, of any length but zero.
+             * @description Build direction, pointing away from the build plate; any length above 0.
              * @default [
              *       0,
              *       0,
@@ -1342,14 +1366,14 @@ export interface components {
                 number
             ];
         };
-        /** @description Everything that is to be said of one mesh: the `before` and `after` of a repair, and the answer of an analysis. */
+        /** @description Inspection report of one mesh: `before` and `after` of a repair, and the result of an analysis. */
         Inspection: components["schemas"]["Measures"] & components["schemas"]["Characteristics"] & {
             check?: components["schemas"]["CheckVerdict"] | null;
-            /** @description What is wrong where, by kind. */
+            /** @description Defects grouped by kind, with their places. */
             defects: components["schemas"]["DefectGroup"][];
-            /** @description Kinds of which there may be more: their search met too many candidates and was given up. */
+            /** @description Kinds whose count is a lower bound, because their search exceeded its budget. */
             incomplete: components["schemas"]["DefectKind"][];
-            /** @description How closely it was looked at. */
+            /** @description Level of the inspection. */
             level: components["schemas"]["Level"];
             print?: components["schemas"]["PrintMeasures"] | null;
             /**
@@ -1358,7 +1382,7 @@ export interface components {
              */
             version: number;
         };
-        /** @description A job as clients see it. */
+        /** @description A job. */
         Job: {
             /** @description The files to download, by name. */
             artifacts: {
@@ -1366,171 +1390,171 @@ export interface components {
             };
             /**
              * Format: int32
-             * @description Tries that count, the running one among them.
+             * @description Number of attempts that count, including the current one.
              */
             attempt: number;
             /**
              * Format: date-time
-             * @description When it was accepted.
+             * @description When the job was accepted.
              */
             created_at: string;
             /**
              * Format: date-time
-             * @description When its files and its report will be deleted, or were.
+             * @description When the job's files and report expire or expired.
              */
             expires_at: string | null;
             /**
              * Format: date-time
-             * @description When it ended.
+             * @description When the job ended.
              */
             finished_at: string | null;
             /**
-             * @description Its name.
+             * @description The job's id.
              * @example job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a
              */
             id: string;
-            /** @description The uploaded file; of several the first. */
+            /** @description The submitted file. With several files, the first one. */
             input: components["schemas"]["Input"];
-            /** @description All uploaded files in the order they were sent, where there are several. */
+            /** @description All submitted files in the order of submission. Only present if there are several. */
             inputs?: components["schemas"]["Input"][];
-            /** @description Your own notes, as you sent them. */
+            /** @description Your own metadata, unchanged. */
             metadata: {
                 [key: string]: string;
             };
-            /** @description The options that differ from their defaults. The report lists all of them. */
+            /** @description The options that differ from their defaults. The report lists all options. */
             options: components["schemas"]["JobOptions"];
             outcome: components["schemas"]["JobOutcome"] | null;
             problem: components["schemas"]["JobProblem"] | null;
             progress: components["schemas"]["Progress"] | null;
             quote?: components["schemas"]["Quote"] | null;
             report?: components["schemas"]["JobReport"] | null;
-            /** @description The earlier job whose result this one was given, since it had the same bytes, options and engine. */
+            /** @description The earlier job whose result was reused, because it had the same bytes, options and engine. */
             reused_from: string | null;
             /**
              * Format: date-time
-             * @description When a worker first took it.
+             * @description When a worker first started the job.
              */
             started_at: string | null;
-            /** @description Where it stands. */
+            /** @description The job's status. */
             status: components["schemas"]["Status"];
         };
         /**
-         * @description What endpoints can be told of.
+         * @description An event that endpoints can subscribe to.
          * @enum {string}
          */
         JobEvent: "job.succeeded" | "job.failed" | "job.canceled";
         /**
-         * @description A file of an earlier job.
+         * @description Which file of an earlier job to use.
          * @enum {string}
          */
         JobFile: "input" | "model";
         /**
-         * @description What a job is to do: `mode` (`repair` where it is left out), and that mode's options beside it. Others are refused.
+         * @description The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused.
          *
-         *     The structs of the options let unknown fields pass, since a struct that does not can't stand beside `mode` in one
-         *     object; [`JobOptions::from_fields`] does not let them pass.
+         *     The options' structs accept unknown fields, because serde can't deny unknown fields in a tagged enum's variants.
+         *     [`JobOptions::from_fields`] refuses unknown fields.
          */
         JobOptions: components["schemas"]["RepairJobOptions"] | components["schemas"]["AnalyzeJobOptions"];
         /**
-         * @description What became of a job's model, apart from whether the job ran.
+         * @description The outcome of a job: what its result is worth, apart from whether the job ran.
          * @enum {string}
          */
         JobOutcome: "already_printable" | "repaired" | "partially_repaired" | "unrepairable" | "printable" | "not_printable" | "undecided";
-        /** @description A page of jobs. */
+        /** @description One page of jobs. */
         JobPage: {
-            /** @description The jobs, newest first, without their reports and queue positions. */
+            /** @description The jobs, newest first, without reports and queue positions. */
             jobs: components["schemas"]["Job"][];
-            /** @description The cursor of the next page; none on the last. */
+            /** @description The cursor of the next page, or `null` on the last page. */
             next: string | null;
         };
-        /** @description Why a job failed, in the shape of a problem. */
+        /** @description Why a job failed, in the format of a problem. */
         JobProblem: {
-            /** @description The code, for programs. */
+            /** @description The error code, for programs. */
             code: components["schemas"]["ProblemKind"];
-            /** @description What happened and what to do. */
+            /** @description What went wrong, and what to do. */
             detail: string;
             /**
              * Format: int32
-             * @description Of several files, the one that is to blame, as its place in `inputs`, counted from 0.
+             * @description The index in `inputs` of the file that caused the error, from 0. Only present if there are several files.
              */
             file?: number | null;
             place?: components["schemas"]["Place"] | null;
-            /** @description The code's title. */
+            /** @description The code's title: a short description of the error. */
             title: string;
-            /** @description Where the code is documented. */
+            /** @description The path of the code's documentation. */
             type: string;
         };
-        /** @description The account that a job leaves; its `mode` tells which. */
+        /** @description The report of a job; `mode` says which kind. */
         JobReport: components["schemas"]["RepairReport"] | components["schemas"]["AnalyzeReport"];
-        /** @description What lengths are in. */
+        /** @description Unit of the reported lengths, and how it is known. */
         LengthUnit: {
-            /** @description What to know of it, in words. */
+            /** @description Remark about the unit, for people. */
             note?: string | null;
             scaled_from?: components["schemas"]["Unit"] | null;
-            /** @description How it is known what the input's lengths are in. */
+            /** @description Origin of the input's unit. */
             source: components["schemas"]["UnitSource"];
             up?: components["schemas"]["Up"] | null;
-            /** @description The unit. */
+            /** @description Unit of all lengths. */
             used: components["schemas"]["Unit"];
         };
         /**
-         * @description How closely a mesh is looked at, after Parasolid's `PK_check_mesh_*` (seed 002).
+         * @description How thoroughly a mesh is inspected, modelled on the levels of Parasolid's `PK_check_mesh_*`.
          * @enum {string}
          */
         Level: "none" | "basic" | "full";
-        /** @description A part that is not in the result without a reason. */
+        /** @description A part absent from the result without a reason. */
         LostPart: {
             /**
              * Format: double
-             * @description Its area.
+             * @description Area of the part, in square model units.
              */
             area: number;
-            /** @description A point on it that is neither on nor in the result. */
+            /** @description A point of the part that is neither on nor in the result, in the model's unit. */
             at: number[];
             /**
              * Format: int64
-             * @description Its faces.
+             * @description Number of faces of the part.
              */
             faces: number;
             /**
              * Format: int32
-             * @description Its first face, by index in the file from 0.
+             * @description Index of the part's first face in the file, from 0.
              */
             first_face: number;
             /**
              * Format: int32
-             * @description The part, by number from 0 in the order of the parts' first faces.
+             * @description Number of the part, from 0 in the order of the parts' first faces.
              */
             part: number;
         };
         /**
-         * @description A mesh measured. Vertices are merged at exactly equal positions first, as every STL reader must, so that the
-         *     counts say what a slicer sees; `-0.0` equals `0.0`.
+         * @description Counts and sizes of a mesh. Vertices at exactly equal positions are merged first, as every STL reader must, so the
+         *     counts agree with a slicer's view; `-0.0` equals `0.0`.
          */
         Measures: {
             /**
              * Format: double
-             * @description Area of all faces, in square units.
+             * @description Total area of all faces, in square model units.
              */
             area: number;
             /**
              * Format: int64
-             * @description Edges that one face uses.
+             * @description Edges with exactly one face.
              */
             boundary_edges: number;
             /**
              * Format: int64
-             * @description Closed chains of boundary edges.
+             * @description Closed chains of boundary edges, that is, holes.
              */
             boundary_loops: number;
             bounding_box?: components["schemas"]["BoundingBox"] | null;
-            /** @description No boundary edge, and there is a face. */
+            /** @description Whether the mesh has faces and no boundary edge. */
             closed: boolean;
-            /** @description No edge is crossed twice in the same direction. */
+            /** @description Whether no two faces traverse an edge in the same direction. */
             consistent: boolean;
             /**
              * Format: int64
-             * @description Faces without area: a repeated vertex, or corners on a line, or so near one that f64 finds no area.
+             * @description Faces without area: a vertex repeats, the corners are collinear, or the area is zero in f64.
              */
             degenerate_faces: number;
             /**
@@ -1540,12 +1564,12 @@ export interface components {
             duplicate_faces: number;
             /**
              * Format: int64
-             * @description Different edges.
+             * @description Number of distinct edges.
              */
             edges: number;
             /**
              * Format: int64
-             * @description Faces, as the file has them.
+             * @description Number of faces in the file.
              */
             faces: number;
             /**
@@ -1555,55 +1579,55 @@ export interface components {
             faces_in_other_materials?: number;
             /**
              * Format: int64
-             * @description Closed parts that are turned inside out: not within another part, and of negative volume.
+             * @description Closed parts turned inside out: of negative volume and not a cavity of another part.
              */
             inverted_parts: number;
-            /** @description Every edge has at most two faces and every vertex one fan. */
+            /** @description Whether every edge has at most two faces and every vertex one fan. */
             manifold: boolean;
             /**
              * Format: int64
-             * @description Materials of an assembly of bodies, such as a 3MF file for a print of several materials. Bodies of one material are judged
-             *     together; those of another may touch them. 0 where the file is one mesh.
+             * @description Number of materials in an assembly of bodies, such as a 3MF file for a multi-material print. Bodies of one
+             *     material are judged together; bodies of different materials may touch. 0 if the file is a single mesh.
              */
             materials?: number;
             /**
              * Format: int64
-             * @description Edges of two faces that both run along it in the same direction.
+             * @description Edges whose two faces have opposite winding: both traverse the edge in the same direction.
              */
             misoriented_edges: number;
             /**
              * Format: int64
-             * @description Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
-             *     or to 1e-7 of the diagonal where that is finer.
+             * @description Faces that collapse and edges that lose their opposite face when a reader rounds positions. Counted for
+             *     rounding to eight decimals, as in trimesh, or to 1e-7 of the diagonal if that is finer.
              */
             near_coincident_defects?: number;
             /**
              * Format: int64
-             * @description Faces with a corner that is not a finite number; they are left out of every other count.
+             * @description Faces with a corner that is not a finite number. All other counts exclude these faces.
              */
             non_finite_faces: number;
             /**
              * Format: int64
-             * @description Edges that more than two faces use.
+             * @description Edges with more than two faces.
              */
             non_manifold_edges: number;
             /**
              * Format: int64
-             * @description Vertices whose faces form more than one fan.
+             * @description Vertices whose faces form more than one edge-connected fan.
              */
             non_manifold_vertices: number;
-            /** @description Closed, manifold, consistent, and no part is inside out. */
+            /** @description Whether the mesh is closed, manifold and consistent, and no part is inside out. */
             outward: boolean;
             /**
              * Format: int64
-             * @description Edge-connected parts of the raw mesh, counted before anything is processed.
+             * @description Number of edge-connected parts, counted before any processing.
              */
             parts: number;
-            /** @description Pairs of faces that intersect other than in a shared vertex or edge. */
+            /** @description Pairs of faces that intersect outside a shared vertex or edge. */
             self_intersections: components["schemas"]["SelfIntersections"];
             /**
              * Format: int64
-             * @description Faces that name a vertex which the file does not give; they are left out of every other count.
+             * @description Faces that name a vertex missing from the file. All other counts exclude these faces.
              */
             unreadable_faces?: number;
             /**
@@ -1613,37 +1637,37 @@ export interface components {
             unreferenced_vertices: number;
             /**
              * Format: int64
-             * @description Edges of two faces that are joined by position only: in the file each of the two faces has vertices of its own there. A reader
-             *     that takes vertices by index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
+             * @description Edges whose two faces share positions but not vertex indices in the file. A reader that joins vertices by
+             *     index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
              */
             unshared_edges?: number;
             /**
              * Format: int64
-             * @description Different vertex positions that a face uses.
+             * @description Number of distinct vertex positions that faces use.
              */
             vertices: number;
-            /** @description Enclosed volume, in cubic units. */
+            /** @description Enclosed volume, in cubic model units. */
             volume: components["schemas"]["Volume"];
         };
         /**
-         * @description How two faces meet that should not.
+         * @description How two intersecting faces meet.
          * @enum {string}
          */
         Meeting: "crossing" | "touching" | "coplanar";
         /**
-         * @description What becomes of a file's objects, where its format and that of the result have such.
+         * @description The treatment of a file's objects, if the formats of the file and of the result both have objects.
          * @enum {string}
          */
         Merge: "auto" | "none" | "objects";
-        /** @description Two meshes that intersect. */
+        /** @description Two intersecting meshes. */
         MeshPair: {
-            /** @description Whether all were counted. */
+            /** @description Whether all pairs were counted. If not, the number is a lower bound. */
             complete: boolean;
-            /** @description The two meshes, by place in the list of files from 0, the smaller first. */
+            /** @description Positions of the two meshes in the list of files, from 0, smaller first. */
             meshes: number[];
             /**
              * Format: int64
-             * @description Pairs of faces, one of each mesh, that intersect.
+             * @description Number of intersecting face pairs, with one face of each mesh.
              */
             pairs: number;
         };
@@ -1659,89 +1683,89 @@ export interface components {
          * @enum {string}
          */
         Mode: "repair" | "analyze";
-        /** @description The shortest way from a vertex to another mesh. */
+        /** @description The shortest distance from a vertex to another mesh. */
         Nearest: {
             /**
              * Format: double
-             * @description How long it is.
+             * @description Length of the distance, in the unit of the files.
              */
             distance: number;
             /**
              * Format: int32
-             * @description The face of its file that the point is on, by index from 0.
+             * @description Face that contains the nearest point: index in the other mesh's file, from 0.
              */
             face: number;
-            /** @description The vertex. */
+            /** @description Position of the vertex. */
             from: number[];
             /**
              * Format: int32
-             * @description The other mesh, by place in the list of files from 0.
+             * @description Position of the other mesh in the list of files, from 0.
              */
             mesh: number;
-            /** @description The nearest point of the other mesh. */
+            /** @description Nearest point of the other mesh. */
             to: number[];
         };
         /**
-         * @description How closed parts that lie in others are wound.
+         * @description How closed parts inside other parts are wound.
          * @enum {string}
          */
         Nested: "keep" | "alternate";
-        /** @description A key to make. */
+        /** @description An API key to create. */
         NewApiKey: {
             /**
              * Format: int64
-             * @description Seconds until it expires; never where it is left out.
+             * @description Seconds until the key expires. By default the key never expires.
              */
             expires_in_s?: number | null;
-            /** @description What it is for, in your own words: at most 200 characters on one line. */
+            /** @description What the key is for, in your own words: at most 200 characters on one line. */
             label?: string;
-            /** @description What it allows; everything of one tenant, but neither `metrics` nor `admin`, where it is left out. */
+            /** @description The key's scopes. Defaults to all scopes except `metrics` and `admin`. */
             scopes?: components["schemas"]["Scope"][] | null;
             /**
-             * @description The tenant that it belongs to: lower-case letters, digits and hyphens. A tenant is made by its first key.
+             * @description The key's tenant: 1 to 63 lower-case letters, digits and hyphens. A tenant's first key creates the tenant.
              * @example shop
              */
             tenant: string;
         };
-        /** @description What a token for a page is to allow. */
+        /** @description A browser token to create. */
         NewBrowserToken: {
             /**
              * Format: int64
-             * @description Seconds until it expires.
+             * @description Seconds until the token expires.
              * @default 3600
              */
             expires_in_s?: number | null;
             /**
              * Format: int64
-             * @description Largest upload in bytes; that of the service where it is left out.
+             * @description Maximum upload size in bytes. Defaults to the service's limit.
              */
             max_bytes?: number | null;
             /**
-             * @description The origin of the page, such as `https://shop.example`: the token is worth nothing elsewhere.
+             * @description The origin of the page, such as `https://shop.example`. The token is invalid for other origins.
              * @example https://shop.example
              */
             origin: string;
-            /** @description What it allows; both where it is left out. Either way it reaches only jobs submitted with it. */
+            /** @description The token's scopes. Defaults to both. The token only ever gives access to jobs submitted with it. */
             scopes?: components["schemas"]["BrowserScope"][] | null;
         };
-        /** @description An endpoint to make. */
+        /** @description A webhook endpoint to create. */
         NewWebhookEndpoint: {
-            /** @description What it is for, in your own words: at most 200 characters on one line. */
+            /** @description What the endpoint is for, in your own words: at most 200 characters on one line. */
             description?: string;
-            /** @description What to tell it of; everything where it is left out. */
+            /** @description The events to send. Defaults to all events. */
             events?: [
                 components["schemas"]["JobEvent"],
                 ...components["schemas"]["JobEvent"][]
             ] | null;
             /**
              * Format: uri
-             * @description An https address, to which messages are posted.
+             * @description The https URL that receives the messages.
              * @example https://shop.example/hooks/meshmend
              */
             url: string;
         };
         /**
-         * @description Why no wall was measured.
+         * @description Why no wall thickness was measured.
          * @enum {string}
          */
         NoWallReason: "no_surface" | "open_surface" | "no_opposite_sides" | "not_printable";
@@ -1750,261 +1774,267 @@ export interface components {
          * @enum {string}
          */
         NotAppliedCause: "nothing_to_do" | "limited" | "excluded" | "unavailable" | "made_worse";
-        /** @description The account of one object that was repaired apart from the others, in its own coordinates. */
+        /** @description The report of one object that was repaired separately, in its own coordinates. */
         ObjectReport: {
             after?: components["schemas"]["Inspection"] | null;
             /** @description Decisions that the object does not prove. */
             assumptions?: components["schemas"]["Assumption"][];
-            /** @description The object, looked at before anything was processed but the unit, with a few places of each kind. */
+            /** @description The inspection of the object after its unit was settled, before any repair, with a few places of each defect. */
             before: components["schemas"]["Inspection"];
-            /** @description Every result that was judged; the chosen one is marked. */
+            /** @description Every result that was judged; `chosen` marks the returned one. */
             candidates: components["schemas"]["Candidate"][];
             changes?: components["schemas"]["Changes"] | null;
             /**
              * Format: double
-             * @description Time that it took, in milliseconds.
+             * @description Time of the object's repair, in milliseconds.
              */
             milliseconds: number;
-            /** @description Its name in the file. */
+            /** @description The object's name in the file. */
             name?: string | null;
             /**
              * Format: int32
-             * @description Its number among the file's objects, from 1.
+             * @description The object's number in the file, from 1.
              */
             number: number;
-            /** @description What the deadline left no time for, in the order of a repair. */
+            /** @description The work that the deadline left no time for, in the order of a repair. */
             omitted?: components["schemas"]["OmittedSection"][];
-            /** @description Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do. */
+            /** @description Options that were set but not followed, followed in part, or without anything to do, each with the reason. */
             options_not_applied?: components["schemas"]["OptionNotApplied"][];
-            /** @description What became of it. */
+            /** @description The outcome for the object. */
             outcome: components["schemas"]["Outcome"];
             part_accounting?: components["schemas"]["PartAccounting"] | null;
             /**
              * Format: int64
-             * @description In how many places it stands.
+             * @description The number of instances of the object in the file.
              */
             places: number;
-            /** @description What was going to be done, and why. */
+            /** @description The repair plan, and the reason for it. */
             plan: components["schemas"]["Plan"];
-            /** @description Signs that its repair destroyed something. */
+            /** @description Signs that the repair damaged the object. */
             red_flags: components["schemas"]["RedFlag"][];
-            /** @description What was done, in order. */
+            /** @description The steps that were run or skipped, in order. */
             steps: components["schemas"]["Step"][];
-            /** @description The outcome in words. */
+            /** @description The outcome as text. */
             summary: string;
-            /** @description What a person should know. */
+            /** @description Warnings for the reader. */
             warnings: string[];
         };
         /**
-         * @description The file that a repair hands out.
+         * @description The file that a repair returns.
          * @enum {string}
          */
         OfferedFile: "model" | "original" | "none";
         /**
-         * @description Work that the deadline left no time for.
+         * @description Work that was left out because the deadline left no time for it.
          * @enum {string}
          */
         OmittedSection: "input_verification" | "input_details" | "repair" | "verification" | "attributes" | "result_details" | "surface_changes";
         /**
-         * @description What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall.
+         * @description The treatment of open sheets: parts that enclose nothing, such as terrain or a single wall.
          * @enum {string}
          */
         OpenSheets: "auto" | "leave" | "thicken" | "base";
         /**
-         * @description The operators by name: what a plan lists, what the options switch on and off, and what the report accounts for.
+         * @description A repair operator, by the name that plans, options and reports use.
          * @enum {string}
          */
         Operator: "round_coordinates" | "remove_collapsed_faces" | "merge_vertices" | "weld" | "remove_duplicates" | "remove_caps" | "remove_slivers" | "orient" | "split_t_junctions" | "sew" | "stitch" | "unfold_foldovers" | "remove_overlapping_neighbours" | "remove_internal_sheets" | "remove_internal_faces" | "cut_non_orientable" | "split_non_manifold" | "detach_fins" | "join_parts" | "fill_holes" | "clean_and_patch" | "thicken_sheets" | "add_base" | "self_union" | "remesh" | "remove_debris" | "perturb" | "drop_small_parts" | "simplify";
-        /** @description An option that was set and that the result does not follow, or only in part. */
+        /** @description An option that was set but not followed, or followed only in part. */
         OptionNotApplied: {
-            /** @description What kind of reason it is. */
+            /** @description The kind of reason. */
             cause: components["schemas"]["NotAppliedCause"];
             /** @description The option's name. */
             option: string;
-            /** @description The reason as a sentence. */
+            /** @description The reason as text. */
             reason: string;
-            /** @description Its value as text. */
+            /** @description The option's value as text. */
             value: string;
         };
-        /** @description How a model is to be repaired. Every field has a default. */
+        /** @description The options of a repair. Every field has a default. */
         Options: {
             /** @default null */
             category?: components["schemas"]["Category"] | null;
             /**
              * Format: double
-             * @description Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
-             *     fails where there was not even time to inspect the input; `omitted` in the report says what there was no time for.
+             * @description Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %. It then returns the best
+             *     result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
              * @default 300
              */
             deadline_s?: number;
             /**
              * Format: double
-             * @description Edges shorter and faces lower than this share of the bounding box's diagonal are removed, and surface that is folded onto itself
-             *     as closely is unfolded; 0 leaves them.
+             * @description Size below which edges and faces are degenerate, as a share of the bounding box's diagonal. Shorter edges and faces of less height
+             *     are removed, and surface folded onto itself this closely is unfolded. 0 leaves them.
              * @default 1e-7
              */
             degenerate_tolerance?: number;
             /**
-             * @description Whether patches are refined and then bent so that they go on smoothly from the surface around.
+             * @description Whether patches are refined and then curved to continue the surrounding surface smoothly.
              * @default false
              */
             fair_patches?: boolean;
             /**
-             * @description How the triangles of a hole's patch are chosen.
+             * @description Method that triangulates the patch over a hole.
              * @default auto
              */
             hole_filling?: components["schemas"]["HoleFilling"];
             /**
              * Format: double
-             * @description Red flag: change of the bounding box's diagonal, in percent.
+             * @description Largest accepted move of a side of the bounding box, in percent of the box's diagonal. A larger move raises the red flag
+             *     `bounding_box_change`.
              * @default 30
              */
             max_bounding_box_change_pct?: number;
             /**
              * Format: double
-             * @description The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
-             *     fixed within it is left and reported.
+             * @description Farthest that the repair may move surface, or create surface away from the input, in the model's unit. Patches over holes are
+             *     exempt. Defects that cannot be fixed within this distance remain and are reported. Default: no limit.
              * @default null
              */
             max_deviation?: number | null;
             /**
              * Format: double
-             * @description The farthest that the surface may be, both ways, from where it was before faces were removed, in the model's unit. Without
-             *     `max_faces`, all faces go that may go within it: with a tiny error those that plane surface does not need.
+             * @description Largest distance, in both directions, between the surface before and after faces are reduced, in the model's unit. Without
+             *     `max_faces`, faces are reduced as far as this distance allows; a tiny value removes only faces that flat areas do not need.
              * @default null
              */
             max_error?: number | null;
             /**
              * Format: double
-             * @description Red flag: share of the faces lost, in percent.
+             * @description Largest accepted loss of faces, in percent. A larger loss raises the red flag `face_loss`. A result with a red flag is at most
+             *     `partially_repaired`.
              * @default 40
              */
             max_face_loss_pct?: number;
             /**
              * Format: int64
-             * @description Most faces that the result should have: faces are removed by collapsing edges until there are no more, or `max_error`, or
-             *     without it 0.5 % of the bounding box's diagonal, allows no further.
+             * @description Most faces that the result should have. Edges are collapsed until the result has no more faces, or until the error limit is
+             *     reached: `max_error`, or without it 0.5 % of the bounding box's diagonal. Default: faces are not reduced.
              * @default null
              */
             max_faces?: number | null;
             /**
              * Format: int32
-             * @description Most edges around a hole that is closed.
+             * @description Most boundary edges of a hole that may be closed. Holes with more edges stay open.
              * @default 1000000
              */
             max_hole_edges?: number;
             /**
              * Format: double
-             * @description Largest extent of a hole that is closed, as a share of the bounding box's diagonal; 1 closes holes of any size.
+             * @description Largest extent of a hole that may be closed, as a share of the bounding box's diagonal. 1 closes holes of any size.
              * @default 1
              */
             max_hole_size?: number;
             /**
              * Format: int32
-             * @description Most holes that are closed; of more, the smallest are.
+             * @description Most holes to close. If there are more, the smallest holes are closed.
              * @default 1000000
              */
             max_holes?: number;
             /**
              * Format: int64
-             * @description Most faces a remesh may have; the voxel size is made larger until the estimate is below.
+             * @description Most faces that a remesh may have. Voxels are enlarged until the estimated number of faces is below this limit.
              * @default 1000000
              */
             max_remesh_faces?: number;
             /**
              * Format: double
-             * @description Red flag: share of the result's surface that the input does not have, in percent: thickened skins, and patches of holes that are
-             *     larger than 2 % of the surface each.
+             * @description Largest accepted share, in percent, of the result's surface that the input does not have. It counts thickened sheets, and patches
+             *     of holes that each exceed 2 % of the surface. More raises the red flag `surface_invented`.
              * @default 10
              */
             max_surface_added_pct?: number;
             /**
              * Format: double
-             * @description Red flag: share of the surface seen from outside that has no counterpart in the result, in percent.
+             * @description Largest accepted share, in percent, of the surface visible from outside that has no counterpart in the result. More raises the
+             *     red flag `surface_lost`.
              * @default 1
              */
             max_surface_lost_pct?: number;
             /**
              * Format: int32
-             * @description Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender.
+             * @description Highest repair tier that may run: 1 cleans up and closes simple holes, 2 also repairs cracks, non-manifold edges and
+             *     intersecting faces, 3 also uses Blender. Lower it for faster repairs that change less.
              * @default 3
              */
             max_tier?: number;
             /**
              * Format: double
-             * @description Red flag: share of the vertices lost, in percent. A vertex is lost where no face at it is left, whole or cut.
+             * @description Largest accepted loss of vertices, in percent. A larger loss raises the red flag `vertex_loss`. A vertex is lost if no part of a
+             *     face at this vertex is left.
              * @default 40
              */
             max_vertex_loss_pct?: number;
             /**
              * Format: double
-             * @description Red flag: change of the volume, in percent; judged only where the input's volume is reliable.
+             * @description Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. It is checked only if the
+             *     input's volume is reliable.
              * @default 30
              */
             max_volume_change_pct?: number;
             /**
-             * @description What becomes of the objects of a file whose format has such.
+             * @description Treatment of separate objects in 3MF and GLB files. `auto` unites objects that intersect and keeps the others separate.
              * @default auto
              */
             merge?: components["schemas"]["Merge"];
             /**
              * Format: double
-             * @description Vertices closer than this are merged, on the boundary or not, in the model's unit. Without it, only equal positions are, and
-             *     boundary vertices within `weld_tolerance`.
+             * @description Distance within which any vertices are merged, on a boundary or not, in the model's unit. Default: only equal positions are
+             *     merged, and boundary vertices within `weld_tolerance`.
              * @default null
              */
             merge_distance?: number | null;
             /**
              * Format: double
-             * @description Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them.
+             * @description Smallest volume of a closed part, in percent of the volume of all parts. Smaller parts are removed. 0 keeps all parts.
              * @default 0
              */
             min_part_volume_pct?: number;
             /**
-             * @description How closed parts that lie in others are wound: as they were, or each layer against the one around it.
+             * @description Orientation of closed parts that lie inside other parts: as in the input, or each layer opposite to the layer around it.
              * @default keep
              */
             nested?: components["schemas"]["Nested"];
             /**
-             * @description What becomes of open sheets.
+             * @description Treatment of open sheets: surface that encloses nothing, such as terrain or a single wall.
              * @default auto
              */
             open_sheets?: components["schemas"]["OpenSheets"];
             /**
-             * @description Format of the result.
+             * @description File format of the result. `auto` writes STL unless the input has objects, colours or a unit, which STL cannot store.
              * @default auto
              */
             output?: components["schemas"]["OutputFormat"];
             /**
              * Format: double
-             * @description Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
-             *     which they lie on one another. Without it 1 degree, and faces no farther apart than 0.01 % of the bounding box's diagonal.
+             * @description Angle in degrees up to which two neighbouring faces count as lying on each other. It needs
+             *     `with=remove_overlapping_neighbours`. Default: 1, for faces no farther apart than 0.01 % of the bounding box's diagonal.
              * @default null
              */
             overlap_angle_deg?: number | null;
             /**
-             * @description What becomes of parts that overlap.
+             * @description Treatment of parts that overlap: unite them into one solid, or keep each part separate.
              * @default union
              */
             overlaps?: components["schemas"]["Overlaps"];
             /**
-             * @description Whether what was found and what was changed can be had as pictures: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-             *     `change.png`, `change.glb` and `change.ply`. They are drawn when somebody asks for one of them first.
+             * @description Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
+             *     `change.png`, `change.glb` and `change.ply`. They are drawn when one of them is first requested.
              * @default true
              */
             pictures?: boolean;
             /**
-             * @description The plan to run, or `auto`.
+             * @description Repair plan to run. `auto` chooses a plan by the damage found; a named preset is tried first.
              * @default auto
              */
             preset?: components["schemas"]["Preset"];
             /**
-             * @description Whether patches that are not plane get inner vertices, as close together as those around.
+             * @description Whether curved patches get inner vertices, as dense as the mesh around the hole.
              * @default false
              */
             refine_patches?: boolean;
             /**
-             * @description What the result must be for the repair to succeed.
+             * @description Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned.
              * @default any
              */
             require?: components["schemas"]["Require"];
@@ -2012,46 +2042,47 @@ export interface components {
             scale_to?: components["schemas"]["Unit"] | null;
             /**
              * Format: double
-             * @description Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. Without it 0.2,
-             *     and vertices no farther apart than 0.1 % of the bounding box's diagonal.
+             * @description Distance within which boundary vertices are merged, as a share of the shortest boundary edge at either vertex. 0 turns this merge
+             *     off. Default: 0.2, for vertices no farther apart than 0.1 % of the bounding box's diagonal.
              * @default null
              */
             sew_ratio?: number | null;
             /**
              * Format: double
-             * @description Widest crack that is stitched, in the model's unit, instead of `stitch_threshold`.
+             * @description Widest crack to stitch, in the model's unit. It replaces `stitch_threshold`.
              * @default null
              */
             stitch_distance?: number | null;
             /**
              * Format: double
-             * @description Share of an edge at either end within which stitching takes the end instead of cutting the edge; from 0.5 on, always.
+             * @description Share of an edge's length at each end within which stitching uses the end vertex instead of splitting the edge. With 0.5 or more,
+             *     stitching never splits an edge.
              * @default 0.2
              */
             stitch_epsilon?: number;
             /**
-             * @description Where two vertices that are stitched meet.
+             * @description Position of the vertex that results from stitching two vertices.
              * @default kept
              */
             stitch_position?: components["schemas"]["StitchPosition"];
             /**
              * Format: double
-             * @description Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. Without it 0.001. A gap wider than
-             *     half of the edges beside it is a hole.
+             * @description Widest crack to stitch, as a share of the bounding box's diagonal. 0 stitches none. Default: 0.001. A gap wider than half the
+             *     length of its edges counts as a hole, not as a crack.
              * @default null
              */
             stitch_threshold?: number | null;
             /**
              * Format: double
-             * @description Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
-             *     box's diagonal.
+             * @description Thickness of thickened sheets, and of a base at its lowest point, in the model's unit. Default: 0.3 % of the bounding box's
+             *     diagonal.
              * @default null
              */
             thickness?: number | null;
             /**
              * Format: double
-             * @description A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
-             *     triangles with the least fold, others as if they were flat: other programs do so with all, and show the same surface then.
+             * @description Angle in degrees by which a polygon's corners may leave its plane. A more twisted polygon is split into the triangles with the
+             *     smallest fold, others as if flat. With 180 all polygons are split as if flat, which matches most other programs.
              * @default 45
              */
             twist_angle_deg?: number;
@@ -2059,40 +2090,40 @@ export interface components {
             unit?: components["schemas"]["Unit"] | null;
             /**
              * Format: int32
-             * @description Voxels along the bounding box's diagonal for a remesh.
+             * @description Number of voxels along the bounding box's diagonal in a remesh. More voxels keep finer detail and take more time and memory.
              * @default 300
              */
             voxel_resolution?: number;
             /**
              * Format: double
-             * @description The edge of a remesh's voxels, natively or by Blender, in the model's unit. Without it the size follows from `voxel_resolution`.
+             * @description Edge length of the voxels of a remesh, native or with Blender, in the model's unit. Default: it follows from `voxel_resolution`.
              * @default null
              */
             voxel_size?: number | null;
             /**
              * Format: double
-             * @description Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only.
+             * @description Distance within which boundary vertices are merged, as a share of the bounding box's diagonal. 0 merges only equal positions.
              * @default 0.000001
              */
             weld_tolerance?: number;
             /**
-             * @description What is solid where faces intersect.
+             * @description Rule for what counts as solid where faces intersect.
              * @default auto
              */
             winding_rule?: components["schemas"]["WindingRuleChoice"];
             /**
-             * @description Operators that run although they are left out by default.
+             * @description Additional operators to run that are off by default, such as `remove_overlapping_neighbours`.
              * @default []
              */
             with?: components["schemas"]["Operator"][];
             /**
-             * @description Operators that do not run.
+             * @description Operators to leave out. Use it to switch off a repair step that you do not want.
              * @default []
              */
             without?: components["schemas"]["Operator"][];
         };
         /**
-         * @description What became of a model, apart from whether the job ran.
+         * @description The outcome of a repair for the model.
          * @enum {string}
          */
         Outcome: "already_printable" | "repaired" | "partially_repaired" | "unrepairable";
@@ -2101,238 +2132,238 @@ export interface components {
          * @enum {string}
          */
         OutputFormat: "auto" | "stl" | "obj" | "ply" | "off" | "mesh" | "glb" | "zip" | "3mf" | "same";
-        /** @description Surface that faces down and may need support. */
+        /** @description Downward-facing surface that may need support. */
         Overhang: {
-            /** @description The area that hangs over by more than each of some angles, by rising angle. What lies on the build plate is left out. */
+            /** @description Area steeper than each overhang angle, by ascending angle. Excludes faces on the build plate. */
             areas: components["schemas"]["OverhangArea"][];
-            /** @description The direction in which the model is built, of length 1. */
+            /** @description Build direction, normalised to length 1. */
             up: number[];
         };
-        /** @description The area that hangs over by more than an angle. */
+        /** @description Area of the surface that overhangs by more than an angle. */
         OverhangArea: {
             /**
              * Format: double
-             * @description Area, in square units.
+             * @description Overhanging area, in square model units.
              */
             area: number;
             /**
              * Format: double
-             * @description The angle from the vertical, in degrees: a wall has 0, a ceiling 90.
+             * @description The angle from the vertical, in degrees: 0 for a vertical wall, 90 for a ceiling.
              */
             degrees: number;
             /**
              * Format: double
-             * @description Share of the whole area, in percent.
+             * @description Overhanging share of the total area, in percent.
              */
             percent: number;
         };
         /**
-         * @description What becomes of parts that overlap.
+         * @description The treatment of parts that overlap.
          * @enum {string}
          */
         Overlaps: "union" | "keep";
         /**
-         * @description What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
-         *     a reason, or is lost.
+         * @description Part accounting of a repair: every edge-connected part of the input is in the result, absent for a reason, or
+         *     lost. Computed from the final bytes of the result.
          */
         PartAccounting: {
             /**
              * Format: int64
-             * @description Parts of which some stands, whole, cut or moved.
+             * @description Parts present in the result with changes: some faces are missing, retriangulated or moved.
              */
             changed: number;
             /**
              * Format: int64
-             * @description Parts with the reason `debris`.
+             * @description Absent parts with the reason `debris`.
              */
             debris: number;
             /**
              * Format: int64
-             * @description Parts with the reason `dropped`.
+             * @description Absent parts with the reason `dropped`.
              */
             dropped?: number;
             /**
              * Format: int64
-             * @description Parts with the reason `duplicate`.
+             * @description Absent parts with the reason `duplicate`.
              */
             duplicate: number;
             /**
              * Format: int64
-             * @description Parts with the reason `inside_another`.
+             * @description Absent parts with the reason `inside_another`.
              */
             inside_another: number;
             /**
              * Format: int64
-             * @description Parts of which every face with an area stands in the result.
+             * @description Parts whose every face with an area is in the result at the same place.
              */
             kept: number;
             /**
              * Format: int64
-             * @description Parts with neither: an error of the program.
+             * @description Absent parts without a reason. A count above 0 is a bug of the program.
              */
             lost: number;
-            /** @description The parts that were lost, the first 1000. */
+            /** @description The lost parts; at most the first 1000. */
             lost_parts: components["schemas"]["LostPart"][];
             /**
              * Format: int64
-             * @description Parts with the reason `no_volume`.
+             * @description Absent parts with the reason `no_volume`.
              */
             no_volume: number;
             /**
              * Format: int64
-             * @description Parts of the input.
+             * @description Number of parts of the input.
              */
             parts: number;
-            /** @description The parts with a reason, the first 1000. */
+            /** @description The absent parts with a reason; at most the first 1000. */
             reasons: components["schemas"]["AccountedPart"][];
             /**
              * Format: int64
-             * @description Of the parts that were kept or changed, those that share a part of the result with another.
+             * @description Kept or changed parts that share a part of the result with another part of the input.
              */
             united: number;
             /**
              * Format: int64
-             * @description Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else.
+             * @description Parts that the search did not decide within its budget. They are in no other count.
              */
             unknown: number;
         };
         /**
-         * @description Why an input part of which nothing is in the result is not missed.
+         * @description Why the absence of an input part from the result is no loss.
          * @enum {string}
          */
         PartReason: "duplicate" | "no_volume" | "inside_another" | "debris" | "dropped";
-        /** @description Where in a file something was found. */
+        /** @description Where in a file a problem is. */
         Place: {
             /**
              * Format: int64
-             * @description Offset in bytes from the file's start.
+             * @description Offset in bytes from the start of the file.
              */
             byte: number;
         } | {
             /**
              * Format: int64
-             * @description Line number, the first line being 1.
+             * @description Line number, counted from 1.
              */
             line: number;
         };
-        /** @description What is to be done, as data: made from the inspection, run afterwards. */
+        /** @description A repair plan: derived from the inspection and the options, and then run. */
         Plan: {
-            /** @description What kind of trouble the model is in. */
+            /** @description The category of the model's damage. */
             category: components["schemas"]["Category"];
-            /** @description The preset in force, never `auto`. */
+            /** @description The chosen preset; never `auto`. */
             preset: components["schemas"]["Preset"];
-            /** @description Why this preset. */
+            /** @description The reason for the preset. */
             reason: string;
-            /** @description The strategies in order; each starts from the input, and the next runs only if the one before was not good enough. */
+            /** @description The strategies in order. Each starts from the input and runs only if the results before it were not good enough. */
             strategies: components["schemas"]["Strategy"][];
         };
-        /** @description An action and what it comes to with the options in force. */
+        /** @description An action with the operators that the options leave it. */
         PlannedAction: {
             /** @description The action. */
             action: components["schemas"]["Action"];
-            /** @description Its operators in order; none for tier 3, for validation and in an abridged report. */
+            /** @description The operators in order. Empty for tier 3, for validation and in an abridged report. */
             operators?: components["schemas"]["Operator"][];
         };
         /**
-         * @description A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
+         * @description A named repair plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
          * @enum {string}
          */
         Preset: "auto" | "basic-cleanup" | "fill-holes" | "full-repair" | "conservative-repair" | "manifold-repair" | "blender-remesh";
-        /** @description Measures for printing. Lengths, areas and volumes are in the model's unit where nothing else is said. */
+        /** @description Measures for printing. Lengths, areas and volumes are in the model's unit unless stated otherwise. */
         PrintMeasures: {
             /**
              * Format: double
-             * @description Area of all faces.
+             * @description Total area of all faces.
              */
             area: number;
-            /** @description Centre of mass of the enclosed volume; none where that is not reliable or zero. */
+            /** @description Centre of mass of the enclosed volume; `null` if the volume is zero or unreliable. */
             centre_of_mass?: number[] | null;
             fit?: components["schemas"]["Fit"] | null;
             no_wall_reason?: components["schemas"]["NoWallReason"] | null;
-            /** @description Surface that faces down. */
+            /** @description Area of downward-facing surface. */
             overhang: components["schemas"]["Overhang"];
-            /** @description Sides of the bounding box. */
+            /** @description Side lengths of the bounding box. */
             size: number[];
-            /** @description The same in millimetres. */
+            /** @description Side lengths of the bounding box, in millimetres. */
             size_mm: number[];
             /**
              * Format: int64
-             * @description Closed parts that enclose something and are not the wall of a cavity.
+             * @description Number of closed parts with a volume, excluding the surfaces of cavities.
              */
             solids: number;
             thinnest_wall?: components["schemas"]["ThinnestWall"] | null;
             /** @description The model's unit. */
             unit: components["schemas"]["Unit"];
-            /** @description How it is known. */
+            /** @description Origin of the unit: declared by the request, given by the file, or assumed. */
             unit_source: components["schemas"]["UnitSource"];
             /**
              * Format: double
-             * @description Enclosed volume; none where the mesh is not closed and consistently turned. What overlaps counts twice.
+             * @description Enclosed volume; `null` if the mesh is not closed and consistently oriented. Overlapping parts count twice.
              */
             volume?: number | null;
         };
-        /** @description An error answer after RFC 9457, `application/problem+json`. */
+        /** @description An error response in the format of RFC 9457, `application/problem+json`. */
         Problem: {
-            /** @description The code, for programs. */
+            /** @description The error code, for programs. */
             code: components["schemas"]["ProblemCode"];
-            /** @description What happened and what to do. */
+            /** @description What is wrong with this request, and what to do. */
             detail: string;
-            /** @description What is wrong with each field, where fields are wrong. */
+            /** @description One error for each invalid field. */
             errors?: components["schemas"]["FieldError"][];
-            /** @description The address that was asked for. */
+            /** @description The path of the request. */
             instance?: string;
-            /** @description The request's id, as in the service's log and in the X-Request-Id header. */
+            /** @description The request's id, as in the X-Request-Id header and in the service's log. */
             request_id?: string;
             /**
              * Format: int32
-             * @description The HTTP status.
+             * @description The HTTP status of the response.
              */
             status: number;
-            /** @description The code's title. */
+            /** @description The code's title: a short description of the error. */
             title: string;
-            /** @description Where the code is documented. */
+            /** @description The path of the code's documentation. */
             type: string;
         };
         /**
-         * @description Every problem that a request can meet, for programs.
+         * @description The code of a failed request, for programs.
          * @enum {string}
          */
         ProblemCode: "unauthorized" | "forbidden" | "origin_not_allowed" | "rate_limited" | "route_not_found" | "method_not_allowed" | "invalid_request" | "invalid_options" | "missing_file" | "payload_too_large" | "too_many_files" | "unsupported_media_type" | "unsupported_model" | "upload_timeout" | "upload_interrupted" | "upload_not_found" | "upload_missing" | "upload_used" | "job_not_found" | "job_deleted" | "job_expired" | "job_finished" | "artifact_not_found" | "not_drawn_yet" | "range_not_satisfiable" | "idempotency_key_in_use" | "idempotency_key_reused" | "webhook_not_found" | "webhook_disabled" | "too_many_webhooks" | "key_not_found" | "tenant_not_found" | "queue_full" | "storage_full" | "unavailable" | "internal";
-        /** @description A code with its meaning, for the documentation. */
+        /** @description An error code with its meaning, for the documentation. */
         ProblemDoc: {
-            /** @description What to do. */
+            /** @description What the caller should do. */
             advice: string;
-            /** @description The code. */
+            /** @description The code, as in a problem's `code`. */
             code: string;
             /**
              * Format: int32
-             * @description The HTTP status of a response with it; none for a problem of a job.
+             * @description The HTTP status of a response with this code. `null` for a code that only jobs have.
              */
             status?: number | null;
-            /** @description The title. */
+            /** @description The title: a short description of the error. */
             title: string;
         };
         /**
-         * @description Why a job failed, for programs.
+         * @description The code of a failed job's problem, for programs.
          * @enum {string}
          */
         ProblemKind: "bad_input" | "bad_output" | "not_printable" | "deadline_exceeded" | "out_of_memory" | "cpu_limit" | "file_limit" | "crashed" | "worker_lost" | "internal";
-        /** @description How far a job is. */
+        /** @description The progress of a job. */
         Progress: {
             /**
              * Format: int32
-             * @description Share of the work that is done, 0 to 100.
+             * @description Percentage of the work that is done, 0 to 100.
              */
             percent: number;
             /**
              * Format: int64
-             * @description Jobs of yours that will be taken before this one, while it waits.
+             * @description Number of your jobs ahead of this one, while the job is queued.
              */
             queue_position: number | null;
             stage: components["schemas"]["Stage"] | null;
             /**
              * Format: int32
-             * @description The tier that runs, 1 to 3.
+             * @description The tier that is running, 1 to 3.
              */
             tier: number | null;
         };
@@ -2341,31 +2372,31 @@ export interface components {
          * @enum {string}
          */
         Property: "closed" | "manifold" | "outward" | "no_intersections";
-        /** @description One wall. */
+        /** @description One protection of the sandbox, as the trial at the start of the service found it. */
         Protection: {
-            /** @description What is missing and what would give it, or what a person should know. */
+            /** @description What is missing and how to enable it, or other advice. */
             detail?: string | null;
-            /** @description Whether it held when the service started and tried it. */
+            /** @description Whether the protection held in the trial. */
             enforced: boolean;
-            /** @description What it is made of. */
+            /** @description The mechanisms that provide it. */
             mechanisms: string[];
         };
-        /** @description The walls around each job's processes, as they were tried. */
+        /** @description The protections around each job's processes, as the trial at the start of the service found them. */
         Protections: {
-            /** @description Files outside the job's own folder can't be written, and only those of programs can be read. */
+            /** @description A job can write only in its own folder, and read only the files of programs. */
             files: components["schemas"]["Protection"];
-            /** @description No connection leads out, not even to this machine. */
+            /** @description A job can't make connections, not even to this machine. */
             network: components["schemas"]["Protection"];
-            /** @description No more processes and threads than `max_processes`. */
+            /** @description A job can't have more than `max_processes` processes and threads. */
             processes: components["schemas"]["Protection"];
-            /** @description Processes outside can't be signalled. */
+            /** @description A job can't send signals to other processes. */
             signals: components["schemas"]["Protection"];
-            /** @description Calls that no job needs are refused, leaving the process group among them. */
+            /** @description A job can't make system calls that it does not need. Leaving its process group is one of them. */
             system_calls: components["schemas"]["Protection"];
         };
         /**
-         * @description What a shop needs to price a model: the figures of the file that the job hands out, or of an analysed file. Lengths are in
-         *     millimetres whatever the file's unit.
+         * @description The figures from which a shop prices a model: those of the offered file, or of an analysed file. Lengths are in millimetres
+         *     whatever the file's unit.
          */
         Quote: {
             /**
@@ -2373,7 +2404,7 @@ export interface components {
              * @description Surface area, in mm².
              */
             area_mm2: number;
-            /** @description Kinds of the assumptions that the result depends on, each once. */
+            /** @description Kinds of the assumptions on which the result depends, each once. */
             assumptions: components["schemas"]["AssumptionKind"][];
             /**
              * Format: int64
@@ -2385,57 +2416,57 @@ export interface components {
              * @description Number of connected parts.
              */
             parts: number;
-            /** @description Whether the file can be printed as it is; null where the inspection could not tell. */
+            /** @description Whether the file is printable; null if the inspection could not decide. */
             printable?: boolean | null;
             /** @description Codes of the red flags, each once. */
             red_flags: components["schemas"]["RedFlagCode"][];
-            /** @description Sides of the bounding box, in mm; null for a file without faces. */
+            /** @description Side lengths of the bounding box, in mm; null for a file without faces. */
             size_mm: number[] | null;
             /**
              * Format: double
-             * @description Thinnest wall that was found, in mm; null where none was measured.
+             * @description Thinnest wall found, in mm; null if none was measured.
              */
             thinnest_wall_mm: number | null;
             /** @description The unit of the file's lengths. */
             unit: components["schemas"]["Unit"];
-            /** @description Where the unit comes from. */
+            /** @description The source of the unit. */
             unit_source: components["schemas"]["UnitSource"];
             /**
              * Format: double
-             * @description Enclosed volume, in mm³; null where the mesh does not enclose one.
+             * @description Enclosed volume, in mm³; null if the mesh encloses no volume.
              */
             volume_mm3: number | null;
         };
         /**
          * Format: binary
-         * @description A model's bytes.
+         * @description The bytes of a model file.
          */
         RawModel: string;
-        /** @description Whether the service can do its work. */
+        /** @description The readiness of the service. */
         Readiness: {
-            /** @description Each check: `ok`, or what is wrong. A missing Blender does not make the service unready. */
+            /** @description The result of each check: `ok`, or what is wrong. A missing Blender does not affect readiness. */
             checks: {
                 [key: string]: string;
             };
-            /** @description Whether all that is needed works. */
+            /** @description Whether all required checks passed. */
             ready: boolean;
         };
-        /** @description A sign that a repair destroyed something, after the MeshPrep repair strategy guide (lessons 3 and 4). */
+        /** @description A sign that a repair damaged the model, after the MeshPrep repair strategy guide (lessons 3 and 4). */
         RedFlag: {
-            /** @description Which sign. */
+            /** @description The kind of red flag. */
             code: components["schemas"]["RedFlagCode"];
-            /** @description In words. */
+            /** @description The finding as text. */
             detail: string;
-            /** @description Points that it concerns, in the model's unit; at most five. */
+            /** @description Points that the finding concerns, in the model's unit; at most five. */
             places?: number[][];
             /**
              * Format: double
-             * @description The threshold that it is over.
+             * @description The threshold that the value exceeds.
              */
             threshold: number;
             /**
              * Format: double
-             * @description What was measured.
+             * @description The measured value.
              */
             value: number;
         };
@@ -2448,9 +2479,9 @@ export interface components {
         RemesherInfo: {
             /** @description `blender` or `bpy`. */
             kind: string;
-            /** @description The program that is started. */
+            /** @description The path or name of the program. */
             program: string;
-            /** @description Its version, such as `3.4.1`. */
+            /** @description The program's version, such as `3.4.1`. */
             version: string;
         };
         /** @description Repair one model. */
@@ -2458,24 +2489,24 @@ export interface components {
             /** @enum {string} */
             mode: "repair";
         };
-        /** @description Of a repair. */
+        /** @description The report of a repair. */
         RepairReport: components["schemas"]["Report"] & {
             /** @enum {string} */
             mode: "repair";
         };
-        /** @description The account of one repair. */
+        /** @description The report of one repair. */
         Report: {
             /**
-             * @description Whether lists are shortened to their first items, and statistics, planned operators and idle steps are left out. Counts are always
-             *     of everything.
+             * @description Whether the report is abridged: lists are cut to their first items, and statistics, planned operators and steps without effect are
+             *     missing. Counts always cover everything.
              */
             abridged?: boolean;
             after: components["schemas"]["Inspection"] | null;
             /** @description Decisions that the input does not prove. */
             assumptions?: components["schemas"]["Assumption"][];
-            /** @description The input, looked at before anything was processed but the unit; all its objects in their places as one mesh. */
+            /** @description The inspection of the input after its unit was settled, before any repair. All objects are in their places, as one mesh. */
             before: components["schemas"]["Inspection"];
-            /** @description Every result that was judged; the chosen one is marked. */
+            /** @description Every result that was judged; `chosen` marks the returned one. */
             candidates: components["schemas"]["Candidate"][];
             changes: components["schemas"]["Changes"] | null;
             /** @description Name and version of the engine. */
@@ -2484,119 +2515,115 @@ export interface components {
             input: components["schemas"]["FileSummary"];
             /**
              * Format: double
-             * @description Time from first byte read to last byte written, in milliseconds.
+             * @description Time from the first byte read to the last byte written, in milliseconds.
              */
             milliseconds: number;
-            /** @description Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order. */
+            /** @description The reports of objects that were repaired separately, each in its own coordinates, in the file's order. */
             objects?: components["schemas"]["ObjectReport"][];
-            /** @description What the deadline left no time for, in the order of a repair; empty where there was time for everything. */
+            /** @description The work that the deadline left no time for, in the order of a repair. Empty if there was time for everything. */
             omitted?: components["schemas"]["OmittedSection"][];
-            /** @description The options that were in force; in an abridged report those that differ from their defaults. */
+            /** @description The options of the repair. An abridged report lists only options that differ from their defaults. */
             options: components["schemas"]["Options"];
-            /** @description Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do. */
+            /** @description Options that were set but not followed, followed in part, or without anything to do, each with the reason. */
             options_not_applied?: components["schemas"]["OptionNotApplied"][];
-            /** @description What became of the model. */
+            /** @description The outcome for the model. */
             outcome: components["schemas"]["Outcome"];
             output: components["schemas"]["FileSummary"] | null;
             part_accounting?: components["schemas"]["PartAccounting"] | null;
-            /** @description What was going to be done, and why. */
+            /** @description The repair plan, and the reason for it. */
             plan: components["schemas"]["Plan"];
-            /** @description Signs that the repair destroyed something, on the chosen result. */
+            /** @description Signs that the repair damaged the model, for the chosen result. */
             red_flags: components["schemas"]["RedFlag"][];
-            /** @description What was done, in order. */
+            /** @description The steps that were run or skipped, in order. */
             steps: components["schemas"]["Step"][];
-            /** @description The outcome in words, with what to do next where it is not good. */
+            /** @description The outcome as text, with advice if the result is not printable. */
             summary: string;
             /** @description The unit of every length in this report and of the result. */
             unit: components["schemas"]["LengthUnit"];
-            /** @description What is claimed of the file that is handed out. */
+            /** @description The claims about the returned file. */
             verdict?: components["schemas"]["Verdict"];
-            /** @description Whether `after` was found on the written bytes, read back and welded by position. */
+            /** @description Whether `after` was measured on the written bytes, read back and welded by position. */
             verified_from_output_bytes: boolean;
             /**
              * Format: int32
              * @description Version of this structure.
              */
             version: number;
-            /** @description What a person should know. */
+            /** @description Warnings for the reader. */
             warnings: string[];
         };
         /**
-         * @description What a result must be for the repair to succeed.
+         * @description The result that a repair must reach to succeed.
          * @enum {string}
          */
         Require: "any" | "printable";
         /**
-         * @description What to do where the kernel can't give every wall.
+         * @description What to do where the kernel can't provide every protection.
          * @enum {string}
          */
         SandboxMode: "auto" | "require" | "off";
-        /** @description What holds each job's processes, and what they may use. */
+        /** @description The sandbox of each job: its protections, and the resource limits of a job. */
         SandboxStatus: components["schemas"]["Protections"] & {
             /**
              * Format: int64
-             * @description Largest file, in bytes.
+             * @description The largest file that a job may write, in bytes.
              */
             file_bytes: number;
             /**
              * Format: int64
-             * @description Most processes and threads of a job.
+             * @description The most processes and threads of a job.
              */
             max_processes: number;
             /**
              * Format: int64
-             * @description Most address space of each process, in bytes.
+             * @description The most address space of each process, in bytes.
              */
             memory_bytes: number;
-            /** @description What the service was told to do where a wall can't be had. */
+            /** @description What the service does where a protection is not available. */
             mode: components["schemas"]["SandboxMode"];
             /**
              * Format: int64
-             * @description Most that a job may write into its folder, in bytes.
+             * @description The most bytes that a job may write into its folder.
              */
             scratch_bytes: number;
         };
         /**
-         * @description What a key allows.
+         * @description A permission of an API key.
          * @enum {string}
          */
         Scope: "jobs:read" | "jobs:write" | "webhooks" | "tokens" | "metrics" | "admin";
         /**
-         * @description Pairs of faces that intersect, counted exactly: they have a point in common beside a vertex or an edge that they
-         *     share. Left out are faces whose corners are on a line and pairs with the same three vertices, which are counted as
-         *     degenerate and duplicate faces.
+         * @description Exact counts of intersecting face pairs: pairs with a common point outside a shared vertex or edge. Excludes flat
+         *     faces and pairs with the same three vertices, which count as degenerate and duplicate faces.
          */
         SelfIntersections: {
             /**
              * Format: int64
-             * @description Pairs of faces of two parts.
+             * @description Pairs of faces from two different parts.
              */
             between_parts: number;
-            /** @description Whether they were counted at all. */
+            /** @description Whether the search ran. */
             checked: boolean;
-            /**
-             * @description Whether the count was brought to its end. Where it is not, for the sake of time, each number is at least so
-             *     large.
-             */
+            /** @description Whether the search finished. If not, each count is a lower bound. */
             complete: boolean;
             /**
              * Format: int64
-             * @description Pairs that lie in one plane and overlap.
+             * @description Pairs that are coplanar and overlap.
              */
             coplanar: number;
             /**
              * Format: int64
-             * @description Pairs of which the inside of one passes through the inside of the other.
+             * @description Pairs in which the interior of one face passes through the interior of the other.
              */
             crossing: number;
             /**
              * Format: int64
-             * @description Faces that are in a pair.
+             * @description Number of faces in at least one pair.
              */
             faces: number;
             /**
              * Format: int64
-             * @description How many pairs, where counted.
+             * @description Total number of pairs; `null` if the search did not run.
              */
             pairs?: number | null;
             /**
@@ -2610,222 +2637,222 @@ export interface components {
              */
             within_one_part: number;
         };
-        /** @description Faces of different meshes that intersect. */
+        /** @description Intersections between faces of different meshes. */
         SetIntersections: {
-            /** @description The pairs of meshes of which faces intersect. */
+            /** @description The pairs of meshes with intersecting faces. */
             between: components["schemas"]["MeshPair"][];
-            /** @description Whether every pair of meshes was counted to the end; otherwise there may be more. */
+            /** @description Whether every pair of meshes was counted completely. If not, the total is a lower bound. */
             complete: boolean;
             /**
              * Format: int64
-             * @description Pairs of intersecting faces in all pairs of meshes.
+             * @description Number of intersecting face pairs over all pairs of meshes.
              */
             total: number;
         };
-        /** @description What is measured of a set of meshes beyond each one: characteristics 13 and 14 of meshalyzer (seed 004). */
+        /** @description Measurements between the meshes of a set: characteristics 13 and 14 of the tool meshalyzer. */
         SetReport: {
             intersections?: components["schemas"]["SetIntersections"] | null;
             spacing?: components["schemas"]["SetSpacing"] | null;
         };
-        /** @description Distances from the vertices of each mesh to the nearest point of any other mesh. */
+        /** @description Distances from the vertices of each mesh to the nearest point of any other mesh, in the unit of the files. */
         SetSpacing: {
             all?: components["schemas"]["Distribution"] | null;
             /** @description Whether every vertex was measured. */
             complete: boolean;
-            /** @description Of each mesh in the list of files. */
+            /** @description Distances of each mesh, in the order of the files. */
             of_mesh: components["schemas"]["MeshSpacing"][];
         };
         /** @description One edge-connected part of a mesh. */
         Shell: {
             /**
              * Format: double
-             * @description Area, in square units.
+             * @description Area, in square model units.
              */
             area: number;
             /**
              * Format: int64
-             * @description Closed chains of boundary edges.
+             * @description Number of closed chains of boundary edges.
              */
             boundaries: number;
-            /** @description The box around it. */
+            /** @description Bounding box of the part. */
             bounding_box: components["schemas"]["BoundingBox"];
-            /** @description No boundary edge. */
+            /** @description Whether the part has no boundary edge. */
             closed: boolean;
-            /** @description No edge is crossed twice in the same direction. */
+            /** @description Whether no two faces traverse an edge in the same direction. */
             consistent: boolean;
             /**
              * Format: int32
-             * @description How many other closed parts it lies in; none where it is open or that can't be told.
+             * @description Number of other closed parts that contain this part; `null` if the part is open or the depth is undecided.
              */
             depth?: number | null;
             /**
              * Format: int64
-             * @description Edges.
+             * @description Number of edges.
              */
             edges: number;
             /**
              * Format: int64
-             * @description Faces.
+             * @description Number of faces.
              */
             faces: number;
             /**
              * Format: int32
-             * @description Its first face, by index in the file from 0.
+             * @description Index of the part's first face in the file, from 0.
              */
             first_face: number;
             /**
              * Format: int64
-             * @description Its handles by the formula of Euler and Poincaré, vertices - edges + faces = 2 - 2 genus. Vertices that no face uses
-             *     don't count here, so that they don't stand in its way.
+             * @description Genus (number of handles) by the Euler-Poincaré formula: vertices - edges + faces = 2 - 2 genus. Unreferenced
+             *     vertices do not count. `null` if the genus is undefined.
              */
             genus?: number | null;
             genus_not_measurable?: components["schemas"]["Unmeasurable"] | null;
-            /** @description Every edge has at most two faces and every vertex one fan of this part's faces. */
+            /** @description Whether every edge has at most two faces, and every vertex one fan of this part's faces. */
             manifold: boolean;
             /**
-             * @description Whether its faces are turned outward, or into the hollow where an odd number of parts is around it; none where it
-             *     is not closed, manifold and consistent, has no volume, or its depth can't be told.
+             * @description Whether the faces point out of the material: outward at even depth, into the cavity at odd depth. `null` if
+             *     the part is not closed, manifold and consistent, has zero volume, or has an undecided depth.
              */
             outward?: boolean | null;
             /**
              * Format: int64
-             * @description Different positions that they use.
+             * @description Number of distinct vertex positions.
              */
             vertices: number;
-            /** @description Enclosed volume, in cubic units; reliable where the part is closed, manifold and consistent. */
+            /** @description Enclosed volume, in cubic model units. Reliable if the part is closed, manifold and consistent. */
             volume: components["schemas"]["Volume"];
         };
-        /** @description The edge-connected parts of a mesh. */
+        /** @description Edge-connected parts (shells) of a mesh. */
         Shells: {
             /**
              * Format: int64
-             * @description How many there are.
+             * @description Number of parts.
              */
             count: number;
             /**
              * Format: int64
-             * @description The sum of their genera (handles); none where a part has none.
+             * @description Sum of the parts' genera (number of handles); `null` if a part has no defined genus.
              */
             genus?: number | null;
             genus_not_measurable?: components["schemas"]["Unmeasurable"] | null;
             /**
              * Format: int64
-             * @description Parts that are turned the wrong way, as [`Shell::outward`] says.
+             * @description Number of parts with the wrong orientation, as defined by [`Shell::outward`].
              */
             inward: number;
-            /** @description The parts of largest area, largest first, at most 100. */
+            /** @description The parts with the largest area, in descending order; at most 100. */
             list: components["schemas"]["Shell"][];
         };
         /**
-         * @description Which angles were measured.
+         * @description Side on which edge angles were measured.
          * @enum {string}
          */
         Side: "exterior" | "interior" | "mixed";
-        /** @description Where a job's file is: an upload or an earlier job, one of them. */
+        /** @description The stored file to use: exactly one of `upload_id` and `job_id`. */
         Source: {
             file?: components["schemas"]["JobFile"] | null;
             /**
-             * @description An earlier job of yours whose files are still kept.
+             * @description An earlier job of yours whose files have not expired.
              * @example job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a
              */
             job_id?: string | null;
             /**
-             * @description An upload that was announced with `POST /v1/uploads`, and sent.
+             * @description An upload created with `POST /v1/uploads` whose file has been sent.
              * @example upl_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a
              */
             upload_id?: string | null;
         };
-        /** @description Distances in figures. */
+        /** @description Statistics of a set of distances. */
         Spread: {
             /**
              * Format: double
-             * @description The largest, of samples and vertices.
+             * @description Maximum over samples and vertices.
              */
             max: number;
             /**
              * Format: double
-             * @description The mean.
+             * @description Arithmetic mean over the samples.
              */
             mean: number;
             /**
              * Format: double
-             * @description The median.
+             * @description Median: half of the area is within this distance.
              */
             p50: number;
             /**
              * Format: double
-             * @description Not exceeded by 95 % of the area.
+             * @description 95th percentile: 95 % of the area is within this distance.
              */
             p95: number;
             /**
              * Format: double
-             * @description Not exceeded by 99 % of the area.
+             * @description 99th percentile: 99 % of the area is within this distance.
              */
             p99: number;
             /**
              * Format: double
-             * @description The root of the mean square.
+             * @description Root mean square over the samples.
              */
             rms: number;
         };
         /**
-         * @description What a repair is doing now.
+         * @description The current stage of a repair.
          * @enum {string}
          */
         Stage: "read" | "inspect" | "repair" | "wait" | "verify" | "finish";
-        /** @description How the faces and edges of a mesh are shaped. */
+        /** @description Shape statistics of a mesh's faces and edges. */
         Statistics: {
-            /** @description Angles at the edges between two faces. */
+            /** @description Dihedral angles at edges with two faces. */
             edge_angle: components["schemas"]["EdgeAngles"];
             edge_length?: components["schemas"]["Distribution"] | null;
             face_area?: components["schemas"]["Distribution"] | null;
             face_aspect_ratio?: components["schemas"]["Distribution"] | null;
             /**
              * Format: int64
-             * @description Faces that have no aspect ratio: degenerate, or thinner than f64 can tell.
+             * @description Number of faces without an aspect ratio: degenerate, or too thin for f64.
              */
             faces_without_aspect_ratio: number;
         };
         /**
-         * @description Where a job stands.
+         * @description The status of a job.
          *
          *     ```text
          *     queued -> running -> succeeded | failed | canceled -> expired
          *        ^         |
-         *        +---------+  handed back, retried, or rescued after its lease ran out
+         *        +---------+  released, retried, or requeued after its lease expired
          *     queued -> canceled
          *     ```
          * @enum {string}
          */
         Status: "queued" | "running" | "succeeded" | "failed" | "canceled" | "expired";
-        /** @description One operator, remesh or validation that was run or passed over. */
+        /** @description One operator, remesh or validation that was run or skipped. */
         Step: {
-            /** @description What it belongs to. */
+            /** @description The action that the step belongs to. */
             action: components["schemas"]["Action"];
-            /** @description What it changed. */
+            /** @description The changes that the step made. */
             changed: components["schemas"]["Change"][];
             /**
              * Format: double
-             * @description How long it took.
+             * @description The duration in milliseconds; 0 if the result was reused from an earlier strategy.
              */
             milliseconds: number;
             /**
              * Format: double
-             * @description The farthest that it moved a vertex, in the model's unit.
+             * @description The farthest distance that the step moved a vertex, in the model's unit.
              */
             moved?: number;
-            /** @description Why it failed or was skipped, or what it left, in words. */
+            /** @description Why the step failed or was skipped, or what it could not fix, as text. */
             note?: string | null;
             operator?: components["schemas"]["Operator"] | null;
-            /** @description Options that it could follow only in part. */
+            /** @description Options that the step could follow only in part. */
             options_not_applied?: components["schemas"]["OptionNotApplied"][];
             program?: components["schemas"]["RemesherInfo"] | null;
             /**
              * Format: int32
-             * @description For tier 3: how often the program was started, more than once where it crashed.
+             * @description For tier 3: the number of starts of the program; more than one after a crash.
              */
             runs?: number;
-            /** @description How it ended. */
+            /** @description The status of the step. */
             status: components["schemas"]["StepStatus"];
             /**
              * Format: int32
@@ -2840,111 +2867,111 @@ export interface components {
             unfixed?: components["schemas"]["UnfixedFaces"] | null;
             /**
              * Format: double
-             * @description For tier 3: the voxel edge in the model's unit.
+             * @description For a remesh: the edge length of the voxels, in the model's unit.
              */
             voxel_size?: number | null;
         };
         /**
-         * @description How a step ended.
+         * @description The status of a step.
          * @enum {string}
          */
         StepStatus: "done" | "failed" | "reverted" | "skipped";
         /**
-         * @description Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it.
+         * @description Where two stitched vertices meet. A vertex stitched to an edge keeps its position, and the edge bends to the vertex.
          * @enum {string}
          */
         StitchPosition: "kept" | "average";
-        /** @description One try of a plan. */
+        /** @description One strategy of a plan: a sequence of actions from the input to a result. */
         Strategy: {
-            /** @description Its actions in order. */
+            /** @description The actions in order. */
             actions: components["schemas"]["PlannedAction"][];
-            /** @description The preset it comes from. */
+            /** @description The preset that the strategy comes from. */
             preset: components["schemas"]["Preset"];
             /**
              * Format: int32
-             * @description The highest tier it uses.
+             * @description The highest tier that the strategy uses.
              */
             tier: number;
-            /** @description When it runs. */
+            /** @description The condition for the strategy to run. */
             when?: components["schemas"]["When"];
         };
-        /** @description One event of a job's stream. */
+        /** @description One event of a job's event stream. */
         StreamEvent: {
-            /** @description JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the job. */
+            /** @description JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job. */
             data: string;
-            /** @description `progress`, or at the end `done`. */
+            /** @description `progress`, or `done` as the last event. */
             event: string;
             /** @description The job's version. */
             id: string;
         };
-        /** @description The form that a job is submitted with. */
+        /** @description The form that submits a job. */
         SubmitForm: {
             /**
              * Format: uri
-             * @description An https address to tell of the job's end, beside the webhook endpoints. What comes there is signed with the secret of
+             * @description An https URL to notify when the job ends, in addition to the webhook endpoints. Messages are signed with the secret from
              *     `GET /v1/webhook-secret`.
              */
             callback_url?: string | null;
             /**
-             * @description The model, in a format that the capabilities list. A repair takes one; an analysis as many parts `file` as their `limits.max_files`
-             *     says.
+             * @description The model, in a format that `GET /v1/capabilities` lists. A repair takes one file. An analysis takes one part `file` for each
+             *     file, at most `limits.max_files`.
              */
             file: [
                 components["schemas"]["RawModel"],
                 ...components["schemas"]["RawModel"][]
             ];
-            /** @description Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job. */
+            /** @description Your own metadata as JSON: an object of at most 50 text values and 8 KiB. The job returns it unchanged. */
             metadata?: {
                 [key: string]: string;
             } | null;
             options?: components["schemas"]["JobOptions"] | null;
         };
-        /** @description A job to make of a file that is here already. */
+        /** @description A job to create from a file that is already stored. */
         SubmitUpload: {
             /**
              * Format: uri
-             * @description An address to tell of the job's end.
+             * @description An https URL to notify when the job ends.
              */
             callback_url?: string | null;
-            /** @description Your own notes on the job, at most 50 texts and 8 KiB. */
+            /** @description Your own metadata for the job: at most 50 text values and 8 KiB. */
             metadata?: {
                 [key: string]: string;
             };
-            /** @description The file's name; without it that of the upload. */
+            /** @description The file's name. Defaults to the name of the upload or of the earlier job's file. */
             name?: string | null;
             options?: components["schemas"]["JobOptions"] | null;
-            /** @description Where the file is. */
+            /** @description The stored file to use. */
             source: components["schemas"]["Source"];
         };
-        /** @description How much surface had one provenance. */
+        /** @description Amount of surface with one provenance. */
         SurfaceShare: {
             /**
              * Format: double
-             * @description Their area, in the square of the model's unit; of a removed face only that of the pieces that are gone.
+             * @description Area in square model units. For a removed face, only the area of its missing pieces.
              */
             area: number;
             /**
              * Format: int64
-             * @description Faces: of the result, and for what was removed those of the input of which at least a piece is gone.
+             * @description Number of faces of the result. For `removed`, faces of the input of which at least a piece is missing.
              */
             faces: number;
         };
-        /** @description How much of the surface was kept, moved, added and removed. */
+        /** @description Amounts of surface that were kept, moved, added and removed. */
         SurfaceShares: {
             /** @description Surface of the result without a counterpart in the input. */
             added: components["schemas"]["SurfaceShare"];
-            /** @description Whether all of it was looked at; not on meshes made to be slow. What was not counts as kept. */
+            /** @description Whether the search covered all surface. False if it ran out of its budget; surface not covered counts as kept. */
             complete: boolean;
-            /** @description Surface of the result that the input has in the same place. */
+            /** @description Surface of the result that the input has at the same place. */
             kept: components["schemas"]["SurfaceShare"];
-            /** @description Surface of the result whose counterpart in the input is near, but away by more than rounding. */
+            /** @description Surface of the result whose counterpart in the input is nearby, but farther away than rounding explains. */
             moved: components["schemas"]["SurfaceShare"];
             /** @description Surface of the input without a counterpart in the result. */
             removed: components["schemas"]["SurfaceShare"];
         };
-        /** @description A tenant and its settings. A limit that is null is the service's own. */
+        /** @description A tenant and its settings. The service's own limit applies where a limit is `null`. */
         Tenant: {
-            /** @description The class that the metrics count its jobs under; `standard` where none is set. */
+            /** @description The class under which the metrics count the tenant's jobs. `standard` by default. */
             class: string;
             /**
              * @description The tenant's name.
@@ -2953,132 +2980,134 @@ export interface components {
             id: string;
             /**
              * Format: int32
-             * @description Most of its jobs that may wait.
+             * @description Maximum number of queued jobs.
              */
             max_queued: number | null;
             /**
              * Format: int32
-             * @description Most of its jobs that may run at the same time.
+             * @description Maximum number of running jobs.
              */
             max_running: number | null;
             /**
              * Format: int32
-             * @description Most of its requests in a minute, on each process that serves.
+             * @description Maximum number of requests per minute to each server process.
              */
             requests_per_minute: number | null;
         };
-        /** @description Settings of a tenant to change. A field that is left out stays, and null clears it. */
+        /** @description Tenant settings to change. An omitted field keeps its value; `null` clears it. */
         TenantChange: {
             /**
-             * @description The class that the metrics count its jobs under: lower-case letters, digits and hyphens.
+             * @description The class under which the metrics count the tenant's jobs: 1 to 63 lower-case letters, digits and hyphens.
              * @example gold
              */
             class?: string | null;
             /**
              * Format: int32
-             * @description Most of its jobs that may wait.
+             * @description Maximum number of queued jobs.
              */
             max_queued?: number | null;
             /**
              * Format: int32
-             * @description Most of its jobs that may run at the same time.
+             * @description Maximum number of running jobs.
              */
             max_running?: number | null;
             /**
              * Format: int32
-             * @description Most of its requests in a minute, on each process that serves.
+             * @description Maximum number of requests per minute to each server process.
              */
             requests_per_minute?: number | null;
         };
-        /** @description A page of tenants. */
+        /** @description One page of tenants. */
         Tenants: {
-            /** @description The cursor of the next page; none on the last. */
+            /** @description The cursor of the next page, or `null` on the last page. */
             next: string | null;
-            /** @description The tenants, by name. */
+            /** @description The tenants, sorted by name. */
             tenants: components["schemas"]["Tenant"][];
         };
         /** @description The thinnest point of a thin region. */
         ThinPlace: {
-            /** @description The point, on the surface. */
+            /** @description Position on the surface. */
             at: number[];
             /**
              * Format: double
-             * @description The thickness there, in the model's unit.
+             * @description Wall thickness at this point, in the model's unit.
              */
             thickness: number;
         };
-        /** @description The thinnest wall. */
+        /** @description The thinnest wall of the model. */
         ThinnestWall: {
-            /** @description A point on one side of it. */
+            /** @description A point on one side of the wall. */
             at: number[];
             /**
-             * @description Whether the search looked at all of these points. A mesh made to be slow, or one with overlapping parts or holes, may
-             *     spend the search's budget first; then a thinner wall may have been missed.
+             * @description Whether the search covered all of these points. On adversarial meshes, and on meshes with overlapping parts or
+             *     holes, the budget may run out first, and the search may miss a thinner wall.
              */
             complete?: boolean;
-            /** @description The faces of the file on both sides of it. */
+            /** @description The two faces on both sides of the wall, as indices in the file, from 0. */
             faces: number[];
             /**
              * Format: double
-             * @description The median of the thickness over the area that is part of a wall, from at most 256 points.
+             * @description Median wall thickness, by area, from at most 256 points. Excludes surface that is not part of a wall.
              */
             median: number;
             /**
-             * @description The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
-             *     longest side wide. Regions count that are at most a quarter thicker than the thinnest, or as thick as 2 % of the diagonal.
+             * @description The thinnest point of each thin region, thinnest first; at most 100. A region's width is 1/16 of the model's
+             *     longest side. A region is thin if its wall is at most 1.25 times the thinnest wall, or at most 2 % of the
+             *     diagonal.
              */
             places?: components["schemas"]["ThinPlace"][];
             /**
              * Format: int64
-             * @description Points from which a thinner wall was searched: every face's centre, and points spread by area.
+             * @description Number of points from which thinner walls were searched: all face centres, and points spread by area.
              */
             samples: number;
             /**
              * Format: double
-             * @description Its thickness, in the model's unit: the way from a face straight into the material to where it leaves through a face turned
-             *     the other way to within 30 degrees. The least over every face's centre and over points spread by area.
+             * @description Thickness in the model's unit: the distance from a face, perpendicular into the material, to an opposite face.
+             *     The two faces point away from each other to within 30 degrees. Minimum over all face centres and over points
+             *     spread by area.
              */
             thickness: number;
         };
-        /** @description One tier. */
+        /** @description A repair tier. */
         TierStatus: {
-            /** @description Whether it works. */
+            /** @description Whether the tier is available. */
             available: boolean;
-            /** @description Why it does not, or what a person should know. */
+            /** @description Why the tier is unavailable, or other details. */
             detail?: string | null;
-            /** @description What it is. */
+            /** @description The tier's name. */
             name: string;
             program?: components["schemas"]["RemesherInfo"] | null;
             /**
              * Format: int32
-             * @description Its number, 1 to 3.
+             * @description The tier's number, 1 to 3.
              */
             tier: number;
         };
-        /** @description A length below which something counts as nothing. */
+        /** @description A distance threshold, relative to the mesh or absolute. */
         Tolerance: {
             /**
              * Format: double
-             * @description A share of the diagonal of the box around the mesh.
+             * @description Fraction of the diagonal of the mesh's bounding box.
              */
             of_diagonal: number;
         } | {
             /**
              * Format: double
-             * @description A length in the model's unit.
+             * @description Length in the model's unit.
              */
             absolute: number;
         };
         /**
-         * @description How closely things must agree to count as the same, after Parasolid's `tolerance` and `defect_tolerances` (seed 002).
+         * @description Thresholds below which a defect is recognised, modelled on Parasolid's `tolerance` and `defect_tolerances`.
          *
-         *     An override that is not given is the linear tolerance. A tolerance of 0 finds only what is so exactly, decided by
-         *     exact predicates; above 0 lengths are measured in f64.
+         *     An omitted override takes the value of `linear`. At 0 exact predicates find exact defects only; above 0, lengths
+         *     are measured in f64.
          */
         Tolerances: {
             /**
-             * @description Widest gap between boundaries that nearly coincide; never more than a fifth of an edge's length is taken for one.
-             *     By default 1e-4 of the diagonal.
+             * @description Largest width of a crack, the gap between two almost coincident boundaries. The width is also at most a fifth
+             *     of the boundary edge's length. 1e-4 of the diagonal by default.
              * @default {
              *       "of_diagonal": 0.0001
              *     }
@@ -3088,15 +3117,15 @@ export interface components {
             degenerate?: components["schemas"]["Tolerance"] | null;
             /**
              * Format: double
-             * @description Largest angle between the two faces of an edge, in radians, at which the edge is a fold. By default 0.01.
+             * @description Largest angle between two faces at an edge, in radians, at which the edge counts as a fold. 0.01 by default.
              * @default 0.01
              */
             foldover_angle?: number;
             /** @default null */
             foldover_height?: components["schemas"]["Tolerance"] | null;
             /**
-             * @description What no override is given for. By default 1e-7 of the diagonal, about the distance of neighbouring 32-bit numbers
-             *     at the size of the model.
+             * @description Default for omitted overrides. 1e-7 of the diagonal by default, roughly the spacing of f32 coordinates at the
+             *     model's size.
              * @default {
              *       "of_diagonal": 1e-7
              *     }
@@ -3109,107 +3138,107 @@ export interface components {
             /** @default null */
             t_junction?: components["schemas"]["Tolerance"] | null;
             /**
-             * @description Diagonal of the largest part that is too small to print. By default 1e-3 of the whole diagonal.
+             * @description Bounding-box diagonal below which a part is too small to print. 1e-3 of the mesh's diagonal by default.
              * @default {
              *       "of_diagonal": 0.001
              *     }
              */
             tiny_part?: components["schemas"]["Tolerance"];
         };
-        /** @description Faces that an operator could not fix, such as those of which it could not tell the outer side. */
+        /** @description Faces that an operator could not fix, such as faces whose outer side it could not determine. */
         UnfixedFaces: {
             /**
              * Format: int64
-             * @description How many.
+             * @description Number of faces of the input file.
              */
             count: number;
-            /** @description The faces of the input file that they come from, by index from 0 and ascending; at most 1000, and none that were made. */
+            /** @description Indices of these faces in the input file, from 0 and ascending; at most 1000. Faces created by the repair are not listed. */
             faces: number[];
         };
         /**
-         * @description A unit of length: what one step along an axis is, after the units of the 3MF core specification.
+         * @description Unit of length, after the 3MF core specification.
          * @enum {string}
          */
         Unit: "um" | "mm" | "cm" | "in" | "ft" | "m";
         /**
-         * @description How the unit of a file is known.
+         * @description Origin of a file's unit.
          * @enum {string}
          */
         UnitSource: "declared" | "file" | "assumed";
         /**
-         * @description Why something can't be measured.
+         * @description Why a quantity cannot be measured.
          * @enum {string}
          */
         Unmeasurable: "not_closed" | "not_manifold" | "not_consistent" | "no_element";
         /**
-         * @description The axis that points up: z in 3MF, y in glTF. Other formats name none.
+         * @description Up axis: z in 3MF, y in glTF. Other formats declare none.
          * @enum {string}
          */
         Up: "y" | "z";
-        /** @description Where to send a file. */
+        /** @description An upload: where to send its file, and until when. */
         Upload: {
             /**
              * Format: date-time
-             * @description Until when a job may be made of it.
+             * @description When the upload expires. A job must use it before then.
              */
             expires_at: string;
             /**
-             * @description The upload's name, for the `source` of a job.
+             * @description The upload's id, for the `source` of a job.
              * @example upl_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a
              */
             id: string;
             /**
              * Format: int64
-             * @description Most bytes that it may have.
+             * @description The largest file that this upload accepts, in bytes.
              */
             max_bytes: number;
             /** @description The request that sends the file. */
             put: components["schemas"]["UploadPut"];
         };
-        /** @description Limits on an upload. */
+        /** @description Limits on uploads. */
         UploadLimits: {
             /**
              * Format: int64
-             * @description Largest upload in bytes: one file, or all files of a job together.
+             * @description Maximum upload size in bytes, for all files of a job together.
              */
             max_bytes: number;
             /**
              * Format: int64
-             * @description Most triangles of a file.
+             * @description Maximum number of triangles per file.
              */
             max_file_faces: number;
             /**
              * Format: int64
-             * @description Most vertices of a file.
+             * @description Maximum number of vertices per file.
              */
             max_file_vertices: number;
-            /** @description Most files of an analysis. */
+            /** @description Maximum number of files of an analysis. */
             max_files: number;
         };
-        /** @description A request to send. */
+        /** @description An HTTP request to send. */
         UploadPut: {
             /**
              * Format: date-time
-             * @description Until when it may begin.
+             * @description When the URL expires. The request must begin before then.
              */
             expires_at: string;
-            /** @description Headers that it must have. */
+            /** @description The headers that the request must have. */
             headers: {
                 [key: string]: string;
             };
             /**
-             * @description Its method.
+             * @description The HTTP method.
              * @example PUT
              */
             method: string;
-            /** @description Its address; one without a host is of this service. Whoever has it may send the file, so keep it from others. */
+            /** @description The URL. A URL without a host is relative to this service. Keep it secret: anyone who has it can send the file. */
             url: string;
         };
-        /** @description What is known of a file before it is sent. */
+        /** @description A file that is going to be uploaded. */
         UploadRequest: {
             /**
              * Format: int64
-             * @description Its size. One that is too large is refused before it is sent.
+             * @description The file's size in bytes. A size above the limit is rejected before any bytes are sent.
              * @default null
              */
             bytes?: number | null;
@@ -3221,224 +3250,223 @@ export interface components {
             name?: string | null;
         };
         /**
-         * @description What is claimed of the file that a repair hands out.
+         * @description The claims about the file that a repair returns.
          *
-         *     Every surface that tells an outcome takes its claims from here: report, exit codes, messages, webhooks, artifacts, the page and the
-         *     widget.
+         *     Report, exit codes, messages, webhooks, artifacts, the page and the widget all take their claims from the verdict.
          */
         Verdict: {
-            /** @description The file that is handed out. */
+            /** @description The file that is returned. */
             file: components["schemas"]["OfferedFile"];
-            /**
-             * @description Whether the file's mesh passes every check, as `meshmend inspect` finds on it. With a red flag up a mesh may pass and not be
-             *     `printable`.
-             */
+            /** @description Whether the file's mesh passes every check of `meshmend inspect`. With a red flag, a mesh may pass without being `printable`. */
             passes: boolean;
-            /** @description Whether the file can be printed as it stands: the outcome is `already_printable` or `repaired`. */
+            /** @description Whether the file can be printed as it is: the outcome is `already_printable` or `repaired`. */
             printable: boolean;
-            /** @description What was found true of the file's own bytes. */
+            /** @description Properties that were verified on the file's own bytes. */
             proven: components["schemas"]["Property"][];
         };
-        /** @description Enclosed volume by the divergence theorem. */
+        /** @description Enclosed volume, computed by the divergence theorem. */
         Volume: {
-            /** @description Whether the mesh is closed and consistently oriented, without which the figure means little. */
+            /** @description Whether the mesh is closed and consistently oriented. Otherwise the value has little meaning. */
             reliable: boolean;
             /**
              * Format: double
-             * @description Cubic units; negative for a mesh that is inside out.
+             * @description Signed volume in cubic model units; negative for a mesh turned inside out.
              */
             value: number;
         };
-        /** @description A file to download as receivers are told of it. */
+        /** @description A result file in a webhook message. */
         WebhookArtifact: {
             /**
              * Format: int64
-             * @description Its size; left out of a picture that is drawn when it is first asked for.
+             * @description The size in bytes; absent for a picture, which is drawn at the first request.
              */
             bytes?: number | null;
-            /** @description Its address, relative to the service's. */
+            /** @description The download address, relative to the service's address. */
             href: string;
-            /** @description SHA-256 of its bytes, in hexadecimal; left out of such a picture too. */
+            /** @description SHA-256 of the bytes, in hexadecimal; absent for a picture that is not drawn yet. */
             sha256?: string | null;
         };
-        /** @description A page of deliveries. */
+        /** @description One page of deliveries. */
         WebhookDeliveries: {
             /** @description The deliveries, newest first. */
             deliveries: components["schemas"]["WebhookDelivery"][];
-            /** @description The cursor of the next page; none on the last. */
+            /** @description The cursor of the next page, or `null` on the last page. */
             next: string | null;
         };
-        /** @description A message on its way to one receiver. */
+        /** @description The delivery of a message to one receiver. */
         WebhookDelivery: {
-            /** @description The last tries, oldest first. */
+            /** @description The latest attempts, oldest first. */
             attempts: components["schemas"]["DeliveryAttempt"][];
-            /** @description The address that the job named. */
+            /** @description The job's `callback_url`, or `null` for a delivery to an endpoint. */
             callback_url?: string | null;
             /**
              * Format: date-time
-             * @description When the message was made.
+             * @description When the message was created.
              */
             created_at: string;
-            /** @description The endpoint; null where the job named its own address. */
+            /** @description The endpoint, or `null` for a delivery to a job's `callback_url`. */
             endpoint?: string | null;
             /**
-             * @description Its name.
+             * @description The delivery's id.
              * @example whd_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a
              */
             id: string;
-            /** @description The job that it tells of. */
+            /** @description The job that the message is about. */
             job?: string | null;
             /**
              * Format: date-time
-             * @description When it is tried next.
+             * @description When the next attempt is due.
              */
             next_attempt_at?: string | null;
-            /** @description How it stands. */
+            /** @description The delivery's status. */
             status: components["schemas"]["DeliveryStatus"];
-            /** @description What the message tells: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test. */
+            /** @description The event: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test. */
             type: string;
-            /** @description The message, as the receiver sees it in the header `webhook-id`. It is the same each time. */
+            /** @description The message's id, sent in the header `webhook-id`. It is the same in every attempt. */
             webhook_id: string;
         };
-        /** @description Somebody who is told of your jobs. */
+        /** @description A URL that receives messages about your jobs. */
         WebhookEndpoint: {
             /**
              * Format: date-time
-             * @description When it was made.
+             * @description When the endpoint was created.
              */
             created_at: string;
-            /** @description What it is for. */
+            /** @description What the endpoint is for. */
             description: string;
             /**
              * Format: date-time
-             * @description When it was disabled: by you, since the receiver answered 410, or since every delivery failed for 5 days.
+             * @description When the endpoint was disabled: by you, because the receiver answered 410, or because every delivery failed for 5 days.
              */
             disabled_at?: string | null;
-            /** @description Why. */
+            /** @description Why the endpoint was disabled. */
             disabled_reason?: string | null;
-            /** @description Whether it is told of anything. */
+            /** @description Whether the endpoint receives messages. */
             enabled: boolean;
-            /** @description What it is told of. */
+            /** @description The events that are sent. */
             events: components["schemas"]["JobEvent"][];
             /**
              * Format: date-time
-             * @description When its deliveries began to fail; null where the last one was taken.
+             * @description When its deliveries began to fail, or `null` if the last delivery succeeded.
              */
             failing_since?: string | null;
             /**
-             * @description Its name.
+             * @description The endpoint's id.
              * @example we_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a
              */
             id: string;
             /**
              * Format: date-time
-             * @description Until when the secret before the present one signs too.
+             * @description Until when the previous secret also signs messages.
              */
             previous_secret_until?: string | null;
-            /** @description What its messages are signed with, as libraries for Standard Webhooks take it; only in the answer that makes it. */
+            /**
+             * @description The secret that signs the messages, in the format of the Standard Webhooks libraries. Only in the response that creates or rotates
+             *     the secret.
+             */
             secret?: string | null;
-            /** @description Where messages are posted. */
+            /** @description The https URL that receives the messages. */
             url: string;
         };
-        /** @description What to change of an endpoint; what is left out stays. */
+        /** @description Changes to a webhook endpoint. An omitted field keeps its value. */
         WebhookEndpointChange: {
-            /** @description What it is for. */
+            /** @description What the endpoint is for. */
             description?: string | null;
-            /** @description Whether to tell it of anything. Disabling it gives up what waits for it. */
+            /** @description Whether the endpoint receives messages. Disabling it drops its pending messages. */
             enabled?: boolean | null;
-            /** @description What to tell it of. */
+            /** @description The events to send. */
             events?: [
                 components["schemas"]["JobEvent"],
                 ...components["schemas"]["JobEvent"][]
             ] | null;
             /**
              * Format: uri
-             * @description An https address, to which messages are posted.
+             * @description The https URL that receives the messages.
              */
             url?: string | null;
         };
-        /** @description A tenant's endpoints. */
+        /** @description The webhook endpoints of a tenant. */
         WebhookEndpoints: {
             /** @description The endpoints, oldest first. */
             endpoints: components["schemas"]["WebhookEndpoint"][];
         };
-        /** @description An uploaded file as receivers are told of it. */
+        /** @description An uploaded file in a webhook message. */
         WebhookInput: {
-            /** @description The name it was sent with. */
+            /** @description The file name that the client sent. */
             name: string;
-            /** @description SHA-256 of its bytes, in hexadecimal. */
+            /** @description SHA-256 of the bytes, in hexadecimal. */
             sha256: string;
         };
-        /** @description A job as receivers are told of it. */
+        /** @description A job in a webhook message. */
         WebhookJob: {
-            /** @description The files to download, by name. */
+            /** @description The result files, by name. */
             artifacts: {
                 [key: string]: components["schemas"]["WebhookArtifact"];
             };
-            /** @description Kinds of decisions that the file does not prove; the report has each with its amount and places. */
+            /** @description Kinds of the assumptions that the file does not prove. The report has the amount and the places of each. */
             assumptions: components["schemas"]["AssumptionKind"][];
             /**
              * Format: date-time
-             * @description When it was accepted.
+             * @description When the job was accepted.
              */
             created_at: string;
             /**
              * Format: date-time
-             * @description When it ended.
+             * @description When the job ended.
              */
             finished_at?: string | null;
-            /** @description Its name. */
+            /** @description The job's id. */
             id: string;
             input?: components["schemas"]["WebhookInput"] | null;
-            /** @description Your own notes, as you sent them. */
+            /** @description Your metadata, unchanged. */
             metadata: {
                 [key: string]: string;
             };
             outcome?: components["schemas"]["JobOutcome"] | null;
-            /** @description Whether the result can be printed as it is, or of an analysis every file; none where that is not known. */
+            /** @description Whether the offered file, or every file of an analysis, is printable; null if unknown. */
             printable?: boolean | null;
             problem?: components["schemas"]["WebhookProblem"] | null;
-            /** @description Signs that the repair destroyed something; the report has them with their measures. */
+            /** @description Codes of the red flags: signs that the repair destroyed something. The report has their measures. */
             red_flags: components["schemas"]["RedFlagCode"][];
-            /** @description How it ended. */
+            /** @description The job's status at its end. */
             status: components["schemas"]["Status"];
         };
-        /** @description What is posted to receivers when a job has ended. */
+        /** @description The webhook message that receivers get when a job has ended. */
         WebhookMessage: {
             /** @description The job. */
             data: components["schemas"]["WebhookJob"];
             /**
              * Format: date-time
-             * @description When it happened.
+             * @description When the event happened.
              */
             timestamp?: string | null;
-            /** @description What happened. */
+            /** @description The event. */
             type: components["schemas"]["JobEvent"];
         };
-        /** @description Why a job failed as receivers are told of it. */
+        /** @description Why a job failed, in a webhook message. */
         WebhookProblem: {
-            /** @description The code, for programs. */
+            /** @description The problem's code, for programs. */
             code: components["schemas"]["ProblemKind"];
-            /** @description What happened and what to do. */
+            /** @description What happened and what to do, as text. */
             detail: string;
         };
-        /** @description What calls to the jobs' own callback addresses are signed with. */
+        /** @description The secret that signs the messages to the callback URLs of jobs. */
         WebhookSecret: {
             /**
              * Format: date-time
-             * @description Until when the secret before this one signs too.
+             * @description Until when the previous secret also signs messages.
              */
             previous_until?: string | null;
-            /** @description The secret, as libraries for Standard Webhooks take it. */
+            /** @description The secret, in the format of the Standard Webhooks libraries. */
             secret: string;
         };
         /**
-         * @description When a strategy runs, given that none before it was good.
+         * @description The condition for a strategy to run, given that no result before it was good enough.
          * @enum {string}
          */
         When: "nothing_acceptable" | "open_sheets_remain" | "nothing_closed";
         /**
-         * @description What is solid, by how many times the surface winds around it.
+         * @description The winding rule: the space that counts as solid, by how often the surface winds around it.
          * @enum {string}
          */
         WindingRuleChoice: "auto" | "positive" | "nonzero" | "odd";
@@ -3622,7 +3650,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description It runs */
+            /** @description The process runs */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -3642,7 +3670,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Metrics in Prometheus' text format */
+            /** @description Metrics in the Prometheus text format */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -3651,7 +3679,7 @@ export interface operations {
                     "text/plain": string;
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3660,7 +3688,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3669,7 +3697,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -3678,7 +3706,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -3687,7 +3715,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3707,7 +3735,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The codes */
+            /** @description The problem codes */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -3723,14 +3751,14 @@ export interface operations {
             query?: never;
             header?: never;
             path: {
-                /** @description The code */
+                /** @description The problem code */
                 code: string;
             };
             cookie?: never;
         };
         requestBody?: never;
         responses: {
-            /** @description The code */
+            /** @description The problem code */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -3739,7 +3767,7 @@ export interface operations {
                     "application/json": components["schemas"]["ProblemDoc"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -3748,7 +3776,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such code */
+            /** @description Problem code not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -3768,7 +3796,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description It can */
+            /** @description The service accepts jobs */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -3777,7 +3805,7 @@ export interface operations {
                     "application/json": components["schemas"]["Readiness"];
                 };
             };
-            /** @description It can't */
+            /** @description The service does not accept jobs */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3801,7 +3829,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description The token */
+            /** @description The created token */
             201: {
                 headers: {
                     [name: string]: unknown;
@@ -3810,7 +3838,7 @@ export interface operations {
                     "application/json": components["schemas"]["BrowserToken"];
                 };
             };
-            /** @description A body that can't be understood */
+            /** @description The body is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -3819,7 +3847,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3828,7 +3856,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3837,7 +3865,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body stopped coming */
+            /** @description The body timed out */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -3855,7 +3883,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A value that is out of its range */
+            /** @description A value is out of range */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -3864,7 +3892,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -3873,7 +3901,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -3882,7 +3910,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3902,7 +3930,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description What can be asked for */
+            /** @description The capabilities */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -3911,7 +3939,7 @@ export interface operations {
                     "application/json": components["schemas"]["Capabilities"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -3920,7 +3948,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -3929,7 +3957,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -3938,7 +3966,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -3947,7 +3975,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -3961,25 +3989,25 @@ export interface operations {
     list_jobs: {
         parameters: {
             query?: {
-                /** @description Only jobs of these statuses, with commas between, such as `queued,running`. */
+                /** @description Only jobs with these statuses, separated by commas, such as `queued,running`. */
                 status?: components["schemas"]["Status"][];
-                /** @description Only jobs of these outcomes, with commas between. */
+                /** @description Only jobs with these outcomes, separated by commas. */
                 outcome?: components["schemas"]["JobOutcome"][];
                 /**
-                 * @description Only jobs accepted at this time or later (RFC 3339).
+                 * @description Only jobs created at or after this time (RFC 3339).
                  * @example 2026-01-31T00:00:00Z
                  */
                 created_from?: string;
-                /** @description Only jobs accepted before this time (RFC 3339). */
+                /** @description Only jobs created before this time (RFC 3339). */
                 created_before?: string;
                 /**
-                 * @description Only jobs whose metadata has these entries, perhaps among others: a JSON object of texts.
+                 * @description Only jobs whose metadata contains these entries: a JSON object of text values.
                  * @example {"order":"17"}
                  */
                 metadata?: string;
-                /** @description Where to go on: `next` of the page before. */
+                /** @description The `next` value of the previous page. */
                 cursor?: string;
-                /** @description Jobs on the page, 1 to 200. */
+                /** @description Number of jobs per page, 1 to 200. */
                 limit?: number;
             };
             header?: never;
@@ -3997,7 +4025,7 @@ export interface operations {
                     "application/json": components["schemas"]["JobPage"];
                 };
             };
-            /** @description A query that can't be understood */
+            /** @description The query is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -4006,7 +4034,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4015,7 +4043,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4024,7 +4052,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -4033,7 +4061,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -4042,7 +4070,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4058,160 +4086,184 @@ export interface operations {
             query?: {
                 /** @description For a raw body: the file's name */
                 name?: string;
-                /** @description For a raw body: what to do, `repair` where it is left out. An option of the other mode is refused */
+                /** @description For a raw body: the job's mode, by default `repair`. An option of the other mode is rejected */
                 mode?: components["schemas"]["Mode"];
-                /** @description For a raw body: your own notes on the job, a JSON object of texts */
+                /** @description For a raw body: your own metadata for the job, a JSON object of text values */
                 metadata?: string;
-                /** @description For a raw body: an https address to tell of the job's end */
+                /** @description For a raw body: an https URL to notify when the job ends */
                 callback_url?: string;
-                /** @description The plan to run, or `auto`. */
+                /** @description Repair plan to run. `auto` chooses a plan by the damage found; a named preset is tried first. */
                 preset?: components["schemas"]["Preset"];
-                /** @description With the preset `auto`: the category of damage that the plan is chosen for, instead of the one that the inspection finds. */
+                /** @description Category of damage to plan for, instead of the category that the inspection finds. It has an effect only with `preset=auto`. */
                 category?: components["schemas"]["Category"];
-                /** @description Format of the result. */
+                /** @description File format of the result. `auto` writes STL unless the input has objects, colours or a unit, which STL cannot store. */
                 output?: components["schemas"]["OutputFormat"];
-                /** @description What becomes of the objects of a file whose format has such. */
+                /** @description Treatment of separate objects in 3MF and GLB files. `auto` unites objects that intersect and keeps the others separate. */
                 merge?: components["schemas"]["Merge"];
-                /** @description What the result must be for the repair to succeed. */
+                /** @description Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned. */
                 require?: components["schemas"]["Require"];
-                /** @description The unit of the file's lengths, whatever it says itself. Without it, and where the file says none, millimetres are assumed. */
+                /** @description Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none. */
                 unit?: components["schemas"]["Unit"];
-                /** @description The unit that lengths are brought into; without it they stay as they are. Lengths among these options are in it. */
+                /** @description Unit to convert the model to. Default: no conversion. Options that are lengths are in this unit. */
                 scale_to?: components["schemas"]["Unit"];
-                /** @description Operators that run although they are left out by default. */
+                /** @description Additional operators to run that are off by default, such as `remove_overlapping_neighbours`. */
                 with?: components["schemas"]["Operator"][];
-                /** @description Operators that do not run. */
+                /** @description Operators to leave out. Use it to switch off a repair step that you do not want. */
                 without?: components["schemas"]["Operator"][];
                 /**
-                 * @description The farthest that surface may be moved from where it was or made, hole patches apart, in the model's unit. What can't be
-                 *     fixed within it is left and reported.
+                 * @description Farthest that the repair may move surface, or create surface away from the input, in the model's unit. Patches over holes are
+                 *     exempt. Defects that cannot be fixed within this distance remain and are reported. Default: no limit.
                  */
                 max_deviation?: number;
                 /**
-                 * @description Most faces that the result should have: faces are removed by collapsing edges until there are no more, or `max_error`, or
-                 *     without it 0.5 % of the bounding box's diagonal, allows no further.
+                 * @description Most faces that the result should have. Edges are collapsed until the result has no more faces, or until the error limit is
+                 *     reached: `max_error`, or without it 0.5 % of the bounding box's diagonal. Default: faces are not reduced.
                  */
                 max_faces?: number;
                 /**
-                 * @description The farthest that the surface may be, both ways, from where it was before faces were removed, in the model's unit. Without
-                 *     `max_faces`, all faces go that may go within it: with a tiny error those that plane surface does not need.
+                 * @description Largest distance, in both directions, between the surface before and after faces are reduced, in the model's unit. Without
+                 *     `max_faces`, faces are reduced as far as this distance allows; a tiny value removes only faces that flat areas do not need.
                  */
                 max_error?: number;
-                /** @description Highest tier that may run, 1 to 3: 1 cleans, 2 mends, 3 is Blender. */
+                /**
+                 * @description Highest repair tier that may run: 1 cleans up and closes simple holes, 2 also repairs cracks, non-manifold edges and
+                 *     intersecting faces, 3 also uses Blender. Lower it for faster repairs that change less.
+                 */
                 max_tier?: number;
                 /**
-                 * @description Seconds the repair may take from its start. It ends within 2 s and 10 % of that, with the best result that was verified by then, or
-                 *     fails where there was not even time to inspect the input; `omitted` in the report says what there was no time for.
+                 * @description Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %. It then returns the best
+                 *     result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
                  */
                 deadline_s?: number;
-                /** @description Red flag: share of the faces lost, in percent. */
+                /**
+                 * @description Largest accepted loss of faces, in percent. A larger loss raises the red flag `face_loss`. A result with a red flag is at most
+                 *     `partially_repaired`.
+                 */
                 max_face_loss_pct?: number;
-                /** @description Red flag: share of the vertices lost, in percent. A vertex is lost where no face at it is left, whole or cut. */
+                /**
+                 * @description Largest accepted loss of vertices, in percent. A larger loss raises the red flag `vertex_loss`. A vertex is lost if no part of a
+                 *     face at this vertex is left.
+                 */
                 max_vertex_loss_pct?: number;
-                /** @description Red flag: change of the bounding box's diagonal, in percent. */
+                /**
+                 * @description Largest accepted move of a side of the bounding box, in percent of the box's diagonal. A larger move raises the red flag
+                 *     `bounding_box_change`.
+                 */
                 max_bounding_box_change_pct?: number;
-                /** @description Red flag: change of the volume, in percent; judged only where the input's volume is reliable. */
+                /**
+                 * @description Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. It is checked only if the
+                 *     input's volume is reliable.
+                 */
                 max_volume_change_pct?: number;
-                /** @description Red flag: share of the surface seen from outside that has no counterpart in the result, in percent. */
+                /**
+                 * @description Largest accepted share, in percent, of the surface visible from outside that has no counterpart in the result. More raises the
+                 *     red flag `surface_lost`.
+                 */
                 max_surface_lost_pct?: number;
                 /**
-                 * @description Red flag: share of the result's surface that the input does not have, in percent: thickened skins, and patches of holes that are
-                 *     larger than 2 % of the surface each.
+                 * @description Largest accepted share, in percent, of the result's surface that the input does not have. It counts thickened sheets, and patches
+                 *     of holes that each exceed 2 % of the surface. More raises the red flag `surface_invented`.
                  */
                 max_surface_added_pct?: number;
-                /** @description Boundary vertices closer than this share of the bounding box's diagonal are merged; 0 merges equal positions only. */
+                /** @description Distance within which boundary vertices are merged, as a share of the bounding box's diagonal. 0 merges only equal positions. */
                 weld_tolerance?: number;
                 /**
-                 * @description Vertices closer than this are merged, on the boundary or not, in the model's unit. Without it, only equal positions are, and
-                 *     boundary vertices within `weld_tolerance`.
+                 * @description Distance within which any vertices are merged, on a boundary or not, in the model's unit. Default: only equal positions are
+                 *     merged, and boundary vertices within `weld_tolerance`.
                  */
                 merge_distance?: number;
                 /**
-                 * @description Boundary vertices closer than this share of the shortest boundary edge at either are merged; 0 merges none so. Without it 0.2,
-                 *     and vertices no farther apart than 0.1 % of the bounding box's diagonal.
+                 * @description Distance within which boundary vertices are merged, as a share of the shortest boundary edge at either vertex. 0 turns this merge
+                 *     off. Default: 0.2, for vertices no farther apart than 0.1 % of the bounding box's diagonal.
                  */
                 sew_ratio?: number;
                 /**
-                 * @description Widest crack that is stitched, as a share of the bounding box's diagonal; 0 stitches none. Without it 0.001. A gap wider than
-                 *     half of the edges beside it is a hole.
+                 * @description Widest crack to stitch, as a share of the bounding box's diagonal. 0 stitches none. Default: 0.001. A gap wider than half the
+                 *     length of its edges counts as a hole, not as a crack.
                  */
                 stitch_threshold?: number;
-                /** @description Widest crack that is stitched, in the model's unit, instead of `stitch_threshold`. */
+                /** @description Widest crack to stitch, in the model's unit. It replaces `stitch_threshold`. */
                 stitch_distance?: number;
-                /** @description Share of an edge at either end within which stitching takes the end instead of cutting the edge; from 0.5 on, always. */
+                /**
+                 * @description Share of an edge's length at each end within which stitching uses the end vertex instead of splitting the edge. With 0.5 or more,
+                 *     stitching never splits an edge.
+                 */
                 stitch_epsilon?: number;
-                /** @description Where two vertices that are stitched meet. */
+                /** @description Position of the vertex that results from stitching two vertices. */
                 stitch_position?: components["schemas"]["StitchPosition"];
                 /**
-                 * @description Edges shorter and faces lower than this share of the bounding box's diagonal are removed, and surface that is folded onto itself
-                 *     as closely is unfolded; 0 leaves them.
+                 * @description Size below which edges and faces are degenerate, as a share of the bounding box's diagonal. Shorter edges and faces of less height
+                 *     are removed, and surface folded onto itself this closely is unfolded. 0 leaves them.
                  */
                 degenerate_tolerance?: number;
                 /**
-                 * @description Where `with` asks for `remove_overlapping_neighbours`: the angle between two neighbouring faces, in degrees, up to
-                 *     which they lie on one another. Without it 1 degree, and faces no farther apart than 0.01 % of the bounding box's diagonal.
+                 * @description Angle in degrees up to which two neighbouring faces count as lying on each other. It needs
+                 *     `with=remove_overlapping_neighbours`. Default: 1, for faces no farther apart than 0.01 % of the bounding box's diagonal.
                  */
                 overlap_angle_deg?: number;
                 /**
-                 * @description A polygon of the file whose corners rise from its plane by more than this angle, in degrees, is cut into
-                 *     triangles with the least fold, others as if they were flat: other programs do so with all, and show the same surface then.
+                 * @description Angle in degrees by which a polygon's corners may leave its plane. A more twisted polygon is split into the triangles with the
+                 *     smallest fold, others as if flat. With 180 all polygons are split as if flat, which matches most other programs.
                  */
                 twist_angle_deg?: number;
-                /** @description Most edges around a hole that is closed. */
+                /** @description Most boundary edges of a hole that may be closed. Holes with more edges stay open. */
                 max_hole_edges?: number;
-                /** @description Closed parts with a smaller share of the volume of all parts are dropped, in percent; 0 keeps them. */
+                /** @description Smallest volume of a closed part, in percent of the volume of all parts. Smaller parts are removed. 0 keeps all parts. */
                 min_part_volume_pct?: number;
-                /** @description How closed parts that lie in others are wound: as they were, or each layer against the one around it. */
+                /** @description Orientation of closed parts that lie inside other parts: as in the input, or each layer opposite to the layer around it. */
                 nested?: components["schemas"]["Nested"];
-                /** @description What becomes of parts that overlap. */
+                /** @description Treatment of parts that overlap: unite them into one solid, or keep each part separate. */
                 overlaps?: components["schemas"]["Overlaps"];
-                /** @description What is solid where faces intersect. */
+                /** @description Rule for what counts as solid where faces intersect. */
                 winding_rule?: components["schemas"]["WindingRuleChoice"];
-                /** @description What becomes of open sheets. */
+                /** @description Treatment of open sheets: surface that encloses nothing, such as terrain or a single wall. */
                 open_sheets?: components["schemas"]["OpenSheets"];
                 /**
-                 * @description Thickness of thickened sheets and of a base at its lowest point, in the model's unit. Without it, 0.3 % of the bounding
-                 *     box's diagonal.
+                 * @description Thickness of thickened sheets, and of a base at its lowest point, in the model's unit. Default: 0.3 % of the bounding box's
+                 *     diagonal.
                  */
                 thickness?: number;
-                /** @description Largest extent of a hole that is closed, as a share of the bounding box's diagonal; 1 closes holes of any size. */
+                /** @description Largest extent of a hole that may be closed, as a share of the bounding box's diagonal. 1 closes holes of any size. */
                 max_hole_size?: number;
-                /** @description Most holes that are closed; of more, the smallest are. */
+                /** @description Most holes to close. If there are more, the smallest holes are closed. */
                 max_holes?: number;
-                /** @description How the triangles of a hole's patch are chosen. */
+                /** @description Method that triangulates the patch over a hole. */
                 hole_filling?: components["schemas"]["HoleFilling"];
-                /** @description Whether patches that are not plane get inner vertices, as close together as those around. */
+                /** @description Whether curved patches get inner vertices, as dense as the mesh around the hole. */
                 refine_patches?: boolean;
-                /** @description Whether patches are refined and then bent so that they go on smoothly from the surface around. */
+                /** @description Whether patches are refined and then curved to continue the surrounding surface smoothly. */
                 fair_patches?: boolean;
-                /** @description The edge of a remesh's voxels, natively or by Blender, in the model's unit. Without it the size follows from `voxel_resolution`. */
+                /** @description Edge length of the voxels of a remesh, native or with Blender, in the model's unit. Default: it follows from `voxel_resolution`. */
                 voxel_size?: number;
-                /** @description Voxels along the bounding box's diagonal for a remesh. */
+                /** @description Number of voxels along the bounding box's diagonal in a remesh. More voxels keep finer detail and take more time and memory. */
                 voxel_resolution?: number;
-                /** @description Most faces a remesh may have; the voxel size is made larger until the estimate is below. */
+                /** @description Most faces that a remesh may have. Voxels are enlarged until the estimated number of faces is below this limit. */
                 max_remesh_faces?: number;
                 /**
-                 * @description Whether what was found and what was changed can be had as pictures: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-                 *     `change.png`, `change.glb` and `change.ply`. They are drawn when somebody asks for one of them first.
+                 * @description Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
+                 *     `change.png`, `change.glb` and `change.ply`. They are drawn when one of them is first requested.
                  */
                 pictures?: boolean;
-                /** @description How closely. */
+                /** @description How thoroughly the mesh is inspected. */
                 level?: components["schemas"]["Level"];
-                /** @description Places of each kind of defect that the report lists. */
+                /** @description Largest number of places that the report lists for each kind of defect, from 0 to 1000. */
                 places?: number;
-                /** @description How closely things must agree to count as the same. */
+                /** @description Distances and angles below which a defect is recognised. */
                 tolerances?: string;
-                /** @description The direction in which the model is built, of any length but zero. */
+                /** @description Build direction, pointing away from the build plate; any length above 0. */
                 up?: string;
-                /** @description An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60. */
+                /**
+                 * @description Additional overhang angle from the vertical, in degrees from 0 to 90. The report always has 30, 45 and 60
+                 *     degrees.
+                 */
                 overhang_deg?: number;
-                /** @description Sides of the printer's build volume, in millimetres. */
+                /** @description Side lengths of the printer's build volume along x, y and z, in millimetres. */
                 build_volume?: string;
             };
             header?: {
-                /** @description Any text of your own, such as a UUID. The same request sent again within a day is answered with the job that it made (header `Idempotency-Replayed: true`), and makes no other */
+                /** @description A unique text of your choice, such as a UUID. A retry with the same key within a day creates no second job: it returns the first request's job, with the header `Idempotency-Replayed: true` */
                 "Idempotency-Key"?: string;
-                /** @description `no-cache` to have the work done even where an earlier job of yours has the result */
+                /** @description `no-cache` runs the job even if an earlier job of yours has the result */
                 "Cache-Control"?: string;
             };
             path?: never;
@@ -4228,9 +4280,9 @@ export interface operations {
             /** @description The job was accepted */
             202: {
                 headers: {
-                    /** @description The job's address */
+                    /** @description The job's path */
                     Location?: string;
-                    /** @description Seconds to wait before asking */
+                    /** @description Seconds to wait before polling the job */
                     "Retry-After"?: number;
                     [name: string]: unknown;
                 };
@@ -4238,7 +4290,7 @@ export interface operations {
                     "application/json": components["schemas"]["Job"];
                 };
             };
-            /** @description No file, a second file for a repair, or a form or JSON that can't be understood */
+            /** @description No file, a second file for a repair, or a malformed form or JSON body */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -4247,7 +4299,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4256,7 +4308,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4265,7 +4317,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such upload, or its time is over */
+            /** @description Upload or earlier job not found or expired */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4274,7 +4326,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The upload stopped coming */
+            /** @description The upload timed out */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -4283,7 +4335,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A request with the same Idempotency-Key is under way; or the upload was not sent yet, or is another job's */
+            /** @description Another request with this Idempotency-Key is in progress, or the upload has no file yet, or another job already used the upload */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -4292,7 +4344,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job that the same request made before was deleted */
+            /** @description The job that the first request with this Idempotency-Key created was deleted, or the earlier job's files have expired */
             410: {
                 headers: {
                     [name: string]: unknown;
@@ -4301,7 +4353,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The upload is too large, or has too many files */
+            /** @description The upload is too large or has too many files */
             413: {
                 headers: {
                     [name: string]: unknown;
@@ -4310,7 +4362,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Not a model that can be read; of several files, `errors` names each */
+            /** @description Unsupported model format; with several files, `errors` names each one */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -4319,7 +4371,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description An option that is unknown, out of its range, or of another mode; or an Idempotency-Key of another request */
+            /** @description An option is unknown, out of range or of the other mode, or the Idempotency-Key was used with another request */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -4328,10 +4380,10 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description As many jobs wait as may, or too many requests came */
+            /** @description The queue is full, or the caller sent too many requests */
             429: {
                 headers: {
-                    /** @description Seconds to wait before sending it again */
+                    /** @description Seconds to wait before retrying */
                     "Retry-After"?: number;
                     [name: string]: unknown;
                 };
@@ -4339,7 +4391,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -4348,7 +4400,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database or the file store does not answer now, or the disk is full */
+            /** @description The database or the file store is unavailable, or the disk is full */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4363,12 +4415,12 @@ export interface operations {
         parameters: {
             query?: {
                 /**
-                 * @description Hold the answer until the job's status changes or so many seconds have passed; more than 60 is taken as 60. The
-                 *     header `Prefer: wait=20` asks for the same.
+                 * @description Hold the response until the job's status changes, for at most this many seconds. Values above 60 count as 60. The
+                 *     header `Prefer: wait=20` has the same effect.
                  * @example 20
                  */
                 wait?: number;
-                /** @description What to answer beside the job. */
+                /** @description Additional content of the response. */
                 include?: "report";
             };
             header?: never;
@@ -4389,14 +4441,14 @@ export interface operations {
                     "application/json": components["schemas"]["Job"];
                 };
             };
-            /** @description Nothing has changed */
+            /** @description The job has not changed */
             304: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description A query that can't be understood */
+            /** @description The query is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -4405,7 +4457,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4414,7 +4466,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4423,7 +4475,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such job */
+            /** @description Job not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4441,7 +4493,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -4450,7 +4502,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -4459,7 +4511,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4482,14 +4534,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The job and its files are gone */
+            /** @description The job and its files were deleted */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -4498,7 +4550,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4507,7 +4559,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4516,7 +4568,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such job */
+            /** @description Job not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4525,7 +4577,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job was deleted before */
+            /** @description The job was already deleted */
             410: {
                 headers: {
                     [name: string]: unknown;
@@ -4534,7 +4586,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -4543,7 +4595,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -4552,7 +4604,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database or the file store does not answer now */
+            /** @description The database or the file store is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4570,7 +4622,7 @@ export interface operations {
             path: {
                 /** @description The job's id */
                 id: string;
-                /** @description One of the job's artifacts, such as model or before.png */
+                /** @description The name of one of the job's artifacts, such as model or before.png */
                 name: string;
             };
             cookie?: never;
@@ -4592,7 +4644,7 @@ export interface operations {
                     "text/plain": string;
                 };
             };
-            /** @description The range of the file */
+            /** @description The requested range of the file */
             206: {
                 headers: {
                     [name: string]: unknown;
@@ -4607,23 +4659,23 @@ export interface operations {
                     "text/plain": string;
                 };
             };
-            /** @description The client has it already */
+            /** @description The client has the current file */
             304: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description The file is at another address for the next minutes, where the operator wants that */
+            /** @description Temporary redirect to the file in the bucket, if the operator enabled presigned downloads */
             307: {
                 headers: {
-                    /** @description That address */
+                    /** @description The presigned URL, valid for a few minutes */
                     Location?: string;
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -4632,7 +4684,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4641,7 +4693,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4650,7 +4702,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such job, or no such file of it yet */
+            /** @description The job does not exist, or has no such artifact yet */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4677,7 +4729,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -4686,7 +4738,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -4695,7 +4747,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The pictures are still being drawn, or the database or the file store does not answer now */
+            /** @description The images are still being rendered, or the database or the file store is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4727,7 +4779,7 @@ export interface operations {
                     "application/json": components["schemas"]["Job"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -4736,7 +4788,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4745,7 +4797,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4754,7 +4806,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such job */
+            /** @description Job not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4763,7 +4815,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job has ended */
+            /** @description The job has already finished */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -4781,7 +4833,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -4790,7 +4842,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -4799,7 +4851,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4813,7 +4865,7 @@ export interface operations {
     job_events: {
         parameters: {
             query?: {
-                /** @description What the job of `done` is to include. */
+                /** @description Additional content of the job in the event `done`. */
                 include?: "report";
             };
             header?: never;
@@ -4825,7 +4877,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The events */
+            /** @description The event stream */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -4834,7 +4886,7 @@ export interface operations {
                     "text/event-stream": components["schemas"]["StreamEvent"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -4843,7 +4895,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4852,7 +4904,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4861,7 +4913,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such job */
+            /** @description Job not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -4879,7 +4931,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -4888,7 +4940,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -4897,7 +4949,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4913,9 +4965,9 @@ export interface operations {
             query?: {
                 /** @description Only keys of this tenant. */
                 tenant?: string;
-                /** @description Where to go on: `next` of the page before. */
+                /** @description The `next` value of the previous page. */
                 cursor?: string;
-                /** @description Keys on the page, 1 to 200. */
+                /** @description Number of keys per page, 1 to 200. */
                 limit?: number;
             };
             header?: never;
@@ -4933,7 +4985,7 @@ export interface operations {
                     "application/json": components["schemas"]["ApiKeys"];
                 };
             };
-            /** @description A query that can't be understood */
+            /** @description The query is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -4942,7 +4994,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -4951,7 +5003,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -4960,7 +5012,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -4969,7 +5021,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -4978,7 +5030,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5002,10 +5054,10 @@ export interface operations {
             };
         };
         responses: {
-            /** @description The key with its secret */
+            /** @description The created key with its secret */
             201: {
                 headers: {
-                    /** @description Its address */
+                    /** @description The key's path */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -5013,7 +5065,7 @@ export interface operations {
                     "application/json": components["schemas"]["ApiKey"];
                 };
             };
-            /** @description A body that can't be understood */
+            /** @description The body is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5022,7 +5074,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5031,7 +5083,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5040,7 +5092,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body stopped coming */
+            /** @description The body timed out */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5058,7 +5110,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A value that is out of its range */
+            /** @description A value is out of range */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5067,7 +5119,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5076,7 +5128,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5085,7 +5137,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5117,7 +5169,7 @@ export interface operations {
                     "application/json": components["schemas"]["ApiKey"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5126,7 +5178,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5135,7 +5187,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5144,7 +5196,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such key */
+            /** @description API key not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5153,7 +5205,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5162,7 +5214,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5171,7 +5223,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5194,14 +5246,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The key is revoked, by this request or an earlier one */
+            /** @description The key is revoked, now or earlier */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5210,7 +5262,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5219,7 +5271,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5228,7 +5280,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such key */
+            /** @description API key not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5237,7 +5289,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5246,7 +5298,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5255,7 +5307,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5269,9 +5321,9 @@ export interface operations {
     list_tenants: {
         parameters: {
             query?: {
-                /** @description Where to go on: `next` of the page before. */
+                /** @description The `next` value of the previous page. */
                 cursor?: string;
-                /** @description Tenants on the page, 1 to 200. */
+                /** @description Number of tenants per page, 1 to 200. */
                 limit?: number;
             };
             header?: never;
@@ -5289,7 +5341,7 @@ export interface operations {
                     "application/json": components["schemas"]["Tenants"];
                 };
             };
-            /** @description A query that can't be understood */
+            /** @description The query is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5298,7 +5350,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5307,7 +5359,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5316,7 +5368,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5325,7 +5377,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5334,7 +5386,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5366,7 +5418,7 @@ export interface operations {
                     "application/json": components["schemas"]["Tenant"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5375,7 +5427,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5384,7 +5436,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5393,7 +5445,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such tenant */
+            /** @description Tenant not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5402,7 +5454,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5411,7 +5463,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5420,7 +5472,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5456,7 +5508,7 @@ export interface operations {
                     "application/json": components["schemas"]["Tenant"];
                 };
             };
-            /** @description A body or a path that can't be understood */
+            /** @description The body or the path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5465,7 +5517,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5474,7 +5526,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5483,7 +5535,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body stopped coming */
+            /** @description The body timed out */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5501,7 +5553,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A name or a value that is out of its range */
+            /** @description The name is invalid, or a value is out of range */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -5510,7 +5562,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5519,7 +5571,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5528,7 +5580,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5552,7 +5604,7 @@ export interface operations {
             };
         };
         responses: {
-            /** @description Where to send it */
+            /** @description The created upload */
             201: {
                 headers: {
                     [name: string]: unknown;
@@ -5561,7 +5613,7 @@ export interface operations {
                     "application/json": components["schemas"]["Upload"];
                 };
             };
-            /** @description A body that can't be understood */
+            /** @description The body is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5570,7 +5622,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5579,7 +5631,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5588,7 +5640,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body stopped coming */
+            /** @description The body timed out */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5606,7 +5658,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A body that is not JSON */
+            /** @description The body is not JSON */
             415: {
                 headers: {
                     [name: string]: unknown;
@@ -5615,10 +5667,10 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description As many uploads wait for a job as may */
+            /** @description Too many uploads are waiting for a job */
             429: {
                 headers: {
-                    /** @description Seconds to wait before sending it again */
+                    /** @description Seconds to wait before retrying */
                     "Retry-After"?: number;
                     [name: string]: unknown;
                 };
@@ -5626,7 +5678,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5635,7 +5687,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database or the file store does not answer now, or the disk is full */
+            /** @description The database or the file store is unavailable, or the disk is full */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5649,7 +5701,7 @@ export interface operations {
     put_upload: {
         parameters: {
             query: {
-                /** @description As the upload's address has it. */
+                /** @description The token in the upload's URL. */
                 token: string;
             };
             header?: never;
@@ -5672,7 +5724,7 @@ export interface operations {
                 };
                 content?: never;
             };
-            /** @description An address that can't be understood, or an upload that broke off */
+            /** @description The request is malformed, or the upload was interrupted */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5681,7 +5733,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such upload, or its time is over */
+            /** @description Upload not found or expired */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5690,7 +5742,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The upload stopped coming */
+            /** @description The upload timed out */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -5699,7 +5751,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The file was sent before */
+            /** @description The file has already been sent */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -5717,7 +5769,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5726,7 +5778,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database or the file store does not answer now, or the disk is full */
+            /** @description The database or the file store is unavailable, or the disk is full */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5740,11 +5792,11 @@ export interface operations {
     list_deliveries: {
         parameters: {
             query?: {
-                /** @description Only those that tell of this job. */
+                /** @description Only deliveries about this job. */
                 job?: string;
-                /** @description Where to go on: `next` of the page before. */
+                /** @description The `next` value of the previous page. */
                 cursor?: string;
-                /** @description Deliveries on the page, 1 to 200. */
+                /** @description Number of deliveries per page, 1 to 200. */
                 limit?: number;
             };
             header?: never;
@@ -5762,7 +5814,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookDeliveries"];
                 };
             };
-            /** @description A query that can't be understood */
+            /** @description The query is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5771,7 +5823,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5780,7 +5832,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5789,7 +5841,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such job */
+            /** @description Job not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5798,7 +5850,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5807,7 +5859,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5816,7 +5868,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5839,7 +5891,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description It is on its way */
+            /** @description The delivery is due now */
             202: {
                 headers: {
                     [name: string]: unknown;
@@ -5848,7 +5900,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookDelivery"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -5857,7 +5909,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5866,7 +5918,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5875,7 +5927,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such delivery */
+            /** @description Delivery not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -5884,7 +5936,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Its endpoint is disabled */
+            /** @description The delivery's endpoint is disabled */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -5893,7 +5945,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5902,7 +5954,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5911,7 +5963,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5940,7 +5992,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookEndpoints"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -5949,7 +6001,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -5958,7 +6010,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -5967,7 +6019,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -5976,7 +6028,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6000,10 +6052,10 @@ export interface operations {
             };
         };
         responses: {
-            /** @description The endpoint */
+            /** @description The created endpoint */
             201: {
                 headers: {
-                    /** @description Its address */
+                    /** @description The endpoint's path */
                     Location?: string;
                     [name: string]: unknown;
                 };
@@ -6011,7 +6063,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookEndpoint"];
                 };
             };
-            /** @description A body that can't be understood */
+            /** @description The body is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6020,7 +6072,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6029,7 +6081,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6038,7 +6090,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body stopped coming */
+            /** @description The body timed out */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -6047,7 +6099,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description There are as many as may be */
+            /** @description The maximum number of endpoints exists */
             409: {
                 headers: {
                     [name: string]: unknown;
@@ -6065,7 +6117,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description An address that can't be used, or a value out of its range */
+            /** @description The URL is not allowed, or a value is out of range */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6074,7 +6126,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6083,7 +6135,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6092,7 +6144,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6124,7 +6176,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookEndpoint"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6133,7 +6185,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6142,7 +6194,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6151,7 +6203,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such endpoint */
+            /** @description Endpoint not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6160,7 +6212,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6169,7 +6221,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6178,7 +6230,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6201,14 +6253,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description It is gone */
+            /** @description The endpoint was deleted */
             204: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6217,7 +6269,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6226,7 +6278,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6235,7 +6287,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such endpoint */
+            /** @description Endpoint not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6244,7 +6296,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6253,7 +6305,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6262,7 +6314,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6298,7 +6350,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookEndpoint"];
                 };
             };
-            /** @description A body or a path that can't be understood */
+            /** @description The body or the path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6307,7 +6359,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6316,7 +6368,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6325,7 +6377,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such endpoint */
+            /** @description Endpoint not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6334,7 +6386,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The body stopped coming */
+            /** @description The body timed out */
             408: {
                 headers: {
                     [name: string]: unknown;
@@ -6352,7 +6404,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description An address that can't be used, or a value out of its range */
+            /** @description The URL is not allowed, or a value is out of range */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -6361,7 +6413,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6370,7 +6422,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6379,7 +6431,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6393,9 +6445,9 @@ export interface operations {
     list_of_endpoint: {
         parameters: {
             query?: {
-                /** @description Where to go on: `next` of the page before. */
+                /** @description The `next` value of the previous page. */
                 cursor?: string;
-                /** @description Deliveries on the page, 1 to 200. */
+                /** @description Number of deliveries per page, 1 to 200. */
                 limit?: number;
             };
             header?: never;
@@ -6416,7 +6468,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookDeliveries"];
                 };
             };
-            /** @description A query that can't be understood */
+            /** @description The query is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6425,7 +6477,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6434,7 +6486,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6443,7 +6495,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such endpoint */
+            /** @description Endpoint not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6452,7 +6504,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6461,7 +6513,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6470,7 +6522,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6502,7 +6554,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookEndpoint"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6511,7 +6563,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6520,7 +6572,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6529,7 +6581,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such endpoint */
+            /** @description Endpoint not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6538,7 +6590,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6547,7 +6599,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6556,7 +6608,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6579,7 +6631,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description It is on its way */
+            /** @description The delivery is due now */
             202: {
                 headers: {
                     [name: string]: unknown;
@@ -6588,7 +6640,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookDelivery"];
                 };
             };
-            /** @description A path that can't be understood */
+            /** @description The path is malformed */
             400: {
                 headers: {
                     [name: string]: unknown;
@@ -6597,7 +6649,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6606,7 +6658,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6615,7 +6667,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description No such endpoint */
+            /** @description Endpoint not found */
             404: {
                 headers: {
                     [name: string]: unknown;
@@ -6633,7 +6685,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6642,7 +6694,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6651,7 +6703,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6680,7 +6732,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookSecret"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6689,7 +6741,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6698,7 +6750,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6707,7 +6759,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6716,7 +6768,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6745,7 +6797,7 @@ export interface operations {
                     "application/json": components["schemas"]["WebhookSecret"];
                 };
             };
-            /** @description No key, or one that is worth nothing */
+            /** @description The API key is missing or invalid */
             401: {
                 headers: {
                     [name: string]: unknown;
@@ -6754,7 +6806,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key lacks a scope, or the page is of another origin */
+            /** @description The key lacks a scope, or the page's origin is not allowed */
             403: {
                 headers: {
                     [name: string]: unknown;
@@ -6763,7 +6815,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description Too many requests came */
+            /** @description Too many requests */
             429: {
                 headers: {
                     [name: string]: unknown;
@@ -6772,7 +6824,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description A fault of the service */
+            /** @description Internal error */
             500: {
                 headers: {
                     [name: string]: unknown;
@@ -6781,7 +6833,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The database does not answer now */
+            /** @description The database is unavailable */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -6805,14 +6857,14 @@ export interface operations {
             };
         };
         responses: {
-            /** @description The receiver has the message */
+            /** @description The receiver accepted the message */
             "2XX": {
                 headers: {
                     [name: string]: unknown;
                 };
                 content?: never;
             };
-            /** @description The receiver refuses the message; it is sent again later */
+            /** @description The receiver rejected the message; the service retries later */
             "4XX": {
                 headers: {
                     [name: string]: unknown;

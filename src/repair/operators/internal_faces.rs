@@ -68,8 +68,11 @@ pub fn remove_internal_faces(surface: &mut Surface, context: &Context<'_>) -> Re
     let is_removed: Vec<bool> = is_inner.iter().zip(&is_other).map(|(&inner, &other)| inner && !other).collect();
     let patch_count = is_removed.iter().filter(|&&is_removed| is_removed).count() as u64;
     let face_count = patches.remove(&is_removed, surface);
-    Ok(Change::list([(ChangeKind::InternalWallsRemoved, patch_count), (ChangeKind::InternalFacesRemoved, face_count)])
-        .into())
+    Ok(Change::list([
+        (ChangeKind::InternalPatchesRemoved, patch_count),
+        (ChangeKind::InternalFacesRemoved, face_count),
+    ])
+    .into())
 }
 
 /// Removes single-layer internal faces from solids.

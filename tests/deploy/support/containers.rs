@@ -41,7 +41,7 @@ impl Container {
             && let (Some(jobs), Some(job)) = (number("MESHMEND_WORKERS"), number("MESHMEND_JOB_MEMORY_MIB"))
         {
             let blenders =
-                number("MESHMEND_BLENDERS_MEMORY_MIB").expect("set: half of the machine's is not of the limit");
+                number("MESHMEND_BLENDER_TOTAL_MEMORY_MIB").expect("set: half of the machine's is not of the limit");
             let most = jobs * job + blenders;
             assert!(most < self.memory_mib as f64, "{name}: {most} MiB of {}", self.memory_mib);
         }

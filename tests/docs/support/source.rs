@@ -5,13 +5,18 @@ use crate::server::files_below;
 
 /// The doc comment of each variant of an enum, in the order of the code.
 pub fn variants(name: &str) -> Vec<String> {
-    let before = format!("pub enum {name} {{\n");
     // An enum in a macro is indented.
     let code = files_below(&root().join("src"))
         .into_iter()
         .filter(|path| path.extension().is_some_and(|ending| ending == "rs"));
     let texts = code.map(|path| std::fs::read_to_string(path).unwrap());
-    let found: Vec<_> = texts.filter_map(|text| Some(text.split_once(&before)?.1.to_owned())).collect();
+    let texts: Vec<String> = texts.collect();
+    let bodies = |before: String| -> Vec<String> {
+        texts.iter().filter_map(|text| Some(text.split_once(&before)?.1.to_owned())).collect()
+    };
+    // Some enums of requests are private.
+    let public = bodies(format!("pub enum {name} {{\n"));
+    let found = if public.is_empty() { bodies(format!("\nenum {name} {{\n")) } else { public };
     assert_eq!(found.len(), 1, "enums {name}");
     let body = found[0].split("\n}").next().and_then(|body| body.split("\n    }").next()).unwrap();
     // If the macro takes the variants as input, read them where it is called; more may follow each name there.

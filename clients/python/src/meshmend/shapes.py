@@ -8,26 +8,26 @@ from typing import Literal, TypeAlias
 from typing_extensions import NotRequired, TypedDict
 
 Action: TypeAlias = Literal['basic_cleanup', 'fix_normals', 'fill_holes', 'stitch', 'full_repair', 'conservative_repair', 'make_manifold', 'clean_and_patch', 'close_sheets', 'self_union', 'perturb', 'simplify', 'drop_small_parts', 'native_remesh', 'voxel_remesh', 'boolean_union', 'validate']
-"""One thing a plan does."""
+"""An action of a plan, which runs one operator or several."""
 
 
 Answer: TypeAlias = Literal['yes', 'no', 'not_measurable']
-"""An answer to a question that can't always be asked."""
+"""Answer to a question that may not apply."""
 
 
 class ArtifactLink(TypedDict):
     """A file to download."""
 
     bytes: NotRequired[int | None]
-    """Its size; left out of a picture that is drawn when it is first asked for."""
+    """The file's size in bytes. Omitted for an image that is rendered on the first request."""
     filename: str
-    """The name to save it under."""
+    """The file name to save under."""
     href: str
-    """Its address, relative to the service's."""
+    """The file's URL, relative to the service."""
     media_type: str
-    """Its media type."""
+    """The file's media type."""
     sha256: NotRequired[str | None]
-    """SHA-256 of its bytes, in hexadecimal; left out of pictures and coloured meshes."""
+    """The SHA-256 hash of the file's bytes, in hexadecimal. Omitted for images and coloured meshes."""
 
 
 AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'methods_agree']
@@ -35,224 +35,222 @@ AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed',
 
 
 class Attributes(TypedDict):
-    """
-    The four attributes of a mesh as meshalyzer defines them (seed 004), each one assuming those before it where its
-    definition does.
-    """
+    """The four attributes of a mesh as the tool meshalyzer defines them. Some attributes require preceding ones."""
 
     closed: Answer
-    """Each edge is shared by two or more faces. Edges of more than two are allowed."""
+    """Whether every edge is shared by two or more faces. Edges with more than two faces are allowed."""
     consistent: Answer
-    """No edge is crossed twice in the same direction. Assumes manifold; the mesh may be open."""
+    """Whether no two faces traverse an edge in the same direction. Requires `manifold`; the mesh may be open."""
     manifold: Answer
     """
-    All faces at a vertex are reached from one another across edges, of which each has at most two faces. The mesh
+    Whether every edge has at most two faces, and the faces at each vertex are connected across edges. The mesh
     may be open.
     """
     outward: Answer
     """
-    A ray from a face to the outside passes an even number of faces, for each part of the mesh: outer shells are
-    turned outward and cavities into their hollow. Assumes closed, manifold and consistent. Unlike the field of
-    [`Measures`] it is not given to a part turned outward inside another.
+    Whether a ray along any face's normal crosses an even number of further faces, in each part: outer shells face
+    outward and cavities face inward. Requires `closed`, `manifold` and `consistent`. Stricter than the field of
+    [`Measures`], which accepts an outward-facing part inside another.
     """
 
 
 BinSpacing: TypeAlias = Literal['linear', 'geometric']
-"""How the bins of a histogram are placed."""
+"""Spacing of histogram bins."""
 
 
 class BoundingBox(TypedDict):
     """An axis-parallel box."""
 
     max: list[float]
-    """Largest coordinates."""
+    """Largest x, y and z coordinates."""
     min: list[float]
-    """Smallest coordinates."""
+    """Smallest x, y and z coordinates."""
 
 
 BrowserScope: TypeAlias = Literal['jobs:read', 'jobs:write']
-"""What a token for a page may allow."""
+"""A scope of a browser token."""
 
 
 Category: TypeAlias = Literal['clean', 'holes', 'many_small_holes', 'non_manifold', 'self_intersecting', 'fragmented', 'multiple_components', 'orientation', 'degenerate', 'open_sheet', 'complex']
-"""What kind of trouble a model is in, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping")."""
+"""The category of a model's damage, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping")."""
 
 
 class Change(TypedDict):
     """One kind of change that an operator made, such as 12 `duplicate_faces_removed`."""
 
     count: int
-    """How many."""
+    """The number of changes of this kind."""
     kind: str
-    """What was changed, as a name for programs."""
+    """The kind of change, as a stable name."""
 
 
 CheckRule: TypeAlias = Literal['manifold', 'no_zero_length_edge', 'no_zero_area_face', 'no_opposed_vertex_normal', 'no_slit', 'no_self_intersection']
-"""A rule of Parasolid's mesh checking (seed 002, 86.4), as far as it concerns a mesh by itself."""
+"""A rule of Parasolid's mesh check that applies to a single mesh."""
 
 
 class CheckVerdict(TypedDict):
     """
-    Whether a mesh keeps the rules of a check level. A mesh that [`Measures::printable`] passes keeps them all.
+    Result of checking a mesh against the rules of its inspection level. A printable mesh breaks no rule.
 
-    A rule is broken by what is exactly so: an edge without length, a face without area, a slit. What is so within the tolerances only,
-    such as a face lower than a ten-millionth of the model, is advice: no reader takes it for broken, and to remove it may move surface
-    into other surface. Normals of the file are advice too, since slicers compute their own.
+    Only an exact violation breaks a rule: an edge of zero length, a face of zero area, a slit. A violation within the
+    tolerances, such as a face lower than 1e-7 of the diagonal, is advice. No reader rejects such a face, and removing
+    the face can move surface into other surface. Bad normals are advice too, since slicers compute their own.
     """
 
     advice: NotRequired[list[CheckRule]]
-    """The rules that are kept exactly, but not within the tolerances, or by the normals that the file gives."""
+    """Rules that hold exactly but fail within the tolerances, or that the file's normals violate."""
     broken: list[CheckRule]
-    """The rules that are broken."""
+    """Broken rules."""
     passes: bool
-    """Every rule was checked, and none is broken."""
+    """Whether every rule was checked and none is broken."""
     undecided: list[CheckRule]
-    """The rules that could not be decided: nothing against them was found, but the search was not finished."""
+    """Rules without a verdict: the search found no violation but stopped early."""
 
 
 DefectKind: TypeAlias = Literal['disjoint', 'foldover', 'flat_face', 'degenerate_face', 'slit', 'self_intersection', 'non_manifold_edge', 'non_manifold_vertex', 'bad_vertex_normal', 'corrupt', 'hole', 'misoriented_edge', 't_junction', 'crack', 'inverted_part', 'duplicate_face', 'opposite_face', 'sheet', 'inner_shell', 'tiny_part']
 """
-What can be wrong with a mesh at a place.
+Kind of a defect that an inspection can locate.
 
-The first ten are those of Parasolid's `PK_MESH_find_defects` (seed 002).
+The first ten kinds follow Parasolid's `PK_MESH_find_defects`. Each variant names the quantity in
+[`Defect::value`].
 """
 
 
 class DeliveryAttempt(TypedDict):
-    """One try to deliver a message."""
+    """One attempt at a delivery."""
 
     at: str
-    """When it began."""
+    """When the attempt began."""
     error: NotRequired[str | None]
-    """Why it was no success."""
+    """Why the attempt failed."""
     milliseconds: int
-    """How long it took, in milliseconds."""
+    """How long the attempt took, in milliseconds."""
     status: NotRequired[int | None]
-    """The HTTP status that the receiver answered; none if it did not answer."""
+    """The HTTP status of the receiver's response; null without a response."""
 
 
 DeliveryStatus: TypeAlias = Literal['pending', 'delivered', 'failed']
-"""How a delivery stands."""
+"""The status of a delivery."""
 
 
 class Elements(TypedDict):
-    """What the file itself says of its vertices and faces, before vertices are merged."""
+    """Counts of the file's own vertices and faces, before coincident vertices are merged."""
 
     collinear_faces: int
-    """Faces of three different vertices that lie on a line, or so near one that f64 finds no area."""
+    """Faces with three different vertices whose area is zero, exactly or in f64."""
     faces_contiguous: NotRequired[bool | None]
-    """Whether faces are numbered 1, 2, 3 and so on; none where the format has no numbers."""
+    """Whether faces are numbered 1, 2, 3 and so on; absent if the format has no face numbers."""
     faces_without_vertex: NotRequired[int | None]
-    """Faces that name such a vertex; nothing else counts them."""
+    """Faces that name a missing vertex. No other count includes these faces."""
     indistinguishable_vertices: NotRequired[int | None]
     """
-    Used vertices of the file that can't be told from another one, since they stand at its position. None where no
-    vertex of the file is used twice, as in STL, which has no numbers: there, it is the rule.
+    Used vertices that share their position with another vertex. Absent if no vertex of the file is used twice, as
+    in STL, which stores the corners of each face separately.
     """
     missing_vertices: NotRequired[int | None]
     """
-    Vertices that a face names and the file does not give. None where the format can't have them, or its reader refuses
-    them.
+    Vertices that a face names and the file lacks. Absent if the format cannot have such faces or its reader
+    rejects them.
     """
     repeated_vertex_faces: int
-    """Faces that name a vertex more than once, by its number or by its position."""
+    """Faces that name a vertex more than once, by index or by position."""
     vertices: int
-    """Vertices in the file."""
+    """Number of vertices in the file."""
     vertices_contiguous: NotRequired[bool | None]
-    """Whether vertices are numbered 1, 2, 3 and so on; none where the format has no numbers."""
+    """Whether vertices are numbered 1, 2, 3 and so on; absent if the format has no vertex numbers."""
 
 
 class FieldError(TypedDict):
-    """What is wrong with one field of a request."""
+    """An error in one field of a request."""
 
     field: str
-    """The field, an option for example; one within another by its path, such as `tolerances.slit` or `file[1]`."""
+    """The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`."""
     message: str
-    """What is wrong, and what to send instead."""
+    """What is wrong with the field, and what to send instead."""
 
 
 class Fit(TypedDict):
-    """Whether a model fits a printer."""
+    """Whether a model fits a printer's build volume."""
 
     as_is: bool
-    """Whether it fits as it stands."""
+    """Whether the model fits in its present orientation."""
     build_volume: list[float]
-    """Sides of the build volume, in millimetres."""
+    """Side lengths of the build volume, in millimetres."""
     rotated: bool
-    """Whether it fits in some order of its axes."""
+    """Whether the model fits with its axes permuted, that is, after rotations by 90 degrees."""
 
 
 Format: TypeAlias = Literal['stl', 'obj', 'ply', 'off', 'mesh', 'glb', '3mf', 'zip']
-"""A file format that is both read and written."""
+"""A file format that meshmend reads and writes."""
 
 
 class Histogram(TypedDict):
-    """How many values there are in each of a row of bins, usually 16."""
+    """Number of values per bin, usually with 16 bins."""
 
     counts: list[int]
-    """The values in each bin."""
+    """Number of values in each bin."""
     edges: list[float]
     """
-    The borders of the bins, ascending, one more than there are bins. A value on a border belongs to the bin above it, the
-    last border to the last bin; a value counts as on a border that is above it by a millionth at most, which is rounding. A range so
-    narrow is one bin.
+    Bin edges, ascending; one more than bins. A value on an edge belongs to the bin above, except that the last
+    bin includes the last edge. A value less than a millionth below an edge counts as on the edge, to absorb
+    rounding. If all values are equal to within a millionth, there is one bin.
     """
     spacing: BinSpacing
-    """How the edges are placed."""
+    """Spacing of the bin edges."""
 
 
 HoleFilling: TypeAlias = Literal['auto', 'smooth', 'planar', 'sharp']
-"""How the triangles of a hole's patch are chosen."""
+"""How the triangles that fill a hole are chosen."""
 
 
 JobEvent: TypeAlias = Literal['job.succeeded', 'job.failed', 'job.canceled']
-"""What endpoints can be told of."""
+"""An event that endpoints can subscribe to."""
 
 
 JobFile: TypeAlias = Literal['input', 'model']
-"""A file of an earlier job."""
+"""Which file of an earlier job to use."""
 
 
 JobOutcome: TypeAlias = Literal['already_printable', 'repaired', 'partially_repaired', 'unrepairable', 'printable', 'not_printable', 'undecided']
-"""What became of a job's model, apart from whether the job ran."""
+"""The outcome of a job: what its result is worth, apart from whether the job ran."""
 
 
 Level: TypeAlias = Literal['none', 'basic', 'full']
-"""How closely a mesh is looked at, after Parasolid's `PK_check_mesh_*` (seed 002)."""
+"""How thoroughly a mesh is inspected, modelled on the levels of Parasolid's `PK_check_mesh_*`."""
 
 
 class LostPart(TypedDict):
-    """A part that is not in the result without a reason."""
+    """A part absent from the result without a reason."""
 
     area: float
-    """Its area."""
+    """Area of the part, in square model units."""
     at: list[float]
-    """A point on it that is neither on nor in the result."""
+    """A point of the part that is neither on nor in the result, in the model's unit."""
     faces: int
-    """Its faces."""
+    """Number of faces of the part."""
     first_face: int
-    """Its first face, by index in the file from 0."""
+    """Index of the part's first face in the file, from 0."""
     part: int
-    """The part, by number from 0 in the order of the parts' first faces."""
+    """Number of the part, from 0 in the order of the parts' first faces."""
 
 
 Meeting: TypeAlias = Literal['crossing', 'touching', 'coplanar']
-"""How two faces meet that should not."""
+"""How two intersecting faces meet."""
 
 
 Merge: TypeAlias = Literal['auto', 'none', 'objects']
-"""What becomes of a file's objects, where its format and that of the result have such."""
+"""The treatment of a file's objects, if the formats of the file and of the result both have objects."""
 
 
 class MeshPair(TypedDict):
-    """Two meshes that intersect."""
+    """Two intersecting meshes."""
 
     complete: bool
-    """Whether all were counted."""
+    """Whether all pairs were counted. If not, the number is a lower bound."""
     meshes: list[int]
-    """The two meshes, by place in the list of files from 0, the smaller first."""
+    """Positions of the two meshes in the list of files, from 0, smaller first."""
     pairs: int
-    """Pairs of faces, one of each mesh, that intersect."""
+    """Number of intersecting face pairs, with one face of each mesh."""
 
 
 Mode: TypeAlias = Literal['repair', 'analyze']
@@ -272,35 +270,35 @@ Nearest = TypedDict(
 
 
 Nested: TypeAlias = Literal['keep', 'alternate']
-"""How closed parts that lie in others are wound."""
+"""How closed parts inside other parts are wound."""
 
 
 class NewBrowserToken(TypedDict, closed=True):
-    """What a token for a page is to allow."""
+    """A browser token to create."""
 
     expires_in_s: NotRequired[int | None]
-    """Seconds until it expires."""
+    """Seconds until the token expires."""
     max_bytes: NotRequired[int | None]
-    """Largest upload in bytes; that of the service where it is left out."""
+    """Maximum upload size in bytes. Defaults to the service's limit."""
     origin: str
-    """The origin of the page, such as `https://shop.example`: the token is worth nothing elsewhere."""
+    """The origin of the page, such as `https://shop.example`. The token is invalid for other origins."""
     scopes: NotRequired[list[BrowserScope] | None]
-    """What it allows; both where it is left out. Either way it reaches only jobs submitted with it."""
+    """The token's scopes. Defaults to both. The token only ever gives access to jobs submitted with it."""
 
 
 class NewWebhookEndpoint(TypedDict, closed=True):
-    """An endpoint to make."""
+    """A webhook endpoint to create."""
 
     description: NotRequired[str]
-    """What it is for, in your own words: at most 200 characters on one line."""
+    """What the endpoint is for, in your own words: at most 200 characters on one line."""
     events: NotRequired[list[JobEvent] | None]
-    """What to tell it of; everything where it is left out."""
+    """The events to send. Defaults to all events."""
     url: str
-    """An https address, to which messages are posted."""
+    """The https URL that receives the messages."""
 
 
 NoWallReason: TypeAlias = Literal['no_surface', 'open_surface', 'no_opposite_sides', 'not_printable']
-"""Why no wall was measured."""
+"""Why no wall thickness was measured."""
 
 
 NotAppliedCause: TypeAlias = Literal['nothing_to_do', 'limited', 'excluded', 'unavailable', 'made_worse']
@@ -308,36 +306,36 @@ NotAppliedCause: TypeAlias = Literal['nothing_to_do', 'limited', 'excluded', 'un
 
 
 OfferedFile: TypeAlias = Literal['model', 'original', 'none']
-"""The file that a repair hands out."""
+"""The file that a repair returns."""
 
 
 OmittedSection: TypeAlias = Literal['input_verification', 'input_details', 'repair', 'verification', 'attributes', 'result_details', 'surface_changes']
-"""Work that the deadline left no time for."""
+"""Work that was left out because the deadline left no time for it."""
 
 
 OpenSheets: TypeAlias = Literal['auto', 'leave', 'thicken', 'base']
-"""What becomes of open sheets: parts that enclose nothing, such as terrain or a single wall."""
+"""The treatment of open sheets: parts that enclose nothing, such as terrain or a single wall."""
 
 
 Operator: TypeAlias = Literal['round_coordinates', 'remove_collapsed_faces', 'merge_vertices', 'weld', 'remove_duplicates', 'remove_caps', 'remove_slivers', 'orient', 'split_t_junctions', 'sew', 'stitch', 'unfold_foldovers', 'remove_overlapping_neighbours', 'remove_internal_sheets', 'remove_internal_faces', 'cut_non_orientable', 'split_non_manifold', 'detach_fins', 'join_parts', 'fill_holes', 'clean_and_patch', 'thicken_sheets', 'add_base', 'self_union', 'remesh', 'remove_debris', 'perturb', 'drop_small_parts', 'simplify']
-"""The operators by name: what a plan lists, what the options switch on and off, and what the report accounts for."""
+"""A repair operator, by the name that plans, options and reports use."""
 
 
 class OptionNotApplied(TypedDict):
-    """An option that was set and that the result does not follow, or only in part."""
+    """An option that was set but not followed, or followed only in part."""
 
     cause: NotAppliedCause
-    """What kind of reason it is."""
+    """The kind of reason."""
     option: str
     """The option's name."""
     reason: str
-    """The reason as a sentence."""
+    """The reason as text."""
     value: str
-    """Its value as text."""
+    """The option's value as text."""
 
 
 Outcome: TypeAlias = Literal['already_printable', 'repaired', 'partially_repaired', 'unrepairable']
-"""What became of a model, apart from whether the job ran."""
+"""The outcome of a repair for the model."""
 
 
 OutputFormat: TypeAlias = Literal['auto', 'stl', 'obj', 'ply', 'off', 'mesh', 'glb', 'zip', '3mf', 'same']
@@ -345,74 +343,74 @@ OutputFormat: TypeAlias = Literal['auto', 'stl', 'obj', 'ply', 'off', 'mesh', 'g
 
 
 class OverhangArea(TypedDict):
-    """The area that hangs over by more than an angle."""
+    """Area of the surface that overhangs by more than an angle."""
 
     area: float
-    """Area, in square units."""
+    """Overhanging area, in square model units."""
     degrees: float
-    """The angle from the vertical, in degrees: a wall has 0, a ceiling 90."""
+    """The angle from the vertical, in degrees: 0 for a vertical wall, 90 for a ceiling."""
     percent: float
-    """Share of the whole area, in percent."""
+    """Overhanging share of the total area, in percent."""
 
 
 Overlaps: TypeAlias = Literal['union', 'keep']
-"""What becomes of parts that overlap."""
+"""The treatment of parts that overlap."""
 
 
 PartReason: TypeAlias = Literal['duplicate', 'no_volume', 'inside_another', 'debris', 'dropped']
-"""Why an input part of which nothing is in the result is not missed."""
+"""Why the absence of an input part from the result is no loss."""
 
 
 class Place1(TypedDict):
-    """Offset in bytes from the file's start."""
+    """Offset in bytes from the start of the file."""
 
     byte: int
-    """Offset in bytes from the file's start."""
+    """Offset in bytes from the start of the file."""
 
 
 class Place2(TypedDict):
-    """Line number, the first line being 1."""
+    """Line number, counted from 1."""
 
     line: int
-    """Line number, the first line being 1."""
+    """Line number, counted from 1."""
 
 
 Place: TypeAlias = Place1 | Place2
-"""Where in a file something was found."""
+"""Where in a file a problem is."""
 
 
 class PlannedAction(TypedDict):
-    """An action and what it comes to with the options in force."""
+    """An action with the operators that the options leave it."""
 
     action: Action
     """The action."""
     operators: NotRequired[list[Operator]]
-    """Its operators in order; none for tier 3, for validation and in an abridged report."""
+    """The operators in order. Empty for tier 3, for validation and in an abridged report."""
 
 
 Preset: TypeAlias = Literal['auto', 'basic-cleanup', 'fill-holes', 'full-repair', 'conservative-repair', 'manifold-repair', 'blender-remesh']
-"""A named plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them")."""
+"""A named repair plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them")."""
 
 
 ProblemCode: TypeAlias = Literal['unauthorized', 'forbidden', 'origin_not_allowed', 'rate_limited', 'route_not_found', 'method_not_allowed', 'invalid_request', 'invalid_options', 'missing_file', 'payload_too_large', 'too_many_files', 'unsupported_media_type', 'unsupported_model', 'upload_timeout', 'upload_interrupted', 'upload_not_found', 'upload_missing', 'upload_used', 'job_not_found', 'job_deleted', 'job_expired', 'job_finished', 'artifact_not_found', 'not_drawn_yet', 'range_not_satisfiable', 'idempotency_key_in_use', 'idempotency_key_reused', 'webhook_not_found', 'webhook_disabled', 'too_many_webhooks', 'key_not_found', 'tenant_not_found', 'queue_full', 'storage_full', 'unavailable', 'internal']
-"""Every problem that a request can meet, for programs."""
+"""The code of a failed request, for programs."""
 
 
 class ProblemDoc(TypedDict):
-    """A code with its meaning, for the documentation."""
+    """An error code with its meaning, for the documentation."""
 
     advice: str
-    """What to do."""
+    """What the caller should do."""
     code: str
-    """The code."""
+    """The code, as in a problem's `code`."""
     status: NotRequired[int | None]
-    """The HTTP status of a response with it; none for a problem of a job."""
+    """The HTTP status of a response with this code. `null` for a code that only jobs have."""
     title: str
-    """The title."""
+    """The title: a short description of the error."""
 
 
 ProblemKind: TypeAlias = Literal['bad_input', 'bad_output', 'not_printable', 'deadline_exceeded', 'out_of_memory', 'cpu_limit', 'file_limit', 'crashed', 'worker_lost', 'internal']
-"""Why a job failed, for programs."""
+"""The code of a failed job's problem, for programs."""
 
 
 Property: TypeAlias = Literal['closed', 'manifold', 'outward', 'no_intersections']
@@ -420,42 +418,42 @@ Property: TypeAlias = Literal['closed', 'manifold', 'outward', 'no_intersections
 
 
 class Protection(TypedDict):
-    """One wall."""
+    """One protection of the sandbox, as the trial at the start of the service found it."""
 
     detail: NotRequired[str | None]
-    """What is missing and what would give it, or what a person should know."""
+    """What is missing and how to enable it, or other advice."""
     enforced: bool
-    """Whether it held when the service started and tried it."""
+    """Whether the protection held in the trial."""
     mechanisms: list[str]
-    """What it is made of."""
+    """The mechanisms that provide it."""
 
 
 class Protections(TypedDict):
-    """The walls around each job's processes, as they were tried."""
+    """The protections around each job's processes, as the trial at the start of the service found them."""
 
     files: Protection
-    """Files outside the job's own folder can't be written, and only those of programs can be read."""
+    """A job can write only in its own folder, and read only the files of programs."""
     network: Protection
-    """No connection leads out, not even to this machine."""
+    """A job can't make connections, not even to this machine."""
     processes: Protection
-    """No more processes and threads than `max_processes`."""
+    """A job can't have more than `max_processes` processes and threads."""
     signals: Protection
-    """Processes outside can't be signalled."""
+    """A job can't send signals to other processes."""
     system_calls: Protection
-    """Calls that no job needs are refused, leaving the process group among them."""
+    """A job can't make system calls that it does not need. Leaving its process group is one of them."""
 
 
 RawModel: TypeAlias = bytes
-"""A model's bytes."""
+"""The bytes of a model file."""
 
 
 class Readiness(TypedDict):
-    """Whether the service can do its work."""
+    """The readiness of the service."""
 
     checks: dict[str, str]
-    """Each check: `ok`, or what is wrong. A missing Blender does not make the service unready."""
+    """The result of each check: `ok`, or what is wrong. A missing Blender does not affect readiness."""
     ready: bool
-    """Whether all that is needed works."""
+    """Whether all required checks passed."""
 
 
 RedFlagCode: TypeAlias = Literal['face_loss', 'bounding_box_change', 'volume_change', 'surface_lost', 'deviation', 'parts_merged', 'part_lost', 'surface_invented', 'objects_intersect', 'vertex_loss']
@@ -468,62 +466,58 @@ class RemesherInfo(TypedDict):
     kind: str
     """`blender` or `bpy`."""
     program: str
-    """The program that is started."""
+    """The path or name of the program."""
     version: str
-    """Its version, such as `3.4.1`."""
+    """The program's version, such as `3.4.1`."""
 
 
 Require: TypeAlias = Literal['any', 'printable']
-"""What a result must be for the repair to succeed."""
+"""The result that a repair must reach to succeed."""
 
 
 SandboxMode: TypeAlias = Literal['auto', 'require', 'off']
-"""What to do where the kernel can't give every wall."""
+"""What to do where the kernel can't provide every protection."""
 
 
 class SandboxStatus(Protections):
-    """What holds each job's processes, and what they may use."""
+    """The sandbox of each job: its protections, and the resource limits of a job."""
 
     file_bytes: int
-    """Largest file, in bytes."""
+    """The largest file that a job may write, in bytes."""
     max_processes: int
-    """Most processes and threads of a job."""
+    """The most processes and threads of a job."""
     memory_bytes: int
-    """Most address space of each process, in bytes."""
+    """The most address space of each process, in bytes."""
     mode: SandboxMode
-    """What the service was told to do where a wall can't be had."""
+    """What the service does where a protection is not available."""
     scratch_bytes: int
-    """Most that a job may write into its folder, in bytes."""
+    """The most bytes that a job may write into its folder."""
 
 
 Scope: TypeAlias = Literal['jobs:read', 'jobs:write', 'webhooks', 'tokens', 'metrics', 'admin']
-"""What a key allows."""
+"""A permission of an API key."""
 
 
 class SelfIntersections(TypedDict):
     """
-    Pairs of faces that intersect, counted exactly: they have a point in common beside a vertex or an edge that they
-    share. Left out are faces whose corners are on a line and pairs with the same three vertices, which are counted as
-    degenerate and duplicate faces.
+    Exact counts of intersecting face pairs: pairs with a common point outside a shared vertex or edge. Excludes flat
+    faces and pairs with the same three vertices, which count as degenerate and duplicate faces.
     """
 
     between_parts: int
-    """Pairs of faces of two parts."""
+    """Pairs of faces from two different parts."""
     checked: bool
-    """Whether they were counted at all."""
+    """Whether the search ran."""
     complete: bool
-    """
-    Whether the count was brought to its end. Where it is not, for the sake of time, each number is at least so
-    large.
-    """
+    """Whether the search finished. If not, each count is a lower bound."""
     coplanar: int
-    """Pairs that lie in one plane and overlap."""
+    """Pairs that are coplanar and overlap."""
     crossing: int
-    """Pairs of which the inside of one passes through the inside of the other."""
+    """Pairs in which the interior of one face passes through the interior of the other."""
     faces: int
-    """Faces that are in a pair."""
+    """Number of faces in at least one pair."""
     pairs: NotRequired[int | None]
-    """How many pairs, where counted."""
+    """Total number of pairs; `null` if the search did not run."""
     touching: int
     """Pairs that only touch."""
     within_one_part: int
@@ -531,103 +525,103 @@ class SelfIntersections(TypedDict):
 
 
 class SetIntersections(TypedDict):
-    """Faces of different meshes that intersect."""
+    """Intersections between faces of different meshes."""
 
     between: list[MeshPair]
-    """The pairs of meshes of which faces intersect."""
+    """The pairs of meshes with intersecting faces."""
     complete: bool
-    """Whether every pair of meshes was counted to the end; otherwise there may be more."""
+    """Whether every pair of meshes was counted completely. If not, the total is a lower bound."""
     total: int
-    """Pairs of intersecting faces in all pairs of meshes."""
+    """Number of intersecting face pairs over all pairs of meshes."""
 
 
 Side: TypeAlias = Literal['exterior', 'interior', 'mixed']
-"""Which angles were measured."""
+"""Side on which edge angles were measured."""
 
 
 class Source(TypedDict, closed=True):
-    """Where a job's file is: an upload or an earlier job, one of them."""
+    """The stored file to use: exactly one of `upload_id` and `job_id`."""
 
     file: NotRequired[JobFile | None]
     job_id: NotRequired[str | None]
-    """An earlier job of yours whose files are still kept."""
+    """An earlier job of yours whose files have not expired."""
     upload_id: NotRequired[str | None]
-    """An upload that was announced with `POST /v1/uploads`, and sent."""
+    """An upload created with `POST /v1/uploads` whose file has been sent."""
 
 
 class Spread(TypedDict):
-    """Distances in figures."""
+    """Statistics of a set of distances."""
 
     max: float
-    """The largest, of samples and vertices."""
+    """Maximum over samples and vertices."""
     mean: float
-    """The mean."""
+    """Arithmetic mean over the samples."""
     p50: float
-    """The median."""
+    """Median: half of the area is within this distance."""
     p95: float
-    """Not exceeded by 95 % of the area."""
+    """95th percentile: 95 % of the area is within this distance."""
     p99: float
-    """Not exceeded by 99 % of the area."""
+    """99th percentile: 99 % of the area is within this distance."""
     rms: float
-    """The root of the mean square."""
+    """Root mean square over the samples."""
 
 
 Stage: TypeAlias = Literal['read', 'inspect', 'repair', 'wait', 'verify', 'finish']
-"""What a repair is doing now."""
+"""The current stage of a repair."""
 
 
 Status: TypeAlias = Literal['queued', 'running', 'succeeded', 'failed', 'canceled', 'expired']
 """
-Where a job stands.
+The status of a job.
 
 ```text
 queued -> running -> succeeded | failed | canceled -> expired
    ^         |
-   +---------+  handed back, retried, or rescued after its lease ran out
+   +---------+  released, retried, or requeued after its lease expired
 queued -> canceled
 ```
 """
 
 
 StepStatus: TypeAlias = Literal['done', 'failed', 'reverted', 'skipped']
-"""How a step ended."""
+"""The status of a step."""
 
 
 StitchPosition: TypeAlias = Literal['kept', 'average']
-"""Where two vertices that are stitched meet. A vertex that is joined to an edge stays where it is, and the edge bends to it."""
+"""Where two stitched vertices meet. A vertex stitched to an edge keeps its position, and the edge bends to the vertex."""
 
 
 class StreamEvent(TypedDict):
-    """One event of a job's stream."""
+    """One event of a job's event stream."""
 
     data: str
-    """JSON: of `progress` the status, stage, tier, percent and queue position, of `done` the job."""
+    """JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job."""
     event: str
-    """`progress`, or at the end `done`."""
+    """`progress`, or `done` as the last event."""
     id: str
     """The job's version."""
 
 
 class SurfaceShare(TypedDict):
-    """How much surface had one provenance."""
+    """Amount of surface with one provenance."""
 
     area: float
-    """Their area, in the square of the model's unit; of a removed face only that of the pieces that are gone."""
+    """Area in square model units. For a removed face, only the area of its missing pieces."""
     faces: int
-    """Faces: of the result, and for what was removed those of the input of which at least a piece is gone."""
+    """Number of faces of the result. For `removed`, faces of the input of which at least a piece is missing."""
 
 
 class SurfaceShares(TypedDict):
-    """How much of the surface was kept, moved, added and removed."""
+    """Amounts of surface that were kept, moved, added and removed."""
 
     added: SurfaceShare
     """Surface of the result without a counterpart in the input."""
     complete: bool
-    """Whether all of it was looked at; not on meshes made to be slow. What was not counts as kept."""
+    """Whether the search covered all surface. False if it ran out of its budget; surface not covered counts as kept."""
     kept: SurfaceShare
-    """Surface of the result that the input has in the same place."""
+    """Surface of the result that the input has at the same place."""
     moved: SurfaceShare
-    """Surface of the result whose counterpart in the input is near, but away by more than rounding."""
+    """Surface of the result whose counterpart in the input is nearby, but farther away than rounding explains."""
     removed: SurfaceShare
     """Surface of the input without a counterpart in the result."""
 
@@ -657,616 +651,623 @@ TenantChange = TypedDict(
 
 
 class Tenants(TypedDict):
-    """A page of tenants."""
+    """One page of tenants."""
 
     next: str | None
-    """The cursor of the next page; none on the last."""
+    """The cursor of the next page, or `null` on the last page."""
     tenants: list[Tenant]
-    """The tenants, by name."""
+    """The tenants, sorted by name."""
 
 
 class ThinPlace(TypedDict):
     """The thinnest point of a thin region."""
 
     at: list[float]
-    """The point, on the surface."""
+    """Position on the surface."""
     thickness: float
-    """The thickness there, in the model's unit."""
+    """Wall thickness at this point, in the model's unit."""
 
 
 class ThinnestWall(TypedDict):
-    """The thinnest wall."""
+    """The thinnest wall of the model."""
 
     at: list[float]
-    """A point on one side of it."""
+    """A point on one side of the wall."""
     complete: NotRequired[bool]
     """
-    Whether the search looked at all of these points. A mesh made to be slow, or one with overlapping parts or holes, may
-    spend the search's budget first; then a thinner wall may have been missed.
+    Whether the search covered all of these points. On adversarial meshes, and on meshes with overlapping parts or
+    holes, the budget may run out first, and the search may miss a thinner wall.
     """
     faces: list[int]
-    """The faces of the file on both sides of it."""
+    """The two faces on both sides of the wall, as indices in the file, from 0."""
     median: float
-    """The median of the thickness over the area that is part of a wall, from at most 256 points."""
+    """Median wall thickness, by area, from at most 256 points. Excludes surface that is not part of a wall."""
     places: NotRequired[list[ThinPlace]]
     """
-    The thinnest point of each thin region, at most 100, the thinnest first. A region is a sixteenth of the model's
-    longest side wide. Regions count that are at most a quarter thicker than the thinnest, or as thick as 2 % of the diagonal.
+    The thinnest point of each thin region, thinnest first; at most 100. A region's width is 1/16 of the model's
+    longest side. A region is thin if its wall is at most 1.25 times the thinnest wall, or at most 2 % of the
+    diagonal.
     """
     samples: int
-    """Points from which a thinner wall was searched: every face's centre, and points spread by area."""
+    """Number of points from which thinner walls were searched: all face centres, and points spread by area."""
     thickness: float
     """
-    Its thickness, in the model's unit: the way from a face straight into the material to where it leaves through a face turned
-    the other way to within 30 degrees. The least over every face's centre and over points spread by area.
+    Thickness in the model's unit: the distance from a face, perpendicular into the material, to an opposite face.
+    The two faces point away from each other to within 30 degrees. Minimum over all face centres and over points
+    spread by area.
     """
 
 
 class TierStatus(TypedDict):
-    """One tier."""
+    """A repair tier."""
 
     available: bool
-    """Whether it works."""
+    """Whether the tier is available."""
     detail: NotRequired[str | None]
-    """Why it does not, or what a person should know."""
+    """Why the tier is unavailable, or other details."""
     name: str
-    """What it is."""
+    """The tier's name."""
     program: NotRequired[RemesherInfo | None]
     tier: int
-    """Its number, 1 to 3."""
+    """The tier's number, 1 to 3."""
 
 
 class Tolerance1(TypedDict):
-    """A share of the diagonal of the box around the mesh."""
+    """Fraction of the diagonal of the mesh's bounding box."""
 
     of_diagonal: float
-    """A share of the diagonal of the box around the mesh."""
+    """Fraction of the diagonal of the mesh's bounding box."""
 
 
 class Tolerance2(TypedDict):
-    """A length in the model's unit."""
+    """Length in the model's unit."""
 
     absolute: float
-    """A length in the model's unit."""
+    """Length in the model's unit."""
 
 
 Tolerance: TypeAlias = Tolerance1 | Tolerance2
-"""A length below which something counts as nothing."""
+"""A distance threshold, relative to the mesh or absolute."""
 
 
 class Tolerances(TypedDict, closed=True):
     """
-    How closely things must agree to count as the same, after Parasolid's `tolerance` and `defect_tolerances` (seed 002).
+    Thresholds below which a defect is recognised, modelled on Parasolid's `tolerance` and `defect_tolerances`.
 
-    An override that is not given is the linear tolerance. A tolerance of 0 finds only what is so exactly, decided by
-    exact predicates; above 0 lengths are measured in f64.
+    An omitted override takes the value of `linear`. At 0 exact predicates find exact defects only; above 0, lengths
+    are measured in f64.
     """
 
     crack: NotRequired[Tolerance]
     """
-    Widest gap between boundaries that nearly coincide; never more than a fifth of an edge's length is taken for one.
-    By default 1e-4 of the diagonal.
+    Largest width of a crack, the gap between two almost coincident boundaries. The width is also at most a fifth
+    of the boundary edge's length. 1e-4 of the diagonal by default.
     """
     degenerate: NotRequired[Tolerance | None]
     foldover_angle: NotRequired[float]
-    """Largest angle between the two faces of an edge, in radians, at which the edge is a fold. By default 0.01."""
+    """Largest angle between two faces at an edge, in radians, at which the edge counts as a fold. 0.01 by default."""
     foldover_height: NotRequired[Tolerance | None]
     linear: NotRequired[Tolerance]
     """
-    What no override is given for. By default 1e-7 of the diagonal, about the distance of neighbouring 32-bit numbers
-    at the size of the model.
+    Default for omitted overrides. 1e-7 of the diagonal by default, roughly the spacing of f32 coordinates at the
+    model's size.
     """
     sheet: NotRequired[Tolerance | None]
     slit: NotRequired[Tolerance | None]
     t_junction: NotRequired[Tolerance | None]
     tiny_part: NotRequired[Tolerance]
-    """Diagonal of the largest part that is too small to print. By default 1e-3 of the whole diagonal."""
+    """Bounding-box diagonal below which a part is too small to print. 1e-3 of the mesh's diagonal by default."""
 
 
 class UnfixedFaces(TypedDict):
-    """Faces that an operator could not fix, such as those of which it could not tell the outer side."""
+    """Faces that an operator could not fix, such as faces whose outer side it could not determine."""
 
     count: int
-    """How many."""
+    """Number of faces of the input file."""
     faces: list[int]
-    """The faces of the input file that they come from, by index from 0 and ascending; at most 1000, and none that were made."""
+    """Indices of these faces in the input file, from 0 and ascending; at most 1000. Faces created by the repair are not listed."""
 
 
 Unit: TypeAlias = Literal['um', 'mm', 'cm', 'in', 'ft', 'm']
-"""A unit of length: what one step along an axis is, after the units of the 3MF core specification."""
+"""Unit of length, after the 3MF core specification."""
 
 
 UnitSource: TypeAlias = Literal['declared', 'file', 'assumed']
-"""How the unit of a file is known."""
+"""Origin of a file's unit."""
 
 
 Unmeasurable: TypeAlias = Literal['not_closed', 'not_manifold', 'not_consistent', 'no_element']
-"""Why something can't be measured."""
+"""Why a quantity cannot be measured."""
 
 
 Up: TypeAlias = Literal['y', 'z']
-"""The axis that points up: z in 3MF, y in glTF. Other formats name none."""
+"""Up axis: z in 3MF, y in glTF. Other formats declare none."""
 
 
 class UploadLimits(TypedDict):
-    """Limits on an upload."""
+    """Limits on uploads."""
 
     max_bytes: int
-    """Largest upload in bytes: one file, or all files of a job together."""
+    """Maximum upload size in bytes, for all files of a job together."""
     max_file_faces: int
-    """Most triangles of a file."""
+    """Maximum number of triangles per file."""
     max_file_vertices: int
-    """Most vertices of a file."""
+    """Maximum number of vertices per file."""
     max_files: int
-    """Most files of an analysis."""
+    """Maximum number of files of an analysis."""
 
 
 class UploadPut(TypedDict):
-    """A request to send."""
+    """An HTTP request to send."""
 
     expires_at: str
-    """Until when it may begin."""
+    """When the URL expires. The request must begin before then."""
     headers: dict[str, str]
-    """Headers that it must have."""
+    """The headers that the request must have."""
     method: str
-    """Its method."""
+    """The HTTP method."""
     url: str
-    """Its address; one without a host is of this service. Whoever has it may send the file, so keep it from others."""
+    """The URL. A URL without a host is relative to this service. Keep it secret: anyone who has it can send the file."""
 
 
 class UploadRequest(TypedDict, closed=True):
-    """What is known of a file before it is sent."""
+    """A file that is going to be uploaded."""
 
     bytes: NotRequired[int | None]
-    """Its size. One that is too large is refused before it is sent."""
+    """The file's size in bytes. A size above the limit is rejected before any bytes are sent."""
     name: NotRequired[str | None]
     """The file's name."""
 
 
 class Verdict(TypedDict):
     """
-    What is claimed of the file that a repair hands out.
+    The claims about the file that a repair returns.
 
-    Every surface that tells an outcome takes its claims from here: report, exit codes, messages, webhooks, artifacts, the page and the
-    widget.
+    Report, exit codes, messages, webhooks, artifacts, the page and the widget all take their claims from the verdict.
     """
 
     file: OfferedFile
-    """The file that is handed out."""
+    """The file that is returned."""
     passes: bool
-    """
-    Whether the file's mesh passes every check, as `meshmend inspect` finds on it. With a red flag up a mesh may pass and not be
-    `printable`.
-    """
+    """Whether the file's mesh passes every check of `meshmend inspect`. With a red flag, a mesh may pass without being `printable`."""
     printable: bool
-    """Whether the file can be printed as it stands: the outcome is `already_printable` or `repaired`."""
+    """Whether the file can be printed as it is: the outcome is `already_printable` or `repaired`."""
     proven: list[Property]
-    """What was found true of the file's own bytes."""
+    """Properties that were verified on the file's own bytes."""
 
 
 class Volume(TypedDict):
-    """Enclosed volume by the divergence theorem."""
+    """Enclosed volume, computed by the divergence theorem."""
 
     reliable: bool
-    """Whether the mesh is closed and consistently oriented, without which the figure means little."""
+    """Whether the mesh is closed and consistently oriented. Otherwise the value has little meaning."""
     value: float
-    """Cubic units; negative for a mesh that is inside out."""
+    """Signed volume in cubic model units; negative for a mesh turned inside out."""
 
 
 class WebhookArtifact(TypedDict):
-    """A file to download as receivers are told of it."""
+    """A result file in a webhook message."""
 
     bytes: NotRequired[int | None]
-    """Its size; left out of a picture that is drawn when it is first asked for."""
+    """The size in bytes; absent for a picture, which is drawn at the first request."""
     href: str
-    """Its address, relative to the service's."""
+    """The download address, relative to the service's address."""
     sha256: NotRequired[str | None]
-    """SHA-256 of its bytes, in hexadecimal; left out of such a picture too."""
+    """SHA-256 of the bytes, in hexadecimal; absent for a picture that is not drawn yet."""
 
 
 class WebhookDelivery(TypedDict):
-    """A message on its way to one receiver."""
+    """The delivery of a message to one receiver."""
 
     attempts: list[DeliveryAttempt]
-    """The last tries, oldest first."""
+    """The latest attempts, oldest first."""
     callback_url: NotRequired[str | None]
-    """The address that the job named."""
+    """The job's `callback_url`, or `null` for a delivery to an endpoint."""
     created_at: str
-    """When the message was made."""
+    """When the message was created."""
     endpoint: NotRequired[str | None]
-    """The endpoint; null where the job named its own address."""
+    """The endpoint, or `null` for a delivery to a job's `callback_url`."""
     id: str
-    """Its name."""
+    """The delivery's id."""
     job: NotRequired[str | None]
-    """The job that it tells of."""
+    """The job that the message is about."""
     next_attempt_at: NotRequired[str | None]
-    """When it is tried next."""
+    """When the next attempt is due."""
     status: DeliveryStatus
-    """How it stands."""
+    """The delivery's status."""
     type: str
-    """What the message tells: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test."""
+    """The event: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test."""
     webhook_id: str
-    """The message, as the receiver sees it in the header `webhook-id`. It is the same each time."""
+    """The message's id, sent in the header `webhook-id`. It is the same in every attempt."""
 
 
 class WebhookEndpoint(TypedDict):
-    """Somebody who is told of your jobs."""
+    """A URL that receives messages about your jobs."""
 
     created_at: str
-    """When it was made."""
+    """When the endpoint was created."""
     description: str
-    """What it is for."""
+    """What the endpoint is for."""
     disabled_at: NotRequired[str | None]
-    """When it was disabled: by you, since the receiver answered 410, or since every delivery failed for 5 days."""
+    """When the endpoint was disabled: by you, because the receiver answered 410, or because every delivery failed for 5 days."""
     disabled_reason: NotRequired[str | None]
-    """Why."""
+    """Why the endpoint was disabled."""
     enabled: bool
-    """Whether it is told of anything."""
+    """Whether the endpoint receives messages."""
     events: list[JobEvent]
-    """What it is told of."""
+    """The events that are sent."""
     failing_since: NotRequired[str | None]
-    """When its deliveries began to fail; null where the last one was taken."""
+    """When its deliveries began to fail, or `null` if the last delivery succeeded."""
     id: str
-    """Its name."""
+    """The endpoint's id."""
     previous_secret_until: NotRequired[str | None]
-    """Until when the secret before the present one signs too."""
+    """Until when the previous secret also signs messages."""
     secret: NotRequired[str | None]
-    """What its messages are signed with, as libraries for Standard Webhooks take it; only in the answer that makes it."""
+    """
+    The secret that signs the messages, in the format of the Standard Webhooks libraries. Only in the response that creates or rotates
+    the secret.
+    """
     url: str
-    """Where messages are posted."""
+    """The https URL that receives the messages."""
 
 
 class WebhookEndpointChange(TypedDict, closed=True):
-    """What to change of an endpoint; what is left out stays."""
+    """Changes to a webhook endpoint. An omitted field keeps its value."""
 
     description: NotRequired[str | None]
-    """What it is for."""
+    """What the endpoint is for."""
     enabled: NotRequired[bool | None]
-    """Whether to tell it of anything. Disabling it gives up what waits for it."""
+    """Whether the endpoint receives messages. Disabling it drops its pending messages."""
     events: NotRequired[list[JobEvent] | None]
-    """What to tell it of."""
+    """The events to send."""
     url: NotRequired[str | None]
-    """An https address, to which messages are posted."""
+    """The https URL that receives the messages."""
 
 
 class WebhookEndpoints(TypedDict):
-    """A tenant's endpoints."""
+    """The webhook endpoints of a tenant."""
 
     endpoints: list[WebhookEndpoint]
     """The endpoints, oldest first."""
 
 
 class WebhookInput(TypedDict):
-    """An uploaded file as receivers are told of it."""
+    """An uploaded file in a webhook message."""
 
     name: str
-    """The name it was sent with."""
+    """The file name that the client sent."""
     sha256: str
-    """SHA-256 of its bytes, in hexadecimal."""
+    """SHA-256 of the bytes, in hexadecimal."""
 
 
 class WebhookProblem(TypedDict):
-    """Why a job failed as receivers are told of it."""
+    """Why a job failed, in a webhook message."""
 
     code: ProblemKind
-    """The code, for programs."""
+    """The problem's code, for programs."""
     detail: str
-    """What happened and what to do."""
+    """What happened and what to do, as text."""
 
 
 class WebhookSecret(TypedDict):
-    """What calls to the jobs' own callback addresses are signed with."""
+    """The secret that signs the messages to the callback URLs of jobs."""
 
     previous_until: NotRequired[str | None]
-    """Until when the secret before this one signs too."""
+    """Until when the previous secret also signs messages."""
     secret: str
-    """The secret, as libraries for Standard Webhooks take it."""
+    """The secret, in the format of the Standard Webhooks libraries."""
 
 
 When: TypeAlias = Literal['nothing_acceptable', 'open_sheets_remain', 'nothing_closed']
-"""When a strategy runs, given that none before it was good."""
+"""The condition for a strategy to run, given that no result before it was good enough."""
 
 
 WindingRuleChoice: TypeAlias = Literal['auto', 'positive', 'nonzero', 'odd']
-"""What is solid, by how many times the surface winds around it."""
+"""The winding rule: the space that counts as solid, by how often the surface winds around it."""
 
 
 class AccountedPart(TypedDict):
-    """A part that is not in the result, and why it is not missed."""
+    """A part absent from the result for a known reason."""
 
     faces: int
-    """Its faces."""
+    """Number of faces of the part."""
     first_face: int
-    """Its first face, by index in the file from 0."""
+    """Index of the part's first face in the file, from 0."""
     part: int
-    """The part, by number from 0 in the order of the parts' first faces."""
+    """Number of the part, from 0 in the order of the parts' first faces."""
     reason: PartReason
-    """Why it is not missed."""
+    """Why the absence is no loss."""
     samples: int
-    """Points on it that were looked at; 0 where its faces alone tell."""
+    """Number of sample points that support the reason; 0 if the part's own faces decide."""
 
 
 class ApiKey(TypedDict):
     """An API key."""
 
     created_at: str
-    """When it was made."""
+    """When the key was created."""
     expires_at: str | None
-    """When it expires; null where it does not."""
+    """When the key expires, or `null` if it never does."""
     id: str
-    """Its name."""
+    """The key's id."""
     label: str
-    """What it is for."""
+    """What the key is for."""
     last_used_at: str | None
-    """When it was last used, to within five minutes; null where it never was."""
+    """When the key was last used, accurate to five minutes, or `null` if it was never used."""
     revoked_at: str | None
-    """When it was revoked; null where it was not."""
+    """When the key was revoked, or `null` if it was not."""
     scopes: list[Scope]
-    """What it allows."""
+    """The key's scopes."""
     secret: NotRequired[str | None]
-    """The secret, to be sent as `Authorization: Bearer`; only in the answer that makes the key."""
+    """The secret, to be sent as `Authorization: Bearer`. Only in the response that creates the key."""
     tenant: str
-    """The tenant that it belongs to."""
+    """The key's tenant."""
 
 
 class ApiKeys(TypedDict):
-    """A page of keys."""
+    """One page of API keys."""
 
     keys: list[ApiKey]
-    """The keys, newest first, revoked and expired ones among them."""
+    """The keys, newest first, including revoked and expired ones."""
     next: str | None
-    """The cursor of the next page; none on the last."""
+    """The cursor of the next page, or `null` on the last page."""
 
 
 class Assumption(TypedDict):
-    """
-    A decision that the input does not prove: what was decided, how much of the model it concerns, and the option that decides
-    otherwise.
-    """
+    """A decision that the input does not prove, with the extent it concerns and the option that decides otherwise."""
 
     amount: NotRequired[float | None]
-    """How much, in the quantity that the kind documents."""
+    """Extent of the decision; the kind documents the quantity."""
     count: int
-    """How many things it concerns: sheets, holes, objects, pieces or cavities."""
+    """Number of sheets, holes, objects, pieces or cavities that the decision concerns."""
     detail: str
-    """The decision as a sentence."""
+    """The decision as text."""
     kind: AssumptionKind
-    """What was decided."""
+    """The kind of decision."""
     option: NotRequired[str | None]
-    """The option that decides otherwise, as `name=value`."""
+    """The option that reverses the decision, as `name=value`."""
     places: NotRequired[list[list[float]]]
-    """Points where it applies, in the model's unit; at most five."""
+    """Points where the decision applies, in the model's unit; at most five."""
     share_pct: NotRequired[float | None]
-    """Share of the result's surface that it concerns, in percent."""
+    """Share of the result's surface that the decision concerns, in percent."""
 
 
 class BrowserToken(TypedDict):
-    """A token for a page."""
+    """A token for web pages of one origin."""
 
     expires_at: NotRequired[str | None]
-    """When it expires."""
+    """When the token expires."""
     id: str
-    """Its name, as jobs submitted with it have it in the service's log."""
+    """The token's id, which the service's log shows for jobs submitted with it."""
     max_bytes: int
-    """Largest upload in bytes."""
+    """Maximum upload size in bytes."""
     origin: str
     """The page's origin."""
     scopes: list[Scope]
-    """What it allows."""
+    """The token's scopes."""
     token: str
     """The secret, to be sent as `Authorization: Bearer`. It is not shown again."""
 
 
 class Defect(TypedDict):
-    """One thing that is wrong, with its place."""
+    """One defect and its place."""
 
     at: list[float]
-    """A point of it, in the model's unit."""
+    """A point of the defect, in the model's unit."""
     faces: list[int]
-    """The faces of the file that it concerns, by index from 0, ascending. Of a large set only the first."""
+    """The affected faces of the file: 0-based indices, ascending. Only the first ones of a large set."""
     line: NotRequired[list[list[float]]]
-    """The points of the edge or chain of edges that it is, in the model's unit; empty for a face or a vertex."""
+    """Points along the affected edge or chain of edges, in the model's unit; empty for a face or vertex defect."""
     meeting: NotRequired[Meeting | None]
     value: NotRequired[float | None]
-    """What was measured: a height, a gap or a size in the model's unit, an angle in radians, or a count."""
+    """
+    The measured quantity: a height, gap or size in the model's unit, an angle in radians, or a count. See the
+    kind.
+    """
 
 
 class DefectGroup(TypedDict):
     """All defects of one kind."""
 
     count: int
-    """How many there are, exactly."""
+    """Exact number of defects of this kind. A lower bound if the inspection lists the kind as incomplete."""
     kind: DefectKind
-    """Which kind."""
+    """The kind of these defects."""
     places: list[Defect]
-    """The first of them, with their places; all of them where offenders were asked for."""
+    """
+    The first of these defects, as many as the option `places` allows; all of them with `meshmend inspect
+    --offenders`.
+    """
 
 
 class Deviation(TypedDict):
-    """How far the surface of one mesh is from that of another, sampled evenly by area."""
+    """Distance from the surface of one mesh to the surface of another, sampled evenly by area."""
 
     complete: bool
-    """Whether all points were measured to the end; not on meshes made to be slow."""
+    """Whether every point was measured. False if the search ran out of its budget."""
     distance: Spread
-    """In the unit of the input."""
+    """Distances in the unit of the input."""
     farthest: list[float]
-    """The point that is farthest away, in the unit of the input."""
+    """Point with the largest distance, in the unit of the input."""
     percent: Spread
-    """In percent of the diagonal of the input's box."""
+    """Distances in percent of the diagonal of the input's bounding box."""
     samples: int
-    """Points on faces that were measured."""
+    """Number of sample points on faces."""
     vertices: int
-    """Vertices that were measured beside them; they count for the largest distance only."""
+    """Number of vertices measured in addition to the samples. Vertices contribute to the maximum distance only."""
 
 
 class Distribution(TypedDict):
     """
-    How a quantity is distributed over the elements of a mesh.
+    Distribution of a quantity over the elements of a mesh.
 
-    The same values in any order give the same figures: they are sorted before they are added.
+    The figures do not depend on the order of the values, since summation sorts them first.
     """
 
     count: int
-    """How many values there are."""
+    """Number of values."""
     histogram: NotRequired[Histogram]
-    """How many values there are in each of a row of bins; left out of an abridged report."""
+    """Number of values per bin; absent from an abridged report."""
     max: float
-    """The largest."""
+    """Maximum."""
     mean: float
-    """The arithmetic mean."""
+    """Arithmetic mean."""
     median: float
-    """The middle value, or the mean of the two in the middle."""
+    """Median: the middle value, or the mean of the two middle values."""
     min: float
-    """The smallest."""
+    """Minimum."""
     variance: float
-    """The mean of the squared distances to the mean, in the square of the quantity's unit."""
+    """Population variance, in the square of the quantity's unit."""
 
 
 class EdgeAngles(TypedDict):
-    """Angles between the two faces of an edge, measured on the side that their normals look to."""
+    """Dihedral angles at edges, measured on the side of the face normals."""
 
     distribution: NotRequired[Distribution | None]
     edges_without_angle: int
-    """Edges of a degenerate face, which has no normal; they have no angle."""
+    """Number of edges without an angle, because one of their faces is degenerate and has no normal."""
     not_measurable: NotRequired[Unmeasurable | None]
     side: NotRequired[Side | None]
 
 
 class FileSummary(TypedDict):
-    """A file that went in or came out."""
+    """The format and size of the input file or of the returned file."""
 
     bytes: int
-    """Its size."""
+    """The size in bytes."""
     dialect: str
-    """The dialect in words, such as `binary STL`."""
+    """The dialect of the format, such as `binary STL`."""
     format: Format
-    """Its format."""
+    """The file format."""
 
 
 class InputUnit(TypedDict):
-    """What a file's lengths are in."""
+    """The length unit of a file."""
 
     source: UnitSource
-    """How it is known what the file's lengths are in."""
+    """How the unit was determined."""
     used: Unit
-    """The unit that the report and the result are in."""
+    """The unit of all lengths in the report and in the result."""
 
 
 class InspectOptions(TypedDict):
-    """What to look for, and how. Every field has a default."""
+    """Options of an inspection. Every field has a default."""
 
     build_volume: NotRequired[tuple[float, float, float] | None]
-    """Sides of the printer's build volume, in millimetres."""
+    """Side lengths of the printer's build volume along x, y and z, in millimetres."""
     level: NotRequired[Level]
-    """How closely."""
+    """How thoroughly the mesh is inspected."""
     overhang_deg: NotRequired[float]
-    """An angle from the vertical, in degrees from 0 to 90, for which the area of overhangs is told beside 30, 45 and 60."""
+    """
+    Additional overhang angle from the vertical, in degrees from 0 to 90. The report always has 30, 45 and 60
+    degrees.
+    """
     places: NotRequired[int]
-    """Places of each kind of defect that the report lists."""
+    """Largest number of places that the report lists for each kind of defect, from 0 to 1000."""
     tolerances: NotRequired[Tolerances]
-    """How closely things must agree to count as the same."""
+    """Distances and angles below which a defect is recognised."""
     unit: NotRequired[Unit | None]
     up: NotRequired[tuple[float, float, float]]
-    """The direction in which the model is built, of any length but zero."""
+    """Build direction, pointing away from the build plate; any length above 0."""
 
 
 class JobProblem(TypedDict):
-    """Why a job failed, in the shape of a problem."""
+    """Why a job failed, in the format of a problem."""
 
     code: ProblemKind
-    """The code, for programs."""
+    """The error code, for programs."""
     detail: str
-    """What happened and what to do."""
+    """What went wrong, and what to do."""
     file: NotRequired[int | None]
-    """Of several files, the one that is to blame, as its place in `inputs`, counted from 0."""
+    """The index in `inputs` of the file that caused the error, from 0. Only present if there are several files."""
     place: NotRequired[Place | None]
     title: str
-    """The code's title."""
+    """The code's title: a short description of the error."""
     type: str
-    """Where the code is documented."""
+    """The path of the code's documentation."""
 
 
 class LengthUnit(TypedDict):
-    """What lengths are in."""
+    """Unit of the reported lengths, and how it is known."""
 
     note: NotRequired[str | None]
-    """What to know of it, in words."""
+    """Remark about the unit, for people."""
     scaled_from: NotRequired[Unit | None]
     source: UnitSource
-    """How it is known what the input's lengths are in."""
+    """Origin of the input's unit."""
     up: NotRequired[Up | None]
     used: Unit
-    """The unit."""
+    """Unit of all lengths."""
 
 
 class Measures(TypedDict):
     """
-    A mesh measured. Vertices are merged at exactly equal positions first, as every STL reader must, so that the
-    counts say what a slicer sees; `-0.0` equals `0.0`.
+    Counts and sizes of a mesh. Vertices at exactly equal positions are merged first, as every STL reader must, so the
+    counts agree with a slicer's view; `-0.0` equals `0.0`.
     """
 
     area: float
-    """Area of all faces, in square units."""
+    """Total area of all faces, in square model units."""
     boundary_edges: int
-    """Edges that one face uses."""
+    """Edges with exactly one face."""
     boundary_loops: int
-    """Closed chains of boundary edges."""
+    """Closed chains of boundary edges, that is, holes."""
     bounding_box: NotRequired[BoundingBox | None]
     closed: bool
-    """No boundary edge, and there is a face."""
+    """Whether the mesh has faces and no boundary edge."""
     consistent: bool
-    """No edge is crossed twice in the same direction."""
+    """Whether no two faces traverse an edge in the same direction."""
     degenerate_faces: int
-    """Faces without area: a repeated vertex, or corners on a line, or so near one that f64 finds no area."""
+    """Faces without area: a vertex repeats, the corners are collinear, or the area is zero in f64."""
     duplicate_faces: int
     """Faces with the same three vertices as an earlier face."""
     edges: int
-    """Different edges."""
+    """Number of distinct edges."""
     faces: int
-    """Faces, as the file has them."""
+    """Number of faces in the file."""
     faces_in_other_materials: NotRequired[int]
     """Faces of an assembly that lie inside a body of another material."""
     inverted_parts: int
-    """Closed parts that are turned inside out: not within another part, and of negative volume."""
+    """Closed parts turned inside out: of negative volume and not a cavity of another part."""
     manifold: bool
-    """Every edge has at most two faces and every vertex one fan."""
+    """Whether every edge has at most two faces and every vertex one fan."""
     materials: NotRequired[int]
     """
-    Materials of an assembly of bodies, such as a 3MF file for a print of several materials. Bodies of one material are judged
-    together; those of another may touch them. 0 where the file is one mesh.
+    Number of materials in an assembly of bodies, such as a 3MF file for a multi-material print. Bodies of one
+    material are judged together; bodies of different materials may touch. 0 if the file is a single mesh.
     """
     misoriented_edges: int
-    """Edges of two faces that both run along it in the same direction."""
+    """Edges whose two faces have opposite winding: both traverse the edge in the same direction."""
     near_coincident_defects: NotRequired[int]
     """
-    Faces that lose a corner and edges that lose their pairing for a reader that rounds positions to eight decimals, as trimesh does,
-    or to 1e-7 of the diagonal where that is finer.
+    Faces that collapse and edges that lose their opposite face when a reader rounds positions. Counted for
+    rounding to eight decimals, as in trimesh, or to 1e-7 of the diagonal if that is finer.
     """
     non_finite_faces: int
-    """Faces with a corner that is not a finite number; they are left out of every other count."""
+    """Faces with a corner that is not a finite number. All other counts exclude these faces."""
     non_manifold_edges: int
-    """Edges that more than two faces use."""
+    """Edges with more than two faces."""
     non_manifold_vertices: int
-    """Vertices whose faces form more than one fan."""
+    """Vertices whose faces form more than one edge-connected fan."""
     outward: bool
-    """Closed, manifold, consistent, and no part is inside out."""
+    """Whether the mesh is closed, manifold and consistent, and no part is inside out."""
     parts: int
-    """Edge-connected parts of the raw mesh, counted before anything is processed."""
+    """Number of edge-connected parts, counted before any processing."""
     self_intersections: SelfIntersections
-    """Pairs of faces that intersect other than in a shared vertex or edge."""
+    """Pairs of faces that intersect outside a shared vertex or edge."""
     unreadable_faces: NotRequired[int]
-    """Faces that name a vertex which the file does not give; they are left out of every other count."""
+    """Faces that name a vertex missing from the file. All other counts exclude these faces."""
     unreferenced_vertices: int
     """Vertices of the file that no face uses."""
     unshared_edges: NotRequired[int]
     """
-    Edges of two faces that are joined by position only: in the file each of the two faces has vertices of its own there. A reader
-    that takes vertices by index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
+    Edges whose two faces share positions but not vertex indices in the file. A reader that joins vertices by
+    index sees a slit. 0 for STL and glTF, whose readers join vertices by position.
     """
     vertices: int
-    """Different vertex positions that a face uses."""
+    """Number of distinct vertex positions that faces use."""
     volume: Volume
-    """Enclosed volume, in cubic units."""
+    """Enclosed volume, in cubic model units."""
 
 
 class MeshSpacing(TypedDict):
@@ -1279,16 +1280,16 @@ class MeshSpacing(TypedDict):
 
 
 class NewApiKey(TypedDict, closed=True):
-    """A key to make."""
+    """An API key to create."""
 
     expires_in_s: NotRequired[int | None]
-    """Seconds until it expires; never where it is left out."""
+    """Seconds until the key expires. By default the key never expires."""
     label: NotRequired[str]
-    """What it is for, in your own words: at most 200 characters on one line."""
+    """What the key is for, in your own words: at most 200 characters on one line."""
     scopes: NotRequired[list[Scope] | None]
-    """What it allows; everything of one tenant, but neither `metrics` nor `admin`, where it is left out."""
+    """The key's scopes. Defaults to all scopes except `metrics` and `admin`."""
     tenant: str
-    """The tenant that it belongs to: lower-case letters, digits and hyphens. A tenant is made by its first key."""
+    """The key's tenant: 1 to 63 lower-case letters, digits and hyphens. A tenant's first key creates the tenant."""
 
 
 Options = TypedDict(
@@ -1345,150 +1346,150 @@ Options = TypedDict(
 
 
 class Overhang(TypedDict):
-    """Surface that faces down and may need support."""
+    """Downward-facing surface that may need support."""
 
     areas: list[OverhangArea]
-    """The area that hangs over by more than each of some angles, by rising angle. What lies on the build plate is left out."""
+    """Area steeper than each overhang angle, by ascending angle. Excludes faces on the build plate."""
     up: list[float]
-    """The direction in which the model is built, of length 1."""
+    """Build direction, normalised to length 1."""
 
 
 class PartAccounting(TypedDict):
     """
-    What became of each edge-connected part of the input, found on the result's own bytes: every part is in the result, or has
-    a reason, or is lost.
+    Part accounting of a repair: every edge-connected part of the input is in the result, absent for a reason, or
+    lost. Computed from the final bytes of the result.
     """
 
     changed: int
-    """Parts of which some stands, whole, cut or moved."""
+    """Parts present in the result with changes: some faces are missing, retriangulated or moved."""
     debris: int
-    """Parts with the reason `debris`."""
+    """Absent parts with the reason `debris`."""
     dropped: NotRequired[int]
-    """Parts with the reason `dropped`."""
+    """Absent parts with the reason `dropped`."""
     duplicate: int
-    """Parts with the reason `duplicate`."""
+    """Absent parts with the reason `duplicate`."""
     inside_another: int
-    """Parts with the reason `inside_another`."""
+    """Absent parts with the reason `inside_another`."""
     kept: int
-    """Parts of which every face with an area stands in the result."""
+    """Parts whose every face with an area is in the result at the same place."""
     lost: int
-    """Parts with neither: an error of the program."""
+    """Absent parts without a reason. A count above 0 is a bug of the program."""
     lost_parts: list[LostPart]
-    """The parts that were lost, the first 1000."""
+    """The lost parts; at most the first 1000."""
     no_volume: int
-    """Parts with the reason `no_volume`."""
+    """Absent parts with the reason `no_volume`."""
     parts: int
-    """Parts of the input."""
+    """Number of parts of the input."""
     reasons: list[AccountedPart]
-    """The parts with a reason, the first 1000."""
+    """The absent parts with a reason; at most the first 1000."""
     united: int
-    """Of the parts that were kept or changed, those that share a part of the result with another."""
+    """Kept or changed parts that share a part of the result with another part of the input."""
     unknown: int
-    """Parts that were not looked at to the end, on meshes made to be slow; they count nowhere else."""
+    """Parts that the search did not decide within its budget. They are in no other count."""
 
 
 class PrintMeasures(TypedDict):
-    """Measures for printing. Lengths, areas and volumes are in the model's unit where nothing else is said."""
+    """Measures for printing. Lengths, areas and volumes are in the model's unit unless stated otherwise."""
 
     area: float
-    """Area of all faces."""
+    """Total area of all faces."""
     centre_of_mass: NotRequired[list[float] | None]
-    """Centre of mass of the enclosed volume; none where that is not reliable or zero."""
+    """Centre of mass of the enclosed volume; `null` if the volume is zero or unreliable."""
     fit: NotRequired[Fit | None]
     no_wall_reason: NotRequired[NoWallReason | None]
     overhang: Overhang
-    """Surface that faces down."""
+    """Area of downward-facing surface."""
     size: list[float]
-    """Sides of the bounding box."""
+    """Side lengths of the bounding box."""
     size_mm: list[float]
-    """The same in millimetres."""
+    """Side lengths of the bounding box, in millimetres."""
     solids: int
-    """Closed parts that enclose something and are not the wall of a cavity."""
+    """Number of closed parts with a volume, excluding the surfaces of cavities."""
     thinnest_wall: NotRequired[ThinnestWall | None]
     unit: Unit
     """The model's unit."""
     unit_source: UnitSource
-    """How it is known."""
+    """Origin of the unit: declared by the request, given by the file, or assumed."""
     volume: NotRequired[float | None]
-    """Enclosed volume; none where the mesh is not closed and consistently turned. What overlaps counts twice."""
+    """Enclosed volume; `null` if the mesh is not closed and consistently oriented. Overlapping parts count twice."""
 
 
 class Problem(TypedDict):
-    """An error answer after RFC 9457, `application/problem+json`."""
+    """An error response in the format of RFC 9457, `application/problem+json`."""
 
     code: ProblemCode
-    """The code, for programs."""
+    """The error code, for programs."""
     detail: str
-    """What happened and what to do."""
+    """What is wrong with this request, and what to do."""
     errors: NotRequired[list[FieldError]]
-    """What is wrong with each field, where fields are wrong."""
+    """One error for each invalid field."""
     instance: NotRequired[str]
-    """The address that was asked for."""
+    """The path of the request."""
     request_id: NotRequired[str]
-    """The request's id, as in the service's log and in the X-Request-Id header."""
+    """The request's id, as in the X-Request-Id header and in the service's log."""
     status: int
-    """The HTTP status."""
+    """The HTTP status of the response."""
     title: str
-    """The code's title."""
+    """The code's title: a short description of the error."""
     type: str
-    """Where the code is documented."""
+    """The path of the code's documentation."""
 
 
 class Progress(TypedDict):
-    """How far a job is."""
+    """The progress of a job."""
 
     percent: int
-    """Share of the work that is done, 0 to 100."""
+    """Percentage of the work that is done, 0 to 100."""
     queue_position: int | None
-    """Jobs of yours that will be taken before this one, while it waits."""
+    """Number of your jobs ahead of this one, while the job is queued."""
     stage: Stage | None
     tier: int | None
-    """The tier that runs, 1 to 3."""
+    """The tier that is running, 1 to 3."""
 
 
 class Quote(TypedDict):
     """
-    What a shop needs to price a model: the figures of the file that the job hands out, or of an analysed file. Lengths are in
-    millimetres whatever the file's unit.
+    The figures from which a shop prices a model: those of the offered file, or of an analysed file. Lengths are in millimetres
+    whatever the file's unit.
     """
 
     area_mm2: float
     """Surface area, in mm²."""
     assumptions: list[AssumptionKind]
-    """Kinds of the assumptions that the result depends on, each once."""
+    """Kinds of the assumptions on which the result depends, each once."""
     faces: int
     """Number of faces."""
     parts: int
     """Number of connected parts."""
     printable: NotRequired[bool | None]
-    """Whether the file can be printed as it is; null where the inspection could not tell."""
+    """Whether the file is printable; null if the inspection could not decide."""
     red_flags: list[RedFlagCode]
     """Codes of the red flags, each once."""
     size_mm: list[float] | None
-    """Sides of the bounding box, in mm; null for a file without faces."""
+    """Side lengths of the bounding box, in mm; null for a file without faces."""
     thinnest_wall_mm: float | None
-    """Thinnest wall that was found, in mm; null where none was measured."""
+    """Thinnest wall found, in mm; null if none was measured."""
     unit: Unit
     """The unit of the file's lengths."""
     unit_source: UnitSource
-    """Where the unit comes from."""
+    """The source of the unit."""
     volume_mm3: float | None
-    """Enclosed volume, in mm³; null where the mesh does not enclose one."""
+    """Enclosed volume, in mm³; null if the mesh encloses no volume."""
 
 
 class RedFlag(TypedDict):
-    """A sign that a repair destroyed something, after the MeshPrep repair strategy guide (lessons 3 and 4)."""
+    """A sign that a repair damaged the model, after the MeshPrep repair strategy guide (lessons 3 and 4)."""
 
     code: RedFlagCode
-    """Which sign."""
+    """The kind of red flag."""
     detail: str
-    """In words."""
+    """The finding as text."""
     places: NotRequired[list[list[float]]]
-    """Points that it concerns, in the model's unit; at most five."""
+    """Points that the finding concerns, in the model's unit; at most five."""
     threshold: float
-    """The threshold that it is over."""
+    """The threshold that the value exceeds."""
     value: float
-    """What was measured."""
+    """The measured value."""
 
 
 class RepairJobOptions(Options):
@@ -1498,194 +1499,194 @@ class RepairJobOptions(Options):
 
 
 class SetSpacing(TypedDict):
-    """Distances from the vertices of each mesh to the nearest point of any other mesh."""
+    """Distances from the vertices of each mesh to the nearest point of any other mesh, in the unit of the files."""
 
     all: NotRequired[Distribution | None]
     complete: bool
     """Whether every vertex was measured."""
     of_mesh: list[MeshSpacing]
-    """Of each mesh in the list of files."""
+    """Distances of each mesh, in the order of the files."""
 
 
 class Shell(TypedDict):
     """One edge-connected part of a mesh."""
 
     area: float
-    """Area, in square units."""
+    """Area, in square model units."""
     boundaries: int
-    """Closed chains of boundary edges."""
+    """Number of closed chains of boundary edges."""
     bounding_box: BoundingBox
-    """The box around it."""
+    """Bounding box of the part."""
     closed: bool
-    """No boundary edge."""
+    """Whether the part has no boundary edge."""
     consistent: bool
-    """No edge is crossed twice in the same direction."""
+    """Whether no two faces traverse an edge in the same direction."""
     depth: NotRequired[int | None]
-    """How many other closed parts it lies in; none where it is open or that can't be told."""
+    """Number of other closed parts that contain this part; `null` if the part is open or the depth is undecided."""
     edges: int
-    """Edges."""
+    """Number of edges."""
     faces: int
-    """Faces."""
+    """Number of faces."""
     first_face: int
-    """Its first face, by index in the file from 0."""
+    """Index of the part's first face in the file, from 0."""
     genus: NotRequired[int | None]
     """
-    Its handles by the formula of Euler and Poincaré, vertices - edges + faces = 2 - 2 genus. Vertices that no face uses
-    don't count here, so that they don't stand in its way.
+    Genus (number of handles) by the Euler-Poincaré formula: vertices - edges + faces = 2 - 2 genus. Unreferenced
+    vertices do not count. `null` if the genus is undefined.
     """
     genus_not_measurable: NotRequired[Unmeasurable | None]
     manifold: bool
-    """Every edge has at most two faces and every vertex one fan of this part's faces."""
+    """Whether every edge has at most two faces, and every vertex one fan of this part's faces."""
     outward: NotRequired[bool | None]
     """
-    Whether its faces are turned outward, or into the hollow where an odd number of parts is around it; none where it
-    is not closed, manifold and consistent, has no volume, or its depth can't be told.
+    Whether the faces point out of the material: outward at even depth, into the cavity at odd depth. `null` if
+    the part is not closed, manifold and consistent, has zero volume, or has an undecided depth.
     """
     vertices: int
-    """Different positions that they use."""
+    """Number of distinct vertex positions."""
     volume: Volume
-    """Enclosed volume, in cubic units; reliable where the part is closed, manifold and consistent."""
+    """Enclosed volume, in cubic model units. Reliable if the part is closed, manifold and consistent."""
 
 
 class Shells(TypedDict):
-    """The edge-connected parts of a mesh."""
+    """Edge-connected parts (shells) of a mesh."""
 
     count: int
-    """How many there are."""
+    """Number of parts."""
     genus: NotRequired[int | None]
-    """The sum of their genera (handles); none where a part has none."""
+    """Sum of the parts' genera (number of handles); `null` if a part has no defined genus."""
     genus_not_measurable: NotRequired[Unmeasurable | None]
     inward: int
-    """Parts that are turned the wrong way, as [`Shell::outward`] says."""
+    """Number of parts with the wrong orientation, as defined by [`Shell::outward`]."""
     list: list[Shell]
-    """The parts of largest area, largest first, at most 100."""
+    """The parts with the largest area, in descending order; at most 100."""
 
 
 class Statistics(TypedDict):
-    """How the faces and edges of a mesh are shaped."""
+    """Shape statistics of a mesh's faces and edges."""
 
     edge_angle: EdgeAngles
-    """Angles at the edges between two faces."""
+    """Dihedral angles at edges with two faces."""
     edge_length: NotRequired[Distribution | None]
     face_area: NotRequired[Distribution | None]
     face_aspect_ratio: NotRequired[Distribution | None]
     faces_without_aspect_ratio: int
-    """Faces that have no aspect ratio: degenerate, or thinner than f64 can tell."""
+    """Number of faces without an aspect ratio: degenerate, or too thin for f64."""
 
 
 class Step(TypedDict):
-    """One operator, remesh or validation that was run or passed over."""
+    """One operator, remesh or validation that was run or skipped."""
 
     action: Action
-    """What it belongs to."""
+    """The action that the step belongs to."""
     changed: list[Change]
-    """What it changed."""
+    """The changes that the step made."""
     milliseconds: float
-    """How long it took."""
+    """The duration in milliseconds; 0 if the result was reused from an earlier strategy."""
     moved: NotRequired[float]
-    """The farthest that it moved a vertex, in the model's unit."""
+    """The farthest distance that the step moved a vertex, in the model's unit."""
     note: NotRequired[str | None]
-    """Why it failed or was skipped, or what it left, in words."""
+    """Why the step failed or was skipped, or what it could not fix, as text."""
     operator: NotRequired[Operator | None]
     options_not_applied: NotRequired[list[OptionNotApplied]]
-    """Options that it could follow only in part."""
+    """Options that the step could follow only in part."""
     program: NotRequired[RemesherInfo | None]
     runs: NotRequired[int]
-    """For tier 3: how often the program was started, more than once where it crashed."""
+    """For tier 3: the number of starts of the program; more than one after a crash."""
     status: StepStatus
-    """How it ended."""
+    """The status of the step."""
     strategy: int
     """Index of the strategy in the plan."""
     tier: int
     """The tier, 1 to 3; 0 for validation."""
     unfixed: NotRequired[UnfixedFaces | None]
     voxel_size: NotRequired[float | None]
-    """For tier 3: the voxel edge in the model's unit."""
+    """For a remesh: the edge length of the voxels, in the model's unit."""
 
 
 class Strategy(TypedDict):
-    """One try of a plan."""
+    """One strategy of a plan: a sequence of actions from the input to a result."""
 
     actions: list[PlannedAction]
-    """Its actions in order."""
+    """The actions in order."""
     preset: Preset
-    """The preset it comes from."""
+    """The preset that the strategy comes from."""
     tier: int
-    """The highest tier it uses."""
+    """The highest tier that the strategy uses."""
     when: NotRequired[When]
-    """When it runs."""
+    """The condition for the strategy to run."""
 
 
 class Upload(TypedDict):
-    """Where to send a file."""
+    """An upload: where to send its file, and until when."""
 
     expires_at: str
-    """Until when a job may be made of it."""
+    """When the upload expires. A job must use it before then."""
     id: str
-    """The upload's name, for the `source` of a job."""
+    """The upload's id, for the `source` of a job."""
     max_bytes: int
-    """Most bytes that it may have."""
+    """The largest file that this upload accepts, in bytes."""
     put: UploadPut
     """The request that sends the file."""
 
 
 class WebhookDeliveries(TypedDict):
-    """A page of deliveries."""
+    """One page of deliveries."""
 
     deliveries: list[WebhookDelivery]
     """The deliveries, newest first."""
     next: str | None
-    """The cursor of the next page; none on the last."""
+    """The cursor of the next page, or `null` on the last page."""
 
 
 class WebhookJob(TypedDict):
-    """A job as receivers are told of it."""
+    """A job in a webhook message."""
 
     artifacts: dict[str, WebhookArtifact]
-    """The files to download, by name."""
+    """The result files, by name."""
     assumptions: list[AssumptionKind]
-    """Kinds of decisions that the file does not prove; the report has each with its amount and places."""
+    """Kinds of the assumptions that the file does not prove. The report has the amount and the places of each."""
     created_at: str
-    """When it was accepted."""
+    """When the job was accepted."""
     finished_at: NotRequired[str | None]
-    """When it ended."""
+    """When the job ended."""
     id: str
-    """Its name."""
+    """The job's id."""
     input: NotRequired[WebhookInput | None]
     metadata: dict[str, str]
-    """Your own notes, as you sent them."""
+    """Your metadata, unchanged."""
     outcome: NotRequired[JobOutcome | None]
     printable: NotRequired[bool | None]
-    """Whether the result can be printed as it is, or of an analysis every file; none where that is not known."""
+    """Whether the offered file, or every file of an analysis, is printable; null if unknown."""
     problem: NotRequired[WebhookProblem | None]
     red_flags: list[RedFlagCode]
-    """Signs that the repair destroyed something; the report has them with their measures."""
+    """Codes of the red flags: signs that the repair destroyed something. The report has their measures."""
     status: Status
-    """How it ended."""
+    """The job's status at its end."""
 
 
 class WebhookMessage(TypedDict):
-    """What is posted to receivers when a job has ended."""
+    """The webhook message that receivers get when a job has ended."""
 
     data: WebhookJob
     """The job."""
     timestamp: NotRequired[str | None]
-    """When it happened."""
+    """When the event happened."""
     type: JobEvent
-    """What happened."""
+    """The event."""
 
 
 class AnalyzeOptions(InspectOptions):
-    """How files are to be analysed. Every field has a default."""
+    """Options of an analysis. Every field has a default."""
 
     deadline_s: NotRequired[float]
-    """Seconds the analysis of all files may take from its start; then the job fails."""
+    """Time limit in seconds for the analysis of all files, from 1 to 3600. The job fails when the limit is exceeded."""
     intersections: NotRequired[bool]
-    """Whether to count the faces of each file that intersect those of another."""
+    """Whether to count intersecting faces between each two files."""
     pictures: NotRequired[bool]
     """
-    Whether what was found can be had as pictures: `defects.png`, `defects.glb` and `defects.ply` for the first file, `2-defects.png`
-    and so on for the others. They are drawn when somebody asks for one of them first.
+    Whether to provide pictures of the defects: `defects.png`, `defects.glb` and `defects.ply` for the first file,
+    `2-defects.png` and so on for the others. They are rendered on the first request for one of them.
     """
     scale_to: NotRequired[Unit | None]
     spacing: NotRequired[bool]
@@ -1693,394 +1694,404 @@ class AnalyzeOptions(InspectOptions):
 
 
 class Candidate(TypedDict):
-    """A result that was judged."""
+    """A repair result that was judged."""
 
     chosen: bool
-    """Whether it is the one handed out."""
+    """Whether this result is the returned one."""
     defects: int
-    """How many things are still wrong with it."""
+    """Number of remaining defects."""
     faces: int
-    """Its faces."""
+    """Number of faces."""
     printable: bool
-    """Whether it passed every check."""
+    """Whether the result passed every check."""
     red_flags: list[RedFlag]
-    """Its red flags."""
+    """The red flags of the result."""
     strategy: int | None
-    """Index of the strategy that made it; none for the input itself."""
+    """Index of the strategy that made the result; null for the input itself."""
 
 
 class Capabilities(TypedDict):
-    """What this service can do right now."""
+    """What this service supports."""
 
     default_analyze_options: AnalyzeOptions
-    """Every option of an analysis with its default."""
+    """Every analysis option with its default."""
     default_options: Options
-    """Every option of a repair with its default."""
+    """Every repair option with its default."""
     engine: str
     """Name and version of the engine."""
     input_formats: list[Format]
-    """Formats that can be sent."""
+    """Supported input formats."""
     levels: list[Level]
-    """Levels of an analysis."""
+    """Analysis levels."""
     limits: UploadLimits
-    """Limits on an upload."""
+    """Limits on uploads."""
     modes: list[Mode]
-    """What a job can do."""
+    """Job modes."""
     output_formats: list[Format]
-    """Formats that can be asked for."""
+    """Supported output formats."""
     presets: list[Preset]
-    """Presets of a repair."""
+    """Repair presets."""
     sandbox: NotRequired[SandboxStatus | None]
     tiers: list[TierStatus]
-    """The tiers and whether they work."""
+    """The repair tiers and their availability."""
 
 
 class Changes(TypedDict):
     """
-    How one mesh, the result, differs from another, the input. Percentages are of the input's value; none where the input's
-    value is zero or not reliable.
+    Differences between an input mesh and a result. Percentages are relative to the input's value, and `null` if the
+    input's value is zero or not reliable.
     """
 
     added: NotRequired[Deviation | None]
     area_change_pct: NotRequired[float | None]
-    """Change of the surface area."""
+    """Change of the surface area, in percent."""
     bounding_box_change_pct: NotRequired[float | None]
-    """Largest move of a side of the box around all faces with an area, over its diagonal before."""
+    """
+    Largest displacement of a side of the bounding box, in percent of the input's diagonal. Ignores faces without
+    area.
+    """
     enclosed_faces_pct: NotRequired[float | None]
     """
-    Of the input's faces that the result has not, the share with the result's material on both sides, in percent: walls inside
-    parts that were united. None where the result has no fewer faces, or is not closed.
+    Of the input's faces missing from the result, the share with the result's material on both sides, in percent.
+    These are internal faces of united parts. `null` if the result has at least as many faces, or is not closed.
     """
     face_loss_pct: float
-    """Share of the faces lost; negative where faces were added."""
+    """Decrease of the number of faces, in percent; negative if the number increased."""
     faces: int
-    """Faces after minus before."""
+    """Number of faces, after minus before."""
     faces_kept_pct: float
-    """Faces of the input that stand in the result at the same three positions, in percent."""
+    """Faces of the input that the result has at the same three positions, in percent."""
     lost: NotRequired[Deviation | None]
     moved: NotRequired[Deviation | None]
     parts: int
-    """Parts after minus before."""
+    """Number of parts, after minus before."""
     surface: NotRequired[SurfaceShares | None]
     surface_lost_pct: NotRequired[float | None]
     """
-    Share of the surface that can be seen from outside with nothing of the result within 0.5 % of the diagonal, or
-    material of it on both sides: sampled, so 0.1 is about the least that is seen.
+    Share of the input's surface visible from outside that the result lost, in percent. Surface is lost if the
+    result is farther than 0.5 % of the diagonal or has material on both sides. Sampled; the resolution is about
+    0.1 %.
     """
     vertices: int
-    """Vertices after minus before."""
+    """Number of vertices, after minus before."""
     volume_change_pct: NotRequired[float | None]
     """
-    Change of the volume, in percent of what the input encloses once its closed parts look outward; none where that is no more
-    than rounding.
+    Change of the volume, in percent of the input's volume with all closed parts facing outward. `null` if that
+    volume is no more than rounding error.
     """
     volume_overlap_pct: NotRequired[float | None]
     """
-    Of what is inside the input or the result the share that is inside both, in percent, by winding numbers at sampled points:
-    where the volume of the input can't tell, since it is closed but its faces intersect or its parts overlap. Of an open
-    input, the share of what is inside it that is inside the result.
+    Overlap of the enclosed points of input and result (intersection over union), in percent, by winding numbers
+    at sampled points. Given if the input is closed but its volume is unreliable because faces intersect or parts
+    overlap. For an open input, the share of the points inside the input that are inside the result.
     """
 
 
 class Characteristics(TypedDict):
-    """What meshalyzer reports of a mesh (seed 004) beyond [`Measures`]."""
+    """Attributes, element counts, parts and shape statistics of a mesh, as the tool meshalyzer reports them."""
 
     attributes: Attributes
-    """The four attributes."""
+    """Whether the mesh is closed, manifold, consistent and outward."""
     elements: Elements
-    """What the file itself says of its vertices and faces."""
+    """Counts of the file's own vertices and faces."""
     shells: Shells
-    """The edge-connected parts."""
+    """Edge-connected parts."""
     statistics: NotRequired[Statistics | None]
 
 
 class Input(TypedDict):
-    """An uploaded file."""
+    """A submitted file."""
 
     bytes: int
-    """Its size."""
+    """The file's size in bytes."""
     format: Format
-    """The format found in its bytes."""
+    """The file format, detected from the bytes."""
     name: str
-    """The name it was sent with, without folders."""
+    """The file name as submitted, without folders."""
     sha256: str
-    """SHA-256 of its bytes, in hexadecimal."""
+    """The SHA-256 hash of the file's bytes, in hexadecimal."""
     unit: NotRequired[InputUnit | None]
 
 
 class Inspection(Measures, Characteristics):
-    """Everything that is to be said of one mesh: the `before` and `after` of a repair, and the answer of an analysis."""
+    """Inspection report of one mesh: `before` and `after` of a repair, and the result of an analysis."""
 
     check: NotRequired[CheckVerdict | None]
     defects: list[DefectGroup]
-    """What is wrong where, by kind."""
+    """Defects grouped by kind, with their places."""
     incomplete: list[DefectKind]
-    """Kinds of which there may be more: their search met too many candidates and was given up."""
+    """Kinds whose count is a lower bound, because their search exceeded its budget."""
     level: Level
-    """How closely it was looked at."""
+    """Level of the inspection."""
     print: NotRequired[PrintMeasures | None]
     version: int
     """Version of this structure."""
 
 
 class Plan(TypedDict):
-    """What is to be done, as data: made from the inspection, run afterwards."""
+    """A repair plan: derived from the inspection and the options, and then run."""
 
     category: Category
-    """What kind of trouble the model is in."""
+    """The category of the model's damage."""
     preset: Preset
-    """The preset in force, never `auto`."""
+    """The chosen preset; never `auto`."""
     reason: str
-    """Why this preset."""
+    """The reason for the preset."""
     strategies: list[Strategy]
-    """The strategies in order; each starts from the input, and the next runs only if the one before was not good enough."""
+    """The strategies in order. Each starts from the input and runs only if the results before it were not good enough."""
 
 
 class SetReport(TypedDict):
-    """What is measured of a set of meshes beyond each one: characteristics 13 and 14 of meshalyzer (seed 004)."""
+    """Measurements between the meshes of a set: characteristics 13 and 14 of the tool meshalyzer."""
 
     intersections: NotRequired[SetIntersections | None]
     spacing: NotRequired[SetSpacing | None]
 
 
 class AnalyzeJobOptions(AnalyzeOptions):
-    """Look at one file or several, and change nothing."""
+    """Inspect one file or several, without changing them."""
 
     mode: Literal['analyze']
 
 
 class FileAnalysis(TypedDict):
-    """What was found in one file."""
+    """Analysis of one file."""
 
     bytes: int
-    """Its size."""
+    """Size of the file, in bytes."""
     dialect: str
-    """The dialect in words, such as `binary STL`."""
+    """Description of the format's variant, such as `binary STL`."""
     format: Format
-    """Its format."""
+    """File format."""
     inspection: Inspection
-    """Everything that was found, in the same structure as `before` and `after` of a repair report."""
+    """Inspection of the file, of the same structure as `before` and `after` of a repair report."""
     name: str
-    """The name it was sent with."""
+    """Name of the file in the request."""
     printable: NotRequired[bool | None]
-    """Whether it can be printed as it is, as far as its level of inspection tells."""
+    """Whether the file is printable as it is; `null` if its inspection level does not decide."""
     sha256: NotRequired[str | None]
-    """SHA-256 of its bytes, in hexadecimal, where it is known."""
+    """SHA-256 of the file, in hexadecimal; absent if unknown."""
     unit: LengthUnit
-    """The unit of every length that is told of it."""
+    """Unit of all lengths reported for the file."""
     warnings: list[str]
-    """What a person should know."""
+    """Warnings for the sender of the file."""
 
 
 JobOptions: TypeAlias = RepairJobOptions | AnalyzeJobOptions
 """
-What a job is to do: `mode` (`repair` where it is left out), and that mode's options beside it. Others are refused.
+The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused.
 
-The structs of the options let unknown fields pass, since a struct that does not can't stand beside `mode` in one
-object; [`JobOptions::from_fields`] does not let them pass.
+The options' structs accept unknown fields, because serde can't deny unknown fields in a tagged enum's variants.
+[`JobOptions::from_fields`] refuses unknown fields.
 """
 
 
 class ObjectReport(TypedDict):
-    """The account of one object that was repaired apart from the others, in its own coordinates."""
+    """The report of one object that was repaired separately, in its own coordinates."""
 
     after: NotRequired[Inspection | None]
     assumptions: NotRequired[list[Assumption]]
     """Decisions that the object does not prove."""
     before: Inspection
-    """The object, looked at before anything was processed but the unit, with a few places of each kind."""
+    """The inspection of the object after its unit was settled, before any repair, with a few places of each defect."""
     candidates: list[Candidate]
-    """Every result that was judged; the chosen one is marked."""
+    """Every result that was judged; `chosen` marks the returned one."""
     changes: NotRequired[Changes | None]
     milliseconds: float
-    """Time that it took, in milliseconds."""
+    """Time of the object's repair, in milliseconds."""
     name: NotRequired[str | None]
-    """Its name in the file."""
+    """The object's name in the file."""
     number: int
-    """Its number among the file's objects, from 1."""
+    """The object's number in the file, from 1."""
     omitted: NotRequired[list[OmittedSection]]
-    """What the deadline left no time for, in the order of a repair."""
+    """The work that the deadline left no time for, in the order of a repair."""
     options_not_applied: NotRequired[list[OptionNotApplied]]
-    """Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do."""
+    """Options that were set but not followed, followed in part, or without anything to do, each with the reason."""
     outcome: Outcome
-    """What became of it."""
+    """The outcome for the object."""
     part_accounting: NotRequired[PartAccounting | None]
     places: int
-    """In how many places it stands."""
+    """The number of instances of the object in the file."""
     plan: Plan
-    """What was going to be done, and why."""
+    """The repair plan, and the reason for it."""
     red_flags: list[RedFlag]
-    """Signs that its repair destroyed something."""
+    """Signs that the repair damaged the object."""
     steps: list[Step]
-    """What was done, in order."""
+    """The steps that were run or skipped, in order."""
     summary: str
-    """The outcome in words."""
+    """The outcome as text."""
     warnings: list[str]
-    """What a person should know."""
+    """Warnings for the reader."""
 
 
 class Report(TypedDict):
-    """The account of one repair."""
+    """The report of one repair."""
 
     abridged: NotRequired[bool]
     """
-    Whether lists are shortened to their first items, and statistics, planned operators and idle steps are left out. Counts are always
-    of everything.
+    Whether the report is abridged: lists are cut to their first items, and statistics, planned operators and steps without effect are
+    missing. Counts always cover everything.
     """
     after: Inspection | None
     assumptions: NotRequired[list[Assumption]]
     """Decisions that the input does not prove."""
     before: Inspection
-    """The input, looked at before anything was processed but the unit; all its objects in their places as one mesh."""
+    """The inspection of the input after its unit was settled, before any repair. All objects are in their places, as one mesh."""
     candidates: list[Candidate]
-    """Every result that was judged; the chosen one is marked."""
+    """Every result that was judged; `chosen` marks the returned one."""
     changes: Changes | None
     engine: str
     """Name and version of the engine."""
     input: FileSummary
     """The input file."""
     milliseconds: float
-    """Time from first byte read to last byte written, in milliseconds."""
+    """Time from the first byte read to the last byte written, in milliseconds."""
     objects: NotRequired[list[ObjectReport]]
-    """Where the result has objects: each that was repaired, apart from the others and in its own coordinates, in the file's order."""
+    """The reports of objects that were repaired separately, each in its own coordinates, in the file's order."""
     omitted: NotRequired[list[OmittedSection]]
-    """What the deadline left no time for, in the order of a repair; empty where there was time for everything."""
+    """The work that the deadline left no time for, in the order of a repair. Empty if there was time for everything."""
     options: Options
-    """The options that were in force; in an abridged report those that differ from their defaults."""
+    """The options of the repair. An abridged report lists only options that differ from their defaults."""
     options_not_applied: NotRequired[list[OptionNotApplied]]
-    """Options that were set and that the result does not follow, or only in part, and why; also those that found nothing to do."""
+    """Options that were set but not followed, followed in part, or without anything to do, each with the reason."""
     outcome: Outcome
-    """What became of the model."""
+    """The outcome for the model."""
     output: FileSummary | None
     part_accounting: NotRequired[PartAccounting | None]
     plan: Plan
-    """What was going to be done, and why."""
+    """The repair plan, and the reason for it."""
     red_flags: list[RedFlag]
-    """Signs that the repair destroyed something, on the chosen result."""
+    """Signs that the repair damaged the model, for the chosen result."""
     steps: list[Step]
-    """What was done, in order."""
+    """The steps that were run or skipped, in order."""
     summary: str
-    """The outcome in words, with what to do next where it is not good."""
+    """The outcome as text, with advice if the result is not printable."""
     unit: LengthUnit
     """The unit of every length in this report and of the result."""
     verdict: NotRequired[Verdict]
-    """What is claimed of the file that is handed out."""
+    """The claims about the returned file."""
     verified_from_output_bytes: bool
-    """Whether `after` was found on the written bytes, read back and welded by position."""
+    """Whether `after` was measured on the written bytes, read back and welded by position."""
     version: int
     """Version of this structure."""
     warnings: list[str]
-    """What a person should know."""
+    """Warnings for the reader."""
 
 
 class SubmitForm(TypedDict, closed=True):
-    """The form that a job is submitted with."""
+    """The form that submits a job."""
 
     callback_url: NotRequired[str | None]
     """
-    An https address to tell of the job's end, beside the webhook endpoints. What comes there is signed with the secret of
+    An https URL to notify when the job ends, in addition to the webhook endpoints. Messages are signed with the secret from
     `GET /v1/webhook-secret`.
     """
     file: list[RawModel]
     """
-    The model, in a format that the capabilities list. A repair takes one; an analysis as many parts `file` as their `limits.max_files`
-    says.
+    The model, in a format that `GET /v1/capabilities` lists. A repair takes one file. An analysis takes one part `file` for each
+    file, at most `limits.max_files`.
     """
     metadata: NotRequired[dict[str, str]]
-    """Your own notes on the job as JSON, an object of texts: at most 50 and 8 KiB. They come back with the job."""
+    """Your own metadata as JSON: an object of at most 50 text values and 8 KiB. The job returns it unchanged."""
     options: NotRequired[JobOptions | None]
 
 
 class SubmitUpload(TypedDict, closed=True):
-    """A job to make of a file that is here already."""
+    """A job to create from a file that is already stored."""
 
     callback_url: NotRequired[str | None]
-    """An address to tell of the job's end."""
+    """An https URL to notify when the job ends."""
     metadata: NotRequired[dict[str, str]]
-    """Your own notes on the job, at most 50 texts and 8 KiB."""
+    """Your own metadata for the job: at most 50 text values and 8 KiB."""
     name: NotRequired[str | None]
-    """The file's name; without it that of the upload."""
+    """The file's name. Defaults to the name of the upload or of the earlier job's file."""
     options: NotRequired[JobOptions | None]
     source: Source
-    """Where the file is."""
+    """The stored file to use."""
 
 
 class AnalysisReport(TypedDict):
-    """The account of one analysis."""
+    """Report of one analysis."""
 
     abridged: NotRequired[bool]
-    """Whether lists are shortened to their first items, and statistics and histograms are left out. Counts are always of everything."""
+    """
+    Whether the report is shortened: lists have only their first items, and statistics and histograms are omitted.
+    Counts are always complete.
+    """
     engine: str
     """Name and version of the engine."""
     files: list[FileAnalysis]
-    """What was found in each file, in the order they were sent."""
+    """Results for each file, in the order of the request."""
     milliseconds: float
-    """Time from the first file's first byte to the end, in milliseconds."""
+    """Time from reading the first file to the end, in milliseconds."""
     options: AnalyzeOptions
-    """The options that were in force."""
+    """The effective options."""
     printable: NotRequired[bool | None]
-    """Whether every file is printable; none where nothing is wrong that was looked for, but not all was looked for."""
+    """
+    Whether every file is printable. `null` if no file is known to be unprintable, but the inspection of at least
+    one file was not complete enough to decide.
+    """
     set: NotRequired[SetReport | None]
     version: int
     """Version of this structure."""
 
 
 class AnalyzeReport(AnalysisReport):
-    """Of an analysis."""
+    """The report of an analysis."""
 
     mode: Literal['analyze']
 
 
 class RepairReport(Report):
-    """Of a repair."""
+    """The report of a repair."""
 
     mode: Literal['repair']
 
 
 JobReport: TypeAlias = RepairReport | AnalyzeReport
-"""The account that a job leaves; its `mode` tells which."""
+"""The report of a job; `mode` says which kind."""
 
 
 class Job(TypedDict):
-    """A job as clients see it."""
+    """A job."""
 
     artifacts: dict[str, ArtifactLink]
     """The files to download, by name."""
     attempt: int
-    """Tries that count, the running one among them."""
+    """Number of attempts that count, including the current one."""
     created_at: str
-    """When it was accepted."""
+    """When the job was accepted."""
     expires_at: str | None
-    """When its files and its report will be deleted, or were."""
+    """When the job's files and report expire or expired."""
     finished_at: str | None
-    """When it ended."""
+    """When the job ended."""
     id: str
-    """Its name."""
+    """The job's id."""
     input: Input
-    """The uploaded file; of several the first."""
+    """The submitted file. With several files, the first one."""
     inputs: NotRequired[list[Input]]
-    """All uploaded files in the order they were sent, where there are several."""
+    """All submitted files in the order of submission. Only present if there are several."""
     metadata: dict[str, str]
-    """Your own notes, as you sent them."""
+    """Your own metadata, unchanged."""
     options: JobOptions
-    """The options that differ from their defaults. The report lists all of them."""
+    """The options that differ from their defaults. The report lists all options."""
     outcome: JobOutcome | None
     problem: JobProblem | None
     progress: Progress | None
     quote: NotRequired[Quote | None]
     report: NotRequired[JobReport | None]
     reused_from: str | None
-    """The earlier job whose result this one was given, since it had the same bytes, options and engine."""
+    """The earlier job whose result was reused, because it had the same bytes, options and engine."""
     started_at: str | None
-    """When a worker first took it."""
+    """When a worker first started the job."""
     status: Status
-    """Where it stands."""
+    """The job's status."""
 
 
 class JobPage(TypedDict):
-    """A page of jobs."""
+    """One page of jobs."""
 
     jobs: list[Job]
-    """The jobs, newest first, without their reports and queue positions."""
+    """The jobs, newest first, without reports and queue positions."""
     next: str | None
-    """The cursor of the next page; none on the last."""
+    """The cursor of the next page, or `null` on the last page."""

@@ -137,7 +137,7 @@ impl CleanAndPatch {
         }
         let added = patched.origin.iter().filter(|&&o| o == NEW).count() as u64;
         let changes = Change::list([
-            (ChangeKind::PlacesPatched, totals.regions),
+            (ChangeKind::RegionsPatched, totals.regions),
             (ChangeKind::FacesRemoved, totals.removed),
             (ChangeKind::FacesAdded, added),
             (ChangeKind::DefectsRemoved, first - defects.total()),
