@@ -123,7 +123,9 @@ impl Measures {
     #[must_use]
     pub fn omitted(&self) -> Option<String> {
         let faces = self.non_finite_faces;
-        (faces > 0).then(|| format!("{faces} faces with a corner that is not a finite number were ignored."))
+        let subject = if faces == 1 { "1 face".to_owned() } else { format!("{faces} faces") };
+        let verb = if faces == 1 { "was" } else { "were" };
+        (faces > 0).then(|| format!("{subject} with a corner that is not a finite number {verb} ignored."))
     }
 
     /// Total number of defects, for ranking candidates of which none is printable.

@@ -3,29 +3,24 @@
 //! Each strategy starts from the common start: the surface that the first actions, which all strategies share, leave. Operators that an
 //! earlier strategy already ran on the same surface are not run again (see [`PrefixCache`]).
 
+mod skipping;
+
 use std::ops::Range;
 use std::time::Duration;
 
 use super::common_start::{COMMON_ACTIONS, CommonStart, percent};
-use super::forecast::Forecast;
 use super::input::Input;
-use super::judge::{JudgeError, Judged, Judging, Patches, rank_of_input, verdict_text};
+use super::judge::{JudgeError, Judged, Judging, Patches, verdict_text};
 use super::method_agreement::{Method, MethodFinding, explain_by_agreement};
-use super::operators::remesh::RemeshInside;
-use super::operators::{Counter, Counts, Failure};
+use super::operators::Failure;
 use super::options::Operator;
 use super::prefix_cache::{KnownResult, PrefixCache, START, shared_prefixes};
-use super::presets::{remesh_action, remesh_of, tier_of};
-use super::red_flags::AddedSurface;
-use super::remesher::Remesher;
-use super::report::{
-    Action, Candidate, OmittedSection, PlannedAction, RedFlag, RedFlagCode, Step, StepStatus, Strategy, When,
-};
+use super::presets::remesh_action;
+use super::report::{Action, Candidate, OmittedSection, PlannedAction, RedFlagCode, Step, StepStatus, Strategy, When};
 use super::runner::{Runner, TaskEnd, TaskRun};
 use super::tasks::{ExecutedStep, IndexedStrategy, Intersections, SurfaceState, Task};
 use crate::arrange::ArrangeError;
 use crate::context::{Cancelled, Context, Stage};
-use crate::mesh::Surface;
 
 /// The state of an escalation: the attempts so far, and what they showed about the input.
 pub(super) struct Escalation<'a> {
@@ -116,7 +111,7 @@ impl<'a> Escalation<'a> {
             let strategy = IndexedStrategy { index, strategy };
             let step = self.skipped_for_time(strategy).or_else(|| self.skipped_as_needless(strategy));
             // The check for Blender comes last because it starts Blender to learn its version.
-            if let Some(step) = step.or_else(|| skipped_without_blender(strategy, self.runner.remesher)) {
+            if let Some(step) = step.or_else(|| self.skipped_without_blender(strategy)) {
                 self.record(step.into());
                 continue;
             }
@@ -133,68 +128,6 @@ impl<'a> Escalation<'a> {
             }
         }
         Ok(self.attempts)
-    }
-
-    /// The step of a strategy that is skipped because there is no time to run it and to verify its result.
-    fn skipped_for_time(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
-        let Runner { context, time, .. } = self.runner;
-        let faces = self.common_start.state.surface.faces.len();
-        if !time.for_operators(faces, context).is_late() {
-            return None;
-        }
-        time.omit(OmittedSection::Repair);
-        // The surface after the common start is better than no result.
-        let has_improved_start = self.attempts.candidates.is_empty()
-            && self.common_start.state.surface.faces != self.input.analysis.surface.faces;
-        if has_improved_start && remesh_of(strategy).is_none() && time.can_verify(faces, context) {
-            return None;
-        }
-        let last = last_action(strategy)?;
-        let note = Some("the deadline passed before this strategy could start".to_owned());
-        Some(Step { status: StepStatus::Skipped, note, ..Step::new(index, strategy.tier, last, None) })
-    }
-
-    /// The step of a strategy that is skipped because earlier results make it needless.
-    fn skipped_as_needless(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
-        let whole = || self.attempts.best.as_ref().is_some_and(|(_, best)| best.is_whole());
-        let why = match strategy.when {
-            When::OpenSheetsRemain if !self.attempts.candidates.is_empty() && !self.left_sheets => {
-                "earlier strategies left no surface open and lost no surface"
-            }
-            When::NothingClosed if whole() => "the best earlier result is closed and complete",
-            _ if self.methods_agree && Method::of(strategy) == Some(Method::Blender) => {
-                "independent methods agree on the red flags, so the input causes them"
-            }
-            _ if remesh_of(strategy) == Some(Action::VoxelRemesh) && self.has_printable_remesh => {
-                "the native remesh already made a printable solid of the same space, so Blender would raise the same red flags"
-            }
-            _ if remesh_of(strategy) == Some(Action::VoxelRemesh) && self.is_remesh_hopeless => {
-                "coarse remeshes showed that no remesh on a grid can reach a better result"
-            }
-            _ if remesh_of(strategy) == Some(Action::BooleanUnion)
-                && has_boundary(&self.common_start.state.surface) =>
-            {
-                "a boolean union needs closed parts, and the parts have holes"
-            }
-            _ if self.encloses_other_volume()
-                && matches!(Method::of(strategy), Some(Method::Grid | Method::Blender)) =>
-            {
-                "the strategy starts from the same closed holes, so it would enclose the same space"
-            }
-            _ => return None,
-        };
-        let last = last_action(strategy)?;
-        let skipped = Step::new(index, strategy.tier, last, None);
-        Some(Step { status: StepStatus::Skipped, note: Some(why.to_owned()), ..skipped })
-    }
-
-    /// Whether the best result's only red flags concern the space that an open input's closed holes enclose.
-    fn encloses_other_volume(&self) -> bool {
-        let is_of_holes =
-            |flag: &RedFlag| matches!(flag.code, RedFlagCode::VolumeChange | RedFlagCode::SurfaceInvented);
-        let best = self.attempts.best.as_ref().map(|(_, best)| best);
-        !self.input.original.measures().closed
-            && best.is_some_and(|best| best.measures.printable() && best.red_flags.iter().all(is_of_holes))
     }
 
     /// Runs a strategy, and reuses the steps that it shares with earlier strategies.
@@ -282,40 +215,6 @@ impl<'a> Escalation<'a> {
         }
         let is_nothing = end == TaskEnd::Nothing || state.surface.faces.is_empty();
         Ok(if is_nothing { StrategyResult::Nothing } else { StrategyResult::New(number, Box::new(state)) })
-    }
-
-    /// The step of a native remesh that is skipped because a forecast shows that it cannot beat the best result. The first result of a
-    /// repair is never skipped.
-    fn skipped_by_forecast(
-        &mut self,
-        IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
-        task: Task,
-        state: &SurfaceState,
-    ) -> Result<Option<Step>, Cancelled> {
-        let Runner { options, format, context, time, .. } = self.runner;
-        let faces = state.surface.faces.len();
-        let is_forecast = task.operator == Some(Operator::Remesh)
-            && !self.attempts.candidates.is_empty()
-            && state.why_no_remesh().is_none()
-            && time.can_verify(faces, context);
-        if !is_forecast {
-            return Ok(None);
-        }
-        let start = context.now();
-        let judging = Judging { format, input: self.input.original, options, context };
-        let remesh = RemeshInside::for_scope(&self.runner.scope(strategy, state.moved), &state.surface);
-        let added = AddedSurface::of(&state.surface);
-        let Some(forecast) = Forecast::of(&remesh, &state.surface, &added, &judging)? else { return Ok(None) };
-        let input = rank_of_input(self.input.original.measures());
-        let (class, _, lost, _) = self.attempts.best.as_ref().map_or(input, |(_, best)| best.rank().min(input));
-        let is_better = forecast.class < class || (forecast.class == class && forecast.lost_tenths < lost);
-        self.is_remesh_hopeless = !is_better;
-        let milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
-        Ok((!is_better).then(|| {
-            let note = format!("coarse remeshes show that a finer one would be no better: {}", forecast.text());
-            let step = Step::new(index, tier_of(task.action), task.action, task.operator);
-            Step { status: StepStatus::Skipped, note: Some(note), milliseconds, ..step }
-        }))
     }
 
     /// The first tasks of a strategy whose results are known from earlier strategies.
@@ -434,26 +333,6 @@ struct KnownTask {
     surface: u32,
     /// The cached result of the operator; none if the task is needless.
     known: Option<KnownResult>,
-}
-
-/// The last action of a strategy before its validation.
-fn last_action(strategy: &Strategy) -> Option<Action> {
-    strategy.actions.iter().rev().map(|planned| planned.action).find(|&action| action != Action::Validate)
-}
-
-/// The step of a strategy that is skipped because it needs Blender and Blender is missing.
-fn skipped_without_blender(
-    IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
-    remesher: Option<&dyn Remesher>,
-) -> Option<Step> {
-    let action = remesh_of(strategy)?;
-    let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
-    let why = format!("{missing}; the best result without tier 3 is returned");
-    Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
-}
-
-fn has_boundary(surface: &Surface) -> bool {
-    Counts::of(surface).get(Counter::BoundaryEdges) > 0
 }
 
 /// Which faces of a strategy's result are patches of holes.

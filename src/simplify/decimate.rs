@@ -205,7 +205,7 @@ impl Simplify<'_> {
         let most = self.max_faces.filter(|&most| alive as u64 > most)?;
         let mut line = format!("{alive} faces remain; {most} were requested");
         if ended.is_late {
-            line.push_str(": the time limit was reached");
+            line.push_str(": the deadline came");
             return Some(line);
         }
         if ended.is_exhausted {

@@ -22,9 +22,9 @@ fn inspect_reports_defects_as_text_and_as_json() {
         "  boundaries                  1 of 4 edges",
         "  outward                     not measurable: not closed",
         "  1  hole               at (1, 0, 1), faces 3 5 7 9, length 4",
-        "  check, level full           passes: its rules allow boundaries and faces turned against each other",
-        "  unit                        mm, assumed; --unit says otherwise",
-        "  volume                      0.666667 mm^3, not reliable: not a closed solid",
+        "  check, level full           passes: the rules of this level allow boundaries and inconsistent orientation",
+        "  unit                        mm, assumed; set --unit to change",
+        "  volume                      0.666667 mm^3, unreliable: not a closed solid",
     ] {
         assert!(lines.lines().any(|l| l == line), "{lines}");
     }
@@ -64,7 +64,7 @@ fn inspect_takes_files_and_folders_in_order_and_exits_with_the_worst_code() {
     std::fs::create_dir(workspace.path().join("empty")).expect("a folder");
     let output = workspace.run(&["inspect", "empty"]);
     assert_eq!(exit_code(&output), 2);
-    assert!(stderr(&output).contains("no model in this folder"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("this folder contains no models"), "{}", stderr(&output));
 }
 
 #[test]
@@ -136,9 +136,9 @@ fn skipped_searches_of_a_level_are_reported_and_never_fail_a_model() {
     let workspace = Workspace::new();
     workspace.put("good.stl", &files::whole_box());
     let basic = text(workspace.run(&["inspect", "good.stl", "--level", "basic"]));
-    assert!(basic.contains("not known to be printable: intersecting faces were not looked for"), "{basic}");
+    assert!(basic.contains("printability unknown: self-intersections not checked"), "{basic}");
     assert!(
-        basic.contains("  not looked for at this level: self-intersections, slits, cracks, T-junctions,"),
+        basic.contains("  not checked at this level: self-intersections, slits, cracks, T-junctions,"),
         "{basic}"
     );
     let json = workspace.run(&["inspect", "good.stl", "--level", "basic", "--json"]);
@@ -149,7 +149,7 @@ fn skipped_searches_of_a_level_are_reported_and_never_fail_a_model() {
     assert!(!none.contains("Defects") && !none.contains("check, level"), "{none}");
     assert!(none.contains("faces without area, duplicate faces, faces not finite, parts inside out"), "{none}");
     let full = text(workspace.run(&["inspect", "good.stl", "--unit", "in"]));
-    assert!(full.starts_with("good.stl: binary STL\nprintable\n\nDefects: none of the 20 kinds\n"), "{full}");
+    assert!(full.starts_with("good.stl: binary STL\nprintable\n\nDefects: none (all 20 kinds checked)\n"), "{full}");
     assert!(full.contains("  check, level full           passes\n"), "{full}");
 }
 
@@ -194,7 +194,7 @@ fn distances_are_measured_between_the_good_files_of_a_folder() {
     assert!(!only.contains("distance from each vertex"), "{only}");
     workspace.put("set/c.stl", &files::open_box());
     let output = workspace.run(&["inspect", "set"]);
-    let note = "distances between files are not measured, since set/c.stl is not good: not closed";
+    let note = "distances between files are not measured because set/c.stl is not good: not closed";
     assert!(stderr(&output).contains(note), "{}", stderr(&output));
     assert!(String::from_utf8_lossy(&output.stdout).contains("pairs of intersecting faces between files"));
     let json: Value = serde_json::from_slice(&workspace.run(&["inspect", "set", "-s", "--json"]).stdout).expect("JSON");
@@ -211,10 +211,10 @@ fn offenders_are_listed_by_the_numbers_of_the_file() {
     let output = workspace.run(&["inspect", "open.mesh", "-p"]);
     let text = String::from_utf8_lossy(&output.stdout);
     for line in [
-        "  border edges (3): 10 30 of face 7, 40 10 of face 8, 30 40 of face 9\n",
+        "  boundary edges (3): 10 30 of face 7, 40 10 of face 8, 30 40 of face 9\n",
         "  orphan vertices (1): 50\n",
         "  missing vertices (1): 77\n",
-        "  faces that name missing vertices (1): 11\n",
+        "  faces that refer to missing vertices (1): 11\n",
     ] {
         assert!(text.contains(line), "{line}\n{text}");
     }

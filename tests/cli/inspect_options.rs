@@ -24,12 +24,12 @@ fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
         &["box.stl", "--unit", "in", "--up=-1,-1,0", "--overhang", "20", "--build-volume", "30,60,30"],
     );
     for line in [
-        "  unit                        in, as given",
+        "  unit                        in, as set by --unit",
         "  size                        2 x 1 x 1 in = 50.8 x 25.4 x 25.4 mm",
         "  volume                      2 in^3",
         "  centre of mass              (1, 0.5, 0.5)",
         "  solids                      1",
-        "  build volume                it fits into 30 x 60 x 30 mm only when turned",
+        "  build volume                the model fits into 30 x 60 x 30 mm only when rotated",
     ] {
         assert!(found.lines().any(|l| l == line), "{line}: {found}");
     }
@@ -39,7 +39,7 @@ fn measures_for_printing_follow_the_unit_the_direction_and_the_printer() {
     let upright = text(&workspace, &["box.stl"]);
     assert!(upright.contains("none beyond 30, 45, 60 degrees; up is (0, 0, 1)"), "{upright}");
     let small = text(&workspace, &["box.stl", "--unit", "foot", "--build-volume", "30,60,30"]);
-    assert!(small.contains("it does not fit into 30 x 60 x 30 mm"), "{small}");
+    assert!(small.contains("the model does not fit into 30 x 60 x 30 mm"), "{small}");
     let env = [("MESHMEND_UNIT", "cm"), ("MESHMEND_UP", "0,3,0"), ("MESHMEND_BUILD_VOLUME", "20,10,10")];
     let print = &inspection(&workspace, &["box.stl"], &env)["print"];
     assert_eq!((&print["unit"], &print["unit_source"]), (&json!("cm"), &json!("declared")));
@@ -77,16 +77,16 @@ fn an_unusable_option_exits_with_code_two_and_a_remedy() {
     workspace.put("box.stl", &files::whole_box());
     for (given, expected) in [
         ("--unit=parsec", "mm, cm, in, ft, m"),
-        ("--up=0,0,0", "a direction that is not zero"),
-        ("--up=1,2", "three numbers are wanted"),
-        ("--overhang=95", "between 0 and 90 degrees"),
-        ("--overhang=-1", "between 0 and 90 degrees"),
-        ("--overhang=nan", "between 0 and 90 degrees"),
-        ("--build-volume=0,200,200", "three lengths above zero"),
-        ("--build-volume=200", "three numbers are wanted"),
-        ("--tolerance=thin", "a share of its diagonal is wanted"),
+        ("--up=0,0,0", "three finite numbers that are not all 0"),
+        ("--up=1,2", "expected three numbers"),
+        ("--overhang=95", "must be from 0 to 90 degrees"),
+        ("--overhang=-1", "must be from 0 to 90 degrees"),
+        ("--overhang=nan", "must be from 0 to 90 degrees"),
+        ("--build-volume=0,200,200", "three lengths above 0"),
+        ("--build-volume=200", "expected three numbers"),
+        ("--tolerance=thin", "a percentage of its diagonal"),
         ("--tolerance=slits=1", "`foldover_height`, `degenerate`, `slit`"),
-        ("--tolerance=slit=-1", "a finite number that is not negative"),
+        ("--tolerance=slit=-1", "a finite number, 0 or greater"),
         ("--tolerance=foldover_angle=1%", "an angle in radians"),
     ] {
         let output = workspace.run(&["inspect", "box.stl", given]);

@@ -39,7 +39,7 @@ fn a_printable_model_is_simplified_to_the_requested_face_count() {
     assert_eq!(report["options"]["max_faces"], 4);
     let last =
         report["steps"].as_array().expect("steps").iter().rfind(|step| step["operator"] == "simplify").expect("a step");
-    assert!(last["note"].as_str().expect("a note").starts_with("12 faces are left of 4"), "{last}");
+    assert!(last["note"].as_str().expect("a note").starts_with("12 faces remain; 4 were requested"), "{last}");
     let output = workspace.run_with(&args, &[("MESHMEND_MAX_FACES", "3")]);
     assert!(exit_code(&output) == 2 && stderr(&output).contains("max_faces"), "{}", stderr(&output));
 }

@@ -12,8 +12,8 @@ fn an_option_that_was_not_applied_is_in_the_last_lines() {
     assert_eq!(exit_code(&output), 0, "{}", stderr(&output));
     let lines = stderr(&output);
     let last: Vec<&str> = lines.trim_end().lines().rev().take(2).collect();
-    assert_eq!(last[0], "  note: `nested=alternate` had nothing to do: no part had to be turned");
-    assert_eq!(last[1], "  note: `stitch_distance=0.5` had nothing to do: no crack is within it");
+    assert_eq!(last[0], "  note: `nested=alternate` had nothing to do: no part had to be reoriented");
+    assert_eq!(last[1], "  note: `stitch_distance=0.5` had nothing to do: no crack is this narrow");
     assert_eq!(workspace.get("out.stl"), workspace.get("box.stl"));
 }
 

@@ -191,6 +191,6 @@ fn a_sphere_cut_into_eight_is_flagged_and_methods_sharing_its_closed_holes_skipp
     assert_eq!(repaired.outcome, Outcome::PartiallyRepaired, "{}", repaired.summary);
     assert!(repaired.red_flags.iter().any(|flag| flag.code == RedFlagCode::VolumeChange), "{:?}", repaired.red_flags);
     assert!(repaired.steps.iter().all(|step| step.operator != Some(Operator::Remesh)));
-    let why = "it starts from the same closed holes, so it encloses the same room";
+    let why = "the strategy starts from the same closed holes, so it would enclose the same space";
     assert!(repaired.steps.iter().any(|step| step.note.as_deref() == Some(why)), "{:?}", repaired.steps);
 }

@@ -84,7 +84,7 @@ fn omitted_faces_give_a_warning() {
     let text = "OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\nnan 0 0\n3 0 1 2\n3 0 1 3\n";
     let report = analyse(&[("a.off", text.into())], &AnalyzeOptions::default(), &NoProgress).unwrap();
     let file = &report.files[0];
-    assert!(file.warnings.iter().any(|warning| warning.starts_with("1 faces have a corner that is not")), "{file:?}");
+    assert!(file.warnings.iter().any(|warning| warning.starts_with("1 face with a corner that is not")), "{file:?}");
 }
 
 #[derive(Default)]

@@ -101,7 +101,7 @@ fn if_no_hole_can_be_closed_everything_is_restored() {
     crumple(&mut before, DVec3::X, 0.3, 0.12, 1);
     let (after, applied) = cleaned(&before, CleanAndPatch { max_hole_edges: 3, ..CleanAndPatch::default() });
     assert_eq!(after, before);
-    assert!(applied.changes.is_empty() && applied.left.unwrap().contains("put back"));
+    assert!(applied.changes.is_empty() && applied.left.unwrap().contains("were restored"));
 }
 
 #[test]

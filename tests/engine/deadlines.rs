@@ -149,7 +149,7 @@ fn a_model_that_could_not_be_inspected_is_called_neither_printable_nor_broken() 
             omitted.contains(&OmittedSection::InputVerification) && omitted.contains(&OmittedSection::Repair),
             "{omitted:?}"
         );
-        assert!(repaired.report.summary.contains("not known whether it is printable"), "{}", repaired.report.summary);
+        assert!(repaired.report.summary.contains("it is unknown whether the model is printable"), "{}", repaired.report.summary);
         assert_eq!((repaired.report.before.level, repaired.report.after.unwrap().level), (Level::None, Level::None));
         let read = format::read(&repaired.bytes, &Limits::default()).unwrap().soup;
         assert_eq!(read.faces.len(), ball.faces.len());
@@ -161,7 +161,7 @@ fn if_not_even_the_faces_could_be_counted_the_error_names_the_option() {
     let clock = Clock::default();
     let late = DEADLINE + promised_overrun(DEADLINE);
     let error = run(&broken(), &Options::default(), None, &At(Stage::Inspect, late, &clock), &clock).unwrap_err();
-    assert!(error.to_string().contains("deadline_s is 10"), "{error}");
+    assert!(error.to_string().contains("the deadline of 10 s"), "{error}");
 }
 
 #[test]
@@ -233,7 +233,7 @@ fn a_finished_remesh_is_kept_where_the_time_ends_while_its_faces_are_reduced() {
     assert_eq!(repaired.report.after.unwrap().measures.faces, fine.faces.len() as u64);
     assert!(repaired.report.omitted.contains(&OmittedSection::Repair), "{:?}", repaired.report.omitted);
     let step = repaired.report.steps.iter().find(|step| step.action == Action::VoxelRemesh).unwrap();
-    assert!(step.note.as_ref().unwrap().contains("time was over"), "{step:?}");
+    assert!(step.note.as_ref().unwrap().contains("the deadline came before"), "{step:?}");
 }
 
 #[test]
@@ -284,7 +284,7 @@ fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
         .find_map(|looks| reduced(looks).ok().filter(|result| result.0.faces_after < result.0.faces_before))
         .unwrap();
     assert!(done.is_late && surface.faces.len() > 100 && surface.faces.len() < ball.faces.len(), "{done:?}");
-    assert!(done.shortfall.unwrap().contains("time was over"));
+    assert!(done.shortfall.unwrap().contains("the deadline came"));
     let clock = Clock::default();
     let repaired = run(&surface.to_soup(), &Options::default(), None, &NoProgress, &clock).unwrap();
     assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable, "every intermediate state is valid");

@@ -97,7 +97,7 @@ fn operators_are_named_in_one_string_or_in_an_array() {
     assert_eq!(read(r#"{"without": "weld, fill_holes"}"#).unwrap().without, both);
     assert_eq!(read(r#"{"without": ["weld", "fill_holes"]}"#).unwrap().without, both);
     let error = read(r#"{"without": "wield"}"#).unwrap_err().to_string();
-    assert!(error.contains("there is no operator 'wield'; they are round_coordinates, "), "{error}");
+    assert!(error.contains("unknown operator `wield`; use one of round_coordinates, "), "{error}");
     for &operator in Operator::ALL {
         assert_eq!(serde_json::to_value(operator).unwrap(), operator.as_str());
     }

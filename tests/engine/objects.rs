@@ -153,7 +153,7 @@ fn support_structures_are_left_unchanged() {
     let repaired = run(&bytes, &Options::default());
     assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable);
     assert!(
-        repaired.bytes == bytes && repaired.report.warnings.iter().any(|warning| warning.contains("left as they are"))
+        repaired.bytes == bytes && repaired.report.warnings.iter().any(|warning| warning.contains("left unchanged"))
     );
 }
 
@@ -379,7 +379,7 @@ fn properties_that_a_format_cannot_hold_are_reported() {
     let warnings_of =
         |options: Options| run(&packed(&painted(true), Format::ThreeMf), &options).report.warnings.join(" ");
     let stl = warnings_of(Options { output: OutputFormat::Stl, ..Options::default() });
-    assert!(stl.contains("STL can't hold colours and pictures"), "{stl}");
+    assert!(stl.contains("STL can't store colours and textures"), "{stl}");
     assert_eq!(warnings_of(Options::default()), "");
 }
 
@@ -416,7 +416,7 @@ fn the_report_of_the_maximum_number_of_objects_has_a_bounded_size() {
     let result = run(&packed(&scene(201), Format::ThreeMf), &Options::default());
     assert_eq!((scene_of(&result).objects.len(), result.report.objects.len()), (1, 0));
     assert!(
-        result.report.warnings.iter().any(|warning| warning.contains("more than 200")),
+        result.report.warnings.iter().any(|warning| warning.contains("more than the limit of 200")),
         "{:?}",
         result.report.warnings
     );

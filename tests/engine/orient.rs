@@ -264,7 +264,7 @@ fn a_moebius_band_is_cut_across_into_an_orientable_sheet() {
         let mut surface = moebius_band(n, m);
         let before = measured(&surface);
         let [oriented, cut] = opened(&mut surface);
-        assert!(oriented.left.unwrap().contains("1 one-sided part"));
+        assert!(oriented.left.unwrap().contains("1 non-orientable part"));
         let after = measured(&surface);
         assert!(before.misoriented_edges > 0 && after.misoriented_edges == 0, "{n} {m}: {after:?}");
         assert!(after.manifold && after.parts == 1 && surface.faces.len() == (2 * n * m) as usize);

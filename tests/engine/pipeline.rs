@@ -457,7 +457,7 @@ fn a_strategy_reuses_a_shared_prefix_and_gives_the_result_it_would_give_alone() 
     }
     let taken = |strategy: u32, operator: Operator| {
         let mut mesh = auto.steps.iter().filter(|step| step.strategy == strategy && step.operator == Some(operator));
-        mesh.all(|step| step.note.as_ref().is_some_and(|note| note.contains("taken over")))
+        mesh.all(|step| step.note.as_ref().is_some_and(|note| note.contains("reused")))
     };
     assert!(!taken(0, Operator::Sew) && taken(1, Operator::Sew) && taken(2, Operator::Sew), "{:#?}", auto.steps);
 }

@@ -184,7 +184,7 @@ fn a_face_lower_than_the_tolerance_is_advice_and_not_a_broken_rule() {
     let ply = format::write(&soup, Format::Ply).unwrap();
     let summary =
         repair_bytes(&ply, &Options { output: OutputFormat::Same, ..Options::default() }, None).unwrap().report.summary;
-    assert!(summary.contains("Left as found, since slicers accept them: "), "{summary}");
+    assert!(summary.contains("Left unchanged because slicers accept them: "), "{summary}");
     assert!(summary.contains(" of almost no height."), "{summary}");
 }
 

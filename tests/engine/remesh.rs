@@ -353,7 +353,7 @@ fn a_remesh_that_moves_too_far_or_encloses_nothing_is_undone() {
     assert_eq!(count("faces_created") - count("faces_removed"), surface.faces.len() as u64);
     let (mut open, _) =
         Surface::from_soup(&Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y], faces: vec![[0, 1, 2]] });
-    assert!(run(&mut open, f64::INFINITY).failed.unwrap().to_string().contains("nothing is inside"));
+    assert!(run(&mut open, f64::INFINITY).failed.unwrap().to_string().contains("has no inside"));
 }
 
 proptest! {

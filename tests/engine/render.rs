@@ -162,7 +162,7 @@ fn a_drawn_ply_has_the_legend_then_the_mesh_ordered_by_kind_then_the_markers() {
     let header = std::str::from_utf8(&ply[..end]).unwrap();
     assert!(header.contains("comment legend hole #E69F00 1 hole\n"), "{header}");
     assert!(header.contains("property double x\n"), "0.1 is no f32");
-    assert!(header.contains(&format!("comment faces from {} on mark", soup.faces.len())), "{header}");
+    assert!(header.contains(&format!("comment faces from {} on are markers", soup.faces.len())), "{header}");
     // The vertices of a marked face have the colour of its kind, and no other vertex of the mesh has.
     let vertex = |v: usize| &ply[end + v * 27..end + (v + 1) * 27];
     let count = found.soup.positions.len();

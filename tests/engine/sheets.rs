@@ -204,7 +204,7 @@ fn a_surface_that_is_not_a_height_field_gets_no_base() {
     soup.faces.truncate(200);
     let (surface, applied) = put_on_base(&soup, 1.0);
     assert_eq!(surface.faces.len(), 200);
-    assert!(applied.left.unwrap().contains("no height field"));
+    assert!(applied.left.unwrap().contains("height field"));
 }
 
 #[test]

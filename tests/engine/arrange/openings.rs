@@ -97,6 +97,6 @@ fn a_cup_with_a_block_in_it_keeps_the_block_visible() {
     // The volume of the block, and of five walls with a thickness of 0.3 % of the diagonal.
     let walls = 5.0 * 16.0 * 0.003 * 6.9282;
     assert!((after.volume.value - 3.375 - walls).abs() < 0.1, "{}", after.volume.value);
-    let reported = repaired.report.assumptions.iter().any(|assumption| assumption.detail.contains("left open"));
+    let reported = repaired.report.assumptions.iter().any(|assumption| assumption.detail.contains("regions stay open"));
     assert!(reported, "{:?}", repaired.report.assumptions);
 }
