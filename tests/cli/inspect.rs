@@ -147,7 +147,7 @@ fn skipped_searches_of_a_level_are_reported_and_never_fail_a_model() {
     assert_eq!(value["files"][0]["printable"], Value::Null);
     let none = text(workspace.run(&["inspect", "good.stl", "--level", "none"]));
     assert!(!none.contains("Defects") && !none.contains("check, level"), "{none}");
-    assert!(none.contains("faces without area, duplicate faces, faces not finite, parts inside out"), "{none}");
+    assert!(none.contains("faces without area, duplicate faces, faces with non-finite coordinates, inverted parts"), "{none}");
     let full = text(workspace.run(&["inspect", "good.stl", "--unit", "in"]));
     assert!(full.starts_with("good.stl: binary STL\nprintable\n\nDefects: none (all 20 kinds checked)\n"), "{full}");
     assert!(full.contains("  check, level full           passes\n"), "{full}");
