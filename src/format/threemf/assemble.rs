@@ -53,7 +53,7 @@ pub(super) fn scene(
         let object = order.number(0, &item)?;
         if scene.objects[object as usize].kind == ObjectKind::Other {
             return Err(malformed(format!(
-                "a build item refers to the object {}, whose type 'other' must not be built",
+                "a build item refers to the object {}, but objects of the type 'other' must not be built",
                 item.id
             )));
         }
@@ -349,7 +349,7 @@ fn composite_colors(groups: &[Group], group: &Group) -> Result<Vec<[u8; 4]>, Str
         _ => None,
     });
     let base = base.ok_or_else(|| {
-        format!("the composite materials {} refer to the group {of}, which is no base materials group", group.id)
+        format!("the composite materials {} refer to the group {of}, which is not a base materials group", group.id)
     })?;
     let colors = materials.iter().map(|&index| base.get(index as usize).map(|material: &Material| material.color));
     let colors: Option<Vec<_>> = colors.collect();

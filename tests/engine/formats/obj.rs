@@ -95,21 +95,21 @@ fn polygons_are_cut_without_folds() {
 fn lines_and_points_are_left_out_with_one_warning() {
     let mesh = read_all(format!("{VERTICES}l 1 2 3\nl 1 2\np 1\n{FACES}").as_bytes());
     assert_eq!(mesh.soup, tetrahedron());
-    assert_warned(&mesh, "lines and points are no surface and were left out: 3");
+    assert_warned(&mesh, "lines and points, which form no surface, were dropped: 3");
 }
 
 #[test]
 fn unknown_statements_are_passed_over_with_one_warning() {
     let mesh = read_all(format!("{VERTICES}foo 1\nbar\n{FACES}foo\n").as_bytes());
     assert_eq!(mesh.soup, tetrahedron());
-    assert_warned(&mesh, "3 in all, the first beginning with 'foo'");
+    assert_warned(&mesh, "were ignored: 3, the first begins with 'foo'");
 }
 
 #[test]
 fn faces_with_fewer_than_three_corners_are_left_out_with_one_warning() {
     let mesh = read_all(format!("{VERTICES}f 1 2\nf 1\nf\n{FACES}").as_bytes());
     assert_eq!(mesh.soup, tetrahedron());
-    assert_warned(&mesh, "fewer than three corners were left out: 3");
+    assert_warned(&mesh, "fewer than three corners were dropped: 3");
 }
 
 #[test]
@@ -163,5 +163,5 @@ fn a_point_cloud_and_a_file_of_lines_are_named() {
     assert_refused(VERTICES.as_bytes(), ReadErrorKind::NoFaces, None, "point cloud");
     assert_refused(format!("{VERTICES}l 1 2\n").as_bytes(), ReadErrorKind::NoFaces, None, "lines or points");
     assert_refused(b"# nothing\n", ReadErrorKind::NoFaces, None, "no vertices and no faces");
-    assert_refused(format!("{VERTICES}f 1 2\n").as_bytes(), ReadErrorKind::NoFaces, None, "three corners");
+    assert_refused(format!("{VERTICES}f 1 2\n").as_bytes(), ReadErrorKind::NoFaces, None, "three or more corners");
 }

@@ -64,7 +64,7 @@ fn normals_and_texture_coordinates_are_passed_over() {
 fn a_missing_keyword_is_told() {
     let mesh = read_all(format!("4 4 6\n{VERTICES}{FACES}").as_bytes());
     assert_eq!((mesh.format, &mesh.soup), (Format::Off, &tetrahedron()));
-    assert_warned(&mesh, "OFF is missing");
+    assert_warned(&mesh, "does not start with the keyword OFF");
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn binary_off_is_refused_by_name() {
 fn polygons_are_cut_and_short_faces_left_out() {
     let mesh = read_all(b"OFF\n4 3 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n2 0 1\n1 0\n");
     assert_eq!(mesh.soup.faces, [[0, 1, 2], [0, 2, 3]]);
-    assert_warned(&mesh, "fewer than three corners were left out: 2");
+    assert_warned(&mesh, "fewer than three corners were dropped: 2");
 }
 
 #[test]
@@ -131,7 +131,12 @@ fn a_face_of_billions_of_corners_is_refused() {
 fn a_point_cloud_is_named() {
     assert_refused(format!("OFF\n4 0 0\n{VERTICES}").as_bytes(), ReadErrorKind::NoFaces, None, "point cloud");
     assert_refused(b"OFF\n0 0 0\n", ReadErrorKind::NoFaces, None, "no vertices and no faces");
-    assert_refused(format!("OFF\n4 1 0\n{VERTICES}2 0 1\n").as_bytes(), ReadErrorKind::NoFaces, None, "three corners");
+    assert_refused(
+        format!("OFF\n4 1 0\n{VERTICES}2 0 1\n").as_bytes(),
+        ReadErrorKind::NoFaces,
+        None,
+        "three or more corners",
+    );
 }
 
 #[test]

@@ -148,7 +148,7 @@ fn triangles_that_only_join_strips_are_left_out_with_a_warning() {
     let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n6 0 1 2 2 1 3\n";
     let mesh = read_all(text.as_bytes());
     assert_eq!(mesh.soup.faces.len(), 2);
-    assert_warned(&mesh, "only join the strips and were left out: 2");
+    assert_warned(&mesh, "degenerate triangles that join triangle strips were dropped: 2");
 }
 
 #[test]
@@ -236,7 +236,7 @@ fn a_header_that_lacks_something_is_refused_with_its_line() {
         ("vertex_indices", "corners", 7, "vertex_indices"),
         ("int vertex_indices", "float vertex_indices", 7, "vertex_indices"),
         ("uchar int", "float int", 8, "whole number"),
-        ("element vertex 4\n", "", 3, "an element before this property"),
+        ("element vertex 4\n", "", 3, "an 'element' line before this property"),
         ("vertex 4", "vertex four", 3, "'four'"),
         (
             "element face 4",
@@ -269,11 +269,11 @@ fn a_number_with_a_decimal_comma_is_refused_with_its_line() {
 #[test]
 fn a_point_cloud_is_named() {
     let text = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 1 1\n";
-    assert_refused(text.as_bytes(), ReadErrorKind::NoFaces, None, "2 vertices and no faces: it is a point cloud");
+    assert_refused(text.as_bytes(), ReadErrorKind::NoFaces, None, "2 vertices and no faces, so it is a point cloud");
     let text = format!("{}{VERTICES}", HEADER.replace("face 4", "face 0"));
     assert_refused(text.as_bytes(), ReadErrorKind::NoFaces, None, "point cloud");
     let text = format!("{}{VERTICES}2 0 1\n", HEADER.replace("face 4", "face 1"));
-    assert_refused(text.as_bytes(), ReadErrorKind::NoFaces, None, "three corners");
+    assert_refused(text.as_bytes(), ReadErrorKind::NoFaces, None, "three or more corners");
     assert_refused(b"ply\nformat ascii 1.0\nend_header\n", ReadErrorKind::NoFaces, None, "no vertices and no faces");
 }
 

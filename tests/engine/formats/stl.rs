@@ -74,7 +74,7 @@ fn with_too_large_a_count_existing_facets_are_read_and_both_numbers_reported() {
     for count in [5, 1000, u32::MAX] {
         let mesh = read_all(&with_count(count));
         assert_eq!(corners(&mesh.soup), corners(&tetrahedron()));
-        assert_warned(&mesh, &format!("counts {count} facets, but there are bytes for 4"));
+        assert_warned(&mesh, &format!("counts {count} facets, but the file has bytes for 4"));
     }
 }
 
@@ -83,7 +83,7 @@ fn a_cut_last_facet_is_left_out_with_a_warning() {
     let bytes = binary();
     let mesh = read_all(&bytes[..bytes.len() - 20]);
     assert_eq!(corners(&mesh.soup), corners(&tetrahedron())[..3]);
-    assert_warned(&mesh, "counts 4 facets, but there are bytes for 3, and the last is cut off");
+    assert_warned(&mesh, "counts 4 facets, but the file has bytes for 3, and the last facet is cut off");
 }
 
 #[test]
@@ -115,7 +115,7 @@ fn bytes_after_the_last_facet_give_a_warning() {
 fn a_count_of_zero_with_facets_after_it_reads_them() {
     let mesh = read_all(&with_count(0));
     assert_eq!(corners(&mesh.soup), corners(&tetrahedron()));
-    assert_warned(&mesh, "counts 0 facets, but bytes for 4 follow");
+    assert_warned(&mesh, "counts 0 facets, but bytes for 4 facets follow");
 }
 
 #[test]
@@ -260,7 +260,7 @@ fn unknown_words_between_facets_give_one_warning() {
     let text = plain().replace("endfacet", "endfacet blah").replace("endloop", "endloop foo");
     let mesh = read_all(text.as_bytes());
     assert_eq!(corners(&mesh.soup), corners(&tetrahedron()));
-    assert_warned(&mesh, "8 in all, the first 'foo'");
+    assert_warned(&mesh, "were ignored: 8, the first 'foo'");
 }
 
 #[test]

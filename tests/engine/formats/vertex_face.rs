@@ -67,14 +67,14 @@ fn faces_that_name_a_missing_vertex_are_left_out_and_each_vertex_is_counted_once
         let numbering = mesh.numbering.as_ref().unwrap();
         assert_eq!((numbering.missing_vertices, numbering.faces_without_vertex), (2, 2));
         assert!(numbering.faces_contiguous);
-        assert_warned(&mesh, "2, the first being number 8");
+        assert_warned(&mesh, "missing: 2, the first is number 8");
     }
 }
 
 #[test]
 fn a_vertex_number_given_twice_is_refused_at_its_second_line() {
     let text = b"Vertex 1 0 0 0\nVertex 2 1 0 0\nFace 1 1 2 2\nVertex 2 0 1 0\n";
-    assert_refused(text, ReadErrorKind::Malformed, Some(Place::Line(4)), "vertex 2 is given a second time");
+    assert_refused(text, ReadErrorKind::Malformed, Some(Place::Line(4)), "vertex 2 is defined a second time");
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn an_error_in_a_line_is_reported_with_its_line() {
         ("Vertex 1 0 0 0\nFace 1 1 1\nFace 2 1 1 1\n", line(2), "the line ends where the number of a vertex"),
         ("Vertex 1 0 0 0\nFace 1 1 1 1 1\n", line(2), "three vertices"),
         ("Vertex 1 0 x 0\nFace 1 1 1 1\n", line(1), "'x'"),
-        ("Vertex 1 0 0 0\nFace 1 1 1 0\n", line(2), "numbers go from 1"),
+        ("Vertex 1 0 0 0\nFace 1 1 1 0\n", line(2), "numbers must be from 1"),
         ("Vertex 1 0 0 0\nFace 1 1 1 -3\n", line(2), "'-3'"),
         ("Vertex 1 0 0 0\nFace 1 1 1 4294967296\n", line(2), "4294967295"),
         ("Vertex 1 0 0 0\nVertex 1.5 0 0 0\n", line(2), "'1.5'"),
@@ -98,14 +98,14 @@ fn an_error_in_a_line_is_reported_with_its_line() {
 #[test]
 fn a_file_without_a_whole_face_is_refused() {
     assert_refused(b"Vertex 1 0 0 0\n", ReadErrorKind::NoFaces, None, "point cloud");
-    assert_refused(b"Vertex 1 0 0 0\nFace 1 1 2 3\n", ReadErrorKind::NoFaces, None, "not given");
+    assert_refused(b"Vertex 1 0 0 0\nFace 1 1 2 3\n", ReadErrorKind::NoFaces, None, "refer to missing vertices");
 }
 
 #[test]
 fn lines_of_other_kinds_are_passed_over_and_counted() {
     let text = "Vertex 1 0 0 0\nColour red\nVertex 2 1 0 0\nVertex 3 0 1 0\nFace 1 1 2 3\nEnd\n";
     let mesh = read_all(text.as_bytes());
-    assert_warned(&mesh, "2 in all, the first beginning with 'Colour'");
+    assert_warned(&mesh, "were ignored: 2, the first begins with 'Colour'");
     assert_eq!(mesh.soup.faces.len(), 1);
 }
 

@@ -74,9 +74,9 @@ fn names_that_lead_out_of_the_archive_are_refused() {
     assert_no(
         &replaced(bytes.clone(), "aa/other", "../other"),
         ReadErrorKind::Malformed,
-        "'../other' has a name that leads out",
+        "'../other' has a name that points outside",
     );
-    assert_no(&replaced(bytes, "aa/other", "C:\\other"), ReadErrorKind::Malformed, "leads out");
+    assert_no(&replaced(bytes, "aa/other", "C:\\other"), ReadErrorKind::Malformed, "points outside");
 }
 
 #[test]
@@ -100,7 +100,7 @@ fn encryption_and_unsupported_compression_are_named() {
     for at in [local + 8, central + 10] {
         overwrite(&mut bzip2, at, &12_u16.to_le_bytes());
     }
-    assert_no(&bzip2, ReadErrorKind::UnsupportedFormat, "pack it with deflate");
+    assert_no(&bzip2, ReadErrorKind::UnsupportedFormat, "create the archive with the usual deflate");
 }
 
 #[test]

@@ -25,9 +25,9 @@ fn tower(levels: usize, times: usize) -> Vec<u8> {
 #[test]
 fn objects_are_not_made_of_themselves() {
     for (components, words) in [
-        (vec![(1, 1)], "object 1 is made of itself"),
-        (vec![(1, 2), (2, 3), (3, 1)], "is made of itself"),
-        (vec![(1, 9)], "object 9, which is not there"),
+        (vec![(1, 1)], "object 1 contains itself"),
+        (vec![(1, 2), (2, 3), (3, 1)], "contains itself"),
+        (vec![(1, 9)], "object 9, which does not exist"),
     ] {
         let objects: String = components
             .iter()
@@ -52,7 +52,7 @@ fn objects_are_made_of_objects_to_a_depth() {
 #[test]
 fn many_places_of_few_faces_are_counted_before_they_are_made() {
     let begin = Instant::now();
-    assert_no(&tower(33, 3), TOO_LARGE, "faces, which is over the limit");
+    assert_no(&tower(33, 3), TOO_LARGE, "faces, over the limit");
     assert_eq!(read(&tower(33, 3), &Limits::default()).unwrap_err().kind, TOO_LARGE);
     assert!(begin.elapsed() < Duration::from_secs(5));
 }
@@ -108,7 +108,7 @@ fn xml_that_grows_is_refused() {
                 &format!("{}<resources>", many("<metadata name=\"x:y\" xmlns:x=\"urn:x\"/>", 2)),
             ),
             ReadErrorKind::Malformed,
-            "two notes",
+            "two <metadata> elements",
         ),
         (
             format!("<!DOCTYPE m [<!ENTITY a \"{}\"><!ENTITY b \"{}\">]>{text}", many("x", 1000), many("&a;", 1000)),
@@ -126,9 +126,13 @@ fn xml_that_grows_is_refused() {
 fn lists_that_are_searched_linearly_are_bounded() {
     let notes: String = (0..10_001).map(|n| format!("<metadata name=\"x:n{n}\"/>")).collect();
     let text = model("xmlns:x=\"urn:x\"", &format!("<object id=\"1\">{MESH}</object>"), "<item objectid=\"1\"/>");
-    assert_no(&file(&text.replace("<resources>", &format!("{notes}<resources>"))), TOO_LARGE, "more than 10000 notes");
+    assert_no(
+        &file(&text.replace("<resources>", &format!("{notes}<resources>"))),
+        TOO_LARGE,
+        "more than 10000 metadata elements",
+    );
     let groups: String = (200..10_201).map(|id| format!("<m:colorgroup id=\"{id}\"/>")).collect();
-    assert_no(&simple("", &groups, "", MESH), TOO_LARGE, "more than 10000 resources");
+    assert_no(&simple("", &groups, "", MESH), TOO_LARGE, "more than 10000 property groups and textures");
 }
 
 /// Elements of a 3MF model.

@@ -87,7 +87,7 @@ fn objects_are_taken_from_other_parts() {
     assert_eq!(read.scene.objects.len(), 3);
     assert_eq!(read.scene.objects[read.scene.items[1].object as usize].name.as_deref(), Some("far"));
     assert_eq!(read.scene.placed_faces(), 2);
-    assert_no(&file(&root), ReadErrorKind::Malformed, "3D/Objects/a.model is not in the file");
+    assert_no(&file(&root), ReadErrorKind::Malformed, "3D/Objects/a.model, which is not in the file");
 }
 
 #[test]
@@ -127,6 +127,6 @@ fn a_draft_is_read_without_its_colours() {
 fn an_archive_is_3mf_unless_its_end_shows_otherwise() {
     let bytes = super::package(&[("3D/model.txt", b"words")]);
     assert_eq!(sniff(&bytes, None), Ok(Format::ThreeMf));
-    assert_no(&bytes, ReadErrorKind::UnsupportedFormat, "no model that is read here (3D/model.txt)");
+    assert_no(&bytes, ReadErrorKind::UnsupportedFormat, "no supported model (3D/model.txt)");
     assert_no(&super::package(&[]), ReadErrorKind::UnsupportedFormat, "empty ZIP");
 }

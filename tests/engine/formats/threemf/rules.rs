@@ -21,12 +21,12 @@ fn relationships_must_follow_the_3mf_specification() {
     };
     let thumbnail = "http://schemas.openxmlformats.org/package/2006/relationships/metadata/thumbnail";
     let good = (MODEL, "/3D/3dmodel.model");
-    assert_no(&with(&[]), MALFORMED, "no relationship of the package");
-    assert_no(&with(&[good, (MODEL, "/3D/b.model")]), MALFORMED, "more than one model part");
+    assert_no(&with(&[]), MALFORMED, "relationships (_rels/.rels) name no 3MF model");
+    assert_no(&with(&[good, (MODEL, "/3D/b.model")]), MALFORMED, "more than one root model");
     assert_no(&with(&[(MODEL, "/3D/c.model")]), MALFORMED, "3D/c.model, which is not in the file");
     assert_no(&with(&[good, (thumbnail, "/Metadata/t.png")]), MALFORMED, "Metadata/t.png, which is not in the file");
-    assert_no(&with(&[good, ("urn:any", "C:/x.png")]), MALFORMED, "outside of the file");
-    assert_no(&with(&[good, ("urn:any", "x\" TargetMode=\"External")]), MALFORMED, "outside of the file");
+    assert_no(&with(&[good, ("urn:any", "C:/x.png")]), MALFORMED, "outside the file");
+    assert_no(&with(&[good, ("urn:any", "x\" TargetMode=\"External")]), MALFORMED, "outside the file");
     assert_eq!(clean(&with(&[good, ("urn:any", "/not/there")])).scene.placed_faces(), 1);
 }
 
@@ -63,7 +63,7 @@ fn an_extension_that_is_required_and_not_read_is_named() {
     }
     let slices = "xmlns:s=\"http://schemas.microsoft.com/3dmanufacturing/slice/2015/07\" requiredextensions=\"s m p\"";
     clean(&simple(slices, "", "", MESH));
-    assert_no(&simple("requiredextensions=\"q\"", "", "", MESH), MALFORMED, "'q' stands for no namespace");
+    assert_no(&simple("requiredextensions=\"q\"", "", "", MESH), MALFORMED, "prefix 'q' is not declared");
 }
 
 #[test]
@@ -71,32 +71,29 @@ fn xml_must_follow_the_3mf_specification() {
     let text = one_object();
     let body = text.split_once("?>").unwrap().1;
     for (text, words) in [
-        (text.replace("UTF-8", "UTF-32"), "it is in UTF-32"),
+        (text.replace("UTF-8", "UTF-32"), "declares the encoding UTF-32"),
         (format!("<!DOCTYPE model [<!ENTITY a \"b\">]>{body}"), "document type"),
         (format!("{body}{body}"), "second root element"),
-        (format!("text{body}"), "text outside of its root"),
+        (format!("text{body}"), "text outside its root"),
         (body.replace("</vertices>", "</vertexes>"), "expected"),
-        (body.replace("<mesh>", "<mesh xml:space=\"default\">"), "'space' is of a namespace that is forbidden"),
-        (body.replace("<mesh>", "<mesh p:x=\"1\">"), "'x' is of a namespace that is forbidden"),
-        (
-            body.replace("<vertices>", "<vertices xmlns:v=\"urn:v\" v:x=\"1\">"),
-            "'x' is of a namespace that is forbidden",
-        ),
-        (body.replace("id=\"1\">", "id=\"1\" v:x=\"1\">"), "'v' stands for no namespace"),
+        (body.replace("<mesh>", "<mesh xml:space=\"default\">"), "'space' has a namespace that 3MF forbids"),
+        (body.replace("<mesh>", "<mesh p:x=\"1\">"), "'x' has a namespace that 3MF forbids"),
+        (body.replace("<vertices>", "<vertices xmlns:v=\"urn:v\" v:x=\"1\">"), "'x' has a namespace that 3MF forbids"),
+        (body.replace("id=\"1\">", "id=\"1\" v:x=\"1\">"), "prefix 'v' is not declared"),
         (
             body.replace("<vertices>", "<v:vertices>").replace("</vertices>", "</v:vertices>"),
-            "'v' stands for no namespace",
+            "prefix 'v' is not declared",
         ),
         (
             body.replace("<object", "<object xmlns:i=\"http://www.w3.org/2001/XMLSchema-instance\" i:nil=\"1\""),
-            "'nil' is of a namespace that is forbidden",
+            "'nil' has a namespace that 3MF forbids",
         ),
         (body.replace("id=\"1\">", "id=\"1\" name=\"&a;\">"), "entity"),
         (body.replace("id=\"1\">", "id=\"1\" name=\"&#1;\">"), "0x1 is forbidden"),
         (body.replace("id=\"1\">", "id=\"1\" id=\"2\">"), "duplicated"),
         (body.replace("x=\"0\"", "x=\"0\" x=\"1\""), "'x' twice"),
-        (body.replace("<model", "<modell").replace("</model", "</modell"), "a <model> of 3MF was expected"),
-        (String::new(), "no element in it"),
+        (body.replace("<model", "<modell").replace("</model", "</modell"), "must be the <model> of 3MF"),
+        (String::new(), "has no element"),
     ] {
         assert_no(&file(&text), MALFORMED, words);
     }
@@ -121,8 +118,8 @@ fn a_model_must_follow_the_core_specification() {
             "0 elements <resources>",
         ),
         (text.replace("<build>", "<build></build><build>"), "2 elements <build>"),
-        (text.replace("<build>", "<build><item/>"), "<item> names no object"),
-        (text.replace("objectid=\"1\"", "objectid=\"2\""), "object 2, which is not there"),
+        (text.replace("<build>", "<build><item/>"), "<item> has no objectid"),
+        (text.replace("objectid=\"1\"", "objectid=\"2\""), "object 2, which does not exist"),
         (text.replace("id=\"1\">", "id=\"1\" type=\"other\">"), "the type 'other'"),
         (text.replace("x=\"1\"", "x=\"NaN\""), "found 'NaN' where a coordinate"),
         (text.replace("x=\"1\"", "x=\"inf\""), "found 'inf' where a coordinate"),
@@ -130,22 +127,22 @@ fn a_model_must_follow_the_core_specification() {
         (text.replace("x=\"1\"", ""), "fewer than three coordinates"),
         (text.replace("v2=\"1\"", ""), "fewer than three corners"),
         (text.replace("v2=\"1\"", "v2=\"-1\""), "found '-1'"),
-        (text.replace(MESH, &format!("{MESH}{MESH}")), "more than one shape"),
-        (text.replace("objectid=\"1\"", "objectid=\"1\" transform=\"1 0 0 0 1 0 0 0 1 0 0\""), "twelve numbers"),
+        (text.replace(MESH, &format!("{MESH}{MESH}")), "more than one mesh or list of components"),
+        (text.replace("objectid=\"1\"", "objectid=\"1\" transform=\"1 0 0 0 1 0 0 0 1 0 0\""), "12 numbers"),
         (text.replace("objectid=\"1\"", "objectid=\"1\" transform=\"1,0 0 0 0 1 0 0 0 1 0 0 0\""), "decimal commas"),
+        (text.replace("objectid=\"1\"", "objectid=\"1\" transform=\"1 0 0 0 1 0 0 0 0 0 0 0\""), "flattens its object"),
+        (text.replace("objectid=\"1\"", "objectid=\"1\" p:path=\"a.model\""), "is not the absolute path of a part"),
         (
-            text.replace("objectid=\"1\"", "objectid=\"1\" transform=\"1 0 0 0 1 0 0 0 0 0 0 0\""),
-            "makes its object flat",
+            text.replace("<resources>", "<metadata name=\"Title\"/><metadata name=\"Title\"/><resources>"),
+            "two <metadata> elements",
         ),
-        (text.replace("objectid=\"1\"", "objectid=\"1\" p:path=\"a.model\""), "the name of no part"),
-        (text.replace("<resources>", "<metadata name=\"Title\"/><metadata name=\"Title\"/><resources>"), "two notes"),
         (text.replace("<resources>", "<metadata/><resources>"), "has no name"),
-        (text.replace("<resources>", "<metadata name=\"v:x\"/><resources>"), "'v' stands for no namespace"),
+        (text.replace("<resources>", "<metadata name=\"v:x\"/><resources>"), "prefix 'v' is not declared"),
         (text.replace("<resources>", "<metadata name=\"Title\" preserve=\"yes\"/><resources>"), "0 or 1"),
     ] {
         assert_no(&file(&text), MALFORMED, words);
     }
-    assert_no(&file(&text.replace("v2=\"1\"", "v2=\"3\"")), ReadErrorKind::IndexOutOfRange, "names vertex 3");
+    assert_no(&file(&text.replace("v2=\"1\"", "v2=\"3\"")), ReadErrorKind::IndexOutOfRange, "refers to vertex 3");
     assert_no(&file(&text.replace("<item objectid=\"1\"/>", "")), ReadErrorKind::NoFaces, "build plate");
     assert_no(
         &file(&text.replace(MESH, "<mesh><vertices/><triangles/></mesh>")),

@@ -19,7 +19,7 @@ fn a_single_model_of_any_format_is_read() {
         for bytes in [&named, &bytes] {
             // Without the file name an archive that looks like 3MF could be an office document.
             if format == Format::ThreeMf && bytes != &named {
-                assert_no(bytes, NO, &["no model"]);
+                assert_no(bytes, NO, &["no supported model"]);
                 continue;
             }
             let found = read(bytes, &Limits::default()).unwrap();
@@ -76,7 +76,7 @@ fn several_models_are_named_and_none_is_taken() {
 #[test]
 fn an_archive_without_a_model_names_what_is_in_it() {
     let bytes = package(&[("a.txt", b"words"), ("b.png", super::PNG)]);
-    assert_no(&bytes, NO, &["no model", "a.txt, b.png", "put one STL, OBJ"]);
+    assert_no(&bytes, NO, &["no supported model", "a.txt, b.png", "add one STL, OBJ"]);
     let office = package(&[("[Content_Types].xml", b"<Types/>"), ("word/document.xml", b"<w/>")]);
     assert_no(&office, ReadErrorKind::Malformed, &["_rels/.rels"]);
 }
@@ -88,14 +88,14 @@ fn a_model_that_can_not_be_read_says_why() {
     assert_no(&step, NO, &["a.obj", "STEP"]);
     let error = read_files(&[("x/a.obj", b"v 0 0 0\nf 1 2 3\n")]).unwrap_err();
     assert_eq!((error.kind, error.place), (ReadErrorKind::IndexOutOfRange, Some(meshmend::format::Place::Line(2))));
-    assert!(error.detail.starts_with("in the archive's file x/a.obj: a face names vertex 3"), "{error}");
+    assert!(error.detail.starts_with("in the archive's file x/a.obj: a face refers to vertex 3"), "{error}");
 }
 
 #[test]
 fn an_archive_in_an_archive_is_not_opened() {
     let inner = package(&[("a.obj", TRIANGLE)]);
-    assert_no(&package(&[("inner.zip", &inner)]), NO, &["no model", "inner.zip"]);
-    assert_no(&package(&[("inner.obj", &inner)]), NO, &["inner.obj", "within the ZIP archive"]);
+    assert_no(&package(&[("inner.zip", &inner)]), NO, &["no supported model", "inner.zip"]);
+    assert_no(&package(&[("inner.obj", &inner)]), NO, &["inner.obj", "inside the ZIP archive"]);
     assert_no(&package(&[("inner.3mf", &inner)]), NO, &["inner.3mf", "no 3MF model"]);
 }
 

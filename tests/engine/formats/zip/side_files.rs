@@ -64,7 +64,10 @@ fn a_missing_library_is_reported_and_the_model_is_read() {
     let result = read_files(&[("m.obj", OBJ), ("wood.png", PNG)]).unwrap();
     assert_eq!(mesh(&result).paint, []);
     let [undefined, missing] = &result.warnings[..] else { panic!("{:?}", result.warnings) };
-    assert!(undefined.contains("not defined were left without colour: 2, the first of 'red'"), "{undefined}");
+    assert!(
+        undefined.contains("an undefined material were left without colour: 2, the first has the material 'red'"),
+        "{undefined}"
+    );
     assert!(missing.contains("not in the archive") && missing.contains("'colors.mtl'"), "{missing}");
 }
 
@@ -155,7 +158,7 @@ fn gltf_takes_its_buffers_and_pictures_from_beside_it() {
     let error = read_files(&[("scene.gltf", json), ("a b.png", PNG)]).unwrap_err();
     assert!(error.detail.contains("'data.bin'") && error.detail.contains("ZIP archive"), "{error}");
     let error = read_files(&[("scene.gltf", json), ("data.bin", &data[..59])]).unwrap_err();
-    assert!(error.detail.contains("is to have 60 bytes and has 59"), "{error}");
+    assert!(error.detail.contains("declares 60 bytes but has 59"), "{error}");
     let result = read_files(&[("scene.gltf", json), ("data.bin", &data)]).unwrap();
     assert!(result.warnings.iter().any(|warning| warning.contains("'tex/a b.png'")), "{:?}", result.warnings);
 }
