@@ -2,8 +2,8 @@
 //! implementation.
 //!
 //! After Zhou, Grinspun, Zorin and Jacobson 2016, "Mesh Arrangements for Solid Geometry". Every face is split where it
-//! meets other faces. The cells between the resulting facets are labelled by winding number. Facets with the inside on
-//! exactly one side are kept.
+//! meets other faces. The resulting facets divide space into cells, and each cell has a winding number. Facets with the
+//! inside on exactly one side are the boundary.
 
 mod cells;
 mod complex;
@@ -21,7 +21,7 @@ use crate::mesh::{ClosedSurface, Surface, is_generated};
 
 pub use complex::ArrangeError;
 
-/// The rule that decides by its winding number `w` whether a cell is inside.
+/// The rule that decides from a cell's winding number `w` whether the cell is inside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum WindingRule {
     /// `w >= 1`: space that the surface winds around outward. An inverted part adds no material.
@@ -29,7 +29,7 @@ pub enum WindingRule {
     Positive,
     /// `w != 0`: inverted parts are solid as well.
     Nonzero,
-    /// `w` odd: space that is enclosed twice is outside, whatever the orientation of its facets.
+    /// `w` is odd: space that is enclosed twice is outside, whatever the orientation of its facets.
     Odd,
 }
 
@@ -38,8 +38,8 @@ pub enum WindingRule {
 pub struct Rule {
     /// The rule for winding numbers.
     pub winding_rule: WindingRule,
-    /// Whether to reopen patches (faces without an input face). A region counts as outside if only patches close it and
-    /// it would hide surface that is visible through the patched holes.
+    /// Whether to reopen patches. A patch is a face that was added to close a hole. If only patches close a region, and
+    /// they would hide surface that is visible through the open holes, the region counts as outside.
     pub reopens_patches: bool,
 }
 
@@ -54,11 +54,11 @@ impl From<WindingRule> for Rule {
 pub struct Solid {
     /// The boundary of the inside.
     pub surface: Surface,
-    /// Zero-thickness facets outside: places where oppositely oriented surface coincides. They enclose nothing, so the
-    /// boundary does not contain them.
+    /// Facets in outside space where two layers of opposite orientation coincide. They enclose nothing, so the boundary
+    /// does not contain them.
     pub zero_thickness: Surface,
-    /// Faces with the outside on both sides after patches were reopened: the skin of reopened regions. In ascending
-    /// order, oriented so that the former inside is behind them.
+    /// The skin of reopened regions: faces of the input that bounded these regions and now have outside on both sides.
+    /// In ascending order of the face, oriented so that the former inside is behind them.
     pub opened: Surface,
 }
 
@@ -75,9 +75,9 @@ pub trait Arrangement {
 
 /// An exact arrangement of faces, and the boundary of its inside cells.
 ///
-/// Vertices are rounded to a grid with 2^41 steps across the model. From there on every decision is exact: which faces
-/// meet, their common points, the relative position of those points, and the cell on each side of a facet. Faces that
-/// meet no other face keep their vertices bit for bit, and their order.
+/// Vertices are rounded to a grid with 2^41 steps across the model. After that every decision is exact: which faces
+/// meet, where they meet, how those points lie relative to each other, and which cell is on each side of a facet.
+/// Faces that meet no other face keep their order and the exact positions of their vertices.
 ///
 /// After Zhou, Grinspun, Zorin and Jacobson 2016, "Mesh Arrangements for Solid Geometry"; Attene 2020, "Indirect
 /// Predicates for Geometric Constructions"; Cherchi, Livesu, Scateni and Attene 2020, "Fast and Robust Mesh
@@ -89,7 +89,7 @@ impl Arrangement for Exact {
     fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
         let complex = Complex::new(&surface, context)?;
         let cells = Cells::new(&complex, context)?;
-        let inside: Vec<bool> = cells.number.iter().map(|&number| is_inside(rule.winding_rule, number)).collect();
+        let inside: Vec<bool> = cells.number.iter().map(|&w| is_inside(rule.winding_rule, w)).collect();
         let opened = if rule.reopens_patches {
             openings::seen_into(&complex, &cells, &inside, |f| is_generated(surface.source[f as usize]), context)?
         } else {
@@ -103,48 +103,49 @@ impl Arrangement for Exact {
     }
 }
 
-/// Whether a cell with this winding number is inside.
-fn is_inside(winding_rule: WindingRule, number: i32) -> bool {
+/// Whether a cell with the winding number `w` is inside.
+fn is_inside(winding_rule: WindingRule, w: i32) -> bool {
     match winding_rule {
-        WindingRule::Positive => number > 0,
-        WindingRule::Nonzero => number != 0,
-        WindingRule::Odd => number % 2 != 0,
+        WindingRule::Positive => w > 0,
+        WindingRule::Nonzero => w != 0,
+        WindingRule::Odd => w % 2 != 0,
     }
 }
 
-/// Collects three kinds of facets: the boundary, the zero-thickness facets, and the skin between cells that were
-/// `opened`. Boundary facets are oriented outward, in the order of the faces they were split from. Zero-thickness
-/// facets have winding number 0 on both sides.
+/// Collects the boundary, the zero-thickness facets, and the skin of the cells that were `opened`. Boundary facets are
+/// oriented outward, in the order of the faces they were split from. Zero-thickness facets have winding number 0 on both
+/// sides.
 fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[bool]>, surface: &Surface) -> Solid {
     let is_open = |cell: usize| opened.is_some_and(|opened| opened[cell]);
-    let (mut kept, mut zero_thickness, mut skins) = (Vec::new(), Vec::new(), Vec::new());
-    for (at, facet) in complex.facets.iter().enumerate() {
-        let sides = cells.beside(at);
+    let (mut boundary, mut zero_thickness, mut skin) = (Vec::new(), Vec::new(), Vec::new());
+    for (index, facet) in complex.facets.iter().enumerate() {
+        let sides = cells.beside(index);
         let was_inside = sides.map(|cell| inside[cell]);
-        let [before, behind] = sides.map(|cell| inside[cell] && !is_open(cell));
+        let [in_front, behind] = sides.map(|cell| inside[cell] && !is_open(cell));
         let [a, b, c] = facet.corners;
-        if before != behind {
-            kept.push((facet.faces[0], if behind { [a, b, c] } else { [a, c, b] }));
+        if in_front != behind {
+            boundary.push((facet.faces[0], if behind { [a, b, c] } else { [a, c, b] }));
         } else if sides.map(|cell| cells.number[cell]) == [0, 0] {
             zero_thickness.push((facet.faces[0], [a, b, c]));
-        } else if !before
+        } else if !in_front
             && sides.into_iter().any(is_open)
             && let Some(&face) = facet.faces.iter().find(|&&face| !is_generated(surface.source[face as usize]))
         {
             let [p, q, r] = facet.corners.map(|point| complex.points.place(point));
             let has_same_orientation = (q - p).cross(r - p).dot(surface.area_vector(face as usize)) > 0.0;
+            // Flip the face if the former inside is in front of it.
             let was_inside_in_front = was_inside[0] && !was_inside[1];
-            skins.push((face, has_same_orientation == was_inside_in_front));
+            skin.push((face, has_same_orientation == was_inside_in_front));
         }
     }
     Solid {
-        surface: surface_of(complex, kept, surface),
+        surface: surface_of(complex, boundary, surface),
         zero_thickness: surface_of(complex, zero_thickness, surface),
-        opened: faces_of(skins, surface),
+        opened: faces_of(skin, surface),
     }
 }
 
-/// Selected faces of the surface, each once and some flipped, as a surface.
+/// Makes a surface of selected faces, each with whether to flip it. A face that is selected several times appears once.
 fn faces_of(mut faces: Vec<(u32, bool)>, surface: &Surface) -> Surface {
     faces.sort_unstable();
     faces.dedup_by_key(|(face, _)| *face);
@@ -161,7 +162,7 @@ fn faces_of(mut faces: Vec<(u32, bool)>, surface: &Surface) -> Surface {
     result
 }
 
-/// Facets, each with the face it was split from, as a surface.
+/// Makes a surface of facets, each with the face it was split from.
 fn surface_of(complex: &Complex, mut facets: Vec<(u32, [u32; 3])>, surface: &Surface) -> Surface {
     facets.sort_by_key(|&(face, _)| face);
     let position = |point: u32| match complex.vertices.get(point as usize).copied() {

@@ -1,4 +1,4 @@
-//! What goes into the queue and comes out of it: new jobs, leases, the ends of attempts, retries, and notifications of all these.
+//! Data types of the job queue: new jobs, uploads, leases, results of attempts and the retry policy. Also the [`Notifier`] of changes.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use super::report::JobReport;
 /// A job to accept. Its files are in the blob store already.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewJob {
-    /// The id, made by the caller because the keys of the files contain it.
+    /// The id. The caller chooses it, because the storage keys of the files contain it.
     pub id: JobId,
     /// The files, at least one.
     pub inputs: Vec<Input>,
@@ -23,19 +23,19 @@ pub struct NewJob {
     pub made_by: Option<String>,
     /// What to do.
     pub options: JobOptions,
-    /// The client's own notes.
+    /// The client's own key-value pairs, returned with the job.
     pub metadata: Metadata,
     /// The address to notify of the job's end.
     pub callback_url: Option<String>,
     /// A hash of all that determines the result: bytes, options, engine.
     pub fingerprint: String,
-    /// The result of an earlier job with the same fingerprint. A job with such a result has ended when it is accepted.
+    /// The result of an earlier job with the same fingerprint. A job with such a result is stored as already finished.
     pub result: Option<Reused>,
-    /// The request's idempotency key, which must be held for the job.
+    /// The request's idempotency key. The caller must hold it for this job ([`KeyState::Held`]).
     pub key: Option<RequestKey>,
-    /// The upload that the job is made of. An upload becomes one job at most.
+    /// The upload that contains the job's file. At most one job can use an upload.
     pub upload: Option<UploadId>,
-    /// The request's position in a trace, which the worker continues.
+    /// The request's W3C trace context; the worker continues the trace.
     pub traceparent: Option<String>,
 }
 
@@ -67,13 +67,13 @@ pub struct Reused {
     pub from: JobId,
     /// The outcome of the earlier job.
     pub outcome: JobOutcome,
-    /// The report.
+    /// The report of the earlier job.
     pub report: StoredReport,
-    /// The files, copied for the new job.
+    /// Copies of the earlier job's files, made for the new job.
     pub artifacts: Artifacts,
 }
 
-/// How long a request that is being handled holds its idempotency key; the request extends the hold in time.
+/// How long an unfinished request holds its idempotency key. A request that takes longer extends the hold before it ends.
 pub const KEY_HOLD: Duration = Duration::from_secs(30);
 /// How long the idempotency key of an accepted request is kept.
 pub const KEY_LIFE: Duration = Duration::from_secs(24 * 3600);
@@ -90,9 +90,9 @@ pub struct RequestKey {
 /// The state of an idempotency key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum KeyState {
-    /// The key is held for the asking job, for [`KEY_HOLD`].
+    /// The key is now held for the caller's job, for [`KEY_HOLD`].
     Held,
-    /// Another request that is not finished holds the key.
+    /// Another unfinished request holds the key.
     InUse,
     /// A request with this key was accepted as a job.
     Used {
@@ -103,21 +103,21 @@ pub enum KeyState {
     },
 }
 
-/// How long the bytes of an upload may be sent to its address.
+/// How long after its announcement a client may send an upload's bytes.
 pub const UPLOAD_OPEN: Duration = Duration::from_secs(3600);
-/// How long an upload may become a job; then it is deleted.
+/// How long after its announcement a job can use an upload; then the upload is deleted.
 pub const UPLOAD_LIFE: Duration = Duration::from_secs(24 * 3600);
 
-/// An upload to announce, before its bytes arrive.
+/// An upload that a client announces before it sends the bytes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NewUpload {
-    /// Its id.
+    /// The upload's id.
     pub id: UploadId,
-    /// The tenant that owns it.
+    /// The tenant that owns the upload.
     pub tenant: String,
     /// The file's name, if the client gave one.
     pub name: Option<String>,
-    /// SHA-256 of the token in its address, in hexadecimal; `None` for an address outside this service.
+    /// SHA-256 of the token in the upload's URL, in hexadecimal; `None` if the client uploads to a presigned URL of the object store.
     pub token_sha256: Option<String>,
 }
 
@@ -126,22 +126,22 @@ pub struct NewUpload {
 pub struct PendingUpload {
     /// The announcement.
     pub upload: NewUpload,
-    /// When it was announced.
+    /// The time of the announcement.
     pub created_at: OffsetDateTime,
-    /// Whether its bytes may still be sent. They may for [`UPLOAD_OPEN`], until a job uses the upload.
+    /// Whether the client may still send the bytes: for [`UPLOAD_OPEN`], and only until a job uses the upload.
     pub is_open: bool,
-    /// The job that uses it.
+    /// The job that uses the upload.
     pub job: Option<JobId>,
 }
 
-/// A worker's lease on a job. Every write of that worker is fenced by all three values.
+/// A worker's lease on a job. The store rejects a write of the worker unless all three values match the job's current lease.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lease {
     /// The job.
     pub id: JobId,
     /// The number of the attempt.
     pub attempt: u32,
-    /// A random text, new with every claim.
+    /// A random string, new for each claim.
     pub token: String,
 }
 
@@ -168,9 +168,9 @@ pub struct Completion {
 pub enum FailureKind {
     /// A retry would fail in the same way: the job fails.
     Final,
-    /// The failure is transient: the job is retried up to the policy's attempts.
+    /// The failure is transient: the job is retried, up to [`RetryPolicy::max_attempts`].
     Transient,
-    /// The child process crashed: the job is retried up to the policy's crashes.
+    /// The child process crashed: the job is retried, up to [`RetryPolicy::max_crashes`].
     Crash,
 }
 
@@ -181,7 +181,7 @@ pub struct Failure {
     pub kind: FailureKind,
     /// The cause; it becomes the job's problem if this was the last attempt.
     pub problem: JobProblem,
-    /// The report, if the attempt had a result that was refused.
+    /// The report, if the attempt had a result that did not meet the job's options.
     pub report: Option<JobReport>,
     /// Files to keep, such as the log.
     pub artifacts: Artifacts,
@@ -201,11 +201,11 @@ pub struct Waiting {
 pub struct ClassLoad {
     /// The class.
     pub class: String,
-    /// How many are queued.
+    /// Number of queued jobs.
     pub queued: u64,
-    /// How many run.
+    /// Number of running jobs.
     pub running: u64,
-    /// How long the first queued job has been due; zero if no queued job is due.
+    /// How long the next job to claim has been due; zero if no queued job is due.
     pub wait: Duration,
 }
 
@@ -234,7 +234,8 @@ impl Default for RetryPolicy {
 }
 
 impl RetryPolicy {
-    /// Whether a failure of this kind is final, at that attempt and after so many crashes.
+    /// Whether the job fails for good. `attempt` is the number of the failed attempt. `crashes` counts the job's crashes, including
+    /// this failure if it is a crash.
     #[must_use]
     pub fn ends(&self, kind: FailureKind, attempt: u32, crashes: u32) -> bool {
         match kind {
@@ -244,20 +245,20 @@ impl RetryPolicy {
         }
     }
 
-    /// The delay after failed attempt number `tries`, counted from 1. It grows exponentially, and its upper half is random
-    /// jitter, so that jobs that failed together are not retried together. `random` is any 64 random bits.
+    /// The delay after failed attempt number `tries`, counted from 1. It doubles with each attempt, up to the longest delay. Its upper
+    /// half is random jitter, so that jobs that failed together are not retried together. `random` is any 64 random bits.
     #[must_use]
     pub fn delay(&self, tries: u32, random: u64) -> Duration {
-        let doubled = self.first_delay.saturating_mul(1_u32 << tries.saturating_sub(1).min(20));
-        let longest = doubled.min(self.longest_delay);
-        let half = longest / 2;
+        let uncapped = self.first_delay.saturating_mul(1_u32 << tries.saturating_sub(1).min(20));
+        let max = uncapped.min(self.longest_delay);
+        let half = max / 2;
         let nanos = u64::try_from(half.as_nanos()).unwrap_or(u64::MAX);
         half + Duration::from_nanos(if nanos == 0 { 0 } else { random % nanos })
     }
 }
 
-/// Notifies waiting requests and idle workers of one process when a job changes or work arrives, so that they need not poll. A
-/// notification can be missed (another process has its own notifier), so every listener also polls at intervals.
+/// Wakes waiting requests and idle workers of one process when a job changes or work arrives. A notifier does not hear of changes by other
+/// processes, so every listener also polls at intervals.
 #[derive(Debug)]
 pub struct Notifier {
     changed: broadcast::Sender<JobId>,
@@ -274,7 +275,7 @@ impl Default for Notifier {
 impl Notifier {
     /// Notifies all listeners that a job's row changed.
     pub fn notify_job(&self, id: JobId) {
-        // No listener is no error.
+        // `send` fails only if nobody listens, which is fine.
         let _ = self.changed.send(id);
     }
 
@@ -288,7 +289,8 @@ impl Notifier {
         self.deliveries.notify_one();
     }
 
-    /// A stream of the ids of jobs that change from now on. A listener that falls behind gets an error, and must read the store.
+    /// A stream of the ids of jobs that change from now on. A listener that falls behind gets an error, and must then read the job from the
+    /// store.
     #[must_use]
     pub fn listen(&self) -> broadcast::Receiver<JobId> {
         self.changed.subscribe()

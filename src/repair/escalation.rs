@@ -1,7 +1,7 @@
 //! The escalation: runs a plan's strategies one after another until a result is good enough.
 //!
-//! Each strategy starts from the common start: the surface that the first actions, which all strategies share, leave. Operators that an
-//! earlier strategy already ran on the same surface are not run again (see [`PrefixCache`]).
+//! All strategies begin with the same actions, the common start. It runs once, and each strategy continues from its surface. Operators that
+//! an earlier strategy already ran on the same surface are not run again (see [`PrefixCache`]).
 
 mod skipping;
 
@@ -30,9 +30,9 @@ pub(super) struct Escalation<'a> {
     cache: PrefixCache,
     validations: Vec<Validation>,
     attempts: Attempts,
-    /// Whether a result was left open or lost visible surface.
+    /// Whether a result was open or had lost visible surface, which points to open sheets.
     left_sheets: bool,
-    /// The red flags that each method raised on its own result.
+    /// For each method that gave a result, the red flags of the result.
     findings: Vec<MethodFinding>,
     /// Whether two independent methods raised the same red flags.
     methods_agree: bool,
@@ -52,10 +52,12 @@ enum StrategyResult {
     Judged(usize),
 }
 
-/// The validation of a surface that is not good enough.
+/// The validation of a surface, which later strategies with the same surface reuse.
 struct Validation {
+    /// The number of the surface in the prefix cache.
     surface: u32,
     patches: Patches,
+    /// The index of the judged result in `Attempts::candidates`.
     candidate: usize,
     step: Step,
 }
@@ -71,7 +73,7 @@ pub(super) struct Attempts {
 }
 
 impl<'a> Escalation<'a> {
-    /// Runs the common start of all strategies. Its surface distinguishes an open sheet from a solid with holes.
+    /// Runs the common start of all strategies. Its surface shows whether the input is an open sheet or a solid with holes.
     ///
     /// # Errors
     /// [`Cancelled`] if the job was canceled.
@@ -140,9 +142,10 @@ impl<'a> Escalation<'a> {
         }
         let tasks = Task::of(strategy, COMMON_ACTIONS.len());
         let mut prefix = self.known_prefix(strategy, &tasks);
-        let surface_after = |prefix: &[KnownTask]| prefix.last().map_or(START, |reused| reused.surface);
-        let number = surface_after(&prefix);
-        let is_same = |other: &Validation| other.surface == number && other.patches == patches_of(strategy);
+        let surface_after = |prefix: &[KnownTask]| prefix.last().map_or(START, |known_task| known_task.surface);
+        let last_known = surface_after(&prefix);
+        let is_same = |other: &Validation| other.surface == last_known && other.patches == patches_of(strategy);
+        // Only if all tasks are known, their last surface is the strategy's result, which may have been validated before.
         let validation = self.validations.iter().position(is_same).filter(|_| prefix.len() == tasks.len());
         if validation.is_none() {
             // Continue from the last surface that the cache still holds.
@@ -154,7 +157,7 @@ impl<'a> Escalation<'a> {
             }
         }
         for (task, KnownResult { step, .. }) in
-            tasks.iter().zip(&prefix).filter_map(|(task, reused)| Some((task, reused.known.as_ref()?)))
+            tasks.iter().zip(&prefix).filter_map(|(task, known_task)| Some((task, known_task.known.as_ref()?)))
         {
             self.attempts.steps.push(ExecutedStep::reused(step, index, task.action));
         }
@@ -174,11 +177,12 @@ impl<'a> Escalation<'a> {
     ) -> Result<StrategyResult, Cancelled> {
         let IndexedStrategy { index, strategy } = indexed;
         let options = self.runner.options;
-        let mut number = prefix.last().map_or(START, |reused| reused.surface);
+        let mut number = prefix.last().map_or(START, |known_task| known_task.surface);
         let mut end = self.common_start.end;
         let mut state = self.cache.kept(number).unwrap_or(&self.common_start.state).clone();
         let mut intersections = Intersections::Unknown;
-        for KnownResult { step, failure, .. } in prefix.iter().filter_map(|reused| reused.known.as_ref()) {
+        // Known steps are not run again, but their findings about intersections and open holes still apply.
+        for KnownResult { step, failure, .. } in prefix.iter().filter_map(|known_task| known_task.known.as_ref()) {
             intersections = intersections.after(step, failure.as_ref());
             state.record_holes(step);
         }
@@ -203,7 +207,8 @@ impl<'a> Escalation<'a> {
                     None => number,
                 };
                 self.attempts.steps.push(step.into());
-                // A later strategy keeps the overlaps: the rest of this one would only make the same mesh.
+                // Too many faces intersect for a self-union. The rest of this strategy would make the same mesh as a later strategy, which
+                // keeps the overlaps.
                 let is_tangled = matches!(failure, Some(Failure::Arrange(ArrangeError::Tangled(_))));
                 if is_tangled && later.iter().any(|strategy| strategy.when == When::NothingClosed) {
                     return Ok(StrategyResult::Nothing);
@@ -257,7 +262,7 @@ impl<'a> Escalation<'a> {
         } else {
             Err(JudgeError::Cancelled(Cancelled))
         };
-        let mut step = validation(index, start, context);
+        let mut step = validation_step(index, start, context);
         let mut is_good = false;
         match verdict {
             Ok(judged) => {
@@ -282,7 +287,8 @@ impl<'a> Escalation<'a> {
         Ok(is_good)
     }
 
-    /// Compares a judged result with earlier ones and keeps it if it is the best. Returns whether this or an earlier result is good enough.
+    /// Compares a judged result with earlier ones and keeps it if it is the best. Returns whether this result or the best one so far is
+    /// good enough.
     fn compare(
         &mut self,
         IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
@@ -331,7 +337,7 @@ impl<'a> Escalation<'a> {
 struct KnownTask {
     /// The number of the surface after the task.
     surface: u32,
-    /// The cached result of the operator; none if the task is needless.
+    /// The cached result of the operator; none if the task would change nothing and is not run.
     known: Option<KnownResult>,
 }
 
@@ -344,13 +350,13 @@ fn patches_of(strategy: &Strategy) -> Patches {
 }
 
 /// The step of a validation that began at `start`.
-fn validation(strategy: u32, start: Duration, context: &Context<'_>) -> Step {
+fn validation_step(strategy: u32, start: Duration, context: &Context<'_>) -> Step {
     let milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
     Step { milliseconds, ..Step::new(strategy, 0, Action::Validate, None) }
 }
 
-/// The range of a strategy in the progress of the whole repair, in percent. Each strategy takes half of the rest, because later
-/// strategies seldom run.
+/// The range of a strategy in the progress of the whole repair, in percent. Each strategy gets half of the progress that earlier ones left,
+/// because later strategies seldom run.
 fn span(index: u32) -> Range<u8> {
     let begin = |index: u32| 95 - (80 >> index.min(7));
     begin(index)..begin(index + 1)

@@ -31,7 +31,7 @@ pub struct Repaired {
 }
 
 /// Repairs a file: reads and measures the file, makes a plan, and runs the plan's strategies until a result is printable and has no red
-/// flag. Otherwise the best result is returned.
+/// flag. If no result is, returns the best one.
 ///
 /// Each result is judged on its own bytes, read back and welded by position. A file that is already printable is returned byte for byte,
 /// or converted face by face if the options ask for another format. When time runs out, the best verified result is returned; it may be
@@ -59,12 +59,13 @@ fn repair_as(bytes: &[u8], limits: &Limits, request: RepairRequest<'_>) -> Resul
     options.validate()?;
     let context = &with_overrun(&context.limited_to(Duration::from_secs_f64(options.deadline_s)));
     match repair_in_time(bytes, limits, &RepairRequest { context, ..request }) {
+        // Checks of the context fail in the same way after a cancellation and after the deadline.
         Err(RepairError::Cancelled(_)) if !context.is_cancelled() => Err(RepairError::OutOfTime(options.deadline_s)),
         repaired => repaired,
     }
 }
 
-/// Repairs a file until the context's deadline, and verifies results until the context's end of verification.
+/// Repairs a file. Repairs stop at the context's deadline; the verification of a result may continue until the context's later end.
 fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) -> Result<Repaired, RepairError> {
     let &RepairRequest { options, context, .. } = request;
     let start = context.now();
@@ -110,15 +111,15 @@ struct OpenedFile {
 
 impl OpenedFile {
     fn read(bytes: &[u8], options: &Options, limits: &Limits) -> Result<Self, RepairError> {
-        let reading = ReadOptions { limits: *limits, twist_angle_deg: options.twist_angle_deg };
-        let mut file = format::read_file(bytes, &reading)?;
+        let read_options = ReadOptions { limits: *limits, twist_angle_deg: options.twist_angle_deg };
+        let mut file = format::read_file(bytes, &read_options)?;
         let unit = file.settle_unit(options.unit, options.scale_to);
         let format = options.output.resolve(&file);
         let separate_objects = keeps_objects_separate(&mut file, format, options);
         // An archive cannot be returned in place of the model inside it.
-        let is_alone = format::sniff(bytes, Some(bytes.len() as u64)).is_ok_and(|sniffed| sniffed == format);
+        let is_not_in_archive = format::sniff(bytes, Some(bytes.len() as u64)).is_ok_and(|sniffed| sniffed == format);
         let may_return_input = format == file.mesh.format
-            && is_alone
+            && is_not_in_archive
             && unit.scaled_from.is_none()
             && (separate_objects || !file.has_objects());
         Ok(Self { file, format, separate_objects, may_return_input })
@@ -150,14 +151,14 @@ impl OpenedFile {
         let &Self { ref file, format, may_return_input, .. } = self;
         let &RepairRequest { options, context: file_context, .. } = request;
         // The assembled file is verified as a whole at the end, so the objects' repairs must leave time for that.
-        let until = &file_context.ending_before(input.time.verification(input.analysis.surface.faces.len()));
-        let request = RepairRequest { context: until, ..*request };
+        let objects_context = &file_context.ending_before(input.time.verification(input.analysis.surface.faces.len()));
+        let request = RepairRequest { context: objects_context, ..*request };
         match (SceneRepair { file, input, format, may_return_input, request, file_context }).run(scene, bytes) {
             Err(RepairError::Cancelled(_)) if !file_context.is_cancelled() && input.bytes.is_some() => {
                 input.time.omit(OmittedSection::Repair);
                 input.time.omit(OmittedSection::Verification);
-                let untouched = input.unchanged_input(format, options, file_context)?;
-                let mut conclusion = Conclusion::with_input(untouched, "");
+                let unchanged = input.unchanged_input(format, options, file_context)?;
+                let mut conclusion = Conclusion::with_input(unchanged, "");
                 conclusion.draft.candidates.clear();
                 Ok(RepairedBody::of(conclusion, input, options, file_context)?.into())
             }
@@ -230,7 +231,7 @@ mod tests {
             repaired.report.steps.iter().map(fact).collect()
         };
         assert_eq!(facts(&with), facts(&without));
-        // The common start is always shared, later steps only with the cache.
+        // All strategies share the steps of the common start in any case; they share later steps only through the cache.
         let reused = |repaired: &Repaired| {
             let later = repaired.report.steps.iter().filter(|step| step.strategy > 0 && step.milliseconds == 0.0);
             later.filter(|step| step.operator == Some(Operator::FillHoles)).count()

@@ -12,10 +12,10 @@ use crate::mesh::Parts;
 
 /// Maximum length of each list of a part accounting.
 const MOST_LISTED: usize = 1000;
-/// Fraction of a part's points that must be in the result, and on no other part's surface, for the part to be
-/// present.
+/// A part is present if at least this fraction of its sample points lies on the result's surface, and on no other part of
+/// the input.
 const PRESENT: f64 = 0.1;
-/// Fraction of a part's points that may contradict its reason, to allow for sampling error.
+/// Largest fraction of a part's sample points that may contradict its reason, to allow for sampling error.
 const OUTLIERS: f64 = 0.1;
 
 /// Why the absence of an input part from the result is no loss.
@@ -93,7 +93,7 @@ pub struct PartAccounting {
     pub dropped: u64,
     /// Absent parts without a reason. A count above 0 is a bug of the program.
     pub lost: u64,
-    /// Parts that the search did not decide within its budget. They are in no other count.
+    /// Parts that the search did not decide within its budget; no other count includes them.
     pub unknown: u64,
     /// The absent parts with a reason; at most the first 1000.
     pub reasons: Vec<AccountedPart>,
@@ -118,12 +118,15 @@ pub enum Dispensable {
 }
 
 impl Original<'_> {
-    /// Accounts for each part. Calls `dispensable` only with the parts that are neither in the result, nor inside the
-    /// result, nor duplicates of present parts. The callback returns one answer per part, in order.
+    /// Accounts for each part.
     ///
-    /// A part with at least one face at the same place in the result is present. Identical faces match as often as
-    /// the result has them, lowest index first. Other parts are sampled: near the result, with or without another
-    /// part at the point, or inside the result. O(n log n) within a budget.
+    /// A part is present if the result has at least one of its faces at the same place. Each face of the result matches
+    /// only one of several identical input faces, in the order of their indices. A part without such a face is judged by
+    /// sample points: each is on the result, inside the result or outside, and may also lie on another part. Takes
+    /// O(n log n) time, within a budget.
+    ///
+    /// `dispensable` is called once, with the parts that are neither present nor inside the result nor duplicates. It
+    /// returns one answer per part, in order. It is not called if there are no such parts.
     ///
     /// # Errors
     /// [`Cancelled`] on cancellation or timeout.
@@ -146,11 +149,11 @@ impl Original<'_> {
         for (&part, range) in candidates.iter().zip(&probes.of_part) {
             let verdict = Verdict::of(&locations[range.clone()]);
             if verdict == Verdict::Present {
-                let in_result = |location: &Option<PointLocation>| match location {
+                let result_part = |location: &Option<PointLocation>| match location {
                     Some(PointLocation::On { face, .. }) => Some(after.parts.of_face[*face as usize]),
                     _ => None,
                 };
-                tally.links.extend(locations[range.clone()].iter().filter_map(in_result).map(|of| (of, part)));
+                tally.links.extend(locations[range.clone()].iter().filter_map(result_part).map(|of| (of, part)));
             }
             verdicts.push(verdict);
         }
@@ -197,7 +200,7 @@ struct Candidate {
 enum PartStatus {
     Changed,
     Reasoned(PartReason, u32),
-    /// A point of the lost part, in unit coordinates.
+    /// A point of the lost part, in unit coordinates ([`Analysis::unit_length`] is their scale).
     Lost(DVec3),
     Unknown,
 }
@@ -205,11 +208,11 @@ enum PartStatus {
 /// Working state of the accounting, initialised from the faces that both meshes have at the same place.
 struct Tally<'a> {
     before: &'a Analysis<'a>,
-    /// For each part the number of faces with an area, and how many of them are in the result.
+    /// For each part the number of faces with an area, and how many of these the result has at the same place.
     faces: Vec<[u64; 2]>,
     /// For each part, whether the result has at least one of its faces.
     has_kept_face: Vec<bool>,
-    /// Pairs of a part of the result and a part of the input present in it.
+    /// Pairs of a part of the result and a part of the input that the result's part contains.
     links: Vec<(u32, u32)>,
 }
 
@@ -229,7 +232,7 @@ impl<'a> Tally<'a> {
             }
             tally.has_kept_face[part as usize] |= is_kept;
             let link = is_kept.then(|| (after.parts.of_face[other as usize], part));
-            // Consecutive faces are mostly of the same parts.
+            // Consecutive faces usually give the same link; this avoids most duplicates.
             if let Some(link) = link.filter(|link| tally.links.last() != Some(link)) {
                 tally.links.push(link);
             }
@@ -244,12 +247,12 @@ impl<'a> Tally<'a> {
 
     /// For each part, whether it shares a part of the result with another part.
     fn united(&mut self) -> Vec<bool> {
-        self.links.retain(|&(of, _)| of != Parts::NONE);
+        self.links.retain(|&(result_part, _)| result_part != Parts::NONE);
         self.links.sort_unstable();
         self.links.dedup();
         let mut united = vec![false; self.before.parts.count];
-        for together in self.links.chunk_by(|a, b| a.0 == b.0).filter(|together| together.len() > 1) {
-            together.iter().for_each(|&(_, part)| united[part as usize] = true);
+        for group in self.links.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
+            group.iter().for_each(|&(_, part)| united[part as usize] = true);
         }
         united
     }
@@ -305,12 +308,16 @@ impl<'a> Tally<'a> {
     }
 }
 
-/// Verdict on a part from its sample points.
+/// The verdict on a part without a kept face, from its sample points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Verdict {
+    /// The part is in the result, with changes.
     Present,
+    /// The part is absent, and the points show the reason.
     Reasoned(PartReason),
+    /// The part is absent, and the points show no reason.
     Unmatched,
+    /// The search decided no point within its budget.
     Unknown,
 }
 
