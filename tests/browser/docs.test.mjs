@@ -42,7 +42,7 @@ test("no page is wider than a phone, and its tables and commands scroll with the
 test("the keyboard alone reaches the text, a section and another page", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url, { path: "/docs/options" });
   await page.keyboard.press("Tab");
-  assert.equal(await page.evaluate(() => document.activeElement.textContent), "Skip to the text");
+  assert.equal(await page.evaluate(() => document.activeElement.textContent), "Skip to the content");
   await page.keyboard.press("Enter");
   assert.equal(await page.evaluate(() => document.activeElement.id), "main");
   await page.getByRole("navigation", { name: "On this page" }).getByRole("link", { name: "Operators" }).press("Enter");

@@ -24,8 +24,8 @@ test("jobs are listed by status and page, with the service's health beside them"
   await page.getByText("No jobs here yet").waitFor();
 
   const health = page.getByRole("complementary", { name: "Health" });
-  await health.getByText("The service works").waitFor();
-  await health.getByText("3. Blender: does not work").waitFor();
+  await health.getByText("The service is ready").waitFor();
+  await health.getByText("3. Blender: not available").waitFor();
   await health.getByText("disk: ok").waitFor();
   assert.match(await health.textContent(), /0waiting.*0running|waiting0.*running0/s);
   assert.deepEqual(faults, []);
@@ -67,7 +67,7 @@ test("a running job is followed and canceled, and a finished one is deleted afte
     assert.equal((await fetch(`${waiting.url}/v1/jobs/${job.id}`)).status, 200);
     await page.getByRole("button", { name: "Delete", exact: true }).click();
     await page.getByRole("button", { name: "Delete it" }).click();
-    await page.getByText("The job and its files are deleted.").waitFor();
+    await page.getByText("The job and its files have been deleted.").waitFor();
     assert.equal((await fetch(`${waiting.url}/v1/jobs/${job.id}`)).status, 410);
     assert.deepEqual(faults, []);
     await close();
@@ -78,7 +78,7 @@ test("a running job is followed and canceled, and a finished one is deleted afte
 
 test("a missing job is reported", { timeout: 60_000 }, async () => {
   const { page, close } = await open(browser, service.url, { path: "/#/jobs/job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a" });
-  await page.getByText("There is no such job, or it is not yours.").waitFor();
+  await page.getByText("This job does not exist, or it belongs to another account.").waitFor();
   await page.getByRole("link", { name: "All jobs" }).click();
   await page.getByRole("heading", { name: "Jobs" }).waitFor();
   await close();

@@ -78,7 +78,7 @@ test("the camera goes to a place, and all tools of the viewer work", { timeout: 
   await drop(page, [["ring.stl", brokenRing()]]);
   await shown(page);
   const before = await pixels(page, LOOKS, [0, 0.49]);
-  await page.getByRole("button", { name: "Take me there: holes" }).click();
+  await page.getByRole("button", { name: "Show in the viewer: holes" }).click();
   await page.getByText("1 of 2").waitFor();
   await settled(page);
   const near = await pixels(page, LOOKS, [0, 0.49]);
@@ -86,7 +86,7 @@ test("the camera goes to a place, and all tools of the viewer work", { timeout: 
   await page.getByRole("button", { name: "Show all" }).click();
 
   await page.getByRole("button", { name: "Slider" }).click();
-  const handle = page.getByRole("slider", { name: "Where before ends" });
+  const handle = page.getByRole("slider", { name: "Divider between before and after" });
   await handle.press("End");
   await settled(page);
   const all = await pixels(page, LOOKS);
@@ -104,11 +104,11 @@ test("the camera goes to a place, and all tools of the viewer work", { timeout: 
 
   await settled(page);
   const whole = await pixels(page, LOOKS);
-  await page.getByLabel("Section", { exact: true }).selectOption("y");
+  await page.getByLabel("Cross-section", { exact: true }).selectOption("y");
   await settled(page);
   const cut = await pixels(page, LOOKS);
   assert.ok(cut.grey < 0.8 * whole.grey, JSON.stringify({ whole, cut }));
-  await page.getByLabel("Section", { exact: true }).selectOption("");
+  await page.getByLabel("Cross-section", { exact: true }).selectOption("");
   await page.getByRole("button", { name: "Wireframe" }).click();
   await settled(page);
   assert.ok((await pixels(page, LOOKS)).grey < 0.95 * whole.grey, "wires are darker");
@@ -117,7 +117,7 @@ test("the camera goes to a place, and all tools of the viewer work", { timeout: 
   await page.getByText("It fits.").waitFor();
   await page.getByLabel("Printer").selectOption("own");
   await page.getByRole("spinbutton", { name: "X" }).fill("50");
-  await page.getByText("It fits when turned.").waitFor();
+  await page.getByText("It fits if you turn it.").waitFor();
   await page.getByRole("spinbutton", { name: "Y" }).fill("50");
   await page.getByText("It does not fit.").waitFor();
   assert.deepEqual(faults, []);
@@ -128,7 +128,7 @@ test("a canvas is turned and zoomed by keys", { timeout: 60_000 }, async () => {
   const { page, faults, close } = await open(browser, service.url);
   await drop(page, [["box.stl", soundBox()]]);
   await shown(page);
-  await page.getByRole("heading", { name: "It was printable already" }).waitFor();
+  await page.getByRole("heading", { name: "Already printable" }).waitFor();
   const canvas = page.locator("canvas");
   const first = await canvas.screenshot();
   await canvas.press("ArrowLeft");
@@ -166,10 +166,10 @@ test("for an unrepaired model the page suggests a remedy, and a click applies it
   const { page, faults, close } = await open(browser, service.url);
   await drop(page, [["sheet.obj", sheet()]]);
   await shown(page);
-  await page.getByRole("heading", { name: "It could not be repaired" }).waitFor();
+  await page.getByRole("heading", { name: "Not repairable" }).waitFor();
   await page.getByText("Still there: 1 hole.").waitFor();
   assert.equal(await page.getByRole("button", { name: /^Download/ }).count(), 0, "there is no model");
-  const upload = await saved(page, () => page.getByRole("button", { name: "Your file as it came" }).click());
+  const upload = await saved(page, () => page.getByRole("button", { name: "Your original file" }).click());
   assert.deepEqual([upload.name, upload.bytes.equals(Buffer.from(sheet()))], ["sheet.obj", true]);
   assert.ok((await pixels(page, LOOKS, [0.51, 1])).orange > 100, "what remains is shown on the result");
   await page.getByRole("button", { name: "Make it 1.2 mm thick" }).click();
@@ -185,7 +185,7 @@ test("many files are dropped at once, and an invalid one is reported and stops n
   await page.locator(".file.good").nth(1).waitFor({ timeout: 60_000 });
   await page.locator(".file.bad").nth(1).waitFor({ timeout: 60_000 });
   await page.getByRole("button", { name: /cut\.stl.*failed/ }).click();
-  await page.getByText("Export it again, best as binary STL").waitFor();
+  await page.getByText("export it again, preferably as binary STL").waitFor();
   await page.getByText("Code: bad_input").waitFor();
   await page.getByRole("button", { name: /^notes\.txt/ }).click();
   await page.getByText(/Code: unsupported_model/).waitFor();
@@ -203,7 +203,7 @@ test("an upload is paused, restarted and resumed", { timeout: 120_000 }, async (
   await page.getByText("Paused").waitFor();
   assert.ok(!(await jobs()).some((job) => job.input.name === "ring.stl" && job.status !== "succeeded"), "nothing was submitted");
   await session.send("Network.emulateNetworkConditions", { offline: false, latency: 0, downloadThroughput: -1, uploadThroughput: -1 });
-  await page.getByRole("button", { name: "Go on: ring.stl" }).click();
+  await page.getByRole("button", { name: "Continue: ring.stl" }).click();
   await shown(page);
   assert.deepEqual(faults, []);
   await close();
@@ -224,7 +224,7 @@ test("the objects of a file are listed one by one", { timeout: 60_000 }, async (
   await shown(page);
   await page.getByText("The 2 objects of this file").waitFor();
   const whole = page.getByRole("row", { name: /whole/ });
-  await whole.getByText("It was printable already").waitFor();
+  await whole.getByText("Already printable").waitFor();
   const lidless = page.getByRole("row", { name: /no lid/ });
   await lidless.getByText("Repaired and printable").waitFor();
   await lidless.getByText("1 hole closed").waitFor();

@@ -174,13 +174,13 @@ test("if the service requires a key, the page asks for it and forgets it with th
   const locked = await serveFrom(data, "--auth", "keys");
   try {
     const { page, faults, close } = await open(browser, locked.url);
-    await page.getByRole("heading", { name: "This service asks for a key" }).waitFor();
+    await page.getByRole("heading", { name: "This service requires a key" }).waitFor();
     assert.deepEqual(await violations(page), []);
     await page.getByLabel("API key").fill("wrong");
-    await page.getByRole("button", { name: "Go on" }).click();
-    await page.getByText("does not know this key").waitFor();
+    await page.getByRole("button", { name: "Continue" }).click();
+    await page.getByText("This key is unknown or has expired").waitFor();
     await page.getByLabel("API key").fill(secret);
-    await page.getByRole("button", { name: "Go on" }).click();
+    await page.getByRole("button", { name: "Continue" }).click();
     await page.getByText("STL, OBJ").waitFor();
     await drop(page, [["ring.stl", brokenRing()]]);
     await shown(page);
@@ -192,9 +192,9 @@ test("if the service requires a key, the page asks for it and forgets it with th
     const kept = await page.evaluate(() => [JSON.stringify(sessionStorage), JSON.stringify(localStorage), document.cookie]);
     assert.ok(kept[0].includes(secret) && !kept[1].includes(secret) && kept[2] === "", "in the tab's memory only");
     await page.getByRole("link", { name: "Jobs" }).click();
-    await page.getByText("Metrics need a key with the scope metrics").waitFor();
+    await page.getByText("The metrics require a key with the scope metrics").waitFor();
     await page.getByRole("button", { name: "Forget the key" }).click();
-    await page.getByRole("heading", { name: "This service asks for a key" }).waitFor();
+    await page.getByRole("heading", { name: "This service requires a key" }).waitFor();
     assert.deepEqual(faults.filter((fault) => !/status of 403/.test(fault)), []);
     await close();
   } finally {

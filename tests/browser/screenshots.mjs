@@ -34,7 +34,7 @@ try {
   await repaired(service.url, "terrain.obj", sheet());
   await repaired(service.url, "phone-stand.stl", thinWall());
   await repaired(service.url, "cut-off.stl", Buffer.from("solid cut\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n"));
-  await picture("jobs", { path: "/#/jobs" }, (page) => page.getByText("The service works").waitFor());
+  await picture("jobs", { path: "/#/jobs" }, (page) => page.getByText("The service is ready").waitFor());
 } finally {
   await browser.close();
   await service.stop();

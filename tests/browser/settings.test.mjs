@@ -19,16 +19,16 @@ test("a file is read in another unit without another upload", { timeout: 120_000
   const { page, faults, asked, close } = await open(browser, service.url);
   await drop(page, [["box.stl", soundBox()]]);
   await shown(page);
-  await page.getByText("The file names no unit; mm is assumed.").waitFor();
+  await page.getByText("The file states no unit; mm is assumed.").waitFor();
   await page.getByLabel("Unit of the file").selectOption("in");
   await page.getByRole("button", { name: "Run again with these settings" }).click();
-  await page.getByText("The lengths of the file are read as in, as asked.").waitFor({ timeout: 60_000 });
+  await page.getByText("The lengths of the file are read as in, as requested.").waitFor({ timeout: 60_000 });
   await page.locator(".printing").getByText("1,016 × 762 × 508 mm").waitFor();
   const job = await newest();
   assert.deepEqual([job.options.unit, job.options.scale_to], ["in", "mm"], "the numbers of an STL file are millimetres for other programs");
   assert.deepEqual(job.report.after.print.size_mm, [1016, 762, 508]);
   assert.equal(uploads(asked), 1);
-  assert.equal(await page.getByText("The file names no unit.").count(), 0, "it is not assumed any more");
+  assert.equal(await page.getByText("The file states no unit.").count(), 0, "it is not assumed any more");
   assert.deepEqual(faults, []);
   await close();
 });
@@ -62,14 +62,14 @@ test("without the file the page asks for it, and accepts no other", { timeout: 1
   const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
   await shown(page);
   await page.getByLabel("Longest side in mm").fill("80");
-  await page.getByText("The page does not have box.stl any more.").waitFor();
+  await page.getByText("The page no longer has box.stl.").waitFor();
   const choose = async (buffer) => {
     const dialog = page.waitForEvent("filechooser");
     await page.getByRole("button", { name: "Choose the file again" }).click();
     await (await dialog).setFiles({ name: "box.stl", mimeType: "model/stl", buffer });
   };
   await choose(thinWall());
-  await page.getByText("This is another file. Choose box.stl.").waitFor();
+  await page.getByText("This is a different file. Please choose box.stl.").waitFor();
   await choose(soundBox());
   await page.getByRole("button", { name: "Run again with these settings" }).click();
   await page.locator(".printing").getByText("80 × 60 × 40 mm").waitFor({ timeout: 60_000 });
@@ -83,7 +83,7 @@ test("a format that the page can't scale says so", { timeout: 60_000 }, async ()
   await shown(page);
   await page.getByText("The file says that its lengths are in mm.").waitFor();
   await page.getByLabel("Longest side in mm").fill("80");
-  await page.getByText("The page can't scale a file of the format 3MF.").waitFor();
+  await page.getByText("The page cannot scale 3MF files.").waitFor();
   assert.ok(await page.getByRole("button", { name: "Run again with these settings" }).isDisabled());
   await close();
 });
@@ -155,7 +155,7 @@ test("a click replaces an assumption by another decision", { timeout: 120_000 },
   const { page, faults, close } = await open(browser, service.url);
   await page.getByRole("button", { name: "Try a broken sample" }).click();
   await page.getByText("Where surfaces cross, the direction of the faces decided what is solid.").waitFor({ timeout: 60_000 });
-  await page.getByRole("button", { name: "Decide otherwise" }).click();
+  await page.getByRole("button", { name: "Choose differently" }).click();
   await page.waitForFunction(() => document.querySelectorAll(".file.good, .file.fair").length === 2, null, { timeout: 60_000 });
   assert.equal((await newest()).options.winding_rule, "nonzero");
   assert.deepEqual(faults, []);
@@ -184,7 +184,7 @@ test("a link to the result is copied, and another browser can open it", { timeou
   const { page, faults, close } = await open(browser, service.url, { permissions: ["clipboard-read", "clipboard-write"] });
   await drop(page, [["box.stl", soundBox()]]);
   await shown(page);
-  await page.getByText("Everyone who can reach this service can open the link.").waitFor();
+  await page.getByText("Anyone who can reach this service can open the link.").waitFor();
   await page.getByRole("button", { name: "Copy the link" }).click();
   await page.getByText("The link is copied.").waitFor();
   const link = await page.evaluate(() => navigator.clipboard.readText());
@@ -193,7 +193,7 @@ test("a link to the result is copied, and another browser can open it", { timeou
   assert.deepEqual(faults, []);
   await close();
   const other = await open(browser, service.url, { path: link.slice(service.url.length) });
-  await other.page.getByRole("heading", { name: "It was printable already" }).waitFor();
+  await other.page.getByRole("heading", { name: "Already printable" }).waitFor();
   await other.close();
 });
 
@@ -210,7 +210,7 @@ test("if the service has deleted the file, the page asks for it and continues", 
   });
   await page.getByLabel("Unit of the file").selectOption("cm");
   await page.getByRole("button", { name: "Run again with these settings" }).click();
-  await page.getByText("The page does not have box.stl any more. Choose it again").waitFor();
+  await page.getByText("The page no longer has box.stl. Choose the file again").waitFor();
   const dialog = page.waitForEvent("filechooser");
   await page.getByRole("button", { name: "Choose the file again" }).click();
   await (await dialog).setFiles({ name: "box.stl", mimeType: "model/stl", buffer: soundBox() });

@@ -33,7 +33,7 @@ for (const [name, bytes, second, hasAfter] of [
     const { red } = await ends(page, PAINTS, LEFT);
     const [width, height] = [red.right[0] - red.left[0], red.bottom[1] - red.top[1]];
     assert.ok(height > 1.5 * width, `the red box is ${width} wide and ${height} tall`);
-    await page.getByRole("button", { name: "Colours of the file" }).click();
+    await page.getByRole("button", { name: "Original colours" }).click();
     await settled(page);
     const grey = await pixels(page, PAINTS, LEFT);
     assert.ok(grey.red + grey[second] < 50 && grey.grey > 10_000, `without colours: ${JSON.stringify(grey)}`);
@@ -57,7 +57,7 @@ test("a model without colours has no colour switch", { timeout: 60_000 }, async 
   const { page, close } = await open(browser, service.url);
   await drop(page, [["box.stl", soundBox()]]);
   await coloured(page);
-  assert.equal(await page.getByRole("button", { name: "Colours of the file" }).count(), 0);
+  assert.equal(await page.getByRole("button", { name: "Original colours" }).count(), 0);
   await close();
 });
 
@@ -65,7 +65,7 @@ test("a printable result has only marks that the verdict mentions", { timeout: 6
   const { page, faults, close } = await open(browser, service.url);
   await drop(page, [["flat.obj", flatFace()]]);
   await shown(page);
-  await page.getByRole("heading", { name: "It was printable already" }).waitFor();
+  await page.getByRole("heading", { name: "Already printable" }).waitFor();
   const { jobs } = await (await fetch(`${service.url}/v1/jobs?limit=1`)).json();
   assert.ok("defects.glb" in jobs[0].artifacts && !("remaining.glb" in jobs[0].artifacts), "nothing that the verdict names remains");
   const colour = await page.locator(".layer .swatch").first().evaluate((element) => getComputedStyle(element).backgroundColor.match(/\d+/g).map(Number));
@@ -157,8 +157,8 @@ test("the ruler works with a finger", { timeout: 60_000 }, async () => {
 
 test("a large closed hole is reported as an assumption in both languages", { timeout: 60_000 }, async () => {
   for (const [locale, texts] of [
-    ["en-US", [/% of the surface is new\. Its shape is a guess\./, /1 large hole was closed\. The shape of the patch is a guess/, /The file names no unit\. Its lengths were read as mm\./]],
-    ["de-DE", [/% der Oberfläche sind neu\. Ihre Form ist geraten\./, /1 großes Loch wurde geschlossen\. Die Form des Flickens ist geraten/, /Die Datei nennt keine Einheit\. Ihre Längen wurden als mm gelesen\./]],
+    ["en-US", [/% of the surface is new\. Its shape is a guess\./, /1 large hole was closed\. The shape of the patch is a guess/, /The file states no unit\. Its lengths were read as mm\./]],
+    ["de-DE", [/% der Oberfläche sind neu\. Ihre Form ist geraten\./, /1 großes Loch wurde geschlossen\. Die Form des Flickens ist geraten/, /Die Datei gibt keine Einheit an\. Ihre Längen wurden als mm gelesen\./]],
   ]) {
     const { page, faults, close } = await open(browser, service.url, { locale });
     await drop(page, [["open.stl", openBox()]]);

@@ -62,7 +62,7 @@ for (const colorScheme of ["light", "dark"]) {
     await page.getByText("Drop your 3D model here").waitFor();
     for (const [name, bytes] of [["ring.stl", brokenRing()], ["sheet.obj", sheet()]]) {
       await drop(page, [[name, bytes]], BOX);
-      await page.getByRole("heading", { name: /Repaired and printable|could not be repaired/ }).waitFor({ timeout: 60_000 });
+      await page.getByRole("heading", { name: /Repaired and printable|Not repairable/ }).waitFor({ timeout: 60_000 });
       await shown(page);
       assert.deepEqual(await violations(page), [], name);
       await page.getByRole("button", { name: "Upload another model" }).click();

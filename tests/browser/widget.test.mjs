@@ -80,13 +80,13 @@ test("an unreadable model fails with the problem's code and detail", { timeout: 
   await drop(page, [["cut.stl", CUT]], BOX);
   const [failed] = await eventDetails(page, "failed");
   assert.deepEqual([failed.status, failed.code], ["failed", "bad_input"]);
-  assert.equal(failed.message, "The file can't be read. Export it again, best as binary STL.");
+  assert.equal(failed.message, "The file is not readable. Please export it again, preferably as binary STL.");
   assert.equal(failed.detail, (await jobOf(failed.jobId)).problem.detail);
   await widget(page).getByText(failed.message).waitFor();
   assert.equal(await page.locator("#offer").textContent(), failed.message);
   await page.getByRole("button", { name: "Upload another model" }).click();
   await drop(page, [["notes.txt", Buffer.from("hello")]], BOX);
-  await widget(page).getByText("This is no 3D model that can be read").waitFor();
+  await widget(page).getByText("This file is not a readable 3D model").waitFor();
   assert.equal((await eventDetails(page, "failed"))[1].code, "unsupported_model");
   assert.deepEqual(faults.filter((fault) => !/status of 415/.test(fault)), []);
   await close();
@@ -130,7 +130,7 @@ test("a customer sets the unit and the size, unless the shop does", { timeout: 1
   const { page, faults, asked, close } = await visit();
   await drop(page, [["box.stl", soundBox()]], BOX);
   await eventDetails(page, "repaired");
-  await widget(page).getByText("The file names no unit. Its lengths were read as mm.").waitFor();
+  await widget(page).getByText("The file states no unit. Its lengths were read as mm.").waitFor();
   await widget(page).getByText("Unit and size").first().click();
   await widget(page).getByLabel("Unit of the file").selectOption("cm");
   await page.getByRole("button", { name: "Run again with these settings" }).click();
@@ -172,7 +172,7 @@ test("a token for another origin is refused, and the widget says so", { timeout:
   const { token } = await tokenFor(shop.url);
   await widget(page).evaluate((element, token) => element.setAttribute("token", token), token);
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await widget(page).getByText("for another address than this page's").waitFor();
+  await widget(page).getByText("not valid for the address of this page").waitFor();
   const [failed] = await eventDetails(page, "failed");
   assert.deepEqual([failed.status, failed.jobId, failed.code], ["refused", null, "origin_not_allowed"]);
   assert.deepEqual(faults.filter((fault) => !/status of 403/.test(fault)), []);
@@ -204,7 +204,7 @@ test("an expired token is replaced, whether or not its expiry was known", { time
   for (const name of ["b.stl", "c.stl"]) {
     await page.getByRole("button", { name: "Upload another model" }).click();
     await drop(page, [[name, soundBox()]], BOX);
-    await page.getByRole("heading", { name: "It was printable already" }).waitFor({ timeout: 60_000 });
+    await page.getByRole("heading", { name: "Already printable" }).waitFor({ timeout: 60_000 });
   }
   assert.equal(asked, 4);
   assert.deepEqual(faults, []);
@@ -216,7 +216,7 @@ test("tokens may come from a function, and without any the widget says what is m
   const { token } = await tokenFor(shop.url);
   await widget(page).evaluate((element) => element.removeAttribute("token-url"));
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await widget(page).getByText("This upload is not set up yet").waitFor();
+  await widget(page).getByText("The upload is not set up yet").waitFor();
   assert.equal((await eventDetails(page, "failed"))[0].code, "token_missing");
   await widget(page).evaluate((element, token) => (element.getToken = async () => token), token);
   await page.getByRole("button", { name: "Try again" }).click();
@@ -224,7 +224,7 @@ test("tokens may come from a function, and without any the widget says what is m
   await page.getByRole("button", { name: "Upload another model" }).click();
   await widget(page).evaluate((element) => (element.getToken = null, element.setAttribute("token-url", "/nowhere")));
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await widget(page).getByText("gave no permission to upload").waitFor();
+  await widget(page).getByText("did not permit the upload").waitFor();
   assert.deepEqual(faults, []);
   await close();
 });
@@ -243,7 +243,7 @@ test("a token function that was set before the script loaded is called", { timeo
   go();
   await page.getByText("Drop your 3D model here").waitFor();
   await drop(page, [["box.stl", soundBox()]], BOX);
-  await page.getByRole("heading", { name: "It was printable already" }).waitFor({ timeout: 60_000 });
+  await page.getByRole("heading", { name: "Already printable" }).waitFor({ timeout: 60_000 });
   await close();
 });
 
@@ -287,14 +287,14 @@ test("an upload is paused, resumed and canceled", { timeout: 120_000 }, async ()
   await drop(page, [["ring.stl", brokenRing()]], BOX);
   await page.getByRole("button", { name: "Pause" }).click();
   await page.getByText("Paused").waitFor();
-  await page.getByRole("button", { name: "Go on" }).click();
+  await page.getByRole("button", { name: "Continue" }).click();
   await page.getByRole("button", { name: "Cancel" }).click();
   await page.getByText("Drop your 3D model here").waitFor();
   assert.deepEqual((await eventDetails(page, "failed")).map(({ code, jobId }) => [code, jobId]), [["canceled", null]]);
   await drop(page, [["ring.stl", brokenRing()]], BOX);
   await page.getByRole("button", { name: "Pause" }).click();
   await upload(-1);
-  await page.getByRole("button", { name: "Go on" }).click();
+  await page.getByRole("button", { name: "Continue" }).click();
   await eventDetails(page, "repaired");
   assert.equal((await eventDetails(page, "uploaded")).length, 1);
   assert.deepEqual(faults, []);

@@ -63,7 +63,7 @@ test("notes are sentences, and list options that were not applied", () => {
 });
 
 test("setting one option keeps the others, and operators are appended to lists", () => {
-  assert.deepEqual(withOption({ max_tier: 2 }, "winding_rule=nonzero"), { max_tier: 2, inside: "nonzero" });
+  assert.deepEqual(withOption({ max_tier: 2 }, "winding_rule=nonzero"), { max_tier: 2, winding_rule: "nonzero" });
   assert.deepEqual(withOption({}, "max_hole_size=0.25"), { max_hole_size: 0.25 });
   assert.deepEqual(withOption({ without: ["sew"] }, "without=join_parts"), { without: ["sew", "join_parts"] });
 });
