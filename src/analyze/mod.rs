@@ -28,7 +28,7 @@ pub struct AnalyzeOptions {
     /// Whether to measure the distance from each vertex to the nearest surface of another file.
     pub spacing: bool,
     /// Whether to provide pictures of the defects: `defects.png`, `defects.glb` and `defects.ply` for the first file,
-    /// `2-defects.png` and so on for the others. They are rendered on the first request for one of them.
+    /// `2-defects.png` and so on for the others. The first request for one of them renders all.
     pub pictures: bool,
     /// Unit to which all lengths are converted; by default lengths keep the file's unit. Lengths among these options
     /// are in this unit.

@@ -294,7 +294,7 @@ enum BrowserScope {
 pub(super) struct BrowserToken {
     /// The token's id, which the service's log shows for jobs submitted with it.
     id: String,
-    /// The secret, to be sent as `Authorization: Bearer`. It is not shown again.
+    /// The secret, to be sent as `Authorization: Bearer`. This response alone shows it.
     token: String,
     /// The page's origin.
     origin: String,
@@ -310,7 +310,7 @@ pub(super) struct BrowserToken {
 /// Create a browser token.
 ///
 /// For uploads from a storefront's own pages. The shop's server creates a token with its API key and gives it to the page. The page then
-/// uploads directly to this service (CORS). The token is valid for one origin, a limited time and a maximum upload size. It gives access
+/// uploads directly to this service (CORS). The token is valid for one origin, a limited time and a maximum upload size. The token gives access
 /// only to jobs submitted with it.
 #[utoipa::path(
     post, path = "/v1/browser-tokens", tag = "access",

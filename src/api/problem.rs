@@ -20,7 +20,7 @@ pub struct Problem {
     pub title: String,
     /// The HTTP status of the response.
     pub status: u16,
-    /// What is wrong with this request, and what to do.
+    /// The fault of this request, and the remedy.
     pub detail: String,
     /// The path of the request.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -43,7 +43,7 @@ pub struct Problem {
 pub struct FieldError {
     /// The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`.
     pub field: String,
-    /// What is wrong with the field, and what to send instead.
+    /// The fault of the field, and the value to send instead.
     pub message: String,
 }
 

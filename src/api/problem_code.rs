@@ -175,7 +175,9 @@ pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
         ProblemKind::OutOfMemory => ("Out of memory", "Send fewer faces, or raise the service's --job-memory."),
         ProblemKind::CpuLimit => ("CPU limit exceeded", "Send fewer faces, or lower max_tier or level."),
         ProblemKind::FileLimit => ("Result too large", "Lower voxel_resolution or places."),
-        ProblemKind::Crashed => ("Job crashed", "This is a fault of the service. Report it with the job's log."),
+        ProblemKind::Crashed => {
+            ("Job crashed", "The fault lies with the service, not the model. Report it with the job's log.")
+        }
         ProblemKind::WorkerLost => {
             ("Job abandoned", "Several workers were lost while they ran this job. Report it with the model.")
         }

@@ -22,7 +22,7 @@ pub(super) struct DeliveryView {
     /// The delivery's id.
     #[schema(example = "whd_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a")]
     id: String,
-    /// The message's id, sent in the header `webhook-id`. It is the same in every attempt.
+    /// The message's id, sent in the header `webhook-id`; the same in every attempt.
     webhook_id: String,
     /// The event: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test.
     r#type: String,

@@ -331,7 +331,7 @@ fn secret_response(secrets: Secrets) -> Response {
 
 /// Get the secret for callbacks.
 ///
-/// This secret signs the messages to the `callback_url` of jobs. It is created on the first request or the first callback.
+/// This secret signs the messages to the `callback_url` of jobs. The service creates the secret on the first request or the first callback.
 #[utoipa::path(
     get, path = "/v1/webhook-secret", tag = "webhooks",
     responses(

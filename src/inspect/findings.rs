@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Kind of a defect that an inspection can locate.
 ///
 /// The first ten kinds follow Parasolid's `PK_MESH_find_defects`. Each variant names the quantity in
-/// [`Defect::value`].
+/// a defect's `value`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]

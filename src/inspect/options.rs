@@ -49,7 +49,7 @@ pub struct InspectOptions {
     pub places: usize,
     /// Distances and angles below which a defect is recognised.
     pub tolerances: Tolerances,
-    /// Unit of the file's lengths; overrides the unit that the file declares. Without both, millimetres are assumed.
+    /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none.
     pub unit: Option<Unit>,
     /// Build direction, pointing away from the build plate; any length above 0.
     #[cfg_attr(feature = "openapi", schema(min_items = 3, max_items = 3))]

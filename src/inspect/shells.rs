@@ -54,7 +54,7 @@ pub struct Shells {
     /// Why the genus is `null`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub genus_not_measurable: Option<Unmeasurable>,
-    /// Number of parts with the wrong orientation, as defined by [`Shell::outward`].
+    /// Number of parts with the wrong orientation, as defined by a part's `outward`.
     pub inward: u64,
     /// The parts with the largest area, in descending order; at most 100.
     pub list: Vec<Shell>,
@@ -123,7 +123,7 @@ pub struct Attributes {
     pub consistent: Answer,
     /// Whether a ray along any face's normal crosses an even number of further faces, in each part: outer shells face
     /// outward and cavities face inward. Requires `closed`, `manifold` and `consistent`. Stricter than the field of
-    /// [`Measures`], which accepts an outward-facing part inside another.
+    /// the measures, which accepts an outward-facing part inside another.
     pub outward: Answer,
 }
 

@@ -48,9 +48,6 @@ impl Mode {
 }
 
 /// The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused.
-///
-/// The options' structs accept unknown fields, because serde can't deny unknown fields in a tagged enum's variants.
-/// [`JobOptions::from_fields`] refuses unknown fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "mode", rename_all = "snake_case")]
 pub enum JobOptions {
@@ -145,7 +142,8 @@ impl JobOptions {
         fields
     }
 
-    /// Reads and checks the options that a client sent.
+    /// Reads and checks the options that a client sent, and refuses unknown fields: serde cannot deny them in the variants of a
+    /// tagged enum.
     ///
     /// # Errors
     /// [`JobOptionsError`], which names the option.

@@ -24,7 +24,7 @@ use crate::scene::Unit;
 pub struct Options {
     /// Repair plan to run. `auto` chooses a plan by the damage found; a named preset is tried first.
     pub preset: Preset,
-    /// Category of damage to plan for, instead of the category that the inspection finds. It has an effect only with `preset=auto`.
+    /// Category of damage to plan for, instead of the category that the inspection finds. The option has an effect only with `preset=auto`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub category: Option<Category>,
     /// File format of the result. `auto` writes STL unless the input has objects, colours or a unit, which STL cannot store.
@@ -66,7 +66,7 @@ pub struct Options {
     /// intersecting faces, 3 also uses Blender. Lower it for faster repairs that change less.
     #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 3))]
     pub max_tier: u8,
-    /// Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %. It then returns the best
+    /// Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %, and then returns the best
     /// result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
     #[cfg_attr(feature = "openapi", schema(minimum = 1.0, maximum = 3600.0))]
     pub deadline_s: f64,
@@ -82,7 +82,7 @@ pub struct Options {
     /// `bounding_box_change`.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1000.0))]
     pub max_bounding_box_change_pct: f64,
-    /// Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. It is checked only if the
+    /// Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. The repair checks it only if the
     /// input's volume is reliable.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1000.0))]
     pub max_volume_change_pct: f64,
@@ -90,7 +90,7 @@ pub struct Options {
     /// red flag `surface_lost`.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_surface_lost_pct: f64,
-    /// Largest accepted share, in percent, of the result's surface that the input does not have. It counts thickened sheets, and patches
+    /// Largest accepted share, in percent, of the result's surface that the input does not have: thickened sheets, and patches
     /// of holes that each exceed 2 % of the surface. More raises the red flag `surface_invented`.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 100.0))]
     pub max_surface_added_pct: f64,
@@ -112,7 +112,7 @@ pub struct Options {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 1.0))]
     pub stitch_threshold: Option<f64>,
-    /// Widest crack to stitch, in the model's unit. It replaces `stitch_threshold`.
+    /// Widest crack to stitch, in the model's unit; replaces `stitch_threshold`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub stitch_distance: Option<f64>,
@@ -126,7 +126,7 @@ pub struct Options {
     /// are removed, and surface folded onto itself this closely is unfolded. 0 leaves them.
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 0.001))]
     pub degenerate_tolerance: f64,
-    /// Angle in degrees up to which two neighbouring faces count as lying on each other. It needs
+    /// Angle in degrees up to which two neighbouring faces count as lying on each other. The option needs
     /// `with=remove_overlapping_neighbours`. Default: 1, for faces no farther apart than 0.01 % of the bounding box's diagonal.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0, maximum = 45.0))]
@@ -177,7 +177,7 @@ pub struct Options {
     #[cfg_attr(feature = "openapi", schema(minimum = 1000, maximum = 20000000))]
     pub max_remesh_faces: u64,
     /// Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-    /// `change.png`, `change.glb` and `change.ply`. They are drawn when one of them is first requested.
+    /// `change.png`, `change.glb` and `change.ply`. The first request for one of them draws all.
     pub pictures: bool,
 }
 

@@ -35,7 +35,7 @@ pub struct Protection {
     pub enforced: bool,
     /// The mechanisms that provide it.
     pub mechanisms: Vec<String>,
-    /// What is missing and how to enable it, or other advice.
+    /// The missing mechanism and how to enable it, or other advice.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detail: Option<String>,
 }

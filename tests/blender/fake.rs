@@ -219,7 +219,7 @@ fn endless_output_is_cut_and_the_program_still_runs_to_its_end() {
     let fake = Fake::new("head -c 30000000 /dev/zero | tr '\\0' 'x' | fold -w 100; echo end >&2; exit 7");
     let (message, log) = fake.failure();
     assert!(message.contains("exit status: 7"), "{message}");
-    assert!(log.contains("output cut"), "no word of the cut");
+    assert!(log.contains("output truncated"), "no word of the cut");
     assert!(log.len() < 400_000, "{} bytes of log", log.len());
 }
 
@@ -275,7 +275,7 @@ fn a_result_file_without_faces_is_an_empty_result() {
 #[test]
 fn a_result_file_that_grows_without_end_is_stopped() {
     let fake = Fake::new("head -c 20000000 /dev/zero > $target; sleep 600; true");
-    assert!(fake.failure().0.contains("grew over"));
+    assert!(fake.failure().0.contains("result file exceeds"));
     fake.assert_nothing_left();
 }
 
@@ -389,7 +389,7 @@ fn a_result_that_was_complete_before_a_timeout_or_crash_is_kept() {
         let fake = Fake::new(&format!("cp $desk/mesh $target; {end}")).with_mesh();
         let remeshed = fake.voxels(0.1, 1.0, Duration::from_secs(2)).unwrap();
         assert_eq!((remeshed.soup.faces.len(), remeshed.voxel_size, fake.runs().len()), (1, None, 1), "{end}");
-        assert!(remeshed.note.unwrap().contains("its result was there"));
+        assert!(remeshed.note.unwrap().contains("the result was complete"));
         fake.assert_nothing_left();
     }
     // A truncated result is not a result.
@@ -429,7 +429,7 @@ fn voxels_are_made_larger_until_memory_allows_them_and_refused_beyond_what_may_b
     assert_eq!(remeshed.voxel_size, Some(used));
     assert!(remeshed.note.unwrap().contains("100 MiB"));
     let refused = fake.voxels_by(&remesher, [0.0005, 0.001], LONG, &NoProgress).unwrap_err();
-    assert!(refused.to_string().contains("choose a larger voxel_size"), "{refused}");
+    assert!(refused.to_string().contains("choose a larger `voxel_size`"), "{refused}");
     assert_eq!(fake.runs().len(), 1, "nothing ran");
 }
 

@@ -137,17 +137,17 @@ fn skipped_searches_of_a_level_are_reported_and_never_fail_a_model() {
     workspace.put("good.stl", &files::whole_box());
     let basic = text(workspace.run(&["inspect", "good.stl", "--level", "basic"]));
     assert!(basic.contains("printability unknown: self-intersections not checked"), "{basic}");
-    assert!(
-        basic.contains("  not checked at this level: self-intersections, slits, cracks, T-junctions,"),
-        "{basic}"
-    );
+    assert!(basic.contains("  not checked at this level: self-intersections, slits, cracks, T-junctions,"), "{basic}");
     let json = workspace.run(&["inspect", "good.stl", "--level", "basic", "--json"]);
     assert_eq!(exit_code(&json), 0, "a defect that was not searched for does not fail the file");
     let value: Value = serde_json::from_slice(&json.stdout).expect("JSON");
     assert_eq!(value["files"][0]["printable"], Value::Null);
     let none = text(workspace.run(&["inspect", "good.stl", "--level", "none"]));
     assert!(!none.contains("Defects") && !none.contains("check, level"), "{none}");
-    assert!(none.contains("faces without area, duplicate faces, faces with non-finite coordinates, inverted parts"), "{none}");
+    assert!(
+        none.contains("faces without area, duplicate faces, faces with non-finite coordinates, inverted parts"),
+        "{none}"
+    );
     let full = text(workspace.run(&["inspect", "good.stl", "--unit", "in"]));
     assert!(full.starts_with("good.stl: binary STL\nprintable\n\nDefects: none (all 20 kinds checked)\n"), "{full}");
     assert!(full.contains("  check, level full           passes\n"), "{full}");

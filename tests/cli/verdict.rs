@@ -46,10 +46,7 @@ fn an_unprintable_result_that_must_be_printable_leaves_only_a_report() {
     let output = workspace.run(&args);
     assert_eq!(exit_code(&output), 5, "{}", stderr(&output));
     let last = stderr(&output).lines().last().expect("a line").to_owned();
-    assert_eq!(
-        last,
-        "meshmend: out.stl was not written: the result is not printable, and --require printable is set"
-    );
+    assert_eq!(last, "meshmend: out.stl was not written: the result is not printable, and --require printable is set");
     assert!(!workspace.path().join("out.stl").exists());
     let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
     assert_eq!(report["verdict"]["file"], "none");

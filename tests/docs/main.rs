@@ -6,6 +6,7 @@ mod links;
 #[allow(dead_code, reason = "shared with the tests of the engine")]
 #[path = "../support/meshes.rs"]
 mod meshes;
+mod messages;
 mod pages;
 mod pictures;
 mod reference;

@@ -149,7 +149,11 @@ fn a_model_that_could_not_be_inspected_is_called_neither_printable_nor_broken() 
             omitted.contains(&OmittedSection::InputVerification) && omitted.contains(&OmittedSection::Repair),
             "{omitted:?}"
         );
-        assert!(repaired.report.summary.contains("it is unknown whether the model is printable"), "{}", repaired.report.summary);
+        assert!(
+            repaired.report.summary.contains("it is unknown whether the model is printable"),
+            "{}",
+            repaired.report.summary
+        );
         assert_eq!((repaired.report.before.level, repaired.report.after.unwrap().level), (Level::None, Level::None));
         let read = format::read(&repaired.bytes, &Limits::default()).unwrap().soup;
         assert_eq!(read.faces.len(), ball.faces.len());

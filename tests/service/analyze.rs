@@ -127,8 +127,8 @@ async fn a_file_that_is_no_model_is_named_and_the_others_go_with_it() {
     let errors = problem["errors"].as_array().expect("a list");
     assert_eq!((&errors[0]["field"], &errors[1]["field"]), (&json!("file[1]"), &json!("file[2]")));
     let errors: Vec<&str> = errors.iter().filter_map(|error| error["message"].as_str()).collect();
-    assert!(errors[0].starts_with("file 2 of 3, 'notes.txt': "), "{errors:?}");
-    assert!(errors[1].starts_with("file 3 of 3, 'empty.stl': ") && errors.len() == 2, "{errors:?}");
+    assert!(errors[0].starts_with("File 2 of 3, 'notes.txt': "), "{errors:?}");
+    assert!(errors[1].starts_with("File 3 of 3, 'empty.stl': ") && errors.len() == 2, "{errors:?}");
     nothing_is_left(&api, data.path()).await;
 
     // Only reading the whole file shows that it is broken.
@@ -164,7 +164,7 @@ async fn wrong_options_repairs_of_two_files_and_too_many_or_large_files_are_refu
     assert!(problem["detail"].as_str().expect("text").contains("`analyze`"), "{problem}");
     let (status, problem) = submit(&api, vec![small("a.stl"), small("b.stl"), small("c.stl")], analyze()).await;
     assert_eq!((status, problem["code"].as_str()), (413, Some("too_many_files")), "{problem}");
-    assert!(problem["detail"].as_str().expect("text").contains("the 2 files"), "{problem}");
+    assert!(problem["detail"].as_str().expect("text").contains("the limit of 2 files"), "{problem}");
     // Each file is small enough, but not both together; the request does not declare its length.
     let half = || {
         Part::stream(reqwest::Body::wrap_stream(futures::stream::iter([Ok::<_, std::io::Error>(vec![

@@ -110,7 +110,8 @@ async fn a_bucket_outage_at_any_step_of_a_worker_costs_no_job_an_attempt() {
             until("its files are fetched", async || program.log().contains("started process").then_some(())).await;
         }
         bucket.kill();
-        until("the worker tries again", async || program.log().contains("trying again").then_some(())).await;
+        until("the worker tries again", async || program.log().contains("transient failure; retrying").then_some(()))
+            .await;
         bucket.restart();
         succeeded(&api, &id).await;
         assert_eq!(bucket.files().len(), FILES_PER_JOB, "{pause}: {:?}", bucket.files());
@@ -129,7 +130,7 @@ async fn a_job_whose_upload_was_damaged_in_the_bucket_is_not_worked_on() {
     bytes[100] ^= 1;
     std::fs::write(bucket.objects().join("uploads").join(&id), bytes).expect("damage");
     let worker = bucket.store_files_of(Start::work(data.path())).start();
-    until("the worker has seen it", async || worker.log().contains("was damaged").then_some(())).await;
+    until("the worker has seen it", async || worker.log().contains("is damaged: its SHA-256").then_some(())).await;
     let job = until("the attempt has ended", async || {
         let job = api.job(&id).await;
         (job["status"] != "running").then_some(job)

@@ -51,15 +51,15 @@ fn an_unusable_setting_is_reported_with_its_name_and_a_remedy() {
     assert_says(&message, &["--workers", "at least 1", "--no-workers"]);
     let (code, message) = refused(&["serve", "--listen", "nohost.invalid:80"], &[("MESHMEND_DATA_DIR", &temporary())]);
     assert_eq!(code, 2, "{message}");
-    assert_says(&message, &["--listen nohost.invalid:80", "can't be resolved", "Name an address"]);
+    assert_says(&message, &["--listen nohost.invalid:80", "cannot be resolved", "Use an address"]);
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = taken.local_addr().expect("an address").to_string();
     let (code, message) = refused(&["serve", "--listen", &address], &[("MESHMEND_DATA_DIR", &temporary())]);
     assert_eq!(code, 3, "{message}");
-    assert_says(&message, &["--listen", "can't listen on", &address, "Another program listens there"]);
+    assert_says(&message, &["--listen", "cannot listen on", &address, "Another program uses this port"]);
     let (code, message) = refused(&["keys", "list", "--data-dir", "/proc/nowhere"], &[]);
     assert_eq!(code, 2, "{message}");
-    assert_says(&message, &["--data-dir (MESHMEND_DATA_DIR) /proc/nowhere", "Name a folder"]);
+    assert_says(&message, &["--data-dir (MESHMEND_DATA_DIR) /proc/nowhere", "Use a folder"]);
 }
 
 /// The path of a new temporary folder, which is not deleted.
@@ -94,7 +94,7 @@ async fn listening_on_a_host_name_works_and_a_reachable_service_without_auth_war
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve_on("localhost:0", data.path()).start();
     assert_eq!(Api::new(&program).get("/v1/jobs").send().await.expect("a response").status(), 200);
-    assert_says(&program.log(), &["listening on", "no request needs a key"]);
+    assert_says(&program.log(), &["listening on", "no key required"]);
     assert!(!program.log().contains("--auth is open"), "only this machine reaches it");
     drop(program);
     let program = Start::serve_on("0.0.0.0:0", data.path()).arg("--auth", "open").start();
@@ -126,11 +126,15 @@ fn an_unusable_database_is_reported_with_its_setting_and_the_database_s_own_mess
         (
             good.replace("meshmend@", "stranger:secret@"),
             2,
-            ["refuses the user or the password", "\"stranger\"", "Correct"],
+            ["rejects the user or the password", "\"stranger\"", "Correct"],
         ),
-        (good.replace("/postgres?", "/nothing?"), 2, ["no such database", "\"nothing\" does not exist", "createdb"]),
+        (
+            good.replace("/postgres?", "/nothing?"),
+            2,
+            ["no database of this name", "\"nothing\" does not exist", "createdb"],
+        ),
         ("postgres://meshmend@127.0.0.1:1/jobs".into(), 3, ["no PostgreSQL server", "refused", "Check the host"]),
-        ("host=db user=me".into(), 2, ["the address can't be read", ".", "postgres://user:password@host"]),
+        ("host=db user=me".into(), 2, ["the address is invalid", ".", "postgres://user:password@host"]),
     ];
     for (url, expected, parts) in cases {
         let variables = [("MESHMEND_DATA_DIR", folder.as_str()), ("MESHMEND_DATABASE_URL", url.as_str())];
@@ -144,7 +148,10 @@ fn an_unusable_database_is_reported_with_its_setting_and_the_database_s_own_mess
     std::fs::write(data.path().join("meshmend.db"), "this is no database".repeat(100)).expect("written");
     let (code, message) = refused(&["keys", "list", "--data-dir", &folder], &[]);
     assert_eq!(code, 2, "{message}");
-    assert_says(&message, &["--data-dir (MESHMEND_DATA_DIR)", "meshmend.db", "not a SQLite database", "Put a backup"]);
+    assert_says(
+        &message,
+        &["--data-dir (MESHMEND_DATA_DIR)", "meshmend.db", "not a SQLite database", "Replace it with a backup"],
+    );
 }
 
 #[test]
@@ -179,7 +186,7 @@ fn keys_and_tenants_are_listed_as_a_table_or_as_json() {
     let (code, message) =
         refused(&["tenants", "set", "shop", "--clear", "max-queued", "--max-queued", "1"], &variables);
     assert_eq!(code, 2);
-    assert_says(&message, &["--clear names max-queued", "Give one of the two"]);
+    assert_says(&message, &["--clear max-queued and --max-queued contradict each other", "Use only one of them"]);
 }
 
 #[tokio::test]

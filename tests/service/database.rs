@@ -38,7 +38,7 @@ async fn changes_in_the_database_notify_every_process() {
     let input = Input { key: "k".into(), name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
     // The listener may not be ready for the first job; then the next job notifies it.
     let mut all = vec![id];
-    let strategy = async {
+    let notified = async {
         loop {
             let id = *all.last().expect("one");
             one.submit(NewJob::new(id, "shop", vec![input.clone()], JobOptions::default())).await.expect("noted");
@@ -48,7 +48,7 @@ async fn changes_in_the_database_notify_every_process() {
             }
         }
     };
-    let changed = tokio::time::timeout(Duration::from_secs(30), strategy).await.expect("it rings");
+    let changed = tokio::time::timeout(Duration::from_secs(30), notified).await.expect("it rings");
     assert!(all.contains(&changed));
     tokio::time::timeout(Duration::from_secs(5), other.notifier().work()).await.expect("it rings for work");
 }

@@ -81,7 +81,7 @@ async fn an_upload_is_refused_when_the_disk_fills_up_during_it_with_a_folder_or_
         let (status, problem): (_, Value) = (response.status(), response.json().await.expect("a problem"));
         assert_eq!((status.as_u16(), &problem["code"]), (503, &json!("storage_full")), "{problem}");
         assert!(
-            retry.is_some() && problem["detail"].as_str().is_some_and(|detail| detail.contains("no room")),
+            retry.is_some() && problem["detail"].as_str().is_some_and(|detail| detail.contains("disk is full")),
             "{problem}"
         );
         fs::remove_file(filler).expect("removed");
@@ -102,7 +102,7 @@ async fn no_job_starts_if_the_disk_has_too_little_space() {
     let filler = fill(&disk(&program, data.path()), 4 << 20);
     assert_eq!(submit(&api).await.0, 503);
     assert_eq!(api.finished(id(&running)).await["outcome"], "repaired", "the running job finishes");
-    until("the worker says why it waits", async || program.log().contains("too little room on the disk").then_some(()))
+    until("the worker says why it waits", async || program.log().contains("too little free disk space").then_some(()))
         .await;
     assert_eq!(api.job(id(&waiting)).await["attempt"], 0);
     fs::remove_file(filler).expect("removed");

@@ -109,7 +109,7 @@ async fn a_worker_that_was_stopped_and_comes_back_after_its_lease_changes_nothin
     let job = api.finished(&id).await;
     assert_eq!(job["attempt"], 2);
     signal(stale.pid(), "CONT");
-    until("the stale worker sees it", async || stale.log().contains("no longer ours").then_some(())).await;
+    until("the stale worker sees it", async || stale.log().contains("lease lost; result dropped").then_some(())).await;
     assert_eq!(api.job(&id).await, job, "the stale worker's write was rejected");
     done_exactly_once(&api, data.path(), &id, 2).await;
     drop(other);

@@ -153,6 +153,6 @@ async fn a_full_queue_or_disk_refuses_jobs_before_reading_files_and_says_when_to
     let ready = api.get("/readyz").send().await.expect("a response");
     assert_eq!(ready.status(), 503);
     let checks = ready.json::<Value>().await.expect("checks");
-    assert!(checks["checks"]["disk"].as_str().expect("words").contains("no room"), "{checks}");
+    assert!(checks["checks"]["disk"].as_str().expect("words").contains("disk full"), "{checks}");
     assert_eq!(api.job(&id).await["status"], "canceled", "existing jobs can be read");
 }

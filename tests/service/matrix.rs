@@ -286,13 +286,13 @@ async fn inject_fault(scene: &mut JobsAtStages, fault: Fault, processes: &[u32])
         Fault::Database => {
             scene.environment.cluster.kill();
             scene.open_gates();
-            tries_again(&scene.workers[COMPLETE], "trying again").await;
+            tries_again(&scene.workers[COMPLETE], "transient failure; retrying").await;
             scene.environment.cluster.restart();
         }
         Fault::Bucket => {
             scene.environment.bucket.kill();
             scene.open_gates();
-            tries_again(&scene.workers[CLAIMED], "trying again").await;
+            tries_again(&scene.workers[CLAIMED], "transient failure; retrying").await;
             scene.environment.bucket.restart();
         }
         Fault::Disk => {
@@ -317,7 +317,7 @@ async fn inject_fault(scene: &mut JobsAtStages, fault: Fault, processes: &[u32])
             still.iter().for_each(|pid| signal(*pid, "CONT"));
             scene.open_gates();
             for worker in &scene.workers {
-                tries_again(worker, "no longer ours").await;
+                tries_again(worker, "lease lost; result dropped").await;
             }
         }
     }

@@ -252,7 +252,7 @@ async fn during_a_database_outage_probes_fail_and_unknown_metrics_are_not_number
     for series in ["meshmend_jobs{status=\"queued\"}", "meshmend_queue_wait_seconds"] {
         measured(&program, series, f64::is_nan).await;
     }
-    measured(&program, "meshmend_store_errors_total{kind=\"away\"}", |n| n > 0.0).await;
+    measured(&program, "meshmend_store_errors_total{kind=\"transient\"}", |n| n > 0.0).await;
     cluster.restart();
     until("the service is ready again", async || (probe(&program, "/readyz").await.0 == 200).then_some(())).await;
     measured(&program, "meshmend_jobs{status=\"queued\"}", |n| n == 0.0).await;
@@ -270,7 +270,7 @@ async fn refused_requests_and_failed_jobs_are_logged_with_their_code_and_key() {
     assert_eq!(api.get("/v1/jobs").bearer_auth(&secret).send().await.expect("a response").status(), 200);
     let line = until("the log has the line", async || {
         let log = program.log();
-        let line = log.lines().find(|line| line.contains("request refused"))?;
+        let line = log.lines().find(|line| line.contains("request rejected"))?;
         Some(serde_json::from_str::<Value>(line).expect("JSON"))
     })
     .await;

@@ -184,7 +184,7 @@ async fn every_wrong_option_is_named_with_what_it_must_be() {
         errors.iter().map(|[field, _]| field.as_str()).collect::<Vec<_>>(),
         ["level", "max_teir", "max_tier", "preset"]
     );
-    assert_eq!(detail, format!("{} 3 more fields are wrong; `errors` lists all.", messages[0]));
+    assert_eq!(detail, format!("{} 3 more fields are invalid; `errors` lists all of them.", messages[0]));
 
     let form = |options: &'static str| {
         let part = Part::bytes(files::whole_box()).file_name("box.stl");
@@ -199,7 +199,7 @@ async fn every_wrong_option_is_named_with_what_it_must_be() {
         (options(json!({"deadline_s": 0})), "`deadline_s` must be a number from 1 to 3600; got 0."),
         (options(json!({"with": ["fly"]})), "`with[0]` must be one of"),
         (raw("max_tier=two"), r#"`max_tier` must be a whole number from 1 to 3; got "two" (text)."#),
-        (raw("max_tier=1&max_tier=2"), "`max_tier` is given twice; send it once."),
+        (raw("max_tier=1&max_tier=2"), "`max_tier` occurs twice; send it once."),
         (raw("metadata=5"), "`metadata` must be a JSON object of at most 50 texts and 8 KiB."),
         (raw("callback_url=ftp://shop.example"), "`callback_url` must begin with https://."),
         (api.get("/v1/jobs?limit=0"), "`limit` must be a whole number from 1 to 200; got 0."),
@@ -210,7 +210,7 @@ async fn every_wrong_option_is_named_with_what_it_must_be() {
             api.get("/v1/jobs?created_from=today"),
             "`created_from` must be a time such as 2026-01-31T00:00:00Z; got \"today\".",
         ),
-        (api.get("/v1/jobs?cursor=zzz"), "`cursor` must be the `next` of the page before."),
+        (api.get("/v1/jobs?cursor=zzz"), "`cursor` must be the `next` value of the previous page."),
         (api.post("/v1/jobs").json(&json!({"a": 1})), "There is no field `a`."),
         (api.post("/v1/webhook-endpoints").json(&json!({"url": 5})), "`url` must be text"),
         (api.post("/v1/browser-tokens").json(&json!({})), "`origin` is missing."),

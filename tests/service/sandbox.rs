@@ -128,11 +128,12 @@ async fn capabilities_list_the_sandbox_and_the_limits_of_jobs() {
     assert_eq!((&walls["memory_bytes"], &walls["scratch_bytes"]), (&json!(3000_u64 << 20), &json!(70_u64 << 20)));
     assert_eq!(walls["max_processes"], 99);
     for wall in ["network", "files", "system_calls", "signals", "processes"] {
-        let (enforced, by) = (walls[wall]["enforced"] == true, walls[wall]["by"].as_array().expect("a list"));
-        assert_eq!(enforced, !by.is_empty(), "{walls}");
+        let (enforced, mechanisms) =
+            (walls[wall]["enforced"] == true, walls[wall]["mechanisms"].as_array().expect("a list"));
+        assert_eq!(enforced, !mechanisms.is_empty(), "{walls}");
         assert!(enforced || walls[wall]["detail"].is_string(), "{walls}");
     }
-    assert!(program.log().contains("walled off"), "{}", program.log());
+    assert!(program.log().contains("sandbox protection enforced"), "{}", program.log());
     let data = tempfile::tempdir().expect("a folder");
     let elsewhere = Start::serve(data.path()).env("MESHMEND_NO_WORKERS", "true").start();
     assert!(sandbox(&Api::new(&elsewhere)).await.is_null(), "a process without workers does not know");
@@ -211,7 +212,7 @@ async fn a_job_cannot_start_more_processes_than_its_limit() {
         (!job["finished_at"].is_null()).then_some(job)
     })
     .await;
-    if sandbox(&api).await["processes"]["by"] == json!(["worker"]) {
+    if sandbox(&api).await["processes"]["mechanisms"] == json!(["worker"]) {
         assert_eq!(job["problem"]["code"], "crashed", "{job}");
         assert!(job["problem"]["detail"].as_str().is_some_and(|detail| detail.contains("60 processes")), "{job}");
     } else {

@@ -121,11 +121,11 @@ impl<'a> Start<'a> {
             let address = |rest: &str| rest.split(['"', ',', ' ']).next().unwrap_or_default().to_owned();
             let mut probes = String::new();
             for line in stderr.lines().map_while(Result::ok) {
-                if let Some((_, rest)) = line.split_once("probes and metrics on ") {
+                if let Some((_, rest)) = line.split_once("probes and metrics at ") {
                     probes = address(rest);
                 } else if let Some((_, rest)) = line.split_once("listening on ") {
                     let _ = sender.send((address(rest), probes.clone()));
-                } else if line.contains("workers are ready") {
+                } else if line.contains("workers ready") {
                     let _ = sender.send((String::new(), probes.clone()));
                 }
                 let mut log = kept.lock().expect("not poisoned");

@@ -1,4 +1,4 @@
-"""A running service, a proxy before it that fails on purpose, and models."""
+"""A running service, a proxy that injects faults, and models."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PROGRAM = os.environ.get("MESHMEND_PROGRAM", str(Path(__file__).parents[3] / "ta
 
 @contextmanager
 def serve(folder: Path, *arguments: str) -> Iterator[str]:
-    """The built program on a free port; what it yields is its address."""
+    """Starts the built program on a free port and yields its URL."""
     given = ["serve", "--listen", "127.0.0.1:0", "--data-dir", str(folder), "--blender", "/nonexistent", *arguments]
     process = subprocess.Popen([PROGRAM, *given], stderr=subprocess.PIPE, text=True, env={"PATH": os.environ["PATH"]})
     assert process.stderr is not None
@@ -56,10 +56,10 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 class Flaky(ThreadingHTTPServer):
-    """Passes requests on; those that `hits` picks meet the faults, one by one.
+    """Forwards requests. Each request that `hits` selects takes the next fault.
 
-    A fault is "drop" (the connection breaks), "lose" (the service gets the request, and its answer is lost), a status,
-    or "cut" (the answer breaks after its first piece).
+    A fault is "drop" (the connection breaks), "lose" (the service gets the request, and its response is lost), a
+    status, or "cut" (the response breaks after its first piece).
     """
 
     daemon_threads = True
@@ -152,7 +152,7 @@ def flaky(url: str, hits: Callable[[str, str], bool], *faults: str | int) -> Ite
 
 
 def box(without: int = 0) -> bytes:
-    """A box of 40 by 30 by 20 mm as STL, and without its last triangles one with a hole."""
+    """A box of 40 by 30 by 20 mm as STL. Without its last triangles it has a hole."""
     sides = (40.0, 30.0, 20.0)
     corners = [tuple(side * (i >> axis & 1) for axis, side in enumerate(sides)) for i in range(8)]
     faces = ["023", "031", "457", "476", "015", "054", "267", "273", "046", "062", "137", "175"]
@@ -162,7 +162,7 @@ def box(without: int = 0) -> bytes:
 
 
 def example(name: str, *arguments: str, cwd: Path, env: dict[str, str] | None = None) -> subprocess.Popen[str]:
-    """An example of the documentation, started."""
+    """Starts an example of the documentation."""
     script = Path(__file__).parents[1] / "examples" / f"{name}.py"
     return subprocess.Popen(
         [sys.executable, str(script), *arguments],

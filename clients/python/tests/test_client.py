@@ -15,7 +15,7 @@ from conftest import PROGRAM, box, flaky, serve
 from meshmend import Client, DamagedDownload, Job, JobFailed, JobTimeout, MeshmendError, Problem, ProgressEvent, shapes
 
 QUICK: shapes.Options = {"pictures": False}
-#: What only a full read finds broken.
+#: A model whose defect only a full read finds.
 LATE_BREAK = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n"
 
 
@@ -32,7 +32,7 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def test_a_broken_model_is_repaired_its_progress_is_heard_and_the_download_has_the_hash_that_the_job_names(
+def test_a_broken_model_is_repaired_with_progress_and_the_download_matches_its_sha256(
     client: Client, tmp_path: Path
 ) -> None:
     heard: list[ProgressEvent] = []
@@ -51,7 +51,7 @@ def test_a_broken_model_is_repaired_its_progress_is_heard_and_the_download_has_t
     assert json.loads(job.download("report.json"))["outcome"] == "repaired"
     with pytest.raises(MeshmendError, match="has no file 'none.png'; it has .*model"):
         job.download("none.png")
-    with pytest.raises(MeshmendError, match="no report of an analysis"):
+    with pytest.raises(MeshmendError, match="no analysis report"):
         _ = job.analysis
     link: shapes.ArtifactLink = {**job.artifacts["model"], "sha256": "0" * 64}
     other = Job(client, {**job.data, "artifacts": {"model": link}})
@@ -62,7 +62,7 @@ def test_a_broken_model_is_repaired_its_progress_is_heard_and_the_download_has_t
     assert sorted(it.name for it in tmp_path.iterdir()) == ["box.obj", "box.stl"]
 
 
-def test_the_same_idempotency_key_makes_no_second_job_and_another_call_does(client: Client) -> None:
+def test_the_same_idempotency_key_creates_one_job_and_another_call_a_second(client: Client) -> None:
     first = client.submit(box(), QUICK, idempotency_key="order-1")
     assert client.submit(box(), QUICK, idempotency_key="order-1").id == first.id
     assert client.submit(box(), QUICK).id != first.id
@@ -71,7 +71,7 @@ def test_the_same_idempotency_key_makes_no_second_job_and_another_call_does(clie
     assert (refused.value.status, refused.value.code) == (422, "idempotency_key_reused")
 
 
-def test_a_submission_that_is_dropped_refused_for_now_and_lost_on_its_way_back_makes_one_job(service: str) -> None:
+def test_a_submission_after_a_lost_request_a_503_and_a_lost_response_creates_one_job(service: str) -> None:
     with flaky(service, is_submission, "drop", 429, 503, "lose") as proxy:
         # From a file that is open, which is read again each time.
         file = io.BytesIO(box())
@@ -79,11 +79,11 @@ def test_a_submission_that_is_dropped_refused_for_now_and_lost_on_its_way_back_m
         assert job.outcome == "already_printable"
         times, keys = zip(*proxy.seen, strict=True)
         assert len(keys) == 5 and len(set(keys)) == 1
-        assert times[2] - times[1] >= 1 and times[3] - times[2] >= 1, "what Retry-After says is waited for"
+        assert times[2] - times[1] >= 1 and times[3] - times[2] >= 1, "the client waits as long as Retry-After says"
     assert len([it for it in Client(service).list() if it.data["metadata"].get("is") == "flaky"]) == 1
 
 
-def test_tries_end_with_the_time_that_was_given(service: str) -> None:
+def test_retries_end_at_the_time_limit(service: str) -> None:
     with flaky(service, is_submission, *[503] * 100) as proxy:
         with pytest.raises(Problem) as busy:
             Client(proxy.url, timeout=1).submit(box())
@@ -98,7 +98,7 @@ def is_stream(_: str, path: str) -> bool:
     return path.partition("?")[0].endswith("/events")
 
 
-def test_a_stream_of_events_that_breaks_is_taken_up_again(tmp_path: Path) -> None:
+def test_a_broken_event_stream_is_resumed(tmp_path: Path) -> None:
     with serve(tmp_path, "--no-workers") as address, flaky(address, is_stream, "cut", "cut") as proxy:
         job = Client(proxy.url).submit(box())
         heard = []
@@ -110,7 +110,7 @@ def test_a_stream_of_events_that_breaks_is_taken_up_again(tmp_path: Path) -> Non
         assert len(proxy.seen) == 3
 
 
-def test_where_no_stream_comes_through_the_job_is_asked_for(tmp_path: Path) -> None:
+def test_a_job_is_polled_if_a_proxy_buffers_the_event_stream(tmp_path: Path) -> None:
     with serve(tmp_path, "--no-workers") as address, flaky(address, is_stream, *["drop"] * 100) as proxy:
         job = Client(proxy.url).submit(box())
         threading.Timer(1, Client(address).cancel, (job.id,)).start()
@@ -118,7 +118,7 @@ def test_where_no_stream_comes_through_the_job_is_asked_for(tmp_path: Path) -> N
         assert len(proxy.seen) == 1
 
 
-def test_a_refused_file_is_a_problem_with_its_code_once(service: str) -> None:
+def test_a_rejected_file_raises_a_problem_without_a_retry(service: str) -> None:
     with flaky(service, is_submission) as proxy:
         with pytest.raises(Problem, match="unsupported_model") as refused:
             Client(proxy.url).repair(b"no model at all", name="notes.txt")
@@ -126,7 +126,7 @@ def test_a_refused_file_is_a_problem_with_its_code_once(service: str) -> None:
         assert len(proxy.seen) == 1
 
 
-def test_a_job_that_fails_is_raised_with_its_problem_and_is_returned_by_wait(client: Client) -> None:
+def test_repair_raises_for_a_failed_job_and_wait_returns_the_job(client: Client) -> None:
     with pytest.raises(JobFailed) as failed:
         client.repair(LATE_BREAK)
     problem = failed.value.job.problem
@@ -134,15 +134,13 @@ def test_a_job_that_fails_is_raised_with_its_problem_and_is_returned_by_wait(cli
     assert client.wait(failed.value.job.id).status == "failed"
 
 
-def test_files_are_analysed_together(client: Client) -> None:
+def test_several_files_are_analysed_in_one_job(client: Client) -> None:
     job = client.analyze(box(), box(without=1), options={"pictures": False})
     assert job.outcome == "not_printable"
     assert [file.get("printable") for file in job.analysis["files"]] == [True, False]
 
 
-def test_a_file_is_uploaded_first_although_the_answer_is_lost_and_its_model_is_written_in_another_format(
-    service: str, tmp_path: Path
-) -> None:
+def test_an_upload_survives_a_lost_response_and_its_model_is_converted(service: str, tmp_path: Path) -> None:
     path = tmp_path / "box.stl"
     path.write_bytes(box())
     with flaky(service, lambda method, _: method == "PUT", "drop", "lose") as proxy:
@@ -154,7 +152,7 @@ def test_a_file_is_uploaded_first_although_the_answer_is_lost_and_its_model_is_w
     assert again.download().startswith(b"OFF")
 
 
-def test_jobs_are_listed_over_all_pages_and_deleted(client: Client) -> None:
+def test_jobs_are_listed_across_pages_and_deleted(client: Client) -> None:
     made = [client.wait(client.submit(box(), QUICK)) for _ in range(3)]
     found = [job.id for job in client.list(status="succeeded", page_size=2)]
     assert {job.id for job in made} <= set(found) and len(set(found)) == len(found)
@@ -163,7 +161,7 @@ def test_jobs_are_listed_over_all_pages_and_deleted(client: Client) -> None:
         client.get(made[0].id)
 
 
-def test_jobs_are_cancelled_when_asked_and_when_nobody_waits_for_them_any_more(tmp_path: Path) -> None:
+def test_a_job_is_canceled_by_a_call_and_after_a_timeout(tmp_path: Path) -> None:
     with serve(tmp_path, "--no-workers") as address:
         client = Client(address)
         assert client.submit(box()).cancel().status == "canceled"
@@ -181,7 +179,7 @@ def test_jobs_are_cancelled_when_asked_and_when_nobody_waits_for_them_any_more(t
         assert waiting.wait(timeout=30).status == "canceled"
 
 
-def test_a_key_is_asked_for_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
+def test_a_missing_or_wrong_key_is_rejected(tmp_path: Path) -> None:
     made = subprocess.run(
         [PROGRAM, "keys", "create", "--data-dir", str(tmp_path)], capture_output=True, text=True, check=True
     )

@@ -20,7 +20,7 @@ def run(name: str, *arguments: str, cwd: Path) -> tuple[int, str, str]:
     return process.returncode, out, err
 
 
-def test_the_examples_repair_tell_of_progress_and_refusals_and_analyse(service: str, tmp_path: Path) -> None:
+def test_the_examples_repair_analyse_and_report_progress_and_errors(service: str, tmp_path: Path) -> None:
     (tmp_path / "open.stl").write_bytes(box(without=1))
     (tmp_path / "box.stl").write_bytes(box())
     (tmp_path / "notes.txt").write_text("no model at all")
@@ -35,7 +35,7 @@ def test_the_examples_repair_tell_of_progress_and_refusals_and_analyse(service: 
     assert code == 0 and out.startswith("box.stl: printable\nopen.stl: not printable 1 hole"), (out, err)
 
 
-def test_a_webhook_is_verified_and_a_forged_one_is_not_taken(service: str, tmp_path: Path) -> None:
+def test_a_webhook_is_verified_and_a_forged_one_is_rejected(service: str, tmp_path: Path) -> None:
     client = Client(service)
     secret = client.webhooks.secret()["secret"]
     process: subprocess.Popen[str] = example("webhook", "0", cwd=tmp_path, env={"WEBHOOK_SECRET": secret})

@@ -14,7 +14,7 @@ import {
   submitFiles,
 } from "./jobs.js";
 import { JobFailed, Problem } from "./problem.js";
-import { patiently } from "./retry.js";
+import { retryWithBackoff } from "./retry.js";
 import type {
   AnalyzeOptions,
   AnalyzedJob,
@@ -34,13 +34,13 @@ import { announce, send } from "./uploads.js";
 import { Webhooks } from "./webhooks.js";
 
 export interface ClientOptions {
-  /** The API key or browser token, or what tells it anew for each request. */
+  /** The API key or browser token, or a function that returns it for each request. */
   key?: string | (() => string | null) | undefined;
-  /** Milliseconds within which a request that fails may be tried again. */
+  /** Time in milliseconds for a request with all its retries. */
   timeout?: number;
 }
 
-/** What to send: a file of a page, of a disk (`fileAt`), or bytes. */
+/** A model to send: a file of a page, a file on the disk (`fileAt`), or bytes. */
 export type Model = File | Blob | ArrayBuffer | Uint8Array<ArrayBuffer>;
 
 /** A job, or its id. */
@@ -50,38 +50,38 @@ function idOf(job: JobRef): string {
   return typeof job === "string" ? job : job.id;
 }
 
-/** How one call is done. */
+/** Options of every call. */
 export interface Call {
-  /** Ends the call. */
+  /** Aborts the call. */
   signal?: AbortSignal | undefined;
-  /** Milliseconds for the call with all its tries; of `repair`, `analyze` and `wait` with the job itself. */
+  /** Time limit of the call in milliseconds with all its retries; for `repair`, `analyze` and `wait` including the job. */
   timeout?: number | undefined;
 }
 
-/** How a job is submitted. */
+/** Options of a submission. */
 export interface Submit extends Call {
-  /** A submission sent again with the same key makes no second job. One is made for each call where none is given. */
+  /** Submitting again with the same key creates no second job. By default each call has a new key. */
   idempotencyKey?: string;
   metadata?: Notes["metadata"];
-  /** An address to tell of the job's end. */
+  /** URL that receives a webhook when the job ends. */
   callbackUrl?: string;
-  /** Whether the work is done even where an earlier job has the result. */
+  /** Whether to ignore the stored result of an earlier job. */
   fresh?: boolean;
-  /** The file's name, where it is bytes. */
+  /** Name of a model that is sent as bytes. */
   name?: string;
 }
 
 export interface Wait extends Call {
-  /** Hears how far the job is. */
+  /** Receives the progress of the job. */
   onProgress?: (progress: ProgressEvent) => void;
 }
 
-/** Milliseconds for a job from its submission to its end, where the call says nothing. */
+/** Default time limit of a job in milliseconds, from its submission to its end. */
 const RUN = 900_000;
-/** Milliseconds for canceling a job that nobody waits for any more. */
-const FAREWELL = 5_000;
+/** Time limit in milliseconds to cancel a job after its caller gave up. */
+const CANCEL_TIMEOUT = 5_000;
 
-/** A service, and who asks it. */
+/** A client of one service. */
 export class Client implements Server {
   readonly base: string;
   readonly webhooks: Webhooks;
@@ -99,68 +99,68 @@ export class Client implements Server {
     return this.#key();
   }
 
-  /** Sends a file, waits for the end of its repair, and returns the job. A `JobFailed` is thrown where it ends without an outcome. */
+  /** Repairs a file: submits it, waits until the job ends, and returns the job. Throws `JobFailed` if the job did not succeed. */
   async repair(file: Model, options: RepairOptions = {}, how: Submit & Wait = {}): Promise<RepairedJob> {
     return (await this.#run(file, { ...options, mode: "repair" }, how)) as RepairedJob;
   }
 
-  /** The same for an analysis of one file or several, which are not changed. */
+  /** Analyses one or several files without changing them, and returns the job like `repair`. */
   async analyze(files: Model | readonly Model[], options: AnalyzeOptions = {}, how: Submit & Wait = {}): Promise<AnalyzedJob> {
     return (await this.#run(files, { ...options, mode: "analyze" }, how)) as AnalyzedJob;
   }
 
-  /** Makes a job of one file or several, and returns as soon as the service has them. */
+  /** Submits one or several files as a job, and returns without waiting for the job. */
   submit(files: Model | readonly Model[], options: JobOptions = {}, how: Submit = {}): Promise<Job> {
     const { idempotencyKey: once = newKey(), metadata, callbackUrl: callback_url, fresh, name, signal } = how;
     const all = Array.isArray(files) ? (files as readonly Model[]) : [files as Model];
-    const sent = all.map((it) => asFile(it, name));
-    return this.#patiently(() => submitFiles(this, sent, options, { metadata, callback_url }, { once, fresh, signal }), how);
+    const sent = all.map((model) => asFile(model, name));
+    return this.#retry(() => submitFiles(this, sent, options, { metadata, callback_url }, { once, fresh, signal }), how);
   }
 
-  /** Makes a job of a file that the service has: an upload, or a file of an earlier job. */
+  /** Submits a job for a file on the service: an upload, or a file of an earlier job. */
   submitFrom(source: NewJob["source"], options: JobOptions = {}, how: Submit = {}): Promise<Job> {
     const { idempotencyKey: once = newKey(), metadata, callbackUrl: callback_url, fresh, name, signal } = how;
     const job: NewJob = { source, options, metadata, callback_url, ...(name !== undefined && { name }) };
-    return this.#patiently(() => submit(this, job, once, signal, fresh), how);
+    return this.#retry(() => submit(this, job, once, signal, fresh), how);
   }
 
   /**
-   * Sends a file before there is a job of it, straight to the bucket where there is one; `submitFrom` makes the job. `sent` hears how many
-   * bytes have gone, in browsers.
+   * Uploads a file without a job, directly to the bucket if the service uses one. `submitFrom` creates the job. In browsers, `sent` receives
+   * the number of sent bytes.
    */
   async upload(file: Model, how: Call & { name?: string; sent?: (bytes: number) => void } = {}): Promise<Upload> {
-    const it = asFile(file, how.name);
-    const place = await this.#patiently(() => announce(this, it.name, it.size, how.signal), how);
+    const model = asFile(file, how.name);
+    const place = await this.#retry(() => announce(this, model.name, model.size, how.signal), how);
     const put = async (tries: number): Promise<void> => {
       try {
-        await send(this, place, it, how.sent ?? (() => undefined), how.signal);
+        await send(this, place, model, how.sent ?? (() => undefined), how.signal);
       } catch (error) {
-        // It had come, and only the answer was lost.
+        // The first attempt arrived, and only its response was lost.
         if (tries === 1 || !(error instanceof Problem) || error.code !== "upload_used") throw error;
       }
     };
-    await this.#patiently(put, how);
+    await this.#retry(put, how);
     return place;
   }
 
   get(job: JobRef, how: Call = {}): Promise<Job> {
-    return this.#patiently(() => getJob(this, idOf(job), how.signal), how);
+    return this.#retry(() => getJob(this, idOf(job), how.signal), how);
   }
 
-  /** Waits for a job's end, however it ends. Giving up (a `TimeoutError`, or the signal's reason) leaves it running. */
+  /** Waits until a job ends, and returns it whatever its status. The job goes on after a timeout (`TimeoutError`) or an abort. */
   async wait(job: JobRef, { onProgress, signal, timeout = RUN }: Wait = {}): Promise<Job> {
     return follow(this, idOf(job), onProgress ?? (() => undefined), withTimeout(signal, timeout));
   }
 
-  /** A job's progress as it comes, and at last the job; a connection that breaks is made again. */
+  /** Yields a job's progress, and at the end the job. Reconnects after a lost connection. */
   events(job: JobRef, how: Pick<Call, "signal"> = {}): AsyncGenerator<JobEvent, void, undefined> {
     return events(this, idOf(job), how.signal);
   }
 
-  /** All jobs, the newest first; without their reports. */
+  /** Yields all jobs without their reports, newest first. */
   async *list({ status = "", pageSize = 50, ...how }: Call & { status?: Status | ""; pageSize?: number } = {}): AsyncGenerator<Job, void, undefined> {
     for (let cursor: string | null = null; ; ) {
-      const page = await this.#patiently(() => listJobs(this, status, cursor, pageSize, how.signal), how);
+      const page = await this.#retry(() => listJobs(this, status, cursor, pageSize, how.signal), how);
       yield* page.jobs;
       if (!page.next) return;
       cursor = page.next;
@@ -168,27 +168,27 @@ export class Client implements Server {
   }
 
   cancel(job: JobRef, how: Call = {}): Promise<Job> {
-    return this.#patiently(() => cancelJob(this, idOf(job), how.signal), how);
+    return this.#retry(() => cancelJob(this, idOf(job), how.signal), how);
   }
 
   /** Deletes a job's files and its report. */
   delete(job: JobRef, how: Call = {}): Promise<void> {
-    return this.#patiently(() => deleteJob(this, idOf(job), how.signal), how);
+    return this.#retry(() => deleteJob(this, idOf(job), how.signal), how);
   }
 
-  /** A file of a job, compared with the hash that the job names: the model, or by name another such as `report.json` or `after.png`. */
+  /** Downloads a file of a job, such as `report.json`, and verifies its SHA-256. */
   async download(job: Job, name = "model", how: Call = {}): Promise<Uint8Array<ArrayBuffer>> {
     const artifact = artifactOf(job, name);
-    return new Uint8Array(await this.#patiently(() => fetchArtifact(this, artifact, how.signal), how));
+    return new Uint8Array(await this.#retry(() => fetchArtifact(this, artifact, how.signal), how));
   }
 
   capabilities(how: Call = {}): Promise<Capabilities> {
-    return this.#patiently(() => capabilities(this, how.signal), how);
+    return this.#retry(() => capabilities(this, how.signal), how);
   }
 
-  /** A token for a page of yours, which shows only the jobs that were made with it. */
+  /** Creates a token for your web page. The token gives access only to the jobs that it created. */
   browserToken(asked: NewBrowserToken, how: Call = {}): Promise<BrowserToken> {
-    return this.#patiently(() => askJson(this, at("/v1/browser-tokens"), { method: "POST", json: asked, signal: how.signal }), how);
+    return this.#retry(() => askJson(this, at("/v1/browser-tokens"), { method: "POST", json: asked, signal: how.signal }), how);
   }
 
   async #run(files: Model | readonly Model[], options: JobOptions, how: Submit & Wait): Promise<Job> {
@@ -196,23 +196,23 @@ export class Client implements Server {
     const signal = withTimeout(how.signal, timeout);
     let job = await this.submit(files, options, { ...how, signal, timeout });
     try {
-      // Also where it has ended: what was taken from an earlier job has no report here yet.
+      // Also for an ended job: a job with a reused result has no report in this response.
       job = await follow(this, job.id, onProgress, signal);
     } catch (error) {
-      // It may have ended meanwhile, or nobody can tell the service.
-      if (!hasEnded(job)) await cancelJob(this, job.id, AbortSignal.timeout(FAREWELL)).catch(() => undefined);
+      // The job may have ended in the meantime, or the service may be unreachable.
+      if (!hasEnded(job)) await cancelJob(this, job.id, AbortSignal.timeout(CANCEL_TIMEOUT)).catch(() => undefined);
       throw error;
     }
     if (job.status !== "succeeded") throw new JobFailed(job);
     return job;
   }
 
-  #patiently<T>(work: (tries: number) => Promise<T>, { timeout = this.#timeout, signal }: Call): Promise<T> {
-    return patiently(work, { within: timeout, signal });
+  #retry<T>(work: (tries: number) => Promise<T>, { timeout = this.#timeout, signal }: Call): Promise<T> {
+    return retryWithBackoff(work, { within: timeout, signal });
   }
 }
 
-/** A file of a job by its name. */
+/** Returns a job's file by its name. */
 export function artifactOf(job: Job, name: string): Artifact {
   const artifact = job.artifacts[name];
   if (artifact) return artifact;

@@ -3,32 +3,32 @@ import { Problem } from "./problem.js";
 import { pause, pauseAfter } from "./retry.js";
 import type { Job, ProgressEvent } from "./shapes.js";
 
-/** The service says something every 15 seconds; a stream that is silent for longer than this has broken without a word. */
-const SILENCE = 45_000;
+/** Longest silence of a stream in milliseconds. The service sends at least one line every 15 seconds. */
+const MAX_SILENCE = 45_000;
 const ENDED = new Set(["succeeded", "failed", "canceled", "expired"]);
 
 export function hasEnded(job: Pick<Job, "status">): boolean {
   return ENDED.has(job.status);
 }
 
-/** How far a job was when it was last heard of, as its events tell it; null once it has ended. */
+/** The progress of a job in the shape of an event; null once the job has ended. */
 export function standing(job: Job): ProgressEvent | null {
   return job.progress && { ...job.progress, status: job.status };
 }
 
-/** What is heard of a job: progress, and at last the job as it ended. */
+/** Either the progress of a job, or the ended job. */
 export type JobEvent = { name: "progress"; progress: ProgressEvent } | { name: "done"; job: Job };
 
 /**
- * Listens to a job until its end: by its events, or where a proxy holds those back, by asking. A connection that breaks is made again,
- * and then the present state is told first.
+ * Yields the events of a job until it ends, from the event stream, or by long polling if a proxy buffers the stream. Reconnects after a
+ * lost connection. The first event after that is the current state.
  */
 export async function* events(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
   let [streaming, hasStreamed] = [true, false];
   for (let failures = 0; ; ) {
     let heard = false;
     try {
-      for await (const event of streaming ? listen(server, id, signal) : look(server, id, signal)) {
+      for await (const event of streaming ? stream(server, id, signal) : poll(server, id, signal)) {
         heard = true;
         hasStreamed ||= streaming;
         yield event;
@@ -37,42 +37,42 @@ export async function* events(server: Server, id: string, signal?: AbortSignal):
       failures = 0;
       streaming = hasStreamed;
     } catch (error) {
-      if (signal?.aborted || !(error instanceof Problem) || !error.isPassing) throw error;
+      if (signal?.aborted || !(error instanceof Problem) || !error.isTransient) throw error;
       failures = heard ? 1 : failures + 1;
-      // Where nothing was heard something may hold it back, and the other way is tried.
+      // Without any event a proxy may buffer the stream, so the next attempt uses the other method.
       if (!heard) streaming = !streaming;
       await pause(pauseAfter(failures, error), signal);
     }
   }
 }
 
-/** Follows a job to its end, which is what it returns; `heard` is told of progress. */
-export async function follow(server: Server, id: string, heard: (event: ProgressEvent) => void, signal?: AbortSignal): Promise<Job> {
+/** Waits until a job ends, and returns it. `onProgress` receives the progress. */
+export async function follow(server: Server, id: string, onProgress: (event: ProgressEvent) => void, signal?: AbortSignal): Promise<Job> {
   for await (const event of events(server, id, signal)) {
     if (event.name === "done") return event.job;
-    heard(event.progress);
+    onProgress(event.progress);
   }
   throw Problem.unreachable();
 }
 
-/** Asks once, with an answer that is held until the job's status changes or 20 seconds are over. */
-async function* look(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
+/** Requests the job once. The response arrives when the job's status changes, or after 20 seconds. */
+async function* poll(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
   const job = await askJson<Job>(server, `${at("/v1/jobs/{id}", { id })}?include=report&wait=20`, { signal });
   const progress = standing(job);
   if (hasEnded(job)) yield { name: "done", job };
   else if (progress) yield { name: "progress", progress };
 }
 
-/** The stream of a job's events, to its end; a problem where it breaks before. */
-async function* listen(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
-  // Not EventSource, which can send no key.
+/** Reads the event stream of a job until it ends. Throws a `Problem` if the stream breaks before. */
+async function* stream(server: Server, id: string, signal?: AbortSignal): AsyncGenerator<JobEvent, void, undefined> {
+  // EventSource cannot send a key.
   const answer = await ask(server, `${at("/v1/jobs/{id}/events", { id })}?include=report`, { headers: { accept: "text/event-stream" }, signal });
   const reader = answer.body?.pipeThrough(new TextDecoderStream()).getReader();
   if (!reader) throw Problem.unreachable();
   const parser = new EventParser();
   try {
     for (;;) {
-      const timer = setTimeout(() => void reader.cancel().catch(() => undefined), SILENCE);
+      const timer = setTimeout(() => void reader.cancel().catch(() => undefined), MAX_SILENCE);
       const { done, value } = await reader.read().catch(() => ({ done: true, value: undefined }));
       clearTimeout(timer);
       if (signal?.aborted) throw signal.reason;
@@ -87,7 +87,7 @@ async function* listen(server: Server, id: string, signal?: AbortSignal): AsyncG
   }
 }
 
-/** Cuts a text that comes in pieces into server-sent events (HTML, 9.2.6), as far as the service uses them. */
+/** Parses server-sent events (HTML standard, section 9.2.6) from pieces of text. */
 export class EventParser {
   #rest = "";
   #name = "";

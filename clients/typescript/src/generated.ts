@@ -116,7 +116,7 @@ export interface paths {
         /**
          * Create a browser token.
          * @description For uploads from a storefront's own pages. The shop's server creates a token with its API key and gives it to the page. The page then
-         *     uploads directly to this service (CORS). The token is valid for one origin, a limited time and a maximum upload size. It gives access
+         *     uploads directly to this service (CORS). The token is valid for one origin, a limited time and a maximum upload size. The token gives access
          *     only to jobs submitted with it.
          */
         post: operations["make_token"];
@@ -558,7 +558,7 @@ export interface paths {
         };
         /**
          * Get the secret for callbacks.
-         * @description This secret signs the messages to the `callback_url` of jobs. It is created on the first request or the first callback.
+         * @description This secret signs the messages to the `callback_url` of jobs. The service creates the secret on the first request or the first callback.
          */
         get: operations["get_secret"];
         put?: never;
@@ -695,7 +695,7 @@ export interface components {
             intersections?: boolean;
             /**
              * @description Whether to provide pictures of the defects: `defects.png`, `defects.glb` and `defects.ply` for the first file,
-             *     `2-defects.png` and so on for the others. They are rendered on the first request for one of them.
+             *     `2-defects.png` and so on for the others. The first request for one of them renders all.
              * @default true
              */
             pictures?: boolean;
@@ -803,7 +803,7 @@ export interface components {
             share_pct?: number | null;
         };
         /**
-         * @description The kinds of [`Assumption`].
+         * @description The kinds of assumption.
          * @enum {string}
          */
         AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "methods_agree";
@@ -821,7 +821,7 @@ export interface components {
             /**
              * @description Whether a ray along any face's normal crosses an even number of further faces, in each part: outer shells face
              *     outward and cavities face inward. Requires `closed`, `manifold` and `consistent`. Stricter than the field of
-             *     [`Measures`], which accepts an outward-facing part inside another.
+             *     the measures, which accepts an outward-facing part inside another.
              */
             outward: components["schemas"]["Answer"];
         };
@@ -860,7 +860,7 @@ export interface components {
             origin: string;
             /** @description The token's scopes. */
             scopes: components["schemas"]["Scope"][];
-            /** @description The secret, to be sent as `Authorization: Bearer`. It is not shown again. */
+            /** @description The secret, to be sent as `Authorization: Bearer`. This response alone shows it. */
             token: string;
         };
         /** @description A repair result that was judged. */
@@ -946,7 +946,7 @@ export interface components {
             /**
              * Format: double
              * @description Of the input's faces missing from the result, the share with the result's material on both sides, in percent.
-             *     These are internal faces of united parts. `null` if the result has at least as many faces, or is not closed.
+             *     Such faces were internal to united parts. `null` if the result has at least as many faces, or is not closed.
              */
             enclosed_faces_pct?: number | null;
             /**
@@ -1065,7 +1065,7 @@ export interface components {
          * @description Kind of a defect that an inspection can locate.
          *
          *     The first ten kinds follow Parasolid's `PK_MESH_find_defects`. Each variant names the quantity in
-         *     [`Defect::value`].
+         *     a defect's `value`.
          * @enum {string}
          */
         DefectKind: "disjoint" | "foldover" | "flat_face" | "degenerate_face" | "slit" | "self_intersection" | "non_manifold_edge" | "non_manifold_vertex" | "bad_vertex_normal" | "corrupt" | "hole" | "misoriented_edge" | "t_junction" | "crack" | "inverted_part" | "duplicate_face" | "opposite_face" | "sheet" | "inner_shell" | "tiny_part";
@@ -1208,7 +1208,7 @@ export interface components {
         FieldError: {
             /** @description The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`. */
             field: string;
-            /** @description What is wrong with the field, and what to send instead. */
+            /** @description The fault of the field, and the value to send instead. */
             message: string;
         };
         /** @description Analysis of one file. */
@@ -1448,12 +1448,7 @@ export interface components {
          * @enum {string}
          */
         JobFile: "input" | "model";
-        /**
-         * @description The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused.
-         *
-         *     The options' structs accept unknown fields, because serde can't deny unknown fields in a tagged enum's variants.
-         *     [`JobOptions::from_fields`] refuses unknown fields.
-         */
+        /** @description The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused. */
         JobOptions: components["schemas"]["RepairJobOptions"] | components["schemas"]["AnalyzeJobOptions"];
         /**
          * @description The outcome of a job: what its result is worth, apart from whether the job ran.
@@ -1856,7 +1851,7 @@ export interface components {
             category?: components["schemas"]["Category"] | null;
             /**
              * Format: double
-             * @description Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %. It then returns the best
+             * @description Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %, and then returns the best
              *     result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
              * @default 300
              */
@@ -1939,7 +1934,7 @@ export interface components {
             max_remesh_faces?: number;
             /**
              * Format: double
-             * @description Largest accepted share, in percent, of the result's surface that the input does not have. It counts thickened sheets, and patches
+             * @description Largest accepted share, in percent, of the result's surface that the input does not have: thickened sheets, and patches
              *     of holes that each exceed 2 % of the surface. More raises the red flag `surface_invented`.
              * @default 10
              */
@@ -1967,7 +1962,7 @@ export interface components {
             max_vertex_loss_pct?: number;
             /**
              * Format: double
-             * @description Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. It is checked only if the
+             * @description Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. The repair checks it only if the
              *     input's volume is reliable.
              * @default 30
              */
@@ -2007,7 +2002,7 @@ export interface components {
             output?: components["schemas"]["OutputFormat"];
             /**
              * Format: double
-             * @description Angle in degrees up to which two neighbouring faces count as lying on each other. It needs
+             * @description Angle in degrees up to which two neighbouring faces count as lying on each other. The option needs
              *     `with=remove_overlapping_neighbours`. Default: 1, for faces no farther apart than 0.01 % of the bounding box's diagonal.
              * @default null
              */
@@ -2019,7 +2014,7 @@ export interface components {
             overlaps?: components["schemas"]["Overlaps"];
             /**
              * @description Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-             *     `change.png`, `change.glb` and `change.ply`. They are drawn when one of them is first requested.
+             *     `change.png`, `change.glb` and `change.ply`. The first request for one of them draws all.
              * @default true
              */
             pictures?: boolean;
@@ -2049,7 +2044,7 @@ export interface components {
             sew_ratio?: number | null;
             /**
              * Format: double
-             * @description Widest crack to stitch, in the model's unit. It replaces `stitch_threshold`.
+             * @description Widest crack to stitch, in the model's unit; replaces `stitch_threshold`.
              * @default null
              */
             stitch_distance?: number | null;
@@ -2223,7 +2218,7 @@ export interface components {
             united: number;
             /**
              * Format: int64
-             * @description Parts that the search did not decide within its budget. They are in no other count.
+             * @description Parts that the search did not decide within its budget; no other count includes them.
              */
             unknown: number;
         };
@@ -2306,7 +2301,7 @@ export interface components {
         Problem: {
             /** @description The error code, for programs. */
             code: components["schemas"]["ProblemCode"];
-            /** @description What is wrong with this request, and what to do. */
+            /** @description The fault of this request, and the remedy. */
             detail: string;
             /** @description One error for each invalid field. */
             errors?: components["schemas"]["FieldError"][];
@@ -2374,7 +2369,7 @@ export interface components {
         Property: "closed" | "manifold" | "outward" | "no_intersections";
         /** @description One protection of the sandbox, as the trial at the start of the service found it. */
         Protection: {
-            /** @description What is missing and how to enable it, or other advice. */
+            /** @description The missing mechanism and how to enable it, or other advice. */
             detail?: string | null;
             /** @description Whether the protection held in the trial. */
             enforced: boolean;
@@ -2737,7 +2732,7 @@ export interface components {
             genus_not_measurable?: components["schemas"]["Unmeasurable"] | null;
             /**
              * Format: int64
-             * @description Number of parts with the wrong orientation, as defined by [`Shell::outward`].
+             * @description Number of parts with the wrong orientation, as defined by a part's `outward`.
              */
             inward: number;
             /** @description The parts with the largest area, in descending order; at most 100. */
@@ -3322,7 +3317,7 @@ export interface components {
             status: components["schemas"]["DeliveryStatus"];
             /** @description The event: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test. */
             type: string;
-            /** @description The message's id, sent in the header `webhook-id`. It is the same in every attempt. */
+            /** @description The message's id, sent in the header `webhook-id`; the same in every attempt. */
             webhook_id: string;
         };
         /** @description A URL that receives messages about your jobs. */
@@ -4094,7 +4089,7 @@ export interface operations {
                 callback_url?: string;
                 /** @description Repair plan to run. `auto` chooses a plan by the damage found; a named preset is tried first. */
                 preset?: components["schemas"]["Preset"];
-                /** @description Category of damage to plan for, instead of the category that the inspection finds. It has an effect only with `preset=auto`. */
+                /** @description Category of damage to plan for, instead of the category that the inspection finds. The option has an effect only with `preset=auto`. */
                 category?: components["schemas"]["Category"];
                 /** @description File format of the result. `auto` writes STL unless the input has objects, colours or a unit, which STL cannot store. */
                 output?: components["schemas"]["OutputFormat"];
@@ -4131,7 +4126,7 @@ export interface operations {
                  */
                 max_tier?: number;
                 /**
-                 * @description Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %. It then returns the best
+                 * @description Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %, and then returns the best
                  *     result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
                  */
                 deadline_s?: number;
@@ -4151,7 +4146,7 @@ export interface operations {
                  */
                 max_bounding_box_change_pct?: number;
                 /**
-                 * @description Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. It is checked only if the
+                 * @description Largest accepted change of the volume, in percent. A larger change raises the red flag `volume_change`. The repair checks it only if the
                  *     input's volume is reliable.
                  */
                 max_volume_change_pct?: number;
@@ -4161,7 +4156,7 @@ export interface operations {
                  */
                 max_surface_lost_pct?: number;
                 /**
-                 * @description Largest accepted share, in percent, of the result's surface that the input does not have. It counts thickened sheets, and patches
+                 * @description Largest accepted share, in percent, of the result's surface that the input does not have: thickened sheets, and patches
                  *     of holes that each exceed 2 % of the surface. More raises the red flag `surface_invented`.
                  */
                 max_surface_added_pct?: number;
@@ -4182,7 +4177,7 @@ export interface operations {
                  *     length of its edges counts as a hole, not as a crack.
                  */
                 stitch_threshold?: number;
-                /** @description Widest crack to stitch, in the model's unit. It replaces `stitch_threshold`. */
+                /** @description Widest crack to stitch, in the model's unit; replaces `stitch_threshold`. */
                 stitch_distance?: number;
                 /**
                  * @description Share of an edge's length at each end within which stitching uses the end vertex instead of splitting the edge. With 0.5 or more,
@@ -4197,7 +4192,7 @@ export interface operations {
                  */
                 degenerate_tolerance?: number;
                 /**
-                 * @description Angle in degrees up to which two neighbouring faces count as lying on each other. It needs
+                 * @description Angle in degrees up to which two neighbouring faces count as lying on each other. The option needs
                  *     `with=remove_overlapping_neighbours`. Default: 1, for faces no farther apart than 0.01 % of the bounding box's diagonal.
                  */
                 overlap_angle_deg?: number;
@@ -4241,7 +4236,7 @@ export interface operations {
                 max_remesh_faces?: number;
                 /**
                  * @description Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
-                 *     `change.png`, `change.glb` and `change.ply`. They are drawn when one of them is first requested.
+                 *     `change.png`, `change.glb` and `change.ply`. The first request for one of them draws all.
                  */
                 pictures?: boolean;
                 /** @description How thoroughly the mesh is inspected. */

@@ -1,9 +1,9 @@
 import type { paths } from "./generated.js";
 import { Problem } from "./problem.js";
 
-/** Where the service is, and who asks. A `Client` is one. */
+/** The address of the service and the key for it. A `Client` implements it. */
 export interface Server {
-  /** Its origin without a slash at the end; empty for the page's own. */
+  /** URL of the service without a slash at the end; empty for the page's own origin. */
   readonly base: string;
   /** The API key or browser token to send, if any. */
   key(): string | null;
@@ -18,21 +18,21 @@ export interface Asked {
   signal?: AbortSignal | undefined;
 }
 
-/** Longest time until an answer begins, in milliseconds; where files are sent there is none. */
-const PATIENCE = 60_000;
+/** Time limit in milliseconds until a response begins. Requests with files have no limit. */
+const TIMEOUT = 60_000;
 
-/** One of the service's addresses. */
+/** Returns a path of the service with its parameters filled in. */
 export function at(template: keyof paths, values: Record<string, string> = {}): string {
   return template.replace(/\{(\w+)\}/g, (_, name: string) => encodeURIComponent(values[name] ?? ""));
 }
 
-/** The same with a query; what is undefined is left out. */
+/** Adds a query to a path, without undefined or empty values. */
 export function query(path: string, values: Record<string, string | number | null | undefined>): string {
   const given = Object.entries(values).filter(([, value]) => value !== undefined && value !== null && value !== "");
   return given.length === 0 ? path : `${path}?${new URLSearchParams(given.map(([name, value]) => [name, String(value)]))}`;
 }
 
-/** Sends a request, and throws a `Problem` unless the answer is a success. */
+/** Sends a request. Throws a `Problem` unless the request succeeds. */
 export async function ask(server: Server, path: string, asked: Asked = {}): Promise<Response> {
   const headers: Record<string, string> = { ...asked.headers };
   const key = server.key();
@@ -44,7 +44,7 @@ export async function ask(server: Server, path: string, asked: Asked = {}): Prom
   }
   if (asked.form) init.body = asked.form;
   const late = new AbortController();
-  const timer = asked.form ? undefined : setTimeout(() => late.abort(), PATIENCE);
+  const timer = asked.form ? undefined : setTimeout(() => late.abort(), TIMEOUT);
   init.signal = asked.signal ? AbortSignal.any([asked.signal, late.signal]) : late.signal;
   let answer: Response;
   try {
@@ -65,7 +65,7 @@ export async function askJson<T>(server: Server, path: string, asked: Asked = {}
     return (await answer.json()) as T;
   } catch (error) {
     if (asked.signal?.aborted) throw asked.signal.reason;
-    // Broken off, or something else between here and the service answered.
-    throw error instanceof SyntaxError ? new Problem(answer.status, "unexplained", "The answer is not JSON.", "") : Problem.unreachable();
+    // The connection broke, or a proxy responded instead of the service.
+    throw error instanceof SyntaxError ? new Problem(answer.status, "unexplained", "The response is not JSON.", "") : Problem.unreachable();
   }
 }

@@ -3,7 +3,7 @@ export { EventParser, type JobEvent, events, follow, hasEnded, standing } from "
 export { type Asked, type Server, ask, askJson } from "./http.js";
 export * from "./jobs.js";
 export { type Code, DamagedDownload, type FieldError, JobFailed, Problem, fieldErrors } from "./problem.js";
-export { patiently, pause } from "./retry.js";
+export { retryWithBackoff, pause } from "./retry.js";
 export type * from "./shapes.js";
 export { announce, send } from "./uploads.js";
 export type { Webhooks } from "./webhooks.js";

@@ -1,32 +1,32 @@
 import { type Server, ask, askJson, at, query } from "./http.js";
 import { DamagedDownload, Problem } from "./problem.js";
-import { patiently } from "./retry.js";
+import { retryWithBackoff } from "./retry.js";
 import type { Artifact, Capabilities, Job, JobPage, Options, Readiness, Source, Status } from "./shapes.js";
 
 export function capabilities(server: Server, signal?: AbortSignal): Promise<Capabilities> {
   return askJson(server, at("/v1/capabilities"), { signal });
 }
 
-/** What rides along with a job. */
+/** Additional fields of a submission. */
 export interface Notes {
-  /** Your own notes, which come back with the job. */
+  /** Your own values, which the service returns with the job. */
   metadata?: Record<string, string> | undefined;
-  /** An address to tell of the job's end. */
+  /** URL that receives a webhook when the job ends. */
   callback_url?: string | undefined;
 }
 
-/** A job of a file that the service has: an upload, or a file of an earlier job. */
+/** A submission for a file on the service: an upload, or a file of an earlier job. */
 export interface NewJob extends Notes {
   source: Source;
   options: Options;
   name?: string;
 }
 
-/** How a submission is sent. */
+/** Headers and signal of a submission. */
 export interface Submission {
-  /** The same key makes no second job, so that it may be sent again when the answer was lost. */
+  /** Idempotency key: submitting again with the same key creates no second job. */
   once: string;
-  /** Whether the work is done even where an earlier job has the result. */
+  /** Whether to ignore the stored result of an earlier job. */
   fresh?: boolean | undefined;
   signal?: AbortSignal | undefined;
 }
@@ -35,21 +35,21 @@ function submission({ once, fresh, signal }: Submission): { method: string; head
   return { method: "POST", headers: { "idempotency-key": once, ...(fresh && { "cache-control": "no-cache" }) }, signal };
 }
 
-/** Makes a job of a file that the service has. */
+/** Submits a job for a file on the service. */
 export function submit(server: Server, job: NewJob, once: string, signal?: AbortSignal, fresh?: boolean): Promise<Job> {
   return askJson(server, at("/v1/jobs"), { ...submission({ once, fresh, signal }), json: job });
 }
 
-/** Longest time that `submitSurely` goes on, in milliseconds. */
-const SURELY = 20_000;
+/** Time limit of `submitWithRetry` in milliseconds. */
+const SUBMIT_TIMEOUT = 20_000;
 
-/** The same, sent again with the same key where the answer was lost or the service is busy. */
-export function submitSurely(server: Server, job: NewJob, signal?: AbortSignal): Promise<Job> {
+/** Submits a job, and retries with the same key while the service is unreachable or busy. */
+export function submitWithRetry(server: Server, job: NewJob, signal?: AbortSignal): Promise<Job> {
   const once = newKey();
-  return patiently(() => submit(server, job, once, signal), { within: SURELY, signal });
+  return retryWithBackoff(() => submit(server, job, once, signal), { within: SUBMIT_TIMEOUT, signal });
 }
 
-/** Makes a job of files that are sent with it. */
+/** Submits files as a job. */
 export function submitFiles(server: Server, files: readonly File[], options: Options, notes: Notes, how: Submission): Promise<Job> {
   const form = new FormData();
   form.set("options", JSON.stringify(options));
@@ -59,12 +59,12 @@ export function submitFiles(server: Server, files: readonly File[], options: Opt
   return askJson(server, at("/v1/jobs"), { ...submission(how), form });
 }
 
-/** A key for `submit` that nobody else has, where pages that came over plain HTTP have no `randomUUID` too. */
+/** Returns a random idempotency key. `crypto.randomUUID` is missing on pages loaded over plain HTTP. */
 export function newKey(): string {
   return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/** Whether a job's model can be printed as it is, or of an analysis every file. */
+/** Whether a job's model is printable; for an analysis, whether every file is. */
 export function isPrintable({ outcome }: Job): boolean {
   return outcome === "already_printable" || outcome === "repaired" || outcome === "printable";
 }
@@ -90,7 +90,7 @@ export async function fetchArtifact(server: Server, artifact: Artifact, signal?:
   const bytes = await answer.arrayBuffer().catch(() => {
     throw signal?.aborted ? signal.reason : Problem.unreachable();
   });
-  // Pictures have no hash, and pages that came over plain HTTP have nothing to hash with.
+  // Pictures have no SHA-256, and `crypto.subtle` is missing on pages loaded over plain HTTP.
   const hash = artifact.sha256;
   if (hash && globalThis.crypto.subtle && hex(await crypto.subtle.digest("SHA-256", bytes)) !== hash) throw damaged(artifact);
   return bytes;
@@ -101,10 +101,10 @@ function hex(bytes: ArrayBuffer): string {
 }
 
 export function damaged(artifact: Artifact): DamagedDownload {
-  return new DamagedDownload(`What came for '${artifact.filename}' is not what the job names.`);
+  return new DamagedDownload(`The download of '${artifact.filename}' is damaged: its SHA-256 differs from the job's.`);
 }
 
-/** How the service is; also where it says that it is not ready. */
+/** Returns the readiness of the service, also if the service is not ready. */
 export async function readiness(server: Server): Promise<Readiness> {
   const answer = await fetch(server.base + at("/readyz"), { credentials: "omit" });
   return (await answer.json()) as Readiness;

@@ -1,9 +1,9 @@
 import type { Job, ProblemCode } from "./shapes.js";
 
-/** The codes of the service, and three of ours; a later service may have more. */
+/** The service's error codes, and three codes of this package. A later service may send further codes. */
 export type Code = ProblemCode | "unreachable" | "store_unreachable" | "unexplained" | (string & {});
 
-/** One of several errors of a request, and the field that it is about, where the service names one. */
+/** One error of a request, and its field if the service names one. */
 export interface FieldError {
   field: string | null;
   message: string;
@@ -19,36 +19,36 @@ export function fieldErrors(errors: unknown): FieldError[] {
   });
 }
 
-/** Why the service refused or failed, in its own words (RFC 9457), or in ours where it said nothing. */
+/** An error response of the service (RFC 9457), or the reason why there was no response. */
 export class Problem extends Error {
   override readonly name = "Problem";
 
   constructor(
     readonly status: number,
-    /** The service's code; `unreachable`, `store_unreachable` and `unexplained` are ours. */
+    /** The service's error code, or `unreachable`, `store_unreachable` or `unexplained`, which this package adds. */
     readonly code: Code,
     readonly title: string,
     readonly detail: string,
-    /** Seconds after which to try again, if it said so. */
+    /** Seconds to wait before a retry, if the service states them. */
     readonly retryAfter: number | null = null,
     readonly requestId: string | null = null,
-    /** Single errors, where there are several or the service names their fields. */
+    /** The invalid fields of the request, and the error of each. */
     readonly errors: readonly FieldError[] = [],
   ) {
     super(detail || title || code);
   }
 
-  /** Whether the same request may work a little later. */
-  get isPassing(): boolean {
+  /** Whether the same request may succeed later. */
+  get isTransient(): boolean {
     return ["unreachable", "store_unreachable", "idempotency_key_in_use"].includes(this.code) || [429, 502, 503, 504].includes(this.status);
   }
 
-  /** No answer came: of the service, or of the store that its files go to. */
+  /** Creates the problem of a missing response, of the service or of its file store. */
   static unreachable(of: "service" | "store" = "service"): Problem {
     return new Problem(0, of === "store" ? "store_unreachable" : "unreachable", "", "");
   }
 
-  /** Of whatever was thrown. */
+  /** Wraps any thrown value. */
   static from(error: unknown): Problem {
     return error instanceof Problem ? error : new Problem(0, "unexplained", String(error), "");
   }
@@ -57,20 +57,20 @@ export class Problem extends Error {
     const seconds = retryAfter === null ? null : Number.parseInt(retryAfter, 10);
     const wait = seconds !== null && Number.isFinite(seconds) ? seconds : null;
     try {
-      const it = JSON.parse(body) as Record<string, unknown>;
-      const text = (name: string): string => (typeof it[name] === "string" ? it[name] : "");
-      const errors = fieldErrors(it["errors"]);
+      const problem = JSON.parse(body) as Record<string, unknown>;
+      const text = (name: string): string => (typeof problem[name] === "string" ? problem[name] : "");
+      const errors = fieldErrors(problem["errors"]);
       if (text("code")) return new Problem(status, text("code"), text("title"), text("detail"), wait, text("request_id") || null, errors);
     } catch {
-      // Not JSON: some proxy's page.
+      // The body is not JSON, so a proxy responded.
     }
     return new Problem(status, "unexplained", `HTTP ${status}`, "", wait);
   }
 }
 
 /**
- * That a job ended without a result: it failed, was canceled, or its files are gone. With the option `require` it also fails where its
- * result is not what was required; then `job.report` says what is left.
+ * A job did not succeed: it failed, was canceled, or its files have expired. A job also fails if its result does not meet the option
+ * `require`. Then `job.report` lists the remaining defects.
  */
 export class JobFailed extends Error {
   override readonly name = "JobFailed";
@@ -80,7 +80,7 @@ export class JobFailed extends Error {
   }
 }
 
-/** That bytes are not those that the job names. */
+/** The SHA-256 of a downloaded file differs from the one in the job. */
 export class DamagedDownload extends Error {
   override readonly name = "DamagedDownload";
 }

@@ -1,4 +1,4 @@
-// What the service takes and sends, by the names that this package gives it; generated.ts has all of it.
+// The JSON types of the API under the names of this package. generated.ts has all types.
 import type * as all from "./generated.js";
 
 export type {
@@ -35,12 +35,12 @@ export type {
 export type Artifact = all.ArtifactLink;
 export type Outcome = all.JobOutcome;
 
-/** What a job may be told. What is left out has the service's default. */
+/** Options of a repair. Missing options have the service's defaults. */
 export type RepairOptions = Partial<all.Options>;
 export type AnalyzeOptions = Partial<all.AnalyzeOptions>;
-/** A mode, `repair` where it is left out, and that mode's options. */
+/** `mode`, which is `repair` by default, and the options of that mode. */
 export type JobOptions = ({ mode?: "repair" } & RepairOptions) | ({ mode: "analyze" } & AnalyzeOptions);
-/** The same by names that nobody has looked at, such as those of an earlier job. */
+/** Options whose names are not checked, such as those of an earlier job. */
 export type Options = Record<string, unknown>;
 
 /** The report of a repair. */
@@ -48,12 +48,12 @@ export type Report = all.Report & { mode: "repair" };
 /** The report of an analysis. */
 export type AnalysisReport = all.AnalysisReport & { mode: "analyze" };
 
-/** A repair that ended with an outcome. */
+/** An ended repair with an outcome. */
 export type RepairedJob = all.Job & { outcome: all.Outcome; report: Report };
-/** An analysis that ended. */
+/** An ended analysis. */
 export type AnalyzedJob = all.Job & { outcome: all.JobOutcome; report: AnalysisReport };
 
-/** What an event `progress` says. */
+/** Data of the event `progress`. */
 export interface ProgressEvent extends all.Progress {
   status: all.Status;
 }

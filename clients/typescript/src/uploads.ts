@@ -2,14 +2,14 @@ import { type Server, askJson, at } from "./http.js";
 import { Problem } from "./problem.js";
 import type { Upload } from "./shapes.js";
 
-/** Announces a file and learns where to send it: straight to the bucket where there is one, else through the service. */
+/** Creates an upload. Its `put` states where to send the file: to the bucket if the service uses one, else to the service. */
 export function announce(server: Server, name: string, bytes: number, signal?: AbortSignal): Promise<Upload> {
   return askJson(server, at("/v1/uploads"), { method: "POST", json: { name, bytes }, signal });
 }
 
 /**
- * Sends a file where `announce` said. One request, since a presigned one can't be sent in pieces: what is stopped begins anew, at the
- * same address. `sent` hears how much has gone where there is an XMLHttpRequest, since fetch does not tell.
+ * Sends the file of an upload in one request, since a presigned request cannot be split. A stopped upload starts again at the same URL.
+ * `sent` receives the number of sent bytes if there is an XMLHttpRequest, since fetch reports no progress.
  */
 export function send(server: Server, upload: Upload, file: Blob, sent: (bytes: number) => void, signal?: AbortSignal): Promise<void> {
   const { method, url, headers } = upload.put;

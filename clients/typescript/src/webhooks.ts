@@ -1,5 +1,5 @@
 import { type Asked, type Server, ask, askJson, at, query } from "./http.js";
-import { patiently } from "./retry.js";
+import { retryWithBackoff } from "./retry.js";
 import type {
   NewWebhookEndpoint,
   WebhookDeliveries,
@@ -10,7 +10,7 @@ import type {
   WebhookSecret,
 } from "./shapes.js";
 
-/** Who is told of jobs that end. What is made is not made again when the answer was lost; list to see whether it is there. */
+/** The webhook endpoints and deliveries of the account. Requests that create something are not retried after a lost response. */
 export class Webhooks {
   readonly #server: Server;
   readonly #within: number;
@@ -24,7 +24,7 @@ export class Webhooks {
     return (await this.#ask<WebhookEndpoints>(at("/v1/webhook-endpoints"))).endpoints;
   }
 
-  /** Its answer is the only one that has the secret. */
+  /** Creates an endpoint. Only this response contains the secret. */
   create(endpoint: NewWebhookEndpoint): Promise<WebhookEndpoint> {
     return this.#ask(at("/v1/webhook-endpoints"), { method: "POST", json: endpoint });
   }
@@ -38,21 +38,21 @@ export class Webhooks {
   }
 
   async delete(id: string): Promise<void> {
-    const gone = () => ask(this.#server, at("/v1/webhook-endpoints/{id}", { id }), { method: "DELETE" });
-    await patiently(gone, { within: this.#within, repeatable: false });
+    const remove = () => ask(this.#server, at("/v1/webhook-endpoints/{id}", { id }), { method: "DELETE" });
+    await retryWithBackoff(remove, { within: this.#within, repeatable: false });
   }
 
-  /** Gives the endpoint a new secret, beside which the old one holds for a while. */
+  /** Gives the endpoint a new secret. The old secret stays valid for a while. */
   rotate(id: string): Promise<WebhookEndpoint> {
     return this.#ask(at("/v1/webhook-endpoints/{id}/rotate", { id }), { method: "POST" });
   }
 
-  /** Has a message sent to try it. */
+  /** Sends a test message to the endpoint. */
   test(id: string): Promise<WebhookDelivery> {
     return this.#ask(at("/v1/webhook-endpoints/{id}/test", { id }), { method: "POST" });
   }
 
-  /** What was delivered: to an endpoint, or of a job. */
+  /** Returns the deliveries to an endpoint or for a job. */
   deliveries(of: { endpoint?: string; job?: string; cursor?: string; limit?: number } = {}): Promise<WebhookDeliveries> {
     const { endpoint, ...values } = of;
     const path = endpoint === undefined ? at("/v1/webhook-deliveries") : at("/v1/webhook-endpoints/{id}/deliveries", { id: endpoint });
@@ -63,7 +63,7 @@ export class Webhooks {
     return this.#ask(at("/v1/webhook-deliveries/{id}/redeliver", { id }), { method: "POST" });
   }
 
-  /** The secret that signs what goes to a job's `callback_url`. */
+  /** Returns the secret that signs messages to a job's `callback_url`. */
   secret(): Promise<WebhookSecret> {
     return this.#ask(at("/v1/webhook-secret"));
   }
@@ -73,6 +73,6 @@ export class Webhooks {
   }
 
   #ask<T>(path: string, asked: Asked = {}): Promise<T> {
-    return patiently(() => askJson<T>(this.#server, path, asked), { within: this.#within, repeatable: !asked.method });
+    return retryWithBackoff(() => askJson<T>(this.#server, path, asked), { within: this.#within, repeatable: !asked.method });
   }
 }

@@ -11,7 +11,7 @@ import { run, serve, serveFrom } from "../../../tests/browser/support/service.mj
 import { flaky } from "./flaky.mjs";
 
 const isSubmission = (request) => request.method === "POST" && request.url === "/v1/jobs";
-/** What only a full read finds broken. */
+/** A model whose defect only a full read finds. */
 const LATE_BREAK = Buffer.from("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n");
 const QUICK = { pictures: false };
 
@@ -26,7 +26,7 @@ after(async () => {
   rmSync(folder, { recursive: true, force: true });
 });
 
-/** What was started, to be stopped with the test. */
+/** Processes to stop after the test. */
 const begun = async (t, starting) => {
   const it = await starting;
   t.after(it.stop);
@@ -42,7 +42,7 @@ const all = async (pages) => {
 const refused = (work, status, code) =>
   assert.rejects(work, (error) => error instanceof Problem && error.status === status && error.code === code && error.detail.length > 0);
 
-test("a broken model is repaired, its progress is heard, and what is downloaded has the hash that the job names", async () => {
+test("a broken model is repaired with progress, and the download matches its SHA-256", async () => {
   const heard = [];
   writeFileSync(join(folder, "ring.stl"), brokenRing());
   const file = await fileAt(join(folder, "ring.stl"));
@@ -64,7 +64,7 @@ test("a broken model is repaired, its progress is heard, and what is downloaded 
   assert.deepEqual(readdirSync(folder).sort(), ["ring.obj", "ring.stl"]);
 });
 
-test("the same idempotency key makes no second job, and another call does", async () => {
+test("the same idempotency key creates one job, and another call a second", async () => {
   const how = { idempotencyKey: "order-1", name: "box.stl" };
   const [first, again] = [await client.submit(soundBox(), QUICK, how), await client.submit(soundBox(), QUICK, how)];
   assert.equal(again.id, first.id);
@@ -72,7 +72,7 @@ test("the same idempotency key makes no second job, and another call does", asyn
   await refused(client.submit(brokenRing(), QUICK, how), 422, "idempotency_key_reused");
 });
 
-test("a submission that is dropped, refused for now and lost on its way back makes one job", async (t) => {
+test("a submission after a lost request, a 503 and a lost response creates one job", async (t) => {
   const proxy = await through(t, service.url, isSubmission, ["drop", 429, 503, "lose"]);
   const job = await new Client(proxy.url).repair(soundBox(), QUICK, { metadata: { is: "flaky" } });
   assert.equal(job.outcome, "already_printable");
@@ -83,7 +83,7 @@ test("a submission that is dropped, refused for now and lost on its way back mak
   assert.equal((await all(client.list())).filter((it) => it.metadata.is === "flaky").length, 1);
 });
 
-test("tries end with the time that was given", async (t) => {
+test("retries end at the time limit", async (t) => {
   const proxy = await through(t, service.url, isSubmission, Array(100).fill(503));
   await refused(new Client(proxy.url, { timeout: 1_000 }).submit(soundBox()), 503, "unavailable");
   assert.equal(proxy.seen.length, 1);
@@ -93,7 +93,7 @@ test("tries end with the time that was given", async (t) => {
 
 const isStream = (request) => request.url.split("?")[0].endsWith("/events");
 
-test("a stream of events that breaks is taken up again", async (t) => {
+test("a broken event stream is resumed", async (t) => {
   const idle = await begun(t, serve("--no-workers"));
   const proxy = await through(t, idle.url, isStream, ["cut", "cut"]);
   const job = await new Client(proxy.url).submit(soundBox());
@@ -106,7 +106,7 @@ test("a stream of events that breaks is taken up again", async (t) => {
   assert.ok(proxy.seen.length > 1);
 });
 
-test("where no stream comes through, the job is asked for", async (t) => {
+test("a job is polled if a proxy buffers the event stream", async (t) => {
   const idle = await begun(t, serve("--no-workers"));
   const proxy = await through(t, idle.url, isStream, Array(100).fill("drop"));
   const job = await new Client(proxy.url).submit(soundBox());
@@ -115,27 +115,27 @@ test("where no stream comes through, the job is asked for", async (t) => {
   assert.equal(proxy.seen.length, 1);
 });
 
-test("a refused file is a problem with its code, once", async (t) => {
+test("a rejected file throws a problem without a retry", async (t) => {
   const proxy = await through(t, service.url, isSubmission, []);
   await refused(new Client(proxy.url).repair(Buffer.from("no model at all"), {}, { name: "notes.txt" }), 415, "unsupported_model");
   await refused(client.repair(soundBox(), { preset: "none" }), 422, "invalid_options");
   assert.equal(proxy.seen.length, 1);
 });
 
-test("a job that fails is thrown with its problem, and is returned by wait", async () => {
+test("repair throws for a failed job, and wait returns the job", async () => {
   const failed = await client.repair(LATE_BREAK).catch((error) => error);
   assert.ok(failed instanceof JobFailed);
   assert.deepEqual([failed.job.problem.code, failed.job.problem.place], ["bad_input", { line: 6 }]);
   assert.equal((await client.wait(failed.job.id)).status, "failed");
 });
 
-test("files are analysed together", async () => {
+test("several files are analysed in one job", async () => {
   const job = await client.analyze([new File([soundBox()], "box.stl"), new File([brokenRing()], "ring.stl")], QUICK);
   assert.equal(job.outcome, "not_printable");
   assert.deepEqual(job.report.files.map((file) => [file.name, file.printable]), [["box.stl", true], ["ring.stl", false]]);
 });
 
-test("a file is uploaded first, although the answer is lost, and its model is written in another format", async (t) => {
+test("an upload survives a lost response, and its model is converted", async (t) => {
   const proxy = await through(t, service.url, (request) => request.method === "PUT", ["drop", "lose"]);
   const lossy = new Client(proxy.url);
   const upload = await lossy.upload(soundBox(), { name: "box.stl" });
@@ -145,7 +145,7 @@ test("a file is uploaded first, although the answer is lost, and its model is wr
   assert.equal(new TextDecoder().decode(await client.download(again)).slice(0, 3), "OFF");
 });
 
-test("jobs are listed over all pages, and deleted", async () => {
+test("jobs are listed across pages and deleted", async () => {
   const made = [];
   for (let i = 0; i < 3; i += 1) made.push((await client.submit(soundBox(), QUICK)).id);
   for (const id of made) await client.wait(id);
@@ -155,7 +155,7 @@ test("jobs are listed over all pages, and deleted", async () => {
   await refused(client.get(made[0]), 410, "job_deleted");
 });
 
-test("jobs are canceled: when asked, and when nobody waits for them any more", async (t) => {
+test("a job is canceled by a call and after a timeout", async (t) => {
   const idle = await begun(t, serve("--no-workers"));
   const there = new Client(idle.url);
   const job = await there.submit(soundBox());
@@ -168,7 +168,7 @@ test("jobs are canceled: when asked, and when nobody waits for them any more", a
   assert.deepEqual((await all(there.list())).map((it) => it.status), ["canceled", "canceled", "canceled"]);
 });
 
-test("a key is asked for, and a wrong one is refused", async (t) => {
+test("a missing or wrong key is rejected", async (t) => {
   const data = mkdtempSync(join(tmpdir(), "meshmend-client-keys-"));
   const key = (await run("keys", "create", "--data-dir", data)).trim().split("\n").at(-1);
   const locked = await begun(t, serveFrom(data, "--auth", "keys"));

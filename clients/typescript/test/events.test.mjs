@@ -4,7 +4,7 @@ import { EventParser } from "meshmend-client";
 
 const STREAM = 'event: progress\ndata: {"percent":1}\nid: 2\n\n: keep-alive\n\nevent: done\r\ndata: {"a":\r\ndata: 1}\r\n\r\n';
 
-test("events are the same however the stream is cut", () => {
+test("events do not depend on how the stream is split", () => {
   const whole = new EventParser().push(STREAM);
   assert.deepEqual(whole, [
     { name: "progress", data: '{"percent":1}' },
@@ -17,6 +17,6 @@ test("events are the same however the stream is cut", () => {
   }
 });
 
-test("an event that has not ended is not told", () => {
+test("an incomplete event is not reported", () => {
   assert.deepEqual(new EventParser().push("event: done\ndata: 1\n"), []);
 });

@@ -35,7 +35,7 @@ async function example(name, ...args) {
   return { code, out, err };
 }
 
-test("the examples repair, tell of progress and refusals, and analyse", async () => {
+test("the examples repair, analyse, and report progress and errors", async () => {
   const plain = await example("repair", service.url, "ring.stl", "plain.stl");
   assert.equal(plain.code, 0, plain.err);
   assert.match(plain.out, /^repaired: .{10,}/);
@@ -50,7 +50,7 @@ test("the examples repair, tell of progress and refusals, and analyse", async ()
   assert.match(analysis.out, /^box.stl: printable\nring.stl: not printable \d+ \w+/);
 });
 
-test("a webhook is verified, and a forged one is not taken", async () => {
+test("a webhook is verified, and a forged one is rejected", async () => {
   const client = new Client(service.url);
   const { secret } = await client.webhooks.secret();
   const child = start("webhook", ["0"], { WEBHOOK_SECRET: secret });

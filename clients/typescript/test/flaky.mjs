@@ -1,9 +1,9 @@
-// Stands before a service and does to some requests what networks and busy services do.
+// A proxy that injects the faults of networks and busy services.
 import { createServer, request as ask } from "node:http";
 
 /**
- * `faults` are taken one by one by the requests that `hits` picks; a fault is "drop" (the connection breaks), "lose" (the service gets the
- * request, and its answer is lost), a status, or "cut" (the answer breaks after its first piece). All else is passed on.
+ * Each request that `hits` selects takes the next of `faults`: "drop" (the connection breaks), "lose" (the service gets the request, and its
+ * response is lost), a status, or "cut" (the response breaks after its first piece). All other requests are forwarded.
  */
 export async function flaky(url, hits, faults) {
   const left = [...faults];

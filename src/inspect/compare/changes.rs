@@ -50,7 +50,7 @@ pub struct Changes {
     /// Faces of the input that the result has at the same three positions, in percent.
     pub faces_kept_pct: f64,
     /// Of the input's faces missing from the result, the share with the result's material on both sides, in percent.
-    /// These are internal faces of united parts. `null` if the result has at least as many faces, or is not closed.
+    /// Such faces were internal to united parts. `null` if the result has at least as many faces, or is not closed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub enclosed_faces_pct: Option<f64>,
     /// Share of the input's surface visible from outside that the result lost, in percent. Surface is lost if the

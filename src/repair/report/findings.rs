@@ -100,7 +100,7 @@ pub struct Assumption {
     pub option: Option<String>,
 }
 
-/// The kinds of [`Assumption`].
+/// The kinds of assumption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]

@@ -67,7 +67,7 @@ pub struct Plan {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum When {
-    /// Run always.
+    /// Run if no earlier strategy gave a good enough result.
     #[default]
     NothingAcceptable,
     /// Run if an earlier result was open or had lost visible surface, which points to open sheets.

@@ -39,7 +39,7 @@ async fn without_a_model_nothing_is_written_and_the_exit_code_says_why() {
     client.put("in.stl", &files::open_sheet());
     let args = ["submit", "in.stl", "-o", "out.stl", "--report", "r.json", "--max-tier", "2"];
     let finished = client.run(&args).await;
-    finished.ended_with(1).prints("it is handed back unchanged").prints("no model was made");
+    finished.ended_with(1).prints("The input is returned unchanged").prints("the repair made no model");
     assert_eq!(finished.out, "");
     assert_eq!(client.names(), ["in.stl", "r.json"]);
     let finished = client.run(&[args.as_slice(), &["--force", "--require", "printable"]].concat()).await;
@@ -62,7 +62,7 @@ async fn each_of_several_files_is_reported_and_the_exit_code_is_the_worst() {
     let mut args = vec!["submit", "--output-dir", "out", "--json", "--max-tier", "1"];
     args.extend(names.iter().map(String::as_str));
     let finished = client.run(&args).await;
-    finished.ended_with(2).prints("none.stl: Not a model that can be read").prints("(unsupported_model, request ");
+    finished.ended_with(2).prints("none.stl: Unsupported model format").prints("(unsupported_model, request ");
     finished.prints("missing.stl: No such file");
     let mut lines: Vec<Value> = finished.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     lines.sort_by_key(|line| line["name"].to_string());
@@ -85,11 +85,11 @@ async fn existing_files_are_not_overwritten_without_force() {
     client.put("out.stl", b"mine");
     client.put("in-repaired.stl", b"mine too");
     let before = client.run(&["submit", "in.stl", "-o", "out.stl"]).await;
-    before.ended_with(2).prints("out.stl: there is a file already; --force replaces it");
+    before.ended_with(2).prints("out.stl: the file exists already; --force replaces it");
     assert!(jobs(&Api::new(&program)).await.is_empty(), "no job was submitted");
     // The client does not know in advance which name the service chooses.
     let after = client.run(&["submit", "in.stl", "--max-tier", "1"]).await;
-    after.ended_with(2).prints("in-repaired.stl: there is a file already").prints("To go on: meshmend watch job_");
+    after.ended_with(2).prints("in-repaired.stl: the file exists already").prints("To continue: meshmend watch job_");
     assert_eq!(std::fs::read(client.path("out.stl")).expect("a file"), b"mine");
     assert_eq!(std::fs::read(client.path("in-repaired.stl")).expect("a file"), b"mine too");
     assert_eq!(client.names(), ["in-repaired.stl", "in.stl", "out.stl"]);
@@ -107,14 +107,14 @@ async fn impossible_requests_are_reported_before_anything_is_sent() {
     for (args, words) in [
         (&["in.stl", "-o", "missing/out.stl"][..], "missing/out.stl: No such file or directory"),
         (&["in.stl", "--output-dir", "in.stl/out"], "in.stl/out: "),
-        (&["in.stl", "-o", "out.xyz"], "the output's name must end in"),
+        (&["in.stl", "-o", "out.xyz"], "the output file must end in"),
         (&["in.stl", "-o", "out.stl", "--max-tier", "9"], "max_tier"),
-        (&["in.stl", "in.stl", "-o", "out.stl"], "--output is for one file"),
-        (&["in.stl", "made/../in.obj"], "would have one name"),
-        (&["large.stl"], "larger than the 1 MiB that the service takes"),
-        (&["."], ".: this is no file"),
-        (&["in.stl", "--server", "ftp://host"], "an address is like https://"),
-        (&["in.stl", "--server", "http://me:secret@host"], "no user and password"),
+        (&["in.stl", "in.stl", "-o", "out.stl"], "--output works only with a single file"),
+        (&["in.stl", "made/../in.obj"], "would have the same name"),
+        (&["large.stl"], "larger than 1 MiB, the limit of the service"),
+        (&["."], ".: not a regular file"),
+        (&["in.stl", "--server", "ftp://host"], "expected an address such as https://"),
+        (&["in.stl", "--server", "http://me:secret@host"], "must not contain a user or password"),
     ] {
         let mut client = Client { folder: tempfile::tempdir().expect("a folder"), ..Client::of(&program.url) };
         client.put("in.stl", &files::broken_box());
@@ -165,7 +165,7 @@ async fn a_key_comes_from_a_variable_or_a_file_and_without_one_the_message_says_
     let without = client.run(&submit).await;
     without
         .ended_with(4)
-        .prints("This service asks for a key")
+        .prints("This service requires an API key")
         .prints("MESHMEND_API_KEY")
         .prints("(unauthorized, request ");
     let wrong = client.run_with(&submit, &[("MESHMEND_API_KEY", "mm_key_guess")]).await;

@@ -26,7 +26,7 @@ async fn an_unreachable_service_is_reported_soon() {
     let started = Instant::now();
     for args in [&["submit", "in.stl"][..], &["watch"], &["watch", "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a"]] {
         let finished = client.run(&[args, &["--timeout-s", "1"]].concat()).await;
-        finished.ended_with(4).prints("can't be reached: Connection refused").prints("does the service run?");
+        finished.ended_with(4).prints("cannot be reached: Connection refused").prints("that the service is running");
     }
     assert!(started.elapsed() < Duration::from_secs(20));
 }
@@ -39,10 +39,10 @@ async fn an_untrusted_certificate_is_refused_and_the_message_names_the_remedy() 
     let client = Client::of(&receiver.url);
     client.put("in.stl", &files::broken_box());
     let finished = client.run(&["submit", "in.stl"]).await;
-    finished.ended_with(4).prints("can't be trusted").prints("SSL_CERT_FILE");
+    finished.ended_with(4).prints("is not trusted").prints("SSL_CERT_FILE");
     let authority = authority.to_str().expect("a path");
     let finished = client.run_with(&["submit", "in.stl"], &[("SSL_CERT_FILE", authority)]).await;
-    finished.ended_with(4).prints("404").prints("not as meshmend does");
+    finished.ended_with(4).prints("404").prints("not as a meshmend service");
 }
 
 #[tokio::test]
@@ -57,7 +57,7 @@ async fn a_submission_whose_response_is_lost_is_repeated_and_creates_one_job() {
     let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
     let finished = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
-    finished.ended_with(0).prints("tried again in");
+    finished.ended_with(0).prints("; retry in");
     assert_eq!(client.faces("out.stl"), 12);
     assert_eq!(jobs(&Api::new(&program)).await.len(), 1);
 }
@@ -75,7 +75,7 @@ async fn a_busy_service_is_retried_after_the_time_that_it_gives() {
     client.put("in.stl", &files::broken_box());
     let started = Instant::now();
     let finished = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
-    finished.ended_with(0).prints("answered 503 Service Unavailable; tried again in");
+    finished.ended_with(0).prints("answered 503 Service Unavailable; retry in");
     assert!(started.elapsed() >= Duration::from_secs(1), "the client did not wait");
     // The client gives up on a service that stays busy.
     let full = Interceptor::start(&program, |method, _| match method {
@@ -99,7 +99,7 @@ async fn a_damaged_download_is_noticed_and_leaves_no_file() {
     let client = Client::of(&interceptor.url);
     client.put("in.stl", &files::broken_box());
     let finished = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "1"]).await;
-    finished.ended_with(4).prints("other bytes than the service has").prints("To go on: meshmend watch job_");
+    finished.ended_with(4).prints("the checksum of the download is wrong").prints("To continue: meshmend watch job_");
     assert_eq!((finished.out.as_str(), client.names()), ("", vec!["in.stl".to_owned()]));
 }
 
@@ -125,7 +125,7 @@ async fn an_interrupt_leaves_the_job_and_says_how_to_continue() {
     let (api, client) = (Api::new(&program), Client::of(&program.url));
     client.put("in.stl", &files::broken_box());
     let mut running = client.start(&["submit", "in.stl", "-o", "out.stl"]);
-    running.says("waits for its turn").await;
+    running.says(": queued").await;
     running.interrupt();
     let id = jobs(&api).await.pop().expect("a job");
     running.ended().await.ended_with(130).prints(&format!("meshmend watch {id} --server {}", program.url));

@@ -18,7 +18,7 @@ async fn jobs_submitted_without_waiting_are_watched_to_their_end_and_downloaded(
     let ids: Vec<&str> = finished.out.lines().collect();
     assert!(ids.len() == 2 && ids.iter().all(|id| id.starts_with("job_")), "{finished:?}");
     let finished = client.run(&["watch", ids[0], ids[1], "--download", "out", "--json"]).await;
-    finished.ended_with(1).prints("is printable").prints("Nothing that ran made the model better");
+    finished.ended_with(1).prints("is printable").prints("No repair step improved the model");
     let lines: Vec<Value> = finished.out.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     assert_eq!(lines.len(), 2, "{finished:?}");
     let exist: Vec<bool> =
@@ -29,8 +29,8 @@ async fn jobs_submitted_without_waiting_are_watched_to_their_end_and_downloaded(
     finished.prints(": ");
     assert_eq!(finished.out, "");
     let finished = client.run(&["watch", "job_00000000000000000000000000000000"]).await;
-    finished.ended_with(4).prints("No such job").prints("(job_not_found, request ");
-    client.run(&["watch", "part.stl"]).await.ended_with(2).prints("a job id is 'job_'");
+    finished.ended_with(4).prints("Job not found").prints("(job_not_found, request ");
+    client.run(&["watch", "part.stl"]).await.ended_with(2).prints("a job id must be `job_`");
 }
 
 #[tokio::test]
@@ -48,7 +48,7 @@ async fn a_failed_or_canceled_job_is_reported_in_text_and_exit_code() {
     let (api, client) = (Api::new(&program), Client::of(&program.url));
     let id = api.submit(files::broken_box(), json!({})).await;
     let mut running = client.start(&["watch", &id]);
-    running.says("waits for its turn").await;
+    running.says(": queued").await;
     api.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect("a response");
     running.ended().await.ended_with(1).prints("canceled");
 }
@@ -60,9 +60,9 @@ async fn without_jobs_all_that_come_are_watched_until_it_is_interrupted() {
     let (api, client) = (Api::new(&program), Client::of(&program.url));
     let first = api.submit(files::broken_box(), json!({})).await;
     let mut running = client.start(&["watch"]);
-    running.says(&format!("{first} model.stl: waits for its turn")).await;
+    running.says(&format!("{first} model.stl: queued")).await;
     let second = api.submit(files::broken_box(), json!({})).await;
-    running.says(&format!("{second} model.stl: waits for its turn")).await;
+    running.says(&format!("{second} model.stl: queued")).await;
     api.post(&format!("/v1/jobs/{first}/cancel")).send().await.expect("a response");
     running.says(&format!("{first} model.stl: the job was canceled")).await;
     running.interrupt();

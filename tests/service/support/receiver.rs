@@ -75,7 +75,7 @@ impl Receiver {
         this
     }
 
-    /// Starts a receiver with TLS. Its reason is signed by a new authority, whose reason is written to `file`.
+    /// Starts a receiver with TLS. Its certificate is signed by a new authority, whose certificate is written to `file`.
     pub async fn start_tls(replies: &[Reply], file: &Path) -> Self {
         meshmend::tls::use_ring();
         let mut params = CertificateParams::new(Vec::new()).expect("parameters");
@@ -85,10 +85,10 @@ impl Receiver {
         std::fs::write(file, authority.pem()).expect("a file");
         let key = KeyPair::generate().expect("a key");
         let params = CertificateParams::new(vec!["127.0.0.1".to_owned()]).expect("parameters");
-        let reason = params.signed_by(&key, &authority).expect("a reason");
+        let certificate = params.signed_by(&key, &authority).expect("a certificate");
         let key = PrivateKeyDer::try_from(key.serialize_der()).expect("a key");
         let config = ServerConfig::builder().with_no_client_auth();
-        let config = config.with_single_cert(vec![reason.der().clone()], key).expect("a configuration");
+        let config = config.with_single_cert(vec![certificate.der().clone()], key).expect("a configuration");
         let acceptor = TlsAcceptor::from(Arc::new(config));
         let (listener, this, answers) = Self::listen("https", replies).await;
         tokio::spawn(async move {

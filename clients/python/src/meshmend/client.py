@@ -1,4 +1,4 @@
-"""The client."""
+"""The synchronous client of the HTTP API."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from .errors import JobFailed, Problem
 from .events import ENDED, JobEvent, ProgressEvent, follow, job_path, listen_to
 from .job import Job
 from .model import File, Model
-from .retry import Deadline, patiently
+from .retry import Deadline, retry_with_backoff
 from .transport import Transport
 from .webhooks import Webhooks
 
-#: What a job is told: a mode, ``repair`` where it is left out, and that mode's options.
+#: A job's options: ``mode``, which is ``repair`` by default, and the options of that mode.
 JobOptions: TypeAlias = shapes.Options | shapes.AnalyzeOptions | Mapping[str, object]
 
-#: Seconds for a job from its submission to its end, where the call says nothing.
+#: Default time limit of a job in seconds, from its submission to its end.
 RUN = 900.0
-#: Seconds for canceling a job that nobody waits for any more.
-FAREWELL = 5.0
+#: Time limit in seconds to cancel a job after its caller gave up.
+CANCEL_TIMEOUT = 5.0
 
 
 class Client:
-    """A service, and who asks it. Threads may share one.
+    """A client of one service. Threads may share a client.
 
-    ``timeout`` is the number of seconds within which a request that fails may be tried again; ``transport`` is httpx'
-    own, for proxies, reasons and tests.
+    ``timeout`` is the time in seconds for a request with all its retries. ``transport`` is passed to httpx, for example
+    for a proxy or for tests.
     """
 
     def __init__(
@@ -72,10 +72,10 @@ class Client:
         fresh: bool = False,
         name: str | None = None,
     ) -> Job:
-        """Sends a file, waits for the end of its repair, and returns the job.
+        """Repairs a file: submits it, waits until the job ends, and returns the job.
 
-        That a model could be repaired in part only, or not at all, is the job's ``outcome``. `JobFailed` is raised
-        where it ends without one, `JobTimeout` where the time is over before; then the job is canceled.
+        A partial or failed repair is not an error: check the job's ``outcome``. Raises `JobFailed` if the job did not
+        succeed. Raises `JobTimeout` if the job takes longer than ``timeout``, and cancels the job.
         """
         asked = {**(options or {}), "mode": "repair"}
         deadline = Deadline(timeout)
@@ -92,7 +92,7 @@ class Client:
         metadata: Mapping[str, str] | None = None,
         callback_url: str | None = None,
     ) -> Job:
-        """The same for an analysis of one file or several, which are not changed."""
+        """Analyses one or several files without changing them, and returns the job like `repair`."""
         asked = {**(options or {}), "mode": "analyze"}
         deadline = Deadline(timeout)
         models = [Model(file, None) for file in files]
@@ -111,10 +111,10 @@ class Client:
         fresh: bool = False,
         name: str | None = None,
     ) -> Job:
-        """Makes a job of one file or several, and returns as soon as the service has them.
+        """Submits one or several files as a job, and returns without waiting for the job.
 
-        A submission sent again with the same ``idempotency_key`` makes no second job; one is made for each call where
-        none is given. ``fresh`` has the work done even where an earlier job has the result.
+        Submitting again with the same ``idempotency_key`` creates no second job. By default each call has a new key.
+        ``fresh`` ignores the stored result of an earlier job.
         """
         several = cast("Sequence[File]", files if isinstance(files, (list, tuple)) else [files])
         models = [Model(file, name) for file in several]
@@ -133,24 +133,26 @@ class Client:
         fresh: bool = False,
         name: str | None = None,
     ) -> Job:
-        """Makes a job of a file that the service has: an upload, or a file of an earlier job."""
+        """Submits a job for a file on the service: an upload, or a file of an earlier job."""
         asked: dict[str, object] = {"source": source, "options": options or {}, "metadata": metadata or {}}
-        asked |= {key: it for key, it in (("callback_url", callback_url), ("name", name)) if it is not None}
+        asked |= {key: value for key, value in (("callback_url", callback_url), ("name", name)) if value is not None}
         headers = _headers(idempotency_key, fresh)
         return self._job(lambda: self.server.json("POST", "/v1/jobs", json=asked, headers=headers), timeout)
 
     def upload(self, file: File, *, name: str | None = None, timeout: float | None = None) -> shapes.Upload:
-        """Sends a file before there is a job of it, straight to the bucket where there is one.
+        """Uploads a file without a job, directly to the bucket if the service uses one.
 
-        `submit_from` makes the job.
+        `submit_from` creates the job.
         """
         model = Model(file, name)
         deadline = self._deadline(timeout)
         size = model.size()
         announced = {"name": model.name, "bytes": size}
-        place: shapes.Upload = patiently(lambda _: self.server.json("POST", "/v1/uploads", json=announced), deadline)
+        place: shapes.Upload = retry_with_backoff(
+            lambda _: self.server.json("POST", "/v1/uploads", json=announced), deadline
+        )
         put = place["put"]
-        # A bucket takes no body whose length it is not told.
+        # A bucket rejects a body without Content-Length.
         headers = {**put["headers"], "content-length": str(size)}
 
         def send(tries: int) -> None:
@@ -158,11 +160,11 @@ class Client:
                 with model.open() as content:
                     self.server.put(put["url"], headers, content)
             except Problem as problem:
-                # It had come, and only the answer was lost.
+                # The first attempt arrived, and only its response was lost.
                 if tries == 1 or problem.code != "upload_used":
                     raise
 
-        patiently(send, deadline)
+        retry_with_backoff(send, deadline)
         return place
 
     def get(self, job: Job | str, *, timeout: float | None = None) -> Job:
@@ -175,21 +177,21 @@ class Client:
         on_progress: Callable[[ProgressEvent], object] | None = None,
         timeout: float | None = None,
     ) -> Job:
-        """The job as it ended, however it ended. A job may be named by its id. `JobTimeout` leaves the job running."""
+        """Waits until a job ends, and returns it whatever its status. The job goes on after a `JobTimeout`."""
         deadline = Deadline(RUN if timeout is None else timeout)
         return Job(self, follow(self.server, _id(job), deadline, on_progress))
 
     def events(self, job: Job | str, *, timeout: float = RUN) -> Iterator[JobEvent]:
-        """A job's progress as it comes, and at last the job; a connection that breaks is made again."""
+        """Yields a job's progress, and at the end the job. Reconnects after a lost connection."""
         return listen_to(self.server, _id(job), Deadline(timeout))
 
     def list(
         self, *, status: shapes.Status | None = None, page_size: int = 50, timeout: float | None = None
     ) -> Iterator[Job]:
-        """All jobs, the newest first; without their reports."""
+        """Yields all jobs without their reports, newest first."""
         asked: dict[str, Any] = {"limit": page_size, **({"status": status} if status else {})}
         while True:
-            found: shapes.JobPage = patiently(
+            found: shapes.JobPage = retry_with_backoff(
                 lambda _: self.server.json("GET", "/v1/jobs", params=asked), self._deadline(timeout)
             )
             for data in found["jobs"]:
@@ -203,18 +205,18 @@ class Client:
 
     def delete(self, job: Job | str, *, timeout: float | None = None) -> None:
         """Deletes a job's files and its report."""
-        patiently(lambda _: self.server.ask("DELETE", job_path(_id(job))), self._deadline(timeout))
+        retry_with_backoff(lambda _: self.server.ask("DELETE", job_path(_id(job))), self._deadline(timeout))
 
     def capabilities(self, *, timeout: float | None = None) -> shapes.Capabilities:
-        """What the service can do now: formats, presets, tiers, limits."""
-        found: shapes.Capabilities = patiently(
+        """Returns the formats, presets, tiers and limits of the service."""
+        found: shapes.Capabilities = retry_with_backoff(
             lambda _: self.server.json("GET", "/v1/capabilities"), self._deadline(timeout)
         )
         return found
 
     def browser_token(self, asked: shapes.NewBrowserToken, *, timeout: float | None = None) -> shapes.BrowserToken:
-        """A token for a page of yours, which shows only the jobs that were made with it."""
-        made: shapes.BrowserToken = patiently(
+        """Creates a token for your web page. The token gives access only to the jobs that it created."""
+        made: shapes.BrowserToken = retry_with_backoff(
             lambda _: self.server.json("POST", "/v1/browser-tokens", json=asked), self._deadline(timeout)
         )
         return made
@@ -223,7 +225,7 @@ class Client:
         return Deadline(self.timeout if timeout is None else timeout)
 
     def _job(self, ask: Callable[[], Any], timeout: float | None) -> Job:
-        return Job(self, patiently(lambda _: ask(), self._deadline(timeout)))
+        return Job(self, retry_with_backoff(lambda _: ask(), self._deadline(timeout)))
 
     def _submit(
         self,
@@ -244,30 +246,30 @@ class Client:
 
         def send(_: int) -> shapes.Job:
             with ExitStack() as opened:
-                # The service reads the options before it takes a file.
+                # The service reads the options before the files.
                 parts: list[tuple[str, Any]] = [(key, (None, value)) for key, value in fields.items()]
-                parts += [("file", (it.name, opened.enter_context(it.open()))) for it in models]
+                parts += [("file", (model.name, opened.enter_context(model.open()))) for model in models]
                 made: shapes.Job = self.server.json("POST", "/v1/jobs", files=parts, headers=headers)
                 return made
 
-        return Job(self, patiently(send, deadline))
+        return Job(self, retry_with_backoff(send, deadline))
 
     def _run(self, job: Job, deadline: Deadline, on_progress: Callable[[ProgressEvent], object] | None) -> Job:
         try:
-            # Also where it has ended: what was taken from an earlier job has no report here yet.
+            # Also for an ended job: a job with a reused result has no report in this response.
             ended = Job(self, follow(self.server, job.id, deadline, on_progress))
         except BaseException:
             if job.status not in ENDED:
-                self._farewell(job)
+                self._cancel_abandoned(job)
             raise
         if ended.status != "succeeded":
             raise JobFailed(ended)
         return ended
 
-    def _farewell(self, job: Job) -> None:
-        # It may have ended meanwhile, or nobody can tell the service.
+    def _cancel_abandoned(self, job: Job) -> None:
+        # The job may have ended in the meantime, or the service may be unreachable.
         with suppress(Problem):
-            self.server.ask("POST", f"{job_path(job.id)}/cancel", timeout=FAREWELL)
+            self.server.ask("POST", f"{job_path(job.id)}/cancel", timeout=CANCEL_TIMEOUT)
 
 
 def _id(job: Job | str) -> str:

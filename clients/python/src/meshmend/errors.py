@@ -1,4 +1,4 @@
-"""What may go wrong."""
+"""Exceptions of this package."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from .shapes import FieldError, ProblemCode
 if TYPE_CHECKING:
     from .job import Job
 
-#: The codes of the service, and two of ours. A later service may have more, which are plain text then.
+#: The service's error codes, and two codes of this package. A later service may send further codes.
 Code: TypeAlias = ProblemCode | Literal["unreachable", "unexplained"]
 
 
 class MeshmendError(Exception):
-    """Whatever this package raises."""
+    """Base class of all exceptions of this package."""
 
 
 class Problem(MeshmendError):
-    """Why the service refused or failed, in its own words (RFC 9457), or in ours where it said nothing."""
+    """An error response of the service (RFC 9457), or the reason why there was no response."""
 
     def __init__(
         self,
@@ -33,21 +33,21 @@ class Problem(MeshmendError):
         request_id: str | None = None,
         errors: list[FieldError] | None = None,
     ) -> None:
-        super().__init__(f"{detail or title or 'the service can not be reached'} ({code})")
-        #: The HTTP status; 0 where there was no answer.
+        super().__init__(f"{detail or title or 'the service cannot be reached'} ({code})")
+        #: The HTTP status; 0 without a response.
         self.status = status
         self.code = code
         self.title = title
         self.detail = detail
-        #: Seconds after which to try again, if the service said so.
+        #: Seconds to wait before a retry, if the service states them.
         self.retry_after = retry_after
         self.request_id = request_id
-        #: What is wrong with each field, where fields are wrong.
+        #: The invalid fields of the request, and the error of each.
         self.errors = errors or []
 
     @property
-    def is_passing(self) -> bool:
-        """Whether the same request may work a little later."""
+    def is_transient(self) -> bool:
+        """Whether the same request may succeed later."""
         return self.code in ("unreachable", "idempotency_key_in_use") or self.status in (429, 502, 503, 504)
 
     @classmethod
@@ -56,14 +56,14 @@ class Problem(MeshmendError):
 
     @classmethod
     def of(cls, response: httpx.Response) -> Problem:
-        """Of an answer that is no success and was read."""
+        """Creates the problem of an error response whose body has been read."""
         after = response.headers.get("retry-after", "")
         retry_after = int(after) if after.isdecimal() else None
         try:
             body = response.json()
             code = body["code"]
         except (ValueError, KeyError, TypeError):
-            # Some proxy's page.
+            # The response of a proxy.
             return cls(response.status_code, "unexplained", f"HTTP {response.status_code}", retry_after=retry_after)
         return cls(
             response.status_code,
@@ -77,10 +77,10 @@ class Problem(MeshmendError):
 
 
 class JobFailed(MeshmendError):
-    """That a job ended without a result: it failed, was canceled, or its files are gone.
+    """A job did not succeed: it failed, was canceled, or its files have expired.
 
-    With the option ``require`` it also fails where its result is not what was required;
-    then ``job.report`` says what is left.
+    A job also fails if its result does not meet the option ``require``. Then ``job.report`` lists the remaining
+    defects.
     """
 
     def __init__(self, job: Job) -> None:
@@ -89,8 +89,8 @@ class JobFailed(MeshmendError):
 
 
 class JobTimeout(MeshmendError, TimeoutError):
-    """That a job did not end in the time that was given."""
+    """A job did not end within the time limit."""
 
 
 class DamagedDownload(MeshmendError):
-    """That bytes are not those that the job names."""
+    """The SHA-256 of a downloaded file differs from the one in the job."""

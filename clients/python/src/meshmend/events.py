@@ -1,4 +1,4 @@
-"""What is heard of a job while it runs."""
+"""Progress of running jobs."""
 
 from __future__ import annotations
 
@@ -17,35 +17,36 @@ from .errors import JobTimeout, Problem
 from .retry import Deadline, pause_after
 from .transport import Transport
 
-#: The service says something every 15 seconds; a stream that is silent for longer than this has broken without a word.
-SILENCE = 45.0
-#: Longest that an answer is held back.
+#: Longest silence of a stream in seconds. The service sends at least one line every 15 seconds.
+MAX_SILENCE = 45.0
+#: Longest long poll in seconds.
 HOLD = 20.0
 ENDED = frozenset(("succeeded", "failed", "canceled", "expired"))
 
 
 class ProgressEvent(shapes.Progress):
-    """How far a job is."""
+    """Progress of a job."""
 
     status: NotRequired[shapes.Status]
 
 
 @dataclass(frozen=True)
 class JobEvent:
-    """Progress, or at last the job as it ended: one of them."""
+    """Either the progress of a job, or the ended job."""
 
     progress: ProgressEvent | None = None
     done: shapes.Job | None = None
 
 
 def listen_to(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobEvent]:
-    """Listens to a job until its end: by its events, or where a proxy holds those back, by asking.
+    """Yields the events of a job until it ends.
 
-    A connection that breaks is made again, and then the present state is told first.
+    The events come from the event stream, or from long polling if a proxy buffers the stream. Reconnects after a lost
+    connection. The first event after that is the current state.
     """
     streaming, has_streamed, failures = True, False, 0
     while deadline.left() > 0:
-        # The last seconds are for asking, which can be held for just as long.
+        # The last seconds use long polling, since a poll can be limited to the remaining time.
         streaming = streaming and deadline.left() > HOLD
         heard = False
         try:
@@ -57,19 +58,19 @@ def listen_to(server: Transport, job_id: str, deadline: Deadline) -> Iterator[Jo
                     return
             failures, streaming = 0, has_streamed
         except Problem as problem:
-            if not problem.is_passing:
+            if not problem.is_transient:
                 raise
             failures = 1 if heard else failures + 1
-            # Where nothing was heard something may hold it back, and the other way is tried.
+            # Without any event a proxy may buffer the stream, so the next attempt uses the other method.
             streaming = streaming if heard else not streaming
             time.sleep(min(pause_after(failures, problem), deadline.left()))
-    raise JobTimeout(f"The job '{job_id}' did not end in time.")
+    raise JobTimeout(f"The job '{job_id}' did not end within the time limit.")
 
 
 def follow(
     server: Transport, job_id: str, deadline: Deadline, on_progress: Callable[[ProgressEvent], object] | None
 ) -> shapes.Job:
-    """Follows a job to its end."""
+    """Waits until a job ends, and returns it."""
     for event in listen_to(server, job_id, deadline):
         if event.done is not None:
             return event.done
@@ -83,7 +84,7 @@ def job_path(job_id: str) -> str:
 
 
 def _ask(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobEvent]:
-    """Asks once, with an answer that is held until the job's status changes."""
+    """Requests the job once. The response arrives when the job's status changes."""
     wait = math.ceil(min(HOLD, deadline.left()))
     job: shapes.Job = server.json("GET", job_path(job_id), params={"wait": wait, "include": "report"})
     progress = job.get("progress")
@@ -95,11 +96,11 @@ def _ask(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobEven
 
 
 def _stream(server: Transport, job_id: str, deadline: Deadline) -> Iterator[JobEvent]:
-    """The stream of a job's events (HTML, 9.2.6), as far as the service uses them, to its end.
+    """Reads the event stream of a job (HTML standard, section 9.2.6) until it ends.
 
-    A problem where it breaks before. It ends without a word when the last seconds have come.
+    Raises a `Problem` if the stream breaks before. Returns early when `HOLD` seconds are left.
     """
-    timeout = httpx.Timeout(SILENCE, connect=10)
+    timeout = httpx.Timeout(MAX_SILENCE, connect=10)
     headers, path = {"accept": "text/event-stream"}, f"{job_path(job_id)}/events?include=report"
     with server.stream("GET", path, headers=headers, timeout=timeout) as response:
         name, data = "", list[str]()

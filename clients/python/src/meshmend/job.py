@@ -12,14 +12,14 @@ import httpx
 from . import shapes
 from .errors import DamagedDownload, MeshmendError, Problem
 from .events import ProgressEvent
-from .retry import Deadline, patiently
+from .retry import Deadline, retry_with_backoff
 
 if TYPE_CHECKING:
     from .client import Client
 
 
 class Job:
-    """A job as it was when it was last heard of; `data` has all that the service said."""
+    """A job as in the latest response; `data` has the whole JSON of the service."""
 
     def __init__(self, client: Client, data: shapes.Job) -> None:
         self._client = client
@@ -38,12 +38,12 @@ class Job:
 
     @property
     def outcome(self) -> shapes.JobOutcome | None:
-        """What became of the model, once the job succeeded, or failed because of ``require``."""
+        """The outcome, once the job succeeded, or failed because of ``require``."""
         return self.data["outcome"]
 
     @property
     def is_printable(self) -> bool:
-        """Whether its model can be printed as it is, or of an analysis every file."""
+        """Whether the model is printable; for an analysis, whether every file is."""
         return self.outcome in ("already_printable", "repaired", "printable")
 
     @property
@@ -57,7 +57,7 @@ class Job:
 
     @property
     def problem(self) -> shapes.JobProblem | None:
-        """Why it failed."""
+        """The reason why the job failed."""
         return self.data["problem"]
 
     @property
@@ -67,50 +67,50 @@ class Job:
 
     @property
     def report(self) -> shapes.RepairReport:
-        """The account of a repair that ended."""
+        """The report of an ended repair."""
         report = self.data.get("report")
         if report is None or report["mode"] != "repair":
-            raise MeshmendError(f"The job '{self.id}' has no report of a repair.")
+            raise MeshmendError(f"The job '{self.id}' has no repair report.")
         return report
 
     @property
     def analysis(self) -> shapes.AnalyzeReport:
-        """The account of an analysis that ended."""
+        """The report of an ended analysis."""
         report = self.data.get("report")
         if report is None or report["mode"] != "analyze":
-            raise MeshmendError(f"The job '{self.id}' has no report of an analysis.")
+            raise MeshmendError(f"The job '{self.id}' has no analysis report.")
         return report
 
     def wait(
         self, *, on_progress: Callable[[ProgressEvent], object] | None = None, timeout: float | None = None
     ) -> Job:
-        """The job as it ended, however it ended."""
+        """Waits until the job ends, and returns it whatever its status."""
         return self._client.wait(self.id, on_progress=on_progress, timeout=timeout)
 
     def cancel(self) -> Job:
         return self._client.cancel(self.id)
 
     def delete(self) -> None:
-        """Deletes its files and its report."""
+        """Deletes the job's files and its report."""
         self._client.delete(self.id)
 
     def download(self, name: str = "model", *, timeout: float | None = None) -> bytes:
-        """A file of it, compared with the hash that the job names: the model, ``report.json``, ``after.png``, ..."""
+        """Downloads a file of the job, such as ``report.json``, and verifies its SHA-256."""
         pieces: list[bytes] = []
         self._fetch(name, pieces.clear, pieces.append, timeout)
         return b"".join(pieces)
 
     def save(self, path: str | os.PathLike[str], name: str = "model", *, timeout: float | None = None) -> None:
-        """Writes a file of it to the disk as it comes. It is there whole and with the right hash, or not at all."""
+        """Streams a file of the job to the disk and verifies its SHA-256. An error leaves no partial file."""
         part = f"{os.fspath(path)}.part"
         try:
             with open(part, "wb") as file:
 
-                def again() -> None:
+                def restart() -> None:
                     file.seek(0)
                     file.truncate()
 
-                self._fetch(name, again, file.write, timeout)
+                self._fetch(name, restart, file.write, timeout)
             os.replace(part, path)
         except BaseException:
             if os.path.exists(part):
@@ -118,16 +118,16 @@ class Job:
             raise
 
     def _fetch(
-        self, name: str, begin: Callable[[], object], write: Callable[[bytes], object], timeout: float | None
+        self, name: str, restart: Callable[[], object], write: Callable[[bytes], object], timeout: float | None
     ) -> None:
         artifact = self.artifacts.get(name)
         if artifact is None:
-            there = ", ".join(self.artifacts) or "none"
-            raise MeshmendError(f"The job '{self.id}' has no file '{name}'; it has {there}.")
+            names = ", ".join(self.artifacts) or "none"
+            raise MeshmendError(f"The job '{self.id}' has no file '{name}'; it has {names}.")
         href = artifact["href"]
 
         def fetch(_: int) -> str:
-            begin()
+            restart()
             found = hashlib.sha256()
             with self._client.server.stream("GET", href) as response:
                 try:
@@ -138,7 +138,9 @@ class Job:
                     raise Problem.unreachable(error) from error
             return found.hexdigest()
 
-        found = patiently(fetch, Deadline(self._client.timeout if timeout is None else timeout))
-        # Pictures have no hash.
+        found = retry_with_backoff(fetch, Deadline(self._client.timeout if timeout is None else timeout))
+        # Pictures have no SHA-256.
         if found != artifact.get("sha256", found):
-            raise DamagedDownload(f"What came for '{artifact['filename']}' is not what the job names.")
+            raise DamagedDownload(
+                f"The download of '{artifact['filename']}' is damaged: its SHA-256 differs from the job's."
+            )

@@ -1,4 +1,4 @@
-"""Files to send, which can be read again where they must be sent again."""
+"""Files to send. A retry reads them again."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ class Model:
             own = os.fspath(file)
         elif not isinstance(file, bytes):
             own = getattr(file, "name", None)
-            # What can't be read twice is kept.
+            # A retry reads the file again, so a stream that cannot seek is kept in memory.
             file = file if file.seekable() else file.read()
         self._file = file
         self.name = name or (os.path.basename(own) if isinstance(own, str) else "model")
 
     def open(self) -> AbstractContextManager[BinaryIO]:
-        """The file, to be read from its beginning."""
+        """Opens the file at its beginning."""
         if isinstance(self._file, bytes):
             return io.BytesIO(self._file)
         if isinstance(self._file, (str, os.PathLike)):
             return open(self._file, "rb")
         self._file.seek(0)
-        # It stays open: it is the caller's.
+        # The caller closes the file.
         return nullcontext(self._file)
 
     def size(self) -> int:

@@ -1,4 +1,4 @@
-"""Doing it again while what stops it may pass."""
+"""Retries with backoff."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from .errors import Problem
 
 T = TypeVar("T")
 
-#: Longest pause between two tries that nobody asked for, in seconds.
-LONGEST_PAUSE = 15.0
+#: Longest pause between two attempts in seconds, unless the service asks for a longer one.
+MAX_PAUSE = 15.0
 
 
 class Deadline:
-    """A time by which something must be done."""
+    """The end of a time limit."""
 
     def __init__(self, seconds: float) -> None:
         self._at = time.monotonic() + seconds
 
     def left(self) -> float:
-        """Seconds until then, never below 0."""
+        """Remaining seconds, at least 0."""
         return max(0.0, self._at - time.monotonic())
 
 
 def pause_after(failures: int, problem: Problem) -> float:
-    """Seconds to wait: longer each time and never the same, and no less than the service asked for."""
-    steps = min(0.25 * 2.0 ** min(failures - 1, 8), LONGEST_PAUSE)
+    """Seconds to wait: exponential with jitter, and at least the ``Retry-After`` of the service."""
+    steps = min(0.25 * 2.0 ** min(failures - 1, 8), MAX_PAUSE)
     return (problem.retry_after or 0) + steps * random.uniform(0.5, 1)
 
 
-def patiently(work: Callable[[int], T], deadline: Deadline, *, repeatable: bool = True) -> T:
-    """Calls ``work`` with the number of the try. The last problem is raised where no time is left.
+def retry_with_backoff(work: Callable[[int], T], deadline: Deadline, *, repeatable: bool = True) -> T:
+    """Calls ``work`` with the number of the attempt until it succeeds. Raises the last problem when the time is over.
 
-    What does harm when it is sent twice is sent again only where it was refused.
+    A request that is not ``repeatable`` is sent again only after a response with status 429 or 503.
     """
     tries = 1
     while True:
@@ -43,7 +43,7 @@ def patiently(work: Callable[[int], T], deadline: Deadline, *, repeatable: bool 
             return work(tries)
         except Problem as problem:
             wait = pause_after(tries, problem)
-            if not problem.is_passing or not (repeatable or problem.status in (429, 503)) or wait > deadline.left():
+            if not problem.is_transient or not (repeatable or problem.status in (429, 503)) or wait > deadline.left():
                 raise
         time.sleep(wait)
         tries += 1

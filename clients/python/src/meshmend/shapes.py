@@ -31,7 +31,7 @@ class ArtifactLink(TypedDict):
 
 
 AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'methods_agree']
-"""The kinds of [`Assumption`]."""
+"""The kinds of assumption."""
 
 
 class Attributes(TypedDict):
@@ -50,7 +50,7 @@ class Attributes(TypedDict):
     """
     Whether a ray along any face's normal crosses an even number of further faces, in each part: outer shells face
     outward and cavities face inward. Requires `closed`, `manifold` and `consistent`. Stricter than the field of
-    [`Measures`], which accepts an outward-facing part inside another.
+    the measures, which accepts an outward-facing part inside another.
     """
 
 
@@ -112,7 +112,7 @@ DefectKind: TypeAlias = Literal['disjoint', 'foldover', 'flat_face', 'degenerate
 Kind of a defect that an inspection can locate.
 
 The first ten kinds follow Parasolid's `PK_MESH_find_defects`. Each variant names the quantity in
-[`Defect::value`].
+a defect's `value`.
 """
 
 
@@ -166,7 +166,7 @@ class FieldError(TypedDict):
     field: str
     """The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`."""
     message: str
-    """What is wrong with the field, and what to send instead."""
+    """The fault of the field, and the value to send instead."""
 
 
 class Fit(TypedDict):
@@ -421,7 +421,7 @@ class Protection(TypedDict):
     """One protection of the sandbox, as the trial at the start of the service found it."""
 
     detail: NotRequired[str | None]
-    """What is missing and how to enable it, or other advice."""
+    """The missing mechanism and how to enable it, or other advice."""
     enforced: bool
     """Whether the protection held in the trial."""
     mechanisms: list[str]
@@ -878,7 +878,7 @@ class WebhookDelivery(TypedDict):
     type: str
     """The event: `job.succeeded`, `job.failed`, `job.canceled`, or `ping` for a test."""
     webhook_id: str
-    """The message's id, sent in the header `webhook-id`. It is the same in every attempt."""
+    """The message's id, sent in the header `webhook-id`; the same in every attempt."""
 
 
 class WebhookEndpoint(TypedDict):
@@ -1046,7 +1046,7 @@ class BrowserToken(TypedDict):
     scopes: list[Scope]
     """The token's scopes."""
     token: str
-    """The secret, to be sent as `Authorization: Bearer`. It is not shown again."""
+    """The secret, to be sent as `Authorization: Bearer`. This response alone shows it."""
 
 
 class Defect(TypedDict):
@@ -1385,7 +1385,7 @@ class PartAccounting(TypedDict):
     united: int
     """Kept or changed parts that share a part of the result with another part of the input."""
     unknown: int
-    """Parts that the search did not decide within its budget. They are in no other count."""
+    """Parts that the search did not decide within its budget; no other count includes them."""
 
 
 class PrintMeasures(TypedDict):
@@ -1420,7 +1420,7 @@ class Problem(TypedDict):
     code: ProblemCode
     """The error code, for programs."""
     detail: str
-    """What is wrong with this request, and what to do."""
+    """The fault of this request, and the remedy."""
     errors: NotRequired[list[FieldError]]
     """One error for each invalid field."""
     instance: NotRequired[str]
@@ -1557,7 +1557,7 @@ class Shells(TypedDict):
     """Sum of the parts' genera (number of handles); `null` if a part has no defined genus."""
     genus_not_measurable: NotRequired[Unmeasurable | None]
     inward: int
-    """Number of parts with the wrong orientation, as defined by [`Shell::outward`]."""
+    """Number of parts with the wrong orientation, as defined by a part's `outward`."""
     list: list[Shell]
     """The parts with the largest area, in descending order; at most 100."""
 
@@ -1686,7 +1686,7 @@ class AnalyzeOptions(InspectOptions):
     pictures: NotRequired[bool]
     """
     Whether to provide pictures of the defects: `defects.png`, `defects.glb` and `defects.ply` for the first file,
-    `2-defects.png` and so on for the others. They are rendered on the first request for one of them.
+    `2-defects.png` and so on for the others. The first request for one of them renders all.
     """
     scale_to: NotRequired[Unit | None]
     spacing: NotRequired[bool]
@@ -1753,7 +1753,7 @@ class Changes(TypedDict):
     enclosed_faces_pct: NotRequired[float | None]
     """
     Of the input's faces missing from the result, the share with the result's material on both sides, in percent.
-    These are internal faces of united parts. `null` if the result has at least as many faces, or is not closed.
+    Such faces were internal to united parts. `null` if the result has at least as many faces, or is not closed.
     """
     face_loss_pct: float
     """Decrease of the number of faces, in percent; negative if the number increased."""
@@ -1878,12 +1878,7 @@ class FileAnalysis(TypedDict):
 
 
 JobOptions: TypeAlias = RepairJobOptions | AnalyzeJobOptions
-"""
-The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused.
-
-The options' structs accept unknown fields, because serde can't deny unknown fields in a tagged enum's variants.
-[`JobOptions::from_fields`] refuses unknown fields.
-"""
+"""The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused."""
 
 
 class ObjectReport(TypedDict):

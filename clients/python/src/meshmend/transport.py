@@ -1,4 +1,4 @@
-"""Requests and their answers."""
+"""HTTP requests and responses."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ import httpx
 
 from .errors import Problem
 
-#: Seconds until a connection is there, and longest silence within one.
-PATIENCE = httpx.Timeout(60, connect=10)
+#: Time limits in seconds to connect, and for silence of a connection.
+TIMEOUT = httpx.Timeout(60, connect=10)
 
 
 class Transport:
-    """Where the service is, and who asks."""
+    """The address of the service and the key for it."""
 
     def __init__(self, base_url: str, api_key: str | None, transport: httpx.BaseTransport | None) -> None:
         headers = {"authorization": f"Bearer {api_key}"} if api_key else {}
         self.base_url = base_url.rstrip("/")
         self._http = httpx.Client(
-            base_url=self.base_url, headers=headers, timeout=PATIENCE, follow_redirects=True, transport=transport
+            base_url=self.base_url, headers=headers, timeout=TIMEOUT, follow_redirects=True, transport=transport
         )
 
     def close(self) -> None:
         self._http.close()
 
     def ask(self, method: str, path: str, **request: Any) -> httpx.Response:
-        """Sends a request and reads its answer; raises a `Problem` unless it is a success."""
+        """Sends a request and reads the response. Raises a `Problem` unless the request succeeds."""
         with self.stream(method, path, **request) as response:
             try:
                 response.read()
@@ -41,11 +41,11 @@ class Transport:
         try:
             return response.json()
         except ValueError as error:
-            raise Problem(response.status_code, "unexplained", "The answer is not JSON.") from error
+            raise Problem(response.status_code, "unexplained", "The response is not JSON.") from error
 
     @contextmanager
     def stream(self, method: str, path: str, **request: Any) -> Iterator[httpx.Response]:
-        """The same, with the answer's body still to come."""
+        """Sends a request like `ask`, but leaves the body to the caller."""
         try:
             response = self._http.send(self._http.build_request(method, path, **request), stream=True)
         except httpx.TransportError as error:
@@ -62,7 +62,7 @@ class Transport:
             response.close()
 
     def put(self, url: str, headers: dict[str, str], content: Any) -> None:
-        """Sends a file to an address that needs no key, here or elsewhere."""
+        """Sends a file to a URL without the key. The URL may belong to a bucket."""
         request = self._http.build_request("PUT", url, headers=headers, content=content)
         request.headers.pop("authorization", None)
         try:

@@ -1,4 +1,4 @@
-"""Who is told of jobs that end."""
+"""Webhook endpoints and deliveries."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Any, cast
 from urllib.parse import quote
 
 from . import shapes
-from .retry import Deadline, patiently
+from .retry import Deadline, retry_with_backoff
 from .transport import Transport
 
 ENDPOINTS = "/v1/webhook-endpoints"
 
 
 class Webhooks:
-    """Endpoints and deliveries.
+    """The webhook endpoints and deliveries of the account.
 
-    What is made is not made again when the answer was lost; list to see whether it is there.
+    Requests that create something are not retried after a lost response. List the endpoints to see the result.
     """
 
     def __init__(self, server: Transport, timeout: float) -> None:
@@ -27,7 +27,7 @@ class Webhooks:
         return cast(shapes.WebhookEndpoints, self._ask("GET", ENDPOINTS))["endpoints"]
 
     def create(self, endpoint: shapes.NewWebhookEndpoint) -> shapes.WebhookEndpoint:
-        """Its answer is the only one that has the secret."""
+        """Creates an endpoint. Only this response contains the secret."""
         return cast(shapes.WebhookEndpoint, self._ask("POST", ENDPOINTS, json=endpoint))
 
     def get(self, endpoint_id: str) -> shapes.WebhookEndpoint:
@@ -37,20 +37,22 @@ class Webhooks:
         return cast(shapes.WebhookEndpoint, self._ask("PATCH", _path(endpoint_id), json=change))
 
     def delete(self, endpoint_id: str) -> None:
-        patiently(lambda _: self._server.ask("DELETE", _path(endpoint_id)), Deadline(self._timeout), repeatable=False)
+        retry_with_backoff(
+            lambda _: self._server.ask("DELETE", _path(endpoint_id)), Deadline(self._timeout), repeatable=False
+        )
 
     def rotate(self, endpoint_id: str) -> shapes.WebhookEndpoint:
-        """Gives the endpoint a new secret, beside which the old one holds for a while."""
+        """Gives the endpoint a new secret. The old secret stays valid for a while."""
         return cast(shapes.WebhookEndpoint, self._ask("POST", f"{_path(endpoint_id)}/rotate"))
 
     def test(self, endpoint_id: str) -> shapes.WebhookDelivery:
-        """Has a message sent to try it."""
+        """Sends a test message to the endpoint."""
         return cast(shapes.WebhookDelivery, self._ask("POST", f"{_path(endpoint_id)}/test"))
 
     def deliveries(
         self, *, endpoint_id: str | None = None, job_id: str | None = None, cursor: str | None = None, limit: int = 50
     ) -> shapes.WebhookDeliveries:
-        """What was delivered: to an endpoint, or of a job."""
+        """Returns the deliveries to an endpoint or for a job."""
         path = "/v1/webhook-deliveries" if endpoint_id is None else f"{_path(endpoint_id)}/deliveries"
         asked = {"job": job_id, "cursor": cursor, "limit": limit}
         params = {key: value for key, value in asked.items() if value is not None}
@@ -61,7 +63,7 @@ class Webhooks:
         return cast(shapes.WebhookDelivery, self._ask("POST", path))
 
     def secret(self) -> shapes.WebhookSecret:
-        """The secret that signs what goes to a job's ``callback_url``."""
+        """Returns the secret that signs messages to a job's ``callback_url``."""
         return cast(shapes.WebhookSecret, self._ask("GET", "/v1/webhook-secret"))
 
     def rotate_secret(self) -> shapes.WebhookSecret:
@@ -70,7 +72,7 @@ class Webhooks:
     def _ask(self, method: str, path: str, **request: Any) -> Any:
         repeatable = method == "GET"
         deadline = Deadline(self._timeout)
-        return patiently(lambda _: self._server.json(method, path, **request), deadline, repeatable=repeatable)
+        return retry_with_backoff(lambda _: self._server.json(method, path, **request), deadline, repeatable=repeatable)
 
 
 def _path(endpoint_id: str) -> str:

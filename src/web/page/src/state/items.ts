@@ -1,4 +1,4 @@
-import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, standing, submitSurely } from "meshmend-client";
+import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, standing, submitWithRetry } from "meshmend-client";
 import { lockIfUnauthorized, server } from "./server";
 import { Store } from "./store";
 
@@ -78,7 +78,7 @@ export async function again(earlier: Job, options: Options): Promise<void> {
     selected.set(next.id);
   };
   try {
-    const job = await submitSurely(server, { source: { job_id: earlier.id }, options });
+    const job = await submitWithRetry(server, { source: { job_id: earlier.id }, options });
     show({});
     void run(next.id, (signal) => followJob(next.id, job, signal));
   } catch (error) {
@@ -171,7 +171,7 @@ async function upload(item: FileItem, signal: AbortSignal): Promise<void> {
 }
 
 async function createJob(id: number, asked: NewJob, signal: AbortSignal): Promise<void> {
-  await followJob(id, await submitSurely(server, asked, signal), signal);
+  await followJob(id, await submitWithRetry(server, asked, signal), signal);
 }
 
 async function followJob(id: number, job: Job, signal: AbortSignal): Promise<void> {

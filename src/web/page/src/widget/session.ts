@@ -1,4 +1,4 @@
-import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, standing, submitSurely } from "meshmend-client";
+import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, standing, submitWithRetry } from "meshmend-client";
 import { claimsOf } from "../report/verdict";
 import { Store } from "../state/store";
 import { type EventSink, sendEnd, sendProgress, sendRefusal, sendUploaded } from "./events";
@@ -98,7 +98,7 @@ export class Session {
     if (!job || !file || !server) return;
     void this.#run({ ...EMPTY, phase: "submitting", name, bytes, sent: bytes }, async (signal) => {
       const request: NewJob = { source: { job_id: job.id }, options, metadata: this.settings().metadata };
-      const created = await submitSurely(server, request, signal).catch((error: unknown) => {
+      const created = await submitWithRetry(server, request, signal).catch((error: unknown) => {
         // Another token cannot see the earlier job, and the service keeps its file only for a limited time.
         const isLost = ["unauthorized", "job_expired", "job_deleted", "job_not_found"];
         if (error instanceof Problem && isLost.includes(error.code)) return null;
@@ -148,7 +148,7 @@ export class Session {
     await send(server, place, file, (sent) => this.#change({ sent }), signal);
     this.#change({ phase: "submitting", sent: file.size });
     const request: NewJob = { source: { upload_id: place.id }, options: other ?? options, metadata };
-    const created = await this.tokens.request(base, signal, (server) => submitSurely(server, request, signal), server);
+    const created = await this.tokens.request(base, signal, (server) => submitWithRetry(server, request, signal), server);
     await this.#followCreated(created.answer, created.server, signal);
   }
 
