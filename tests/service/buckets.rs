@@ -107,7 +107,8 @@ async fn a_bucket_outage_at_any_step_of_a_worker_costs_no_job_an_attempt() {
         let id = api.submit(files::broken_box(), options()).await;
         until("a worker has it", async || (api.job(&id).await["status"] == "running").then_some(())).await;
         if pause != "worker-claimed" {
-            until("its files are fetched", async || program.log().contains("started child process").then_some(())).await;
+            until("its files are fetched", async || program.log().contains("started child process").then_some(()))
+                .await;
         }
         bucket.kill();
         until("the worker tries again", async || program.log().contains("transient failure; retrying").then_some(()))

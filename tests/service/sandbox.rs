@@ -214,7 +214,12 @@ async fn a_job_cannot_start_more_processes_than_its_limit() {
     .await;
     if sandbox(&api).await["processes"]["mechanisms"] == json!(["worker"]) {
         assert_eq!(job["problem"]["code"], "crashed", "{job}");
-        assert!(job["problem"]["detail"].as_str().is_some_and(|detail| detail.contains("more processes than a job may have (60)")), "{job}");
+        assert!(
+            job["problem"]["detail"]
+                .as_str()
+                .is_some_and(|detail| detail.contains("more processes than a job may have (60)")),
+            "{job}"
+        );
     } else {
         let log = String::from_utf8(api.artifact(&id, "log.txt").await).expect("text");
         assert!(log.contains("Resource temporarily unavailable"), "{log}");
