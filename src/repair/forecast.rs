@@ -7,7 +7,7 @@
 use super::judge::{Judged, Judging, Patches, ResultClass, class_of_printable};
 use super::operators::remesh::RemeshInside;
 use super::red_flags::AddedSurface;
-use super::report::RedFlag;
+use super::report::{RedFlag, RedFlagCode};
 use crate::context::Cancelled;
 use crate::mesh::Surface;
 
@@ -64,6 +64,14 @@ impl Forecast {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a percentage of at least zero")]
         let lost_tenths = (lost.max(0.0) * 10.0).round() as u64;
         Self { class: class_of_printable(&flags), lost_tenths, flags }
+    }
+
+    /// Whether the red flags are such that agreement with another method would explain them by the input (see
+    /// [`explain_by_agreement`](super::method_agreement::explain_by_agreement)). Only the remesh itself can show that.
+    pub fn is_explainable(&self) -> bool {
+        let is_lost_or_added =
+            |flag: &RedFlag| matches!(flag.code, RedFlagCode::SurfaceLost | RedFlagCode::SurfaceInvented);
+        self.class != ResultClass::Destroyed && self.flags.iter().all(is_lost_or_added)
     }
 
     /// The red flags that no size of cells avoids, as text.

@@ -192,6 +192,23 @@ fn a_result_that_could_not_be_verified_in_time_is_not_returned() {
 }
 
 /// A remesher that takes some time on the clock.
+#[test]
+fn a_deadline_during_the_forecast_of_a_remesh_still_gives_the_best_result() {
+    // Every union loses surface behind the hole, so that a remesh is forecast.
+    let (model, options) = (broken(), Options { max_tier: 2, voxel_resolution: 64, ..Options::default() });
+    let tick = Duration::from_nanos(1);
+    let clock = Clock { tick, ..Clock::default() };
+    let whole = run(&model, &options, None, &NoProgress, &clock).unwrap().report;
+    assert!(whole.steps.iter().any(|step| step.operator == Some(Operator::Remesh)), "{:?}", whole.steps);
+    let reads = clock.now().as_nanos() as u32;
+    // Before that the inspection is not finished, and there may be nothing to return.
+    for part in (8..32).step_by(3) {
+        let clock = Clock { tick: DEADLINE / (reads * part / 32).max(1), ..Clock::default() };
+        let late = run(&model, &options, None, &NoProgress, &clock);
+        assert!(late.is_ok(), "the deadline passes after {part} of 32 parts: {:?}", late.err());
+    }
+}
+
 struct SlowRemesher<'a> {
     info: RemesherInfo,
     answer: Soup,

@@ -108,16 +108,19 @@ impl Escalation<'_> {
             return Ok(None);
         }
         let start = context.now();
+        let context = &time.for_operators(faces, context);
         let judging = Judging { format, input: self.input.original, options, context };
         let remesh = RemeshInside::for_scope(&self.runner.scope(strategy, state.moved), &state.surface);
         let added = AddedSurface::of(&state.surface);
-        let Some(forecast) = Forecast::of(&remesh, &state.surface, &added, &judging)? else { return Ok(None) };
+        let forecast = context.unless_late(Forecast::of(&remesh, &state.surface, &added, &judging))?.flatten();
+        let Some(forecast) = forecast else { return Ok(None) };
         let input = rank_of_input(self.input.original.measures());
         let (class, _, lost, _) = self.attempts.best.as_ref().map_or(input, |(_, best)| best.rank().min(input));
         let is_better = forecast.class < class || (forecast.class == class && forecast.lost_tenths < lost);
-        self.is_remesh_hopeless = !is_better;
+        let may_be_explained = !self.findings.is_empty() && forecast.is_explainable();
+        self.is_remesh_hopeless = !is_better && !may_be_explained;
         let milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
-        Ok((!is_better).then(|| {
+        Ok(self.is_remesh_hopeless.then(|| {
             let note = format!("coarse remeshes show that a finer one would be no better: {}", forecast.text());
             let step = Step::new(index, tier_of(task.action), task.action, task.operator);
             Step { status: StepStatus::Skipped, note: Some(note), milliseconds, ..step }
