@@ -101,13 +101,14 @@ fn with_at_most_one_common_vertex(
 ) -> Contact {
     let apart = if shared.is_some() { Contact::Neighbours } else { Contact::Disjoint };
     let plane_p = Plane::through(p);
+    let fast_sides = plane_p.fast_sides(q, shared.map(|s| s.1));
     if let Some((i, j)) = shared
-        && [1, 2].into_iter().any(|k| plane_p.fast_side(q[(j + k) % 3]).is_none())
+        && fast_sides.contains(&None)
         && are_separated_at_vertex(p, i, q, j)
     {
         return apart;
     }
-    let sides_q = plane_p.sides(q, shared.map(|s| s.1), slow);
+    let sides_q = plane_p.decided_sides(fast_sides, q, slow);
     if on_one_side(sides_q, shared.is_some()) {
         return apart;
     }
@@ -258,11 +259,27 @@ impl Plane {
     /// The sides of three points, of which the one with index `clipped` is known to lie in the plane.
     #[inline]
     fn sides(&self, points: &[DVec3; 3], in_plane: Option<usize>, slow: &mut u64) -> [Sign; 3] {
-        let mut sides = [Sign::Zero; 3];
+        self.decided_sides(self.fast_sides(points, in_plane), points, slow)
+    }
+
+    /// The sides of three points as far as floating point decides them; `in_plane` as for [`Self::sides`].
+    #[inline]
+    fn fast_sides(&self, points: &[DVec3; 3], in_plane: Option<usize>) -> [Option<Sign>; 3] {
+        let mut sides = [Some(Sign::Zero); 3];
         for k in 0..3 {
             if in_plane != Some(k) {
-                sides[k] = self.side(points[k], slow);
+                sides[k] = self.fast_side(points[k]);
             }
+        }
+        sides
+    }
+
+    /// Decides the remaining sides by exact arithmetic.
+    #[inline]
+    fn decided_sides(&self, fast: [Option<Sign>; 3], points: &[DVec3; 3], slow: &mut u64) -> [Sign; 3] {
+        let mut sides = [Sign::Zero; 3];
+        for k in 0..3 {
+            sides[k] = fast[k].unwrap_or_else(|| self.exact_side(points[k], slow));
         }
         sides
     }
