@@ -26,9 +26,6 @@ mod threemf;
 mod vertex_face;
 
 pub use content::{Polygons, ReadFile, ReadMesh, ReadScene};
-/// Former name of [`FileLocation`].
-#[doc(hidden)]
-pub use errors::FileLocation as Place;
 pub use errors::{FileLocation, ReadError, ReadErrorKind, WriteError};
 pub use formats::{Format, Loss, losses, losses_in_words};
 pub use limits::{Limits, ReadOptions};

@@ -5,18 +5,12 @@ use meshmend::mesh::Soup;
 use meshmend::repair::{Category, Operator, Options, Outcome, RedFlagCode, Repaired};
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
-use crate::support::repair_soup;
+use crate::support::{assert_outcome, repair_soup};
 
 /// Repairs without Blender, and asserts that the first strategy gives a good result.
 fn repaired_at_once(soup: &Soup) -> Repaired {
     let repaired = repair_soup(soup, &Options::default(), None);
-    assert_eq!(
-        repaired.report.outcome,
-        Outcome::Repaired,
-        "{} {:?}",
-        repaired.report.summary,
-        repaired.report.red_flags
-    );
+    assert_outcome(&repaired, Outcome::Repaired);
     assert_eq!(repaired.report.red_flags, []);
     assert_eq!(repaired.report.candidates.len(), 1, "the first result is good");
     repaired

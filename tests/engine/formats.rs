@@ -16,7 +16,7 @@ mod vertex_face;
 mod zip;
 
 use glam::DVec3;
-use meshmend::format::{Limits, Place, ReadError, ReadErrorKind, ReadMesh, read};
+use meshmend::format::{FileLocation, Limits, ReadError, ReadErrorKind, ReadMesh, read};
 use meshmend::mesh::Soup;
 
 /// A tetrahedron with outward faces.
@@ -60,7 +60,7 @@ fn ascii_stl(soup: &Soup, name: &str) -> String {
 }
 
 #[track_caller]
-fn assert_refused(bytes: &[u8], kind: ReadErrorKind, place: Option<Place>, words: &str) {
+fn assert_refused(bytes: &[u8], kind: ReadErrorKind, place: Option<FileLocation>, words: &str) {
     let error = refused(bytes);
     assert_eq!((error.kind, error.place), (kind, place), "{error}");
     assert!(error.detail.contains(words), "'{error}' does not say '{words}'");

@@ -14,7 +14,7 @@ use meshmend::repair::{
 };
 
 use crate::meshes::{as_f32, cube, cylinder, join, push, sphere};
-use crate::support::with_context;
+use crate::support::{assert_outcome, with_context};
 
 fn run(soup: &Soup, options: &Options) -> Repaired {
     let bytes = format::write(soup, Format::Stl).unwrap();
@@ -83,13 +83,7 @@ fn a_shell_of_a_solid_with_an_open_hole_is_made_on_request() {
     let options =
         Options { max_hole_size: 0.05, open_sheets: OpenSheets::Thicken, thickness: Some(0.5), ..Options::default() };
     let repaired = run(&ball, &options);
-    assert_eq!(
-        repaired.report.outcome,
-        Outcome::Repaired,
-        "{} {:?}",
-        repaired.report.summary,
-        repaired.report.red_flags
-    );
+    assert_outcome(&repaired, Outcome::Repaired);
     assert!((assumed(&repaired, AssumptionKind::SheetsThickened).unwrap().amount.unwrap() - 0.5).abs() < 1e-9);
 }
 
@@ -159,13 +153,7 @@ fn a_thickness_that_was_asked_for_is_an_assumption_and_no_flag() {
         Options { max_surface_added_pct: 100.0, ..Options::default() },
     ] {
         let repaired = run(&block_and_wall(), &options);
-        assert_eq!(
-            repaired.report.outcome,
-            Outcome::Repaired,
-            "{} {:?}",
-            repaired.report.summary,
-            repaired.report.red_flags
-        );
+        assert_outcome(&repaired, Outcome::Repaired);
         assert!(assumed(&repaired, AssumptionKind::SheetsThickened).is_some());
     }
 }

@@ -1,7 +1,7 @@
 //! OBJ: reading and refused files.
 
 use glam::DVec3;
-use meshmend::format::{Format, Place, ReadErrorKind};
+use meshmend::format::{FileLocation, Format, ReadErrorKind};
 
 use super::{assert_refused, assert_warned, read_all, tetrahedron};
 
@@ -115,7 +115,12 @@ fn faces_with_fewer_than_three_corners_are_left_out_with_one_warning() {
 #[test]
 fn a_face_that_names_vertex_zero_is_refused_with_its_line() {
     let text = format!("{VERTICES}{}", FACES.replace("2 3 4", "0 1 2"));
-    assert_refused(text.as_bytes(), ReadErrorKind::IndexOutOfRange, Some(Place::Line(7)), "counts vertices from 1");
+    assert_refused(
+        text.as_bytes(),
+        ReadErrorKind::IndexOutOfRange,
+        Some(FileLocation::Line(7)),
+        "counts vertices from 1",
+    );
 }
 
 #[test]
@@ -124,24 +129,24 @@ fn a_face_that_names_a_vertex_that_is_not_there_is_refused_with_its_line() {
         [("9", "vertex 9, but the file has 4"), ("99999999999999999999", "the file has 4"), ("-5", "vertex -5")]
     {
         let text = format!("{VERTICES}{}", FACES.replace("2 3 4", &format!("2 {index} 4")));
-        assert_refused(text.as_bytes(), ReadErrorKind::IndexOutOfRange, Some(Place::Line(7)), words);
+        assert_refused(text.as_bytes(), ReadErrorKind::IndexOutOfRange, Some(FileLocation::Line(7)), words);
     }
 }
 
 #[test]
 fn a_vertex_without_three_numbers_is_refused_with_its_line() {
     let text = format!("{}{FACES}", VERTICES.replace("v 0 1 0", "v 0 1"));
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(3)), "2 coordinates");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(3)), "2 coordinates");
     let text = format!("{}{FACES}", VERTICES.replace("v 0 1 0", "v 0 x 0"));
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(3)), "'x'");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(3)), "'x'");
     let text = format!("{}{FACES}", VERTICES.replace("v 0 1 0", "v 0,0 1,5 0,0"));
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(3)), "decimal points");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(3)), "decimal points");
 }
 
 #[test]
 fn a_face_of_words_is_refused_with_its_line() {
     let text = format!("{VERTICES}f a b c\n");
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(5)), "'a'");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(5)), "'a'");
 }
 
 #[test]

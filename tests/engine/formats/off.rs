@@ -1,6 +1,6 @@
 //! OFF: reading and refused files.
 
-use meshmend::format::{Format, Place, ReadErrorKind};
+use meshmend::format::{FileLocation, Format, ReadErrorKind};
 
 use super::{assert_refused, assert_warned, read_all, tetrahedron};
 
@@ -71,13 +71,18 @@ fn a_missing_keyword_is_told() {
 fn vertices_of_other_than_three_coordinates_are_refused() {
     for keyword in ["4OFF", "C4OFF", "nOFF", "4nOFF"] {
         let text = format!("{keyword}\n4 4 6\n{VERTICES}{FACES}");
-        assert_refused(text.as_bytes(), ReadErrorKind::UnsupportedFormat, Some(Place::Line(1)), keyword);
+        assert_refused(text.as_bytes(), ReadErrorKind::UnsupportedFormat, Some(FileLocation::Line(1)), keyword);
     }
 }
 
 #[test]
 fn binary_off_is_refused_by_name() {
-    assert_refused(b"OFF BINARY\n\0\0\0\x04", ReadErrorKind::UnsupportedFormat, Some(Place::Line(1)), "binary OFF");
+    assert_refused(
+        b"OFF BINARY\n\0\0\0\x04",
+        ReadErrorKind::UnsupportedFormat,
+        Some(FileLocation::Line(1)),
+        "binary OFF",
+    );
 }
 
 #[test]
@@ -91,32 +96,32 @@ fn polygons_are_cut_and_short_faces_left_out() {
 fn a_face_that_names_a_vertex_that_is_not_there_is_refused_with_its_line() {
     for index in ["4", "-1", "99999999999999999999"] {
         let text = format!("OFF\n4 4 6\n{VERTICES}{}", FACES.replace("1 2 3", &format!("1 {index} 3")));
-        assert_refused(text.as_bytes(), ReadErrorKind::IndexOutOfRange, Some(Place::Line(9)), index);
+        assert_refused(text.as_bytes(), ReadErrorKind::IndexOutOfRange, Some(FileLocation::Line(9)), index);
     }
 }
 
 #[test]
 fn a_word_that_is_no_number_is_refused_with_its_line() {
     let text = format!("OFF\n4 4 6\n{}{FACES}", VERTICES.replace("0 1 0", "0 one 0"));
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(5)), "'one'");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(5)), "'one'");
     let text = format!("OFF\n4 4 6\n{}{FACES}", VERTICES.replace("0 1 0", "0 1,5 0"));
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(5)), "decimal points");
-    assert_refused(b"OFF\nfour 4 6\n0 0 0\n", ReadErrorKind::Malformed, Some(Place::Line(2)), "'four'");
-    assert_refused(b"OFF\n-4 4 6\n0 0 0\n", ReadErrorKind::Malformed, Some(Place::Line(2)), "below zero");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(5)), "decimal points");
+    assert_refused(b"OFF\nfour 4 6\n0 0 0\n", ReadErrorKind::Malformed, Some(FileLocation::Line(2)), "'four'");
+    assert_refused(b"OFF\n-4 4 6\n0 0 0\n", ReadErrorKind::Malformed, Some(FileLocation::Line(2)), "below zero");
 }
 
 #[test]
 fn a_file_that_is_cut_off_is_refused_with_the_line_where_it_ends() {
     let text = format!("OFF\n4 4 6\n{VERTICES}{FACES}");
     let end = text.len() - 4;
-    assert_refused(&text.as_bytes()[..end], ReadErrorKind::Truncated, Some(Place::Line(10)), "face 3 of 4");
+    assert_refused(&text.as_bytes()[..end], ReadErrorKind::Truncated, Some(FileLocation::Line(10)), "face 3 of 4");
 }
 
 #[test]
 fn counts_that_the_bytes_cannot_hold_are_refused_before_anything_is_allocated() {
     for counts in ["2000000000 4 0", "4 2000000000 0", "18446744073709551615 18446744073709551615 0"] {
         let text = format!("OFF\n{counts}\n{VERTICES}{FACES}");
-        assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(Place::Line(2)), "can't hold");
+        assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(FileLocation::Line(2)), "can't hold");
     }
 }
 
@@ -124,7 +129,7 @@ fn counts_that_the_bytes_cannot_hold_are_refused_before_anything_is_allocated() 
 fn a_face_of_billions_of_corners_is_refused() {
     let text = format!("OFF\n4 4 6\n{VERTICES}{}", FACES.replace("3 1 2 3", "4000000000 1 2 3"));
     // The reader takes the counts of the following lines for corners.
-    assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(Place::Line(11)), "a corner of face 2");
+    assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(FileLocation::Line(11)), "a corner of face 2");
 }
 
 #[test]

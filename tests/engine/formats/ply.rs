@@ -1,7 +1,7 @@
 //! PLY: reading, writing and refused files.
 
 use glam::DVec3;
-use meshmend::format::{Format, Place, ReadErrorKind, write};
+use meshmend::format::{FileLocation, Format, ReadErrorKind, write};
 
 use super::{assert_refused, assert_warned, read_all, refused, tetrahedron};
 
@@ -160,12 +160,12 @@ fn lists_of_vertex_index_and_vertex_indices_are_the_same() {
 fn a_face_that_names_a_vertex_that_is_not_there_is_refused_with_its_place() {
     for index in ["4", "-1"] {
         let text = format!("{HEADER}{VERTICES}{}", FACES.replace("1 2 3", &format!("1 {index} 3")));
-        assert_refused(text.as_bytes(), ReadErrorKind::IndexOutOfRange, Some(Place::Line(16)), "has 4 vertices");
+        assert_refused(text.as_bytes(), ReadErrorKind::IndexOutOfRange, Some(FileLocation::Line(16)), "has 4 vertices");
     }
     let mut bytes = write(&tetrahedron(), Format::Ply).unwrap();
     let last = bytes.len() - 4;
     bytes[last] = 9;
-    assert_refused(&bytes, ReadErrorKind::IndexOutOfRange, Some(Place::Byte(last as u64)), "vertex 9");
+    assert_refused(&bytes, ReadErrorKind::IndexOutOfRange, Some(FileLocation::Byte(last as u64)), "vertex 9");
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn a_binary_ply_that_is_cut_off_anywhere_is_refused_with_a_place() {
     assert_refused(
         &bytes[..bytes.len() - 1],
         ReadErrorKind::Truncated,
-        Some(Place::Byte(bytes.len() as u64 - 13)),
+        Some(FileLocation::Byte(bytes.len() as u64 - 13)),
         "'face' 3 of 4",
     );
 }
@@ -190,7 +190,7 @@ fn an_ascii_ply_that_is_cut_off_is_refused_with_the_line_where_it_ends() {
     assert_refused(
         &text.as_bytes()[..text.len() - 5],
         ReadErrorKind::Truncated,
-        Some(Place::Line(17)),
+        Some(FileLocation::Line(17)),
         "'face' 3 of 4",
     );
 }
@@ -204,7 +204,7 @@ fn counts_that_the_bytes_cannot_hold_are_refused_before_anything_is_allocated() 
     ] {
         let text = ascii().replace(what, count);
         let length = text.len() as u64;
-        assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(Place::Byte(length)), "can't hold");
+        assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(FileLocation::Byte(length)), "can't hold");
     }
     let mut bytes = write(&tetrahedron(), Format::Ply).unwrap();
     let at = bytes.windows(9).position(|w| w == b"element f").unwrap();
@@ -221,9 +221,9 @@ fn an_element_without_properties_takes_no_time_however_often_it_is_counted() {
 #[test]
 fn a_list_longer_than_the_file_is_refused() {
     let text = ascii().replace("3 1 2 3", "4000000000 1 2 3");
-    assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(Place::Line(16)), "4000000000 vertices");
+    assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(FileLocation::Line(16)), "4000000000 vertices");
     let text = ascii().replace("3 1 2 3", "-3 1 2 3");
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(16)), "below zero");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(16)), "below zero");
 }
 
 #[test]
@@ -246,10 +246,10 @@ fn a_header_that_lacks_something_is_refused_with_its_line() {
         ),
     ] {
         let text = ascii().replacen(from, to, 1);
-        assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(line)), words);
+        assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(line)), words);
     }
     let text = ascii().replace("end_header\n", "");
-    assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(Place::Line(17)), "end_header");
+    assert_refused(text.as_bytes(), ReadErrorKind::Truncated, Some(FileLocation::Line(17)), "end_header");
 }
 
 #[test]
@@ -263,7 +263,7 @@ fn unknown_header_lines_give_one_warning() {
 #[test]
 fn a_number_with_a_decimal_comma_is_refused_with_its_line() {
     let text = ascii().replacen("\n1 0 0\n", "\n1,5 0 0\n", 1);
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(11)), "decimal points");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(11)), "decimal points");
 }
 
 #[test]

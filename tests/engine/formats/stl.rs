@@ -1,7 +1,7 @@
 //! STL, binary and ASCII: reading, writing and refused files.
 
 use glam::DVec3;
-use meshmend::format::{Format, Place, ReadErrorKind, WriteError, write};
+use meshmend::format::{FileLocation, Format, ReadErrorKind, WriteError, write};
 
 use super::{ascii_stl, assert_refused, assert_warned, corners, read_all, tetrahedron};
 
@@ -217,27 +217,32 @@ fn an_ascii_stl_that_is_cut_off_gives_its_whole_facets_wherever_the_cut_is() {
 fn an_ascii_stl_cut_off_in_its_first_facet_is_truncated() {
     let text = plain();
     let end = text.find("endloop").unwrap() - 8;
-    assert_refused(&text.as_bytes()[..end], ReadErrorKind::Truncated, Some(Place::Line(6)), "cut off");
+    assert_refused(&text.as_bytes()[..end], ReadErrorKind::Truncated, Some(FileLocation::Line(6)), "cut off");
 }
 
 #[test]
 fn a_facet_without_three_vertices_is_refused_with_its_line() {
     let two = plain().replacen("      vertex 0 1 0\n", "", 1);
-    assert_refused(two.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(2)), "2 vertices");
+    assert_refused(two.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(2)), "2 vertices");
     let four = plain().replacen("    endloop", "      vertex 9 9 9\n    endloop", 1);
-    assert_refused(four.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(9)), "4 vertices");
+    assert_refused(four.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(9)), "4 vertices");
 }
 
 #[test]
 fn a_decimal_comma_is_named_with_its_line() {
     let text = plain().replacen("vertex 0 1 0", "vertex 0,5 1,0 0,0", 1);
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(5)), "export with decimal points");
+    assert_refused(
+        text.as_bytes(),
+        ReadErrorKind::Malformed,
+        Some(FileLocation::Line(5)),
+        "export with decimal points",
+    );
 }
 
 #[test]
 fn a_coordinate_that_is_no_number_is_named_with_its_line() {
     let text = plain().replacen("vertex 0 1 0", "vertex 0 1 hello", 1).replace('\n', "\r\n");
-    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(Place::Line(5)), "'hello'");
+    assert_refused(text.as_bytes(), ReadErrorKind::Malformed, Some(FileLocation::Line(5)), "'hello'");
 }
 
 #[test]

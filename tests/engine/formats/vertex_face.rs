@@ -1,7 +1,7 @@
 //! MESH files, which consist of numbered `Vertex` and `Face` lines: reading, writing and refused files.
 
 use glam::DVec3;
-use meshmend::format::{Format, Place, ReadErrorKind, write};
+use meshmend::format::{FileLocation, Format, ReadErrorKind, write};
 use meshmend::mesh::Numbering;
 
 use super::{assert_refused, assert_warned, read_all, tetrahedron};
@@ -74,12 +74,12 @@ fn faces_that_name_a_missing_vertex_are_left_out_and_each_vertex_is_counted_once
 #[test]
 fn a_vertex_number_given_twice_is_refused_at_its_second_line() {
     let text = b"Vertex 1 0 0 0\nVertex 2 1 0 0\nFace 1 1 2 2\nVertex 2 0 1 0\n";
-    assert_refused(text, ReadErrorKind::Malformed, Some(Place::Line(4)), "vertex 2 is defined a second time");
+    assert_refused(text, ReadErrorKind::Malformed, Some(FileLocation::Line(4)), "vertex 2 is defined a second time");
 }
 
 #[test]
 fn an_error_in_a_line_is_reported_with_its_line() {
-    let line = |n| Some(Place::Line(n));
+    let line = |n| Some(FileLocation::Line(n));
     for (text, place, words) in [
         ("Vertex 1 0 0\nFace 1 1 1 1\n", line(1), "the line ends where a coordinate"),
         ("Vertex 1 0 0 0\nFace 1 1 1\nFace 2 1 1 1\n", line(2), "the line ends where the number of a vertex"),

@@ -10,7 +10,7 @@ use meshmend::arrange::{ArrangeError, Arrangement, Rule, Solid};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{ClosedSurface, Soup, Surface};
-use meshmend::repair::{Change, Context, NoProgress, Options, Remesher, RepairError, Repaired, repair};
+use meshmend::repair::{Change, Context, NoProgress, Options, Outcome, Remesher, RepairError, Repaired, repair};
 
 /// Runs `f` with a context whose clock stands still.
 pub fn with_context<T>(f: impl FnOnce(&Context<'_>) -> T) -> T {
@@ -56,4 +56,11 @@ pub fn repair_bytes(bytes: &[u8], options: &Options, remesher: Option<&dyn Remes
 pub fn repair_up_to_tier_2(bytes: &[u8]) -> Repaired {
     let options = Options { max_tier: 2, pictures: false, voxel_resolution: 50, ..Options::default() };
     repair_bytes(bytes, &options, None).unwrap()
+}
+
+/// Asserts the outcome of a repair, and shows the summary and the red flags of another.
+#[track_caller]
+pub fn assert_outcome(repaired: &Repaired, outcome: Outcome) {
+    let report = &repaired.report;
+    assert_eq!(report.outcome, outcome, "{} {:?}", report.summary, report.red_flags);
 }

@@ -87,7 +87,10 @@ fn a_model_that_can_not_be_read_says_why() {
     let step = package(&[("a.obj", b"ISO-10303-21;\nHEADER;")]);
     assert_no(&step, NO, &["a.obj", "STEP"]);
     let error = read_files(&[("x/a.obj", b"v 0 0 0\nf 1 2 3\n")]).unwrap_err();
-    assert_eq!((error.kind, error.place), (ReadErrorKind::IndexOutOfRange, Some(meshmend::format::Place::Line(2))));
+    assert_eq!(
+        (error.kind, error.place),
+        (ReadErrorKind::IndexOutOfRange, Some(meshmend::format::FileLocation::Line(2)))
+    );
     assert!(error.detail.starts_with("in the archive's file x/a.obj: a face refers to vertex 3"), "{error}");
 }
 
