@@ -15,7 +15,7 @@
 //! api -> blobs + jobs -> worker -> (the engine's pipeline, in a child process) -> blobs + jobs -> api
 //! ```
 //!
-//! The engine (`math`, `mesh`, `format`, `inspect`, `analyze`, `arrange`, `simplify`, `remesh`, `repair`, `blender`) does not depend on
+//! The engine (`math`, `mesh`, `format`, `inspect`, `printing`, `analyze`, `arrange`, `simplify`, `remesh`, `repair`, `blender`) does not depend on
 //! tokio, axum or sqlx.
 
 #[cfg(feature = "service")]
@@ -36,6 +36,7 @@ pub mod jobs;
 pub mod manual;
 pub mod math;
 pub mod mesh;
+pub mod printing;
 pub mod remesh;
 pub mod render;
 pub mod repair;

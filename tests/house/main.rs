@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each module, and the modules it may import from. `ARCHITECTURE.md` describes them.
-const MODULES: [(&str, &[&str]); 24] = [
+const MODULES: [(&str, &[&str]); 25] = [
     ("math", &[]),
     ("context", &[]),
     ("telemetry", &[]),
@@ -17,7 +17,8 @@ const MODULES: [(&str, &[&str]); 24] = [
     ("format", &["math", "mesh", "scene"]),
     ("inspect", &["math", "mesh", "context", "scene"]),
     ("render", &["math", "mesh", "context", "inspect"]),
-    ("analyze", &["mesh", "context", "format", "inspect", "render", "scene"]),
+    ("printing", &["math", "mesh", "scene", "context", "inspect", "arrange"]),
+    ("analyze", &["mesh", "context", "format", "inspect", "printing", "render", "scene"]),
     ("arrange", &["math", "mesh", "context"]),
     ("simplify", &["math", "mesh", "context"]),
     ("remesh", &["math", "mesh", "context"]),
@@ -25,13 +26,13 @@ const MODULES: [(&str, &[&str]); 24] = [
         "repair",
         &[
             "math", "mesh", "scene", "context", "format", "inspect", "render", "analyze", "arrange", "simplify",
-            "remesh",
+            "remesh", "printing",
         ],
     ),
     ("sandbox", &[]),
     ("blender", &["math", "mesh", "context", "repair", "sandbox"]),
     ("access", &[]),
-    ("jobs", &["access", "context", "scene", "format", "inspect", "analyze", "repair", "telemetry"]),
+    ("jobs", &["access", "context", "scene", "format", "inspect", "printing", "analyze", "repair", "telemetry"]),
     ("blobs", &["jobs", "telemetry", "tls"]),
     ("webhooks", &["access", "jobs", "telemetry", "tls"]),
     ("web", &[]),
@@ -60,6 +61,7 @@ const MODULES: [(&str, &[&str]); 24] = [
             "format",
             "context",
             "inspect",
+            "printing",
             "analyze",
             "repair",
             "sandbox",
@@ -74,9 +76,9 @@ const MODULES: [(&str, &[&str]); 24] = [
 ];
 
 /// Modules of the engine, which may not use the crates below.
-const ENGINE: [&str; 13] = [
+const ENGINE: [&str; 14] = [
     "math", "context", "mesh", "scene", "format", "inspect", "render", "analyze", "arrange", "simplify", "remesh",
-    "repair", "blender",
+    "printing", "repair", "blender",
 ];
 const NOT_IN_THE_ENGINE: [&str; 5] = ["tokio", "axum", "sqlx", "object_store", "tower_http"];
 

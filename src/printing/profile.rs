@@ -1,0 +1,455 @@
+//! Process profiles: the limits of each printing process, with their sources, and a request's own limits.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use serde::{Deserialize, Serialize};
+
+/// The profiles that the program brings along. Sources disagree by a factor of two to three, because some state what a
+/// machine resolves, and others what survives cleaning. So each limit has two numbers.
+const BUILT_IN: &str = include_str!("profiles.json");
+
+/// The limits of one printing process. All lengths are in millimetres.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Profile {
+    /// Name of the profile, as in the option `process`.
+    pub name: String,
+    /// Title for people.
+    pub title: String,
+    /// Other names that the option `process` accepts.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub aliases: Vec<String>,
+    /// Thinnest wall that is held on two or more sides.
+    pub supported_wall_mm: Limit,
+    /// Thinnest wall that is held on at most one side.
+    pub free_wall_mm: Limit,
+    /// Thinnest wire: a bar that is held at both ends.
+    pub wire_mm: Limit,
+    /// Thinnest pin: a bar that is held at one end.
+    pub pin_mm: Limit,
+    /// Narrowest hole.
+    pub hole_mm: Limit,
+    /// Narrowest gap between two surfaces of one solid, such as a slot.
+    pub gap_mm: Limit,
+    /// Narrowest gap between two separate solids.
+    pub clearance_mm: Limit,
+    /// Narrowest embossed detail.
+    pub embossed_mm: Limit,
+    /// Narrowest engraved detail.
+    pub engraved_mm: Limit,
+    /// Smallest volume of a separate solid, in mm³.
+    pub part_volume_mm3: Limit,
+    /// Holes through which powder or resin must leave a cavity; absent if a cavity may stay closed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub escape_holes: Option<EscapeHoles>,
+    /// Build volume of a common machine; absent if there is no limit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub build_volume_mm: Option<BuildVolume>,
+    /// Most faces that a print service accepts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_faces: Option<Limit>,
+    /// Largest file that a print service accepts, in bytes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_bytes: Option<Limit>,
+}
+
+/// A limit of a process.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Limit {
+    /// The limit that a model must keep. Beyond it, some print services refuse the model.
+    pub limit: f64,
+    /// The most tolerant limit that a source states. Beyond it, no print service is known to accept the model.
+    pub minimum: f64,
+    /// Where the limit comes from.
+    pub basis: Basis,
+    /// Titles of the sources.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sources: Vec<String>,
+}
+
+impl Limit {
+    /// A limit that a request or a tenant sets.
+    fn requested(limit: f64) -> Self {
+        Self { limit, minimum: limit, basis: Basis::Requested, sources: Vec::new() }
+    }
+}
+
+/// Where a limit comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Basis {
+    /// Published design rules; `sources` names them.
+    Sourced,
+    /// Derived from another limit of the process, such as twice the nozzle's diameter.
+    Derived,
+    /// A cautious choice, because no design rule was found.
+    Judgement,
+    /// Set by the request, or by a profile of the tenant.
+    Requested,
+}
+
+/// The holes that a cavity needs, so that powder or resin can leave it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct EscapeHoles {
+    /// Least diameter.
+    pub diameter_mm: f64,
+    /// Least number of holes per cavity.
+    pub count: u32,
+    /// Where the rule comes from.
+    pub basis: Basis,
+    /// Titles of the sources.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sources: Vec<String>,
+}
+
+/// The build volume of a machine.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct BuildVolume {
+    /// Side lengths along x, y and z.
+    pub size: [f64; 3],
+    /// Where the size comes from.
+    pub basis: Basis,
+    /// Titles of the sources.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sources: Vec<String>,
+}
+
+/// Limits that replace those of a profile. Absent limits stay as the profile has them.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(default, deny_unknown_fields)]
+pub struct ProcessLimits {
+    /// Name of the profile that the limits change. Default: the profile that the option `process` names.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub based_on: Option<String>,
+    /// Title for people.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub title: Option<String>,
+    /// See `supported_wall_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub supported_wall_mm: Option<f64>,
+    /// See `free_wall_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub free_wall_mm: Option<f64>,
+    /// See `wire_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub wire_mm: Option<f64>,
+    /// See `pin_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub pin_mm: Option<f64>,
+    /// See `hole_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub hole_mm: Option<f64>,
+    /// See `gap_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub gap_mm: Option<f64>,
+    /// See `clearance_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub clearance_mm: Option<f64>,
+    /// See `embossed_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub embossed_mm: Option<f64>,
+    /// See `engraved_mm` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub engraved_mm: Option<f64>,
+    /// See `part_volume_mm3` of a profile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub part_volume_mm3: Option<f64>,
+    /// Least diameter of an escape hole. 0 lets cavities stay closed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub escape_hole_mm: Option<f64>,
+    /// Least number of escape holes per cavity. 0 lets cavities stay closed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub escape_hole_count: Option<u32>,
+    /// Side lengths of the build volume along x, y and z.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(min_items = 3, max_items = 3))]
+    pub build_volume_mm: Option<[f64; 3]>,
+    /// Most faces that the print service accepts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_faces: Option<u64>,
+    /// Largest file that the print service accepts, in bytes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_bytes: Option<u64>,
+}
+
+/// Why a process has no profile.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ProfileError {
+    /// No profile has the name.
+    #[error("there is no process `{name}`; use one of {}", names().join(", "))]
+    Unknown {
+        /// The unknown name.
+        name: String,
+    },
+    /// A limit is not a finite number of 0 or more.
+    #[error("`{limit}` must be a finite number, 0 or greater")]
+    Limit {
+        /// Name of the limit.
+        limit: &'static str,
+    },
+}
+
+impl Profile {
+    /// The profiles that the program brings along.
+    #[must_use]
+    pub fn built_in() -> &'static [Self] {
+        static PROFILES: LazyLock<Vec<Profile>> = LazyLock::new(|| read_built_in(BUILT_IN));
+        &PROFILES
+    }
+
+    /// The built-in profile of a name or alias. Case, and the separators `-`, `_`, `.` and space, make no difference.
+    #[must_use]
+    pub fn named(name: &str) -> Option<&'static Self> {
+        let wanted = simplified(name);
+        let is_wanted = |profile: &&Self| {
+            std::iter::once(&profile.name).chain(&profile.aliases).any(|name| simplified(name) == wanted)
+        };
+        Self::built_in().iter().find(is_wanted)
+    }
+
+    /// The profile that the options `process` and `process_limits` select.
+    ///
+    /// # Errors
+    /// [`ProfileError`] if there is no such profile, or if a limit is invalid.
+    pub fn resolve(process: &str, limits: Option<&ProcessLimits>) -> Result<Self, ProfileError> {
+        let base = limits.and_then(|limits| limits.based_on.as_deref()).unwrap_or(process);
+        let profile = Self::named(base).ok_or_else(|| ProfileError::Unknown { name: base.to_owned() })?;
+        let Some(limits) = limits else { return Ok(profile.clone()) };
+        limits.validate()?;
+        let mut profile = limits.applied_to(profile.clone());
+        if limits.based_on.is_some() {
+            process.clone_into(&mut profile.name);
+            profile.aliases.clear();
+        }
+        Ok(profile)
+    }
+}
+
+impl ProcessLimits {
+    /// Checks that each limit is finite and not negative.
+    ///
+    /// # Errors
+    /// [`ProfileError::Limit`] for the first invalid limit.
+    pub fn validate(&self) -> Result<(), ProfileError> {
+        let lengths = [
+            ("supported_wall_mm", self.supported_wall_mm),
+            ("free_wall_mm", self.free_wall_mm),
+            ("wire_mm", self.wire_mm),
+            ("pin_mm", self.pin_mm),
+            ("hole_mm", self.hole_mm),
+            ("gap_mm", self.gap_mm),
+            ("clearance_mm", self.clearance_mm),
+            ("embossed_mm", self.embossed_mm),
+            ("engraved_mm", self.engraved_mm),
+            ("part_volume_mm3", self.part_volume_mm3),
+            ("escape_hole_mm", self.escape_hole_mm),
+        ];
+        let sides = self.build_volume_mm.iter().flatten().map(|&side| ("build_volume_mm", Some(side)));
+        let mut all = lengths.into_iter().chain(sides);
+        match all.find(|(_, value)| value.is_some_and(|value| !(value.is_finite() && value >= 0.0))) {
+            Some((limit, _)) => Err(ProfileError::Limit { limit }),
+            None => Ok(()),
+        }
+    }
+
+    /// These limits, with the gaps filled from `other`.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            based_on: self.based_on.or(other.based_on),
+            title: self.title.or(other.title),
+            supported_wall_mm: self.supported_wall_mm.or(other.supported_wall_mm),
+            free_wall_mm: self.free_wall_mm.or(other.free_wall_mm),
+            wire_mm: self.wire_mm.or(other.wire_mm),
+            pin_mm: self.pin_mm.or(other.pin_mm),
+            hole_mm: self.hole_mm.or(other.hole_mm),
+            gap_mm: self.gap_mm.or(other.gap_mm),
+            clearance_mm: self.clearance_mm.or(other.clearance_mm),
+            embossed_mm: self.embossed_mm.or(other.embossed_mm),
+            engraved_mm: self.engraved_mm.or(other.engraved_mm),
+            part_volume_mm3: self.part_volume_mm3.or(other.part_volume_mm3),
+            escape_hole_mm: self.escape_hole_mm.or(other.escape_hole_mm),
+            escape_hole_count: self.escape_hole_count.or(other.escape_hole_count),
+            build_volume_mm: self.build_volume_mm.or(other.build_volume_mm),
+            max_faces: self.max_faces.or(other.max_faces),
+            max_bytes: self.max_bytes.or(other.max_bytes),
+        }
+    }
+
+    fn applied_to(&self, mut profile: Profile) -> Profile {
+        let lengths = [
+            (&mut profile.supported_wall_mm, self.supported_wall_mm),
+            (&mut profile.free_wall_mm, self.free_wall_mm),
+            (&mut profile.wire_mm, self.wire_mm),
+            (&mut profile.pin_mm, self.pin_mm),
+            (&mut profile.hole_mm, self.hole_mm),
+            (&mut profile.gap_mm, self.gap_mm),
+            (&mut profile.clearance_mm, self.clearance_mm),
+            (&mut profile.embossed_mm, self.embossed_mm),
+            (&mut profile.engraved_mm, self.engraved_mm),
+            (&mut profile.part_volume_mm3, self.part_volume_mm3),
+        ];
+        for (limit, requested) in lengths {
+            if let Some(requested) = requested {
+                *limit = Limit::requested(requested);
+            }
+        }
+        if let Some(title) = &self.title {
+            profile.title.clone_from(title);
+        }
+        if let Some(size) = self.build_volume_mm {
+            profile.build_volume_mm = Some(BuildVolume { size, basis: Basis::Requested, sources: Vec::new() });
+        }
+        #[expect(clippy::cast_precision_loss, reason = "counts far below 2^53")]
+        let counted = |requested: u64| Limit::requested(requested as f64);
+        profile.max_faces = self.max_faces.map(counted).or(profile.max_faces);
+        profile.max_bytes = self.max_bytes.map(counted).or(profile.max_bytes);
+        profile.escape_holes = self.escape_holes(profile.escape_holes.take());
+        profile
+    }
+
+    fn escape_holes(&self, of_profile: Option<EscapeHoles>) -> Option<EscapeHoles> {
+        if self.escape_hole_mm.is_none() && self.escape_hole_count.is_none() {
+            return of_profile;
+        }
+        let diameter_mm = self.escape_hole_mm.or(of_profile.as_ref().map(|holes| holes.diameter_mm))?;
+        let count = self.escape_hole_count.or(of_profile.as_ref().map(|holes| holes.count)).unwrap_or(1);
+        let holes = EscapeHoles { diameter_mm, count, basis: Basis::Requested, sources: Vec::new() };
+        (diameter_mm > 0.0 && count > 0).then_some(holes)
+    }
+}
+
+/// Names of the built-in profiles.
+fn names() -> Vec<&'static str> {
+    Profile::built_in().iter().map(|profile| profile.name.as_str()).collect()
+}
+
+/// The letters and digits of a name, in lower case.
+fn simplified(name: &str) -> String {
+    name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
+}
+
+/// The file of built-in profiles. Its profiles name sources by key.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BuiltIn {
+    #[expect(dead_code, reason = "for readers of the file")]
+    version: u32,
+    #[expect(dead_code, reason = "for readers of the file")]
+    date: String,
+    sources: BTreeMap<String, String>,
+    profiles: Vec<Profile>,
+}
+
+/// Reads the file of built-in profiles and replaces the sources' keys with their titles. A test checks that the file is
+/// valid; an invalid file gives no profiles.
+fn read_built_in(text: &str) -> Vec<Profile> {
+    let Ok(BuiltIn { sources, mut profiles, .. }) = serde_json::from_str(text) else { return Vec::new() };
+    let with_titles = |keys: &mut Vec<String>| {
+        for key in keys {
+            if let Some(title) = sources.get(key) {
+                title.clone_into(key);
+            }
+        }
+    };
+    for profile in &mut profiles {
+        profile.source_lists().into_iter().for_each(with_titles);
+    }
+    profiles
+}
+
+impl Profile {
+    fn source_lists(&mut self) -> Vec<&mut Vec<String>> {
+        let limits = [
+            &mut self.supported_wall_mm,
+            &mut self.free_wall_mm,
+            &mut self.wire_mm,
+            &mut self.pin_mm,
+            &mut self.hole_mm,
+            &mut self.gap_mm,
+            &mut self.clearance_mm,
+            &mut self.embossed_mm,
+            &mut self.engraved_mm,
+            &mut self.part_volume_mm3,
+        ];
+        let optional = [self.max_faces.as_mut(), self.max_bytes.as_mut()].into_iter().flatten();
+        let limits = limits.into_iter().chain(optional).map(|limit| &mut limit.sources);
+        let holes = self.escape_holes.as_mut().map(|holes| &mut holes.sources);
+        limits.chain(holes).chain(self.build_volume_mm.as_mut().map(|volume| &mut volume.sources)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_built_in_profile_is_valid_and_cites_known_sources() {
+        let file: BuiltIn = serde_json::from_str(BUILT_IN).expect("valid profiles");
+        let mut profiles = file.profiles;
+        assert_eq!(profiles.len(), Profile::built_in().len());
+        for profile in &mut profiles {
+            let name = profile.name.clone();
+            for list in profile.source_lists() {
+                assert!(list.iter().all(|key| file.sources.contains_key(key)), "{name}: {list:?}");
+            }
+            assert_eq!(Profile::named(&name).map(|found| &found.name), Some(&name));
+            assert!(profile.supported_wall_mm.minimum <= profile.supported_wall_mm.limit, "{name}");
+            assert!(profile.supported_wall_mm.limit <= profile.free_wall_mm.limit, "{name}");
+        }
+    }
+
+    #[test]
+    fn sourced_limits_name_a_source_and_others_name_none() {
+        for profile in Profile::built_in() {
+            for limit in [&profile.supported_wall_mm, &profile.free_wall_mm, &profile.pin_mm, &profile.gap_mm] {
+                assert_eq!(limit.basis == Basis::Sourced, !limit.sources.is_empty(), "{}", profile.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_name_is_found_in_any_spelling_and_by_its_aliases() {
+        for name in ["sls-pa12", "SLS PA12", "sls_pa12", "sls"] {
+            assert_eq!(Profile::named(name).map(|profile| profile.name.as_str()), Some("sls-pa12"), "{name}");
+        }
+        assert_eq!(Profile::named("fdm_0.25").map(|profile| profile.name.as_str()), Some("fdm-0.25"));
+        let error = Profile::resolve("sls-pa13", None).expect_err("unknown").to_string();
+        assert!(error.contains("`sls-pa13`") && error.contains("sls-pa12"), "{error}");
+    }
+
+    #[test]
+    fn a_request_replaces_single_limits_and_keeps_the_others() {
+        let limits = ProcessLimits { free_wall_mm: Some(1.4), escape_hole_count: Some(0), ..ProcessLimits::default() };
+        let profile = Profile::resolve("sls", Some(&limits)).expect("a profile");
+        assert_eq!((profile.free_wall_mm.limit, profile.free_wall_mm.basis), (1.4, Basis::Requested));
+        assert_eq!(profile.supported_wall_mm, Profile::named("sls").expect("built in").supported_wall_mm);
+        assert_eq!(profile.escape_holes, None);
+        let limits = ProcessLimits { based_on: Some("tpu".to_owned()), ..ProcessLimits::default() };
+        let profile = Profile::resolve("our-tpu", Some(&limits)).expect("a profile");
+        assert_eq!((profile.name.as_str(), profile.free_wall_mm.limit), ("our-tpu", 1.5));
+        let invalid = ProcessLimits { gap_mm: Some(f64::NAN), ..ProcessLimits::default() };
+        assert_eq!(Profile::resolve("sls", Some(&invalid)), Err(ProfileError::Limit { limit: "gap_mm" }));
+    }
+}
