@@ -114,12 +114,12 @@ test("the camera goes to a place, and all tools of the viewer work", { timeout: 
   assert.ok((await pixels(page, LOOKS)).grey < 0.95 * whole.grey, "wires are darker");
 
   await page.getByLabel("Printer").selectOption({ label: "Prusa MINI+ · 180 × 180 × 180" });
-  await page.getByText("It fits.").waitFor();
+  await page.getByText("The model fits.").waitFor();
   await page.getByLabel("Printer").selectOption("own");
   await page.getByRole("spinbutton", { name: "X" }).fill("50");
-  await page.getByText("It fits if you turn it.").waitFor();
+  await page.getByText("The model fits if you turn it.").waitFor();
   await page.getByRole("spinbutton", { name: "Y" }).fill("50");
-  await page.getByText("It does not fit.").waitFor();
+  await page.getByText("The model does not fit.").waitFor();
   assert.deepEqual(faults, []);
   await close();
 });

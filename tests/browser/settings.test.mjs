@@ -69,7 +69,7 @@ test("without the file the page asks for it, and accepts no other", { timeout: 1
     await (await dialog).setFiles({ name: "box.stl", mimeType: "model/stl", buffer });
   };
   await choose(thinWall());
-  await page.getByText("This is a different file. Please choose box.stl.").waitFor();
+  await page.getByText("You chose a different file. Please choose box.stl.").waitFor();
   await choose(soundBox());
   await page.getByRole("button", { name: "Run again with these settings" }).click();
   await page.locator(".printing").getByText("80 × 60 × 40 mm").waitFor({ timeout: 60_000 });

@@ -71,7 +71,7 @@ export const enPage = {
   coarse: "You see a coarse preview.",
   loadFine: (size: string) => `Load all faces (${size})`,
   loadingModel: (size: string) => `Loading ${size}…`,
-  layers: "What was found",
+  layers: "Findings",
   layersNone: "No defects were found.",
   layersClean: "Checked, not found",
   families: {
@@ -92,7 +92,7 @@ export const enPage = {
   printer: "Printer",
   printers: { none: "None", own: "Custom" },
   room: "Build volume of the printer in mm",
-  fits: { as_is: "It fits.", turned: "It fits if you turn it.", no: "It does not fit." },
+  fits: { as_is: "The model fits.", turned: "The model fits if you turn it.", no: "The model does not fit." },
   objects: (n: string) => `The ${n} objects of this file`,
   object: "Object",
   numbers: "All numbers",
