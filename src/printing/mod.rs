@@ -1,6 +1,13 @@
 //! Printing with a named process: the processes' rules, the measures that the rules need, and whether a model meets
 //! the rules.
 //!
-//! [`Profile`] holds a process's limits. [`assess`](readiness::assess) measures a printable solid against each of them.
+//! [`profile`] holds each process's limits. [`readiness`] measures a file against the limits.
 
+pub mod cups;
+mod features;
 pub mod profile;
+pub mod readiness;
+pub mod rules;
+#[cfg(test)]
+mod shapes;
+pub mod voids;
