@@ -10,8 +10,12 @@ use serde_json::{Map, Value};
 
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, ReadOptions};
-use crate::inspect::{InspectOptions, Inspection, OptionsError, SetReport, Subject, changed_fields, inspect};
+use crate::inspect::{
+    Analysis, InspectOptions, Inspection, OptionsError, SetReport, Subject, changed_fields, inspect, inspect_analysis,
+};
 use crate::mesh::Soup;
+use crate::printing::profile::{ProcessLimits, checked_profile};
+use crate::printing::readiness::{AssessedFile, PrintReadiness, assess};
 use crate::render::{Drawing, Marked, RenderError, draw_inspected, names_of_inspection};
 use crate::scene::{LengthUnit, Unit};
 
@@ -34,6 +38,13 @@ pub struct AnalyzeOptions {
     /// are in this unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale_to: Option<Unit>,
+    /// Printing process to check each file against, such as `fdm-0.4` or `sls-pa12`. The report's `print_ready` has the
+    /// result for each rule.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub process: Option<String>,
+    /// Limits that replace those of the process's profile. Absent limits stay as they are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub process_limits: Option<ProcessLimits>,
     /// Options of the inspection of each file.
     #[serde(flatten)]
     pub inspect: InspectOptions,
@@ -47,6 +58,8 @@ impl Default for AnalyzeOptions {
             spacing: true,
             pictures: true,
             scale_to: None,
+            process: None,
+            process_limits: None,
             inspect: InspectOptions::default(),
         }
     }
@@ -66,6 +79,7 @@ impl AnalyzeOptions {
     pub fn validate(&self) -> Result<(), OptionsError> {
         let seconds = "from 1 to 3600 seconds";
         OptionsError::unless_within("deadline_s", self.deadline_s, (1.0, 3600.0), seconds)?;
+        checked_profile(self.process.as_deref(), self.process_limits.as_ref())?;
         self.inspect.validate()
     }
 }
@@ -104,7 +118,10 @@ impl AnalysisReport {
     /// Shortens every list except the list of files to its first `most` items. Removes statistics and histograms.
     pub fn abridge(&mut self, most: usize) {
         self.abridged = true;
-        self.files.iter_mut().for_each(|file| file.inspection.abridge(most));
+        for file in &mut self.files {
+            file.inspection.abridge(most);
+            file.print_ready.iter_mut().for_each(|readiness| readiness.abridge(most));
+        }
         self.set.iter_mut().for_each(|set| set.abridge(most));
     }
 }
@@ -130,6 +147,9 @@ pub struct FileAnalysis {
     pub printable: Option<bool>,
     /// Inspection of the file, of the same structure as `before` and `after` of a repair report.
     pub inspection: Inspection,
+    /// Whether the file meets each rule of the process; absent without the option `process`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub print_ready: Option<PrintReadiness>,
     /// Warnings for the sender of the file.
     pub warnings: Vec<String>,
 }
@@ -209,7 +229,10 @@ impl<'a> Analyst<'a> {
         let (mesh, unit) =
             read.map_err(|error| AnalyzeError::Read { index, name: name.to_owned(), of: self.of, error })?;
         self.report(Stage::Inspect, 20);
-        let (inspection, _) = inspect(subject(&mesh, Some(&unit)), &self.options.inspect, &self.context)?;
+        let analysis = Analysis::new(subject(&mesh, Some(&unit)), &self.context)?;
+        let (inspection, _) = inspect_analysis(&analysis, &self.options.inspect, &self.context)?;
+        let print_ready = self.assess(&analysis, &inspection, bytes.len())?;
+        drop(analysis);
         let measures = &inspection.measures;
         let warnings = mesh.warnings.iter().cloned().chain(measures.omitted()).collect();
         self.context.log(&format!("{}{}: {}", file_prefix(index, name, self.of), mesh.dialect, measures.in_short()));
@@ -222,10 +245,26 @@ impl<'a> Analyst<'a> {
             unit,
             printable: measures.verdict(),
             inspection,
+            print_ready,
             warnings,
         });
         self.meshes.push(mesh.soup);
         Ok(())
+    }
+
+    /// Assesses a file against the process, if the options name one.
+    fn assess(
+        &self,
+        analysis: &Analysis<'_>,
+        inspection: &Inspection,
+        bytes: usize,
+    ) -> Result<Option<PrintReadiness>, Cancelled> {
+        let Ok(Some(profile)) = checked_profile(self.options.process.as_deref(), self.options.process_limits.as_ref())
+        else {
+            return Ok(None);
+        };
+        let file = AssessedFile { analysis, measures: &inspection.measures, bytes: bytes as u64 };
+        assess(file, &profile, &self.context).map(Some)
     }
 
     /// Returns the report of all added files and of the measurements between them.

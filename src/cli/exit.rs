@@ -10,11 +10,11 @@ use meshmend::repair::Report;
 pub const HELP: &str = "Exit codes of repair, inspect, submit and watch; with several files, the highest code:
   0  printable: the result passes every check and raises no red flag. For inspect: the file has no defect that the level checks
   1  repaired only in part, or not at all; the report and the messages list what is left. For inspect: the file has defects,
-     or the search for intersecting faces was not finished
+     does not meet the rules of --process, or the search for intersecting faces was not finished
   2  bad input: a file or an argument is unusable; the message says what is wrong and where
   3  internal error, or a failed job
   4  for submit and watch: the service could not be reached, or refused the request
-  5  not printable although --require printable was given: the report is written, the model is not
+  5  the result does not meet --require: the report is written, the model is not
   130  interrupted; submitted jobs continue
 
 Exit codes of compare:
@@ -35,7 +35,7 @@ pub const BAD_INPUT: u8 = 2;
 pub const INTERNAL: u8 = 3;
 /// The service could not be reached, or refused the request.
 pub const REFUSED: u8 = 4;
-/// The result is not printable, and `--require printable` was given.
+/// The result does not meet `--require`.
 pub const NOT_PRINTABLE: u8 = 5;
 /// The user pressed Ctrl-C.
 pub const INTERRUPTED: u8 = 130;

@@ -1,4 +1,4 @@
-//! The command line: its commands, and the commands that need no file of their own (`openapi`, `completions`).
+//! The command line: its commands, and the commands that need no file of their own (`openapi`, `completions`, `man`).
 
 mod administration;
 mod compare;
@@ -7,6 +7,7 @@ mod engine;
 mod exit;
 mod inspect;
 mod listen;
+mod print_options;
 mod remote;
 mod repair;
 mod service;
@@ -55,6 +56,8 @@ enum Command {
     Keys(administration::KeysArgs),
     /// Set the limits of single tenants, and list tenants.
     Tenants(administration::TenantsArgs),
+    /// List the printing processes and their limits.
+    Profiles(print_options::ProfilesArgs),
     /// Copy the SQLite database while the service runs.
     ///
     /// The copy is a consistent snapshot that only the current user can read. It does not contain the files of jobs:
@@ -67,6 +70,9 @@ enum Command {
     Openapi(OpenapiArgs),
     /// Print a shell script that completes commands and flags; for example `meshmend completions bash`.
     Completions(CompletionsArgs),
+    /// Write the manual pages of all commands into a folder; for packages.
+    #[command(hide = true)]
+    Man(ManArgs),
 }
 
 impl Command {
@@ -98,10 +104,12 @@ pub fn run() -> ExitCode {
         Command::Migrate(args) => service::migrate(&args),
         Command::Keys(args) => administration::keys(args),
         Command::Tenants(args) => administration::tenants(args),
+        Command::Profiles(args) => print_options::run_profiles(&args),
         Command::Backup(args) => administration::backup(&args),
         Command::Config(args) => config::run(&args, Cli::command()),
         Command::Openapi(args) => openapi(&args),
         Command::Completions(args) => completions(&args, Cli::command()),
+        Command::Man(args) => man(&args, Cli::command()),
     }
 }
 
@@ -168,8 +176,56 @@ fn completions(args: &CompletionsArgs, mut program: clap::Command) -> ExitCode {
 }
 
 #[cfg(test)]
+#[allow(dead_code, reason = "shared with the tests of the documents")]
+#[path = "../../tests/support/prose.rs"]
+mod prose;
+
+/// Arguments of `meshmend man`.
+#[derive(Debug, Args)]
+struct ManArgs {
+    /// An existing folder for the pages.
+    folder: PathBuf,
+}
+
+/// Runs `meshmend man`; `program` is the whole command line.
+fn man(args: &ManArgs, program: clap::Command) -> ExitCode {
+    match clap_mangen::generate_to(program, &args.folder) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => exit::fail(exit::BAD_INPUT, format!("{}: {error}", args.folder.display())),
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Adds the help texts of a command, its arguments, their values and its subcommands, each with its place.
+    fn collect_help(command: &clap::Command, above: &str, texts: &mut Vec<(String, String)>) {
+        let place = format!("{above} {}", command.get_name());
+        let own = [command.get_about(), command.get_long_about(), command.get_after_help()];
+        texts.extend(own.into_iter().flatten().map(|text| (place.clone(), text.to_string())));
+        for argument in command.get_arguments() {
+            let place = format!("{place} {}", argument.get_id());
+            assert!(argument.get_help().is_some() || argument.is_hide_set(), "{place} has no help");
+            let help = [argument.get_help(), argument.get_long_help()];
+            let values = argument.get_possible_values();
+            let help = help.into_iter().chain(values.iter().map(clap::builder::PossibleValue::get_help));
+            texts.extend(help.flatten().map(|text| (place.clone(), text.to_string())));
+        }
+        command.get_subcommands().for_each(|command| collect_help(command, &place, texts));
+    }
+
+    #[test]
+    fn help_texts_are_short_and_name_their_subjects() {
+        let mut command = Cli::command();
+        command.build();
+        let mut texts = Vec::new();
+        collect_help(&command, "", &mut texts);
+        assert!(texts.len() > 300, "only {} texts were found", texts.len());
+        prose::assert_clear(&texts);
+        let unmarked = texts.iter().map(|(place, text)| (place, prose::unmarked_fields(text)));
+        assert_eq!(unmarked.filter(|(_, fields)| !fields.is_empty()).collect::<Vec<_>>(), []);
+    }
 
     #[test]
     fn every_flag_has_its_environment_variable() {

@@ -22,6 +22,7 @@ use meshmend::scene::Unit;
 
 use super::engine::{BlenderArgs, LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
 use super::exit;
+use super::print_options::PrintOptionArgs;
 
 /// Arguments of `meshmend repair`.
 #[derive(Debug, Args)]
@@ -120,13 +121,15 @@ pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Resu
 fn print_summary(report: &Report, output: &Path) {
     let output = output.display();
     let mut lines = vec![format!("{output}: {}", report.summary)];
+    lines.extend(report.print_ready.as_ref().map(|readiness| format!("  {}", readiness.in_words())));
     let flags = report.red_flags.iter().map(|flag| flag.detail.as_str());
     let assumptions =
         report.assumptions.iter().map(|assumption| (assumption.detail.as_str(), assumption.option.as_deref()));
     lines.extend(remark_lines(flags, assumptions, &report.warnings));
     if report.refusal().is_some() {
         lines.push(format!(
-            "meshmend: {output} was not written: the result is not printable, and --require printable is set"
+            "meshmend: {output} was not written: the result does not meet `--require {}`",
+            report.options.require.as_str()
         ));
     } else if report.verdict.file == OfferedFile::None {
         lines.push(format!("meshmend: {output} was not written: the repair gave no model"));
@@ -296,6 +299,8 @@ pub struct RepairOptionArgs {
     /// Most faces that a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
+    #[command(flatten)]
+    print: PrintOptionArgs,
 }
 
 impl RepairOptionArgs {
@@ -351,6 +356,7 @@ impl RepairOptionArgs {
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,
             pictures: true,
+            print: self.print.options()?,
         };
         options.validate().map_err(|e| e.to_string())?;
         Ok(options)

@@ -7,7 +7,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use crate::analyze::AnalyzeOptions;
 use crate::inspect::{InspectOptions, OptionsError};
-use crate::repair::Options;
+use crate::repair::{Options, PrintOptions};
 
 /// What a job does with its files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema)]
@@ -38,9 +38,13 @@ impl Mode {
     pub fn option_names(self) -> Vec<String> {
         let names = |parameters: Vec<utoipa::openapi::path::Parameter>| parameters.into_iter().map(|p| p.name);
         match self {
-            Self::Repair => names(Options::into_params(|| None)).collect(),
+            Self::Repair => {
+                names(Options::into_params(|| None)).chain(names(PrintOptions::into_params(|| None))).collect()
+            }
             Self::Analyze => {
-                let own = ["deadline_s", "intersections", "spacing", "pictures", "scale_to"].map(str::to_owned);
+                let own =
+                    ["deadline_s", "intersections", "spacing", "pictures", "scale_to", "process", "process_limits"]
+                        .map(str::to_owned);
                 names(InspectOptions::into_params(|| None)).chain(own).collect()
             }
         }

@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::job::{JobOutcome, JobProblem, ProblemKind, StoredReport};
 use crate::analyze::{AnalysisReport, FileAnalysis};
 use crate::format::Format;
+use crate::printing::readiness::PrintReadiness;
 use crate::repair::{AssumptionKind, OfferedFile, Outcome, RedFlagCode, Report, Step};
 use crate::scene::{Unit, UnitSource};
 
@@ -175,21 +176,25 @@ pub struct Quote {
     pub red_flags: Vec<RedFlagCode>,
     /// Kinds of the assumptions on which the result depends, each once.
     pub assumptions: Vec<AssumptionKind>,
+    /// Whether the file meets each rule of the process, without places; null without the option `process`.
+    #[schema(required)]
+    pub print_ready: Option<PrintReadiness>,
 }
 
 impl Quote {
     /// The quote from a report; `None` if the report has several files, or is of an earlier version without these figures.
     #[must_use]
     pub fn of(report: &StoredReport) -> Option<Self> {
-        let QuotedReport { verdict, unit, after, before, printable, files } =
+        let QuotedReport { verdict, unit, after, before, printable, files, print_ready } =
             serde_json::from_str(report.json()).ok()?;
-        let (printable, unit, figures) = match files {
+        let (printable, unit, figures, mut print_ready) = match files {
             Some(files) => {
                 let [file] = <[QuotedFile; 1]>::try_from(files).ok()?;
-                (printable, file.unit, file.inspection)
+                (printable, file.unit, file.inspection, file.print_ready)
             }
-            None => (verdict.and_then(|verdict| verdict.printable), unit?, after.or(before)?),
+            None => (verdict.and_then(|verdict| verdict.printable), unit?, after.or(before)?, print_ready),
         };
+        print_ready.iter_mut().for_each(|readiness| readiness.abridge(0));
         let (red_flags, assumptions) = report.remarks();
         let mm = unit.used.millimetres();
         let size_mm = figures.bounding_box.map(|Bounds { min, max }| [0, 1, 2].map(|k| (max[k] - min[k]) * mm));
@@ -206,6 +211,7 @@ impl Quote {
             parts: figures.parts,
             red_flags,
             assumptions,
+            print_ready,
         })
     }
 }
@@ -219,6 +225,7 @@ struct QuotedReport {
     before: Option<Figures>,
     printable: Option<bool>,
     files: Option<Vec<QuotedFile>>,
+    print_ready: Option<PrintReadiness>,
 }
 
 #[derive(Deserialize)]
@@ -230,6 +237,7 @@ struct StoredVerdict {
 struct QuotedFile {
     unit: StoredUnit,
     inspection: Figures,
+    print_ready: Option<PrintReadiness>,
 }
 
 #[derive(Deserialize)]

@@ -5,6 +5,8 @@ use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 
+use crate::inspect::OptionsError;
+
 /// The profiles that the program brings along. Sources disagree by a factor of two to three, because some state what a
 /// machine resolves, and others what survives cleaning. So each limit has two numbers.
 const BUILT_IN: &str = include_str!("profiles.json");
@@ -244,6 +246,26 @@ impl Profile {
         }
         Ok(profile)
     }
+}
+
+/// The profile that the options `process` and `process_limits` select; `None` without a process.
+///
+/// # Errors
+/// [`OptionsError`] if there is no such process, if a limit is invalid, or if there are limits without a process.
+pub fn checked_profile(process: Option<&str>, limits: Option<&ProcessLimits>) -> Result<Option<Profile>, OptionsError> {
+    let wrong = |option, value: String, expected| OptionsError { option, value, expected };
+    let Some(process) = process else {
+        return match limits {
+            Some(_) => Err(wrong("process_limits", "limits".to_owned(), "absent without `process`")),
+            None => Ok(None),
+        };
+    };
+    Profile::resolve(process, limits).map(Some).map_err(|error| match error {
+        ProfileError::Unknown { name } => wrong("process", format!("`{name}`"), "a name that `GET /v1/profiles` lists"),
+        ProfileError::Limit { limit } => {
+            wrong("process_limits", format!("an invalid `{limit}`"), "finite numbers of 0 or more")
+        }
+    })
 }
 
 impl ProcessLimits {

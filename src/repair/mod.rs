@@ -25,6 +25,7 @@ mod pipeline;
 mod plan;
 mod prefix_cache;
 mod presets;
+mod print_ready;
 mod red_flags;
 mod remesher;
 mod report;
@@ -41,7 +42,8 @@ pub use change::{Change, ChangeKind};
 pub use drawings::draw;
 pub use input::RepairError;
 pub use options::{
-    Category, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, Require, WindingRuleChoice,
+    Category, Interior, Islands, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, PrintOptions, Require,
+    Voids, WallGrowth, WindingRuleChoice,
 };
 pub use options_not_applied::options_accounted_for;
 pub use part_accounting::part_accounting;

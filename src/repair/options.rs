@@ -3,11 +3,13 @@
 //! The fields' docs are the options' reference: OpenAPI, `docs/options.md` and the command line's help show them.
 
 mod choices;
+mod print;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 pub use self::choices::{Category, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require, WindingRuleChoice};
+pub use self::print::{Interior, Islands, PrintOptions, Voids, WallGrowth};
 pub use super::operators::Operator;
 pub use super::operators::holes::HoleFilling;
 pub use super::operators::orient::Nested;
@@ -179,6 +181,10 @@ pub struct Options {
     /// Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
     /// `change.png`, `change.glb` and `change.ply`. The first request for one of them draws all.
     pub pictures: bool,
+    /// Options that prepare the model for a printing process.
+    #[serde(flatten)]
+    #[cfg_attr(feature = "openapi", param(ignore))]
+    pub print: PrintOptions,
 }
 
 impl Default for Options {
@@ -230,6 +236,7 @@ impl Default for Options {
             voxel_resolution: 300,
             max_remesh_faces: 1_000_000,
             pictures: true,
+            print: PrintOptions::default(),
         }
     }
 }
@@ -309,7 +316,12 @@ impl Options {
         number("voxel_resolution", f64::from(self.voxel_resolution), 16.0, 2000.0, "between 16 and 2000 voxels")?;
         #[expect(clippy::cast_precision_loss, reason = "compared with a small bound")]
         let faces = self.max_remesh_faces as f64;
-        number("max_remesh_faces", faces, 1000.0, 20_000_000.0, "between 1000 and 20000000 faces")
+        number("max_remesh_faces", faces, 1000.0, 20_000_000.0, "between 1000 and 20000000 faces")?;
+        if self.require == Require::PrintReady && self.print.process.is_none() {
+            let (value, expected) = ("print_ready".to_owned(), "`any` or `printable` without `process`");
+            return Err(OptionsError { option: "require", value, expected });
+        }
+        self.print.validate()
     }
 }
 

@@ -11,6 +11,7 @@ use super::input::{Input, MeshSource, RepairError, RepairRequest, with_inspected
 use super::objects::{AssembledFile, SceneRepair, keeps_objects_separate};
 use super::options::Options;
 use super::options_not_applied::merge_not_applied;
+use super::print_ready::assess_output;
 use super::remesher::Remesher;
 use super::report::{Assumption, FileSummary, OmittedSection, Report};
 use super::report_draft::FileDetails;
@@ -80,7 +81,7 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
         let repaired = opened.repair(bytes, &input, request)?;
         let output = FileSummary::of(opened.format, &repaired.dialect, &repaired.bytes);
         let scene = file.scene.as_ref();
-        let report = repaired.draft.into_report(FileDetails {
+        let mut report = repaired.draft.into_report(FileDetails {
             input: &input,
             bytes: bytes.len() as u64,
             options,
@@ -90,6 +91,10 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
             options_not_applied: merge_not_applied(options, file.has_objects(), opened.separate_objects),
             warnings: scene.and_then(|scene| format::losses_in_words(scene, opened.format)).into_iter().collect(),
         });
+        if let Some(profile) = options.print.profile().filter(|_| report.output.is_some()) {
+            let readiness = assess_output(&repaired.bytes, &report, &profile, &context.for_verification())?;
+            report.set_print_ready(readiness);
+        }
         Ok((repaired.bytes, report))
     })?;
     report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;

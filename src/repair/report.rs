@@ -13,8 +13,10 @@ pub use self::findings::{
 pub use self::outcome::{OfferedFile, Outcome, Property, Verdict};
 pub use self::steps::{Action, Candidate, Plan, PlannedAction, Step, StepStatus, Strategy, UnfixedFaces, When};
 use self::steps::{abridge_candidates, abridge_steps};
+use super::options::Require;
 use crate::format::Format;
 use crate::inspect::{Changes, Inspection, Measures, PartAccounting};
+use crate::printing::readiness::PrintReadiness;
 use crate::scene::LengthUnit;
 
 /// The version of [`Report`]'s structure.
@@ -65,6 +67,9 @@ pub struct Report {
     pub after: Option<Inspection>,
     /// Whether `after` was measured on the written bytes, read back and welded by position.
     pub verified_from_output_bytes: bool,
+    /// Whether the returned file meets each rule of the process. Missing without the option `process`, or if there was no time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub print_ready: Option<PrintReadiness>,
     /// The changes from `before` to `after`.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub changes: Option<Changes>,
@@ -176,12 +181,13 @@ impl Verdict {
     pub(super) fn of(report: &Report) -> Self {
         let after = report.after.as_ref().filter(|_| report.verified_from_output_bytes).map(|after| &after.measures);
         let file = match report.outcome {
-            _ if report.after.is_none() || !report.options.require.is_met_by(report.outcome) => OfferedFile::None,
+            _ if report.after.is_none() || !report.meets_requirement() => OfferedFile::None,
             Outcome::Unrepairable => OfferedFile::Original,
             _ => OfferedFile::Model,
         };
         Self {
             printable: report.outcome.is_printable(),
+            print_ready: report.is_print_ready(),
             passes: after.is_some_and(Measures::printable),
             file,
             proven: after.map(Property::proven_by).unwrap_or_default(),
@@ -193,12 +199,40 @@ impl Report {
     /// Why no model is returned, with advice, if the result does not meet `require`; none if it does.
     #[must_use]
     pub fn refusal(&self) -> Option<String> {
-        (!self.options.require.is_met_by(self.outcome)).then(|| {
-            format!(
-                "The result does not meet `require=printable`, so no model is returned. {} Set `require=any` to get the best result.",
-                self.summary
-            )
-        })
+        let reason = match (self.options.require, &self.print_ready) {
+            _ if self.meets_requirement() => return None,
+            (Require::PrintReady, Some(readiness)) if self.outcome.is_printable() => {
+                format!("`require=print_ready`, so no model is returned. {}", readiness.in_words())
+            }
+            (Require::PrintReady, _) => format!("`require=print_ready`, so no model is returned. {}", self.summary),
+            _ => format!("`require=printable`, so no model is returned. {}", self.summary),
+        };
+        Some(format!("The result does not meet {reason} Set `require=any` to get the best result."))
+    }
+
+    /// Whether the result meets the option `require`.
+    fn meets_requirement(&self) -> bool {
+        match self.options.require {
+            Require::Any => true,
+            Require::Printable => self.outcome.is_printable(),
+            Require::PrintReady => self.is_print_ready() == Some(true),
+        }
+    }
+
+    /// Whether the returned file is printable and meets every rule of the process; none without a process.
+    fn is_print_ready(&self) -> Option<bool> {
+        self.options.print.process.as_ref()?;
+        let meets_rules = self.print_ready.as_ref().is_some_and(|readiness| readiness.ready);
+        Some(meets_rules && self.outcome.is_printable())
+    }
+
+    /// Adds the assessment against the process, and derives the verdict again.
+    pub(super) fn set_print_ready(&mut self, readiness: Option<PrintReadiness>) {
+        if readiness.is_none() {
+            self.omitted.push(OmittedSection::PrintReadiness);
+        }
+        self.print_ready = readiness;
+        self.verdict = Verdict::of(self);
     }
 
     /// Cuts each list to its first `most` items, and removes statistics, planned actions, strategies that did not run, and steps of
@@ -216,6 +250,7 @@ impl Report {
         }
         self.after.iter_mut().for_each(|after| after.abridge(most));
         self.part_accounting.iter_mut().for_each(|parts| abridge_parts(parts, most));
+        self.print_ready.iter_mut().for_each(|readiness| readiness.abridge(most));
         self.plan.abridge(&self.steps);
         abridge_steps(&mut self.steps, most);
         abridge_candidates(&mut self.candidates, most);

@@ -100,6 +100,7 @@ impl ReportDraft {
             before: file.input.before.clone(),
             verified_from_output_bytes: self.after.is_some(),
             after: self.after,
+            print_ready: None,
             changes: self.changes,
             part_accounting: self.part_accounting,
             plan: self.plan,

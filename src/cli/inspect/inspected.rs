@@ -11,6 +11,7 @@ use std::time::Duration;
 use clap::Args;
 use meshmend::format::{Format, ReadMesh, sniff};
 use meshmend::inspect::{Findings, Goodness, InspectOptions, Inspection, Lack, Shortfall, Thresholds, Tolerances};
+use meshmend::printing::readiness::PrintReadiness;
 use meshmend::render::{Marked, draw_inspected};
 use meshmend::repair::{Context, monotonic_clock};
 use meshmend::scene::Unit;
@@ -80,7 +81,9 @@ fn parse_tolerance(text: &str) -> Result<NamedTolerance, String> {
     let number = number.parse().ok().filter(|number: &f64| number.is_finite());
     let value = match (number, name.as_str(), is_percent) {
         (Some(radians), "foldover_angle", false) => json!(radians),
-        (_, "foldover_angle", _) => return Err("expected an angle in radians, such as foldover_angle=0.01".to_owned()),
+        (_, "foldover_angle", _) => {
+            return Err("expected an angle in radians, such as `foldover_angle=0.01`".to_owned());
+        }
         (Some(percent), _, true) => json!({ "of_diagonal": percent / 100.0 }),
         (Some(length), _, false) => json!({ "absolute": length }),
         (None, ..) => {
@@ -198,6 +201,8 @@ pub struct Inspected {
     pub findings: Findings,
     /// With `--good`: whether the mesh is good.
     pub goodness: Option<Goodness>,
+    /// With `--process`: whether the file meets each rule of the process.
+    pub print_ready: Option<PrintReadiness>,
 }
 
 impl Inspected {
@@ -207,7 +212,8 @@ impl Inspected {
         let measures = &self.inspection.measures;
         let has_no_known_defect = || measures.verdict().unwrap_or(!measures.self_intersections.checked);
         let is_fine = self.goodness.as_ref().map_or_else(has_no_known_defect, |goodness| goodness.good);
-        if is_fine { exit::PRINTABLE } else { exit::PARTIAL }
+        let is_ready = self.print_ready.as_ref().is_none_or(|readiness| readiness.ready);
+        if is_fine && is_ready { exit::PRINTABLE } else { exit::PARTIAL }
     }
 
     /// Draws the defects into a folder.
@@ -226,7 +232,7 @@ impl Inspected {
         json!({
             "path": self.name, "format": self.mesh.format, "dialect": self.mesh.dialect,
             "warnings": self.mesh.warnings, "printable": self.inspection.measures.verdict(),
-            "goodness": self.goodness, "inspection": self.inspection,
+            "goodness": self.goodness, "inspection": self.inspection, "print_ready": self.print_ready,
         })
     }
 }

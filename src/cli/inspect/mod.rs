@@ -13,8 +13,10 @@ use std::process::ExitCode;
 use clap::Args;
 use meshmend::analyze::subject;
 use meshmend::format::{self, Limits, ReadFile, ReadMesh, ReadOptions};
-use meshmend::inspect::{Analysis, InspectOptions, Level, SetReport, Thresholds, goodness, inspect};
+use meshmend::inspect::{Analysis, InspectOptions, Level, SetReport, Thresholds, goodness, inspect_analysis};
 use meshmend::mesh::Soup;
+use meshmend::printing::profile::{Profile, checked_profile};
+use meshmend::printing::readiness::{AssessedFile, assess};
 use meshmend::repair::{Cancelled, Context};
 use serde_json::{Value, json};
 
@@ -25,6 +27,7 @@ use self::inspected::{
 use self::numbers::{Style, distribution, format_number, format_point, statistics};
 use super::engine::{LimitArgs, read_file};
 use super::exit;
+use super::print_options::ProcessArgs;
 
 /// Version of the JSON that `--json` prints.
 const JSON_VERSION: u32 = 1;
@@ -67,6 +70,8 @@ pub struct InspectArgs {
     /// Print JSON instead of text.
     #[arg(long, env = "MESHMEND_JSON")]
     json: bool,
+    #[command(flatten)]
+    process: ProcessArgs,
     #[command(flatten)]
     measures: MeasureArgs,
     #[command(flatten)]
@@ -114,6 +119,8 @@ struct Run<'a> {
     args: &'a InspectArgs,
     limits: Limits,
     options: InspectOptions,
+    /// The profile of the process to check against.
+    profile: Option<Profile>,
     style: Style,
     files: Vec<Input>,
     code: u8,
@@ -130,12 +137,16 @@ struct Run<'a> {
 impl<'a> Run<'a> {
     fn new(args: &'a InspectArgs) -> Result<Self, Failure> {
         let options = args.options().map_err(|message| (exit::BAD_INPUT, message))?;
+        let (process, process_limits) = args.process.read().map_err(|message| (exit::BAD_INPUT, message))?;
+        let profile = checked_profile(process.as_deref(), process_limits.as_ref())
+            .map_err(|error| (exit::BAD_INPUT, error.to_string()))?;
         let files = inputs(&args.inputs).map_err(|message| (exit::BAD_INPUT, message))?;
         let unicode = std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none();
         Ok(Self {
             args,
             limits: args.limits.limits(),
             options,
+            profile,
             style: Style { unicode },
             prefixes: (files.len() > 1).then(Prefixes::default),
             files,
@@ -151,11 +162,11 @@ impl<'a> Run<'a> {
         for input in std::mem::take(&mut self.files) {
             let name = input.path.display().to_string();
             let read = read_file(&input.path, &self.limits).and_then(|bytes| {
-                format::read_shape(&bytes, &ReadOptions::within(self.limits))
-                    .map_err(|error| format!("{name}: {error}"))
+                let file = format::read_shape(&bytes, &ReadOptions::within(self.limits));
+                file.map(|file| (file, bytes.len() as u64)).map_err(|error| format!("{name}: {error}"))
             });
             match read {
-                Ok(file) => self.inspect_file(&input.path, name, file)?,
+                Ok((file, bytes)) => self.inspect_file(&input.path, name, file, bytes)?,
                 Err(_) if !input.is_explicit => {}
                 Err(message) => {
                     self.code = exit::BAD_INPUT;
@@ -178,14 +189,19 @@ impl<'a> Run<'a> {
         Ok(self.code)
     }
 
-    fn inspect_file(&mut self, path: &Path, name: String, mut file: ReadFile) -> Result<(), Failure> {
+    fn inspect_file(&mut self, path: &Path, name: String, mut file: ReadFile, bytes: u64) -> Result<(), Failure> {
         let unit = file.settle_unit(self.options.unit, None);
         let mesh = file.mesh;
-        let (inspection, findings) =
-            with_progress(|context| inspect(subject(&mesh, Some(&unit)), &self.options, context))
-                .map_err(|e| (exit::INTERNAL, e))?;
+        let inspect = |context: &Context<'_>| {
+            let analysis = Analysis::new(subject(&mesh, Some(&unit)), context)?;
+            let (inspection, findings) = inspect_analysis(&analysis, &self.options, context)?;
+            let file = AssessedFile { analysis: &analysis, measures: &inspection.measures, bytes };
+            let print_ready = self.profile.as_ref().map(|profile| assess(file, profile, context)).transpose()?;
+            Ok::<_, Cancelled>((inspection, findings, print_ready))
+        };
+        let (inspection, findings, print_ready) = with_progress(inspect).map_err(|e| (exit::INTERNAL, e))?;
         let goodness = self.args.good.map(|thresholds| goodness(&inspection, thresholds));
-        let inspected = Inspected { name, mesh, inspection, findings, goodness };
+        let inspected = Inspected { name, mesh, inspection, findings, goodness, print_ready };
         self.code = self.code.max(inspected.code());
         if self.args.json {
             self.json.push(inspected.to_json());

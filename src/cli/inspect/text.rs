@@ -7,6 +7,8 @@ use meshmend::inspect::{
     Answer, CheckRule, CheckVerdict, Fit, Inspection, Level, Measures, NoWallReason, Overhang, OverhangArea,
     PrintMeasures, Shell, Side, Statistics, Unmeasurable,
 };
+use meshmend::printing::readiness::PrintReadiness;
+use meshmend::printing::rules::RuleOutcome;
 use meshmend::scene::{Unit, UnitSource};
 
 use super::defects;
@@ -27,7 +29,25 @@ pub fn report(file: &Inspected, style: Style, all_places: bool) -> String {
     if let Some(statistics) = &inspection.characteristics.statistics {
         text += &shapes(statistics, style);
     }
-    text + &parts(inspection)
+    text += &parts(inspection);
+    text + &file.print_ready.as_ref().map_or_else(String::new, readiness)
+}
+
+/// Whether the file meets each rule of the process.
+fn readiness(readiness: &PrintReadiness) -> String {
+    let list = readiness.rules.iter().map(|rule| {
+        let verdict = match rule.result {
+            RuleOutcome::Pass => "pass",
+            RuleOutcome::Fail => "FAIL",
+            RuleOutcome::Undecided => "undecided",
+        };
+        let number = |name: &str, value: Option<f64>| value.map(|value| format!("{name} {}", format_number(value)));
+        let numbers = [number("limit", rule.limit), number("measured", rule.measured)];
+        let at = rule.places.first().map(|place| format!("at {}", format_point(place.at)));
+        let details = [Some(verdict.to_owned())].into_iter().chain(numbers).chain([at, rule.remedy.clone()]);
+        row(rule.rule.in_words(), details.flatten().collect::<Vec<_>>().join("; "))
+    });
+    section(&format!("Process: {}", readiness.title), &list.collect::<Vec<_>>())
 }
 
 /// The four attributes, and whether the file passes the rules of its level.

@@ -25,6 +25,8 @@ pub enum Preset {
     ManifoldRepair,
     /// Basic cleanup, then a remesh with Blender: for severe damage.
     BlenderRemesh,
+    /// Repair a model of a 3D generator: keep the outer skin, seal pinholes, and fill the inside.
+    Generated,
 }
 
 impl Preset {
@@ -39,6 +41,7 @@ impl Preset {
             Self::ConservativeRepair => "conservative-repair",
             Self::ManifoldRepair => "manifold-repair",
             Self::BlenderRemesh => "blender-remesh",
+            Self::Generated => "generated",
         }
     }
 }
@@ -154,6 +157,20 @@ pub enum Require {
     Any,
     /// Require the outcome `already_printable` or `repaired`. Otherwise the repair fails and returns no model.
     Printable,
+    /// Require, in addition, that the result meets every rule of the process. The value needs the option `process`.
+    PrintReady,
+}
+
+impl Require {
+    /// The name used in JSON and on the command line.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Any => "any",
+            Self::Printable => "printable",
+            Self::PrintReady => "print_ready",
+        }
+    }
 }
 
 /// The winding rule: the space that counts as solid, by how often the surface winds around it.

@@ -27,6 +27,8 @@ pub enum OmittedSection {
     ResultDetails,
     /// The shares of the surface that were kept, moved, added and removed (`changes.surface`).
     SurfaceChanges,
+    /// The assessment against the process (`print_ready`).
+    PrintReadiness,
 }
 
 /// A sign that a repair damaged the model, after the MeshPrep repair strategy guide (lessons 3 and 4).

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use crate::inspect::Measures;
-use crate::repair::options::Require;
 
 /// The outcome of a repair for the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -28,17 +27,6 @@ impl Outcome {
     }
 }
 
-impl Require {
-    /// Whether a result with this outcome meets the requirement.
-    #[must_use]
-    pub fn is_met_by(self, outcome: Outcome) -> bool {
-        match self {
-            Self::Any => true,
-            Self::Printable => outcome.is_printable(),
-        }
-    }
-}
-
 /// The claims about the file that a repair returns.
 ///
 /// Report, exit codes, messages, webhooks, artifacts, the page and the widget all take their claims from the verdict.
@@ -47,6 +35,9 @@ impl Require {
 pub struct Verdict {
     /// Whether the file can be printed as it is: the outcome is `already_printable` or `repaired`.
     pub printable: bool,
+    /// Whether the file is printable and meets every rule of the process. Missing without the option `process`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub print_ready: Option<bool>,
     /// Whether the file's mesh passes every check of `meshmend inspect`. With a red flag, a mesh may pass without being `printable`.
     pub passes: bool,
     /// The file that is returned.

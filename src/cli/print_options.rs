@@ -1,0 +1,153 @@
+//! The command line's options that prepare a model for a printing process, and `meshmend profiles`.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use meshmend::printing::profile::{ProcessLimits, Profile};
+use meshmend::repair::{Interior, Islands, PrintOptions, Voids, WallGrowth};
+
+use super::exit;
+
+/// The process to check a model against.
+#[derive(Debug, Args)]
+pub struct ProcessArgs {
+    /// Printing process to check the model against; `meshmend profiles` lists all.
+    #[arg(long, env = "MESHMEND_PROCESS", value_name = "NAME")]
+    process: Option<String>,
+    /// JSON file with limits that replace those of the process's profile, such as {"free_wall_mm": 1.2}.
+    #[arg(long, env = "MESHMEND_PROCESS_LIMITS", value_name = "FILE", requires = "process")]
+    process_limits: Option<PathBuf>,
+}
+
+impl ProcessArgs {
+    /// The name of the process, and the limits of the file.
+    ///
+    /// # Errors
+    /// The message for a file that cannot be read.
+    pub fn read(&self) -> Result<(Option<String>, Option<ProcessLimits>), String> {
+        let limits = self.process_limits.as_ref().map(|path| {
+            let named = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
+            let text = std::fs::read(path).map_err(|error| named(&error))?;
+            serde_json::from_slice(&text).map_err(|error| named(&error))
+        });
+        Ok((self.process.clone(), limits.transpose()?))
+    }
+}
+
+/// Options that prepare a model for a printing process.
+#[derive(Debug, Args)]
+pub struct PrintOptionArgs {
+    #[command(flatten)]
+    process: ProcessArgs,
+    /// Least wall thickness in millimetres; thinner walls are thickened.
+    #[arg(long, env = "MESHMEND_MIN_WALL", value_name = "MM")]
+    min_wall: Option<f64>,
+    /// Thicken thin walls to the limit of the process.
+    #[arg(long, env = "MESHMEND_THICKEN_TO_PROCESS", requires = "process")]
+    thicken_to_process: bool,
+    /// Side on which thin walls grow.
+    #[arg(long, env = "MESHMEND_WALL_GROWTH", value_enum, default_value_t)]
+    wall_growth: WallGrowth,
+    /// Treatment of the space inside a model.
+    #[arg(long, env = "MESHMEND_INTERIOR", value_enum, default_value_t)]
+    interior: Interior,
+    /// Widest opening, in millimetres, that is sealed when the interior is filled.
+    #[arg(long, env = "MESHMEND_SEAL_MM", value_name = "MM")]
+    seal_mm: Option<f64>,
+    /// Treatment of small separate solids.
+    #[arg(long, env = "MESHMEND_ISLANDS", value_enum, default_value_t)]
+    islands: Islands,
+    /// Treatment of sealed cavities.
+    #[arg(long, env = "MESHMEND_VOIDS", value_enum, default_value_t)]
+    voids: Voids,
+    /// Diameter of the holes that `--voids vent` drills, in millimetres.
+    #[arg(long, env = "MESHMEND_VENT_DIAMETER_MM", value_name = "MM")]
+    vent_diameter_mm: Option<f64>,
+    /// Height of the result in millimetres; the model is scaled evenly.
+    #[arg(long, env = "MESHMEND_TARGET_HEIGHT_MM", value_name = "MM", conflicts_with = "target_longest_mm")]
+    target_height_mm: Option<f64>,
+    /// Longest side of the result in millimetres; the model is scaled evenly.
+    #[arg(long, env = "MESHMEND_TARGET_LONGEST_MM", value_name = "MM")]
+    target_longest_mm: Option<f64>,
+}
+
+impl PrintOptionArgs {
+    /// The options.
+    ///
+    /// # Errors
+    /// The message for a file of limits that cannot be read.
+    pub fn options(&self) -> Result<PrintOptions, String> {
+        let (process, process_limits) = self.process.read()?;
+        Ok(PrintOptions {
+            process,
+            process_limits,
+            min_wall: self.min_wall,
+            thicken_to_process: self.thicken_to_process,
+            wall_growth: self.wall_growth,
+            interior: self.interior,
+            seal_mm: self.seal_mm,
+            islands: self.islands,
+            voids: self.voids,
+            vent_diameter_mm: self.vent_diameter_mm,
+            target_height_mm: self.target_height_mm,
+            target_longest_mm: self.target_longest_mm,
+        })
+    }
+}
+
+/// Arguments of `meshmend profiles`.
+#[derive(Debug, Args)]
+pub struct ProfilesArgs {
+    /// Show only this profile.
+    name: Option<String>,
+    /// Print the profiles as JSON, with the sources of each limit.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `meshmend profiles`.
+pub fn run_profiles(args: &ProfilesArgs) -> ExitCode {
+    let profiles: Vec<&Profile> = match &args.name {
+        None => Profile::built_in().iter().collect(),
+        Some(name) => match Profile::resolve(name, None) {
+            Ok(_) => Profile::named(name).into_iter().collect(),
+            Err(error) => return exit::fail(exit::BAD_INPUT, error),
+        },
+    };
+    let text = if args.json {
+        serde_json::to_string_pretty(&profiles).unwrap_or_default()
+    } else {
+        profiles.iter().map(|profile| profile_text(profile)).collect::<Vec<_>>().join("\n")
+    };
+    let _ = writeln!(std::io::stdout(), "{text}");
+    ExitCode::SUCCESS
+}
+
+fn profile_text(profile: &Profile) -> String {
+    let limits = [
+        ("supported wall", &profile.supported_wall_mm),
+        ("free wall", &profile.free_wall_mm),
+        ("wire", &profile.wire_mm),
+        ("pin", &profile.pin_mm),
+        ("hole", &profile.hole_mm),
+        ("gap", &profile.gap_mm),
+        ("clearance", &profile.clearance_mm),
+        ("embossed detail", &profile.embossed_mm),
+        ("engraved detail", &profile.engraved_mm),
+    ];
+    let mut text = format!("{}: {}\n", profile.name, profile.title);
+    for (name, limit) in limits {
+        text.push_str(&format!("  {name:<16} {:>6} mm\n", limit.limit));
+    }
+    text.push_str(&format!("  {:<16} {:>6} mm³\n", "part volume", profile.part_volume_mm3.limit));
+    if let Some(holes) = &profile.escape_holes {
+        text.push_str(&format!("  {:<16} {:>6} mm, {} per cavity\n", "escape holes", holes.diameter_mm, holes.count));
+    }
+    if let Some(volume) = &profile.build_volume_mm {
+        let [x, y, z] = volume.size;
+        text.push_str(&format!("  {:<16} {x} x {y} x {z} mm\n", "build volume"));
+    }
+    text
+}
