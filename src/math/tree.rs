@@ -23,9 +23,9 @@ pub(super) const FAR: f64 = 1.152_921_504_606_847e18; // 2^60
 /// Queries return candidates, not hits: boxes are in f32 and rounded outward, and the exact predicates decide.
 pub struct Tree {
     /// The hierarchy; none without triangles.
-    pub(super) bvh: Option<Bvh2>,
+    pub(crate) bvh: Option<Bvh2>,
     /// The coordinate frame of the boxes.
-    pub(super) frame: Frame,
+    pub(crate) frame: Frame,
 }
 
 impl Tree {
@@ -61,7 +61,7 @@ impl Tree {
     }
 
     /// All nodes, each after its children. The node array itself need not have this order.
-    pub(super) fn children_first(&self) -> impl Iterator<Item = u32> {
+    pub(crate) fn children_first(&self) -> impl Iterator<Item = u32> {
         let nodes = self.bvh.as_ref().map_or(&[][..], |bvh| &bvh.nodes);
         let (mut order, mut stack) = (Vec::with_capacity(nodes.len()), Vec::new());
         stack.extend((!nodes.is_empty()).then_some(0u32));
@@ -226,7 +226,7 @@ impl GrowingTree {
 
 /// The triangles of a leaf.
 #[inline]
-pub(super) fn triangles_of<'a>(bvh: &'a Bvh2, leaf: &Bvh2Node) -> &'a [u32] {
+pub(crate) fn triangles_of<'a>(bvh: &'a Bvh2, leaf: &Bvh2Node) -> &'a [u32] {
     let first = leaf.first_index as usize;
     &bvh.primitive_indices[first..first + leaf.prim_count as usize]
 }
@@ -249,7 +249,7 @@ pub(super) fn box_distance_squared(aabb: &Aabb, point: DVec3) -> f64 {
 
 /// Rounds a vector to f32, to nearest, which preserves the order of coordinates.
 #[expect(clippy::cast_possible_truncation, reason = "rounded to the nearest, which keeps the order of numbers")]
-pub(super) fn vec3a(v: DVec3) -> Vec3A {
+pub(crate) fn vec3a(v: DVec3) -> Vec3A {
     Vec3A::new(v.x as f32, v.y as f32, v.z as f32)
 }
 

@@ -5,9 +5,14 @@
 
 pub mod cups;
 mod features;
+pub mod fill;
 pub mod profile;
+pub mod reach;
 pub mod readiness;
 pub mod rules;
 #[cfg(test)]
 mod shapes;
+pub mod skin;
+pub mod thickness;
+pub mod vents;
 pub mod voids;

@@ -1,0 +1,152 @@
+//! Chords that end at a concave edge or vertex: necks, grooves opposite a wall, pits.
+
+use crate::math::nearest_on_triangle;
+use glam::DVec3;
+use smallvec::{SmallVec, smallvec};
+
+use super::facing::{Chord, Least, NUDGE};
+use super::prepared::{Prepared, TILT};
+
+/// Distance in units of a face's longest side at which a point counts as on an edge or a vertex.
+const TOUCHING: f64 = 1e-9;
+
+impl Prepared<'_> {
+    /// The shortest chord between two faces, if it is thinner than `limit`, lies in the material, and neither end can
+    /// shorten it much by sliding along the surface: by at most the sine of [`TILT`] per length.
+    pub(super) fn least_concave(&self, [f, h]: [u32; 2], limit: f64, steps: &mut u64) -> Least {
+        if self.share_a_vertex(f, h) {
+            return Least::Nothing;
+        }
+        let [p, q] = nearest_points(self.corners(f), self.corners(h));
+        let length = p.distance(q);
+        if length >= limit || length == 0.0 {
+            return Least::Nothing;
+        }
+        *steps = steps.saturating_sub(16);
+        let u = (q - p) / length;
+        let (Some(first), Some(second)) = (self.end(f, p, u), self.end(h, q, -u)) else { return Least::Nothing };
+        let slope = first.slope.max(second.slope);
+        let thickness = length / (1.0 - slope * slope).sqrt();
+        if slope > TILT.sin() || thickness >= limit {
+            return Least::Nothing;
+        }
+        let is_end = |face: u32| first.around.contains(&face) || second.around.contains(&face);
+        if self.blocker([first.inner, second.inner], steps, is_end).is_some() {
+            return Least::Nothing;
+        }
+        let chord = Chord { points: [p, q], thickness, inside: (first.inner + second.inner) / 2.0 };
+        if *steps == 0 { Least::Undecided(chord) } else { Least::Found(chord) }
+    }
+
+    /// The end of a chord that leaves the surface at `p` of face `f` in the direction `u`. A point on the face's border
+    /// also counts as the limit of points within the face or along its edges, so that a convex edge beside a wall does
+    /// not hide the wall. None if the chord does not leave into the material.
+    fn end(&self, f: u32, p: DVec3, u: DVec3) -> Option<End> {
+        let corners = self.corners(f);
+        let [a, b, c] = corners;
+        let middles = [(a + b + c) / 3.0, (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
+        let inner = |k: usize| if k == 0 { p } else { p.lerp(middles[k - 1], NUDGE) };
+        let ends = (0..5).filter(|&k| k < 2 || is_on_edge(p, corners, k - 2)).map(inner);
+        ends.filter_map(|inner| self.end_at(f, inner, u)).min_by(|x, y| x.slope.total_cmp(&y.slope))
+    }
+
+    fn end_at(&self, f: u32, p: DVec3, u: DVec3) -> Option<End> {
+        let face = self.surface.faces[f as usize];
+        let corners = self.corners(f);
+        let near = TOUCHING * longest_side(corners);
+        let around: SmallVec<[u32; 8]> = if let Some(i) = (0..3).find(|&i| corners[i].distance(p) <= near) {
+            self.stars.of(face[i]).iter().copied().collect()
+        } else if let Some(i) = (0..3).find(|&i| is_on_edge(p, corners, i)) {
+            let (a, b) = (face[i], face[(i + 1) % 3]);
+            self.stars.of(a).iter().copied().filter(|&k| self.surface.faces[k as usize].contains(&b)).collect()
+        } else {
+            smallvec![f]
+        };
+        let inward: DVec3 = around.iter().map(|&k| self.normal(k)).sum();
+        if around.iter().any(|&k| self.normal(k) == DVec3::ZERO) || u.dot(inward) >= 0.0 {
+            return None;
+        }
+        let slope = around.iter().map(|&k| self.slope_in(k, p, u)).fold(0.0, f64::max);
+        Some(End { slope, inner: p, around })
+    }
+
+    /// The largest rate at which a chord in direction `u` shortens as its end slides from `p` within one face.
+    fn slope_in(&self, k: u32, p: DVec3, u: DVec3) -> f64 {
+        let corners = self.corners(k);
+        let n = self.normal(k);
+        let along = u - n * u.dot(n);
+        let length = along.length();
+        if length == 0.0 {
+            return 0.0;
+        }
+        // A direction leads into the face if it does not lead out across an edge through the point.
+        let through: SmallVec<[usize; 3]> = (0..3).filter(|&i| is_on_edge(p, corners, i)).collect();
+        let leads_in = |t: DVec3| {
+            through.iter().all(|&i| {
+                let (a, b) = (corners[i], corners[(i + 1) % 3]);
+                n.cross(b - a).dot(t) >= -1e-9 * (b - a).length()
+            })
+        };
+        if leads_in(along / length) {
+            return length;
+        }
+        let edges = through.iter().flat_map(|&i| {
+            let t = (corners[(i + 1) % 3] - corners[i]).normalize_or_zero();
+            [t, -t]
+        });
+        edges.filter(|&t| leads_in(t)).map(|t| u.dot(t)).fold(0.0, f64::max)
+    }
+}
+
+/// One end of a chord.
+struct End {
+    /// Rate at which the chord shortens as this end slides along the surface, at most.
+    slope: f64,
+    /// The end, or a point close to it.
+    inner: DVec3,
+    /// The faces at the end.
+    around: SmallVec<[u32; 8]>,
+}
+
+fn longest_side([a, b, c]: [DVec3; 3]) -> f64 {
+    a.distance(b).max(b.distance(c)).max(c.distance(a))
+}
+
+/// Whether a point of a triangle lies on its edge `i`.
+fn is_on_edge(p: DVec3, corners: [DVec3; 3], i: usize) -> bool {
+    let (a, b) = (corners[i], corners[(i + 1) % 3]);
+    (b - a).cross(p - a).length() <= TOUCHING * longest_side(corners) * (b - a).length()
+}
+
+/// The nearest points of two triangles that don't intersect: at a corner of one, or at two edges.
+fn nearest_points(f: [DVec3; 3], h: [DVec3; 3]) -> [DVec3; 2] {
+    let mut best = [f[0], h[0]];
+    let mut consider = |pair: [DVec3; 2]| {
+        if pair[0].distance_squared(pair[1]) < best[0].distance_squared(best[1]) {
+            best = pair;
+        }
+    };
+    f.into_iter().for_each(|p| consider([p, nearest_on_triangle(p, h)]));
+    h.into_iter().for_each(|q| consider([nearest_on_triangle(q, f), q]));
+    for i in 0..3 {
+        for j in 0..3 {
+            consider(nearest_on_edges([f[i], f[(i + 1) % 3]], [h[j], h[(j + 1) % 3]]));
+        }
+    }
+    best
+}
+
+/// The nearest points of two segments (Ericson 2005, "Real-Time Collision Detection", section 5.1.9).
+fn nearest_on_edges([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> [DVec3; 2] {
+    let (u, v, w) = (b - a, d - c, a - c);
+    let (uu, vv, uv) = (u.length_squared(), v.length_squared(), u.dot(v));
+    let (uw, vw) = (u.dot(w), v.dot(w));
+    let denominator = uu * vv - uv * uv;
+    let mut s = if denominator > 1e-14 * uu * vv { ((uv * vw - uw * vv) / denominator).clamp(0.0, 1.0) } else { 0.0 };
+    let mut t = if vv > 0.0 { (uv * s + vw) / vv } else { 0.0 };
+    if !(0.0..=1.0).contains(&t) {
+        t = t.clamp(0.0, 1.0);
+        s = if uu > 0.0 { ((uv * t - uw) / uu).clamp(0.0, 1.0) } else { 0.0 };
+    }
+    [a + u * s, c + v * t]
+}

@@ -1,0 +1,201 @@
+//! The least distance between two opposed facets across the overlap of their projections, where the view is free.
+
+use glam::DVec3;
+use smallvec::{SmallVec, smallvec};
+
+use super::prepared::Prepared;
+
+/// Views that are cut away from one overlap before the pair counts as undecided.
+const MAX_CUTS: usize = 96;
+/// Share of the way from a corner of a piece to its centre at which the view is tested.
+pub(super) const NUDGE: f64 = 1e-6;
+/// A piece whose area is below this fraction of the face's is dropped.
+const SLIVER: f64 = 1e-14;
+/// A face hides the ball beside a smooth convex edge if its normal's dot product with the touched face exceeds this.
+/// Beside a sharper edge the wall is measured through the edge's rounding.
+const SMOOTH: f64 = 0.32;
+
+/// Cosine of the angle between two planes from which the ball between them is at most 0.25 % thinner than the
+/// perpendicular, so that only the perpendicular is measured.
+const NEARLY_PARALLEL: f64 = 0.995;
+/// Steps of the search for a face that hides a ball. If they run out, the ball counts.
+const HIDING_BUDGET: u64 = 4096;
+/// A point that is nearest to nothing.
+const FAR_AWAY: DVec3 = DVec3::splat(1e100);
+
+pub(super) type Polygon = SmallVec<[DVec3; 8]>;
+
+/// A place where two faces are opposed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Chord {
+    pub points: [DVec3; 2],
+    /// Diameter of the ball that touches the first face at its point and also the other face.
+    pub thickness: f64,
+    /// A point in the material, on a neighbouring chord if this one runs along the surface.
+    pub inside: DVec3,
+}
+
+/// Result of a search in one pair of faces.
+pub(super) enum Least {
+    Found(Chord),
+    Nothing,
+    /// The budget ended; every chord is at least this thick.
+    Undecided(Chord),
+}
+
+/// The direction of the chords between two faces.
+struct Way {
+    direction: DVec3,
+    /// Thickness per length of a chord.
+    factor: f64,
+    /// Whether the ball that touches both faces must be empty beside smooth edges.
+    is_ball: bool,
+}
+
+impl Prepared<'_> {
+    /// The least thickness below `limit` between two opposed faces, measured from `f`: by perpendiculars on `f`, and
+    /// by balls that touch both faces. Only chords that no other face blocks count.
+    pub fn least_facing(&self, [f, h]: [u32; 2], limit: f64, steps: &mut u64) -> Least {
+        let (n, m) = (self.normal(f), self.normal(h));
+        let (p, q) = (self.corners(f), self.corners(h));
+        let cosine = -n.dot(m);
+        let upright = overlap(p, q, m, -n);
+        if area(&upright) <= SLIVER.sqrt() * area(&p).min(area(&q)) {
+            return Least::Nothing;
+        }
+        let way = Way { direction: -n, factor: 1.0, is_ball: false };
+        let first = self.least_in([f, h], &way, upright, (limit, steps));
+        if cosine > NEARLY_PARALLEL {
+            return first;
+        }
+        let bound = if let Least::Found(chord) = &first { chord.thickness } else { limit };
+        // The ball's thickness is at least the perpendicular's times this.
+        let sum = m - n;
+        let length = sum.length();
+        let way = Way { direction: sum / length, factor: 2.0 / length, is_ball: true };
+        let slanted = overlap(p, q, m, way.direction);
+        match (self.least_in([f, h], &way, slanted, (bound, steps)), first) {
+            (Least::Nothing, first) => first,
+            (second @ Least::Undecided(_), Least::Nothing) => second,
+            (Least::Undecided(_), first) => first,
+            (found @ Least::Found(_), _) => found,
+        }
+    }
+
+    fn least_in(&self, [f, h]: [u32; 2], way: &Way, start: Polygon, (limit, steps): (f64, &mut u64)) -> Least {
+        let (m, [q, ..]) = (self.normal(h), self.corners(h));
+        let rate = way.direction.dot(m);
+        let length = |p: DVec3| (q - p).dot(m) / rate;
+        let small = SLIVER * area(&self.corners(f));
+        let mut pieces: SmallVec<[Polygon; 4]> = smallvec![start];
+        for _ in 0..MAX_CUTS {
+            let corners =
+                pieces.iter().enumerate().flat_map(|(i, piece)| piece.iter().map(move |&p| (i, p, length(p))));
+            let least = corners.min_by(|x, y| x.2.total_cmp(&y.2)).filter(|x| x.2 * way.factor < limit);
+            let Some((i, point, least)) = least else { return Least::Nothing };
+            let piece = pieces.swap_remove(i);
+            let inner = point.lerp(piece.iter().sum::<DVec3>() / piece.len() as f64, NUDGE);
+            let end = inner + way.direction * length(inner);
+            let points = [point, point + way.direction * least];
+            let chord = Chord { points, thickness: (least * way.factor).max(0.0), inside: (inner + end) / 2.0 };
+            if *steps == 0 {
+                return Least::Undecided(chord);
+            }
+            if let Some(k) = self.blocker([inner, end], steps, |face| face == f || face == h) {
+                pieces.extend(without_shadow(&piece, self.corners(k), way.direction));
+            } else if let Some((normal, origin)) = way.is_ball.then(|| self.hiding([f, h], chord, steps)).flatten() {
+                pieces.push(clip(&piece, normal, origin));
+            } else {
+                return Least::Found(chord);
+            }
+            pieces.retain(|piece| piece.len() > 2 && area(piece) > small);
+        }
+        let corners = pieces.iter().flatten().map(|&p| (p, length(p)));
+        let Some((point, least)) = corners.min_by(|x, y| x.1.total_cmp(&y.1)) else { return Least::Nothing };
+        if least * way.factor >= limit {
+            return Least::Nothing;
+        }
+        let points = [point, point + way.direction * least];
+        Least::Undecided(Chord { points, thickness: least * way.factor, inside: (points[0] + points[1]) / 2.0 })
+    }
+
+    /// The part of face `f` in which a smooth neighbour hides the ball between `f` and `h`: a half-space that keeps
+    /// the points where the ball clears the neighbour's plane. None if the ball is clear.
+    fn hiding(&self, [f, h]: [u32; 2], chord: Chord, steps: &mut u64) -> Option<(DVec3, DVec3)> {
+        let (n, m) = (self.normal(f), self.normal(h));
+        let radius = chord.thickness / 2.0;
+        let centre = chord.points[0] - n * radius;
+        let smooth = SMOOTH..1.0 - 1e-9;
+        let is_smooth = |k: DVec3| smooth.contains(&n.dot(k)) || smooth.contains(&m.dot(k));
+        let mut left = HIDING_BUDGET.min(*steps);
+        *steps -= left;
+        let found = self.tree.nearest(centre, radius * (1.0 - 1e-6), &mut left, |face| {
+            if is_smooth(self.normal(face)) { self.corners(face) } else { [FAR_AWAY; 3] }
+        });
+        *steps += left;
+        let found = found?;
+        let k = self.normal(found.face);
+        let (y, z) = (self.corners(h)[0], self.corners(found.face)[0]);
+        // A ball that touches `f` at p and the plane with normal m through y has the radius (y - p).m / (1 - n.m):
+        // (y - p).m / (1 - n.m) <= (z - p).k / (1 - n.k): linear in p.
+        let (a, b) = (1.0 / (1.0 - n.dot(m)), 1.0 / (1.0 - n.dot(k)));
+        let normal = m * a - k * b;
+        let height = y.dot(m) * a - z.dot(k) * b;
+        let square = normal.length_squared();
+        let origin = normal * (height / square);
+        (square > 0.0 && origin.is_finite() && normal.dot(chord.points[0] - origin) < 0.0).then_some((normal, origin))
+    }
+}
+
+/// The part of triangle `p` from which a ray in `direction` meets triangle `q`, which has the normal `m`.
+fn overlap(p: [DVec3; 3], q: [DVec3; 3], m: DVec3, direction: DVec3) -> Polygon {
+    let mut part: Polygon = p.into_iter().collect();
+    for k in 0..3 {
+        let (start, end, third) = (q[k], q[(k + 1) % 3], q[(k + 2) % 3]);
+        let across = (end - start).cross(direction);
+        let across = if across.dot(third - start) < 0.0 { -across } else { across };
+        part = clip(&part, across, start);
+        if part.is_empty() {
+            return part;
+        }
+    }
+    part = clip(&part, -m, q[0]);
+    if part.len() < 3 { Polygon::new() } else { part }
+}
+
+/// The part of a convex polygon on the side of a plane to which `normal` points.
+fn clip(polygon: &[DVec3], normal: DVec3, origin: DVec3) -> Polygon {
+    let height = |x: DVec3| normal.dot(x - origin);
+    let mut part = Polygon::new();
+    for (i, &a) in polygon.iter().enumerate() {
+        let b = polygon[(i + 1) % polygon.len()];
+        let (from, to) = (height(a), height(b));
+        if from >= 0.0 {
+            part.push(a);
+        }
+        if (from < 0.0 && to > 0.0) || (from > 0.0 && to < 0.0) {
+            part.push(a.lerp(b, from / (from - to)));
+        }
+    }
+    part
+}
+
+/// The parts of a convex polygon from which rays in `direction` don't meet a triangle.
+fn without_shadow(polygon: &[DVec3], triangle: [DVec3; 3], direction: DVec3) -> SmallVec<[Polygon; 4]> {
+    let mut parts = SmallVec::new();
+    let mut rest: Polygon = polygon.iter().copied().collect();
+    for k in 0..3 {
+        let (start, end, third) = (triangle[k], triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
+        let across = (end - start).cross(direction);
+        let across = if across.dot(third - start) < 0.0 { -across } else { across };
+        parts.push(clip(&rest, -across, start));
+        rest = clip(&rest, across, start);
+    }
+    parts
+}
+
+/// Twice the area of a convex polygon.
+fn area(polygon: &[DVec3]) -> f64 {
+    let [first, rest @ ..] = polygon else { return 0.0 };
+    rest.windows(2).map(|w| (w[0] - first).cross(w[1] - first)).sum::<DVec3>().length()
+}

@@ -1,0 +1,173 @@
+//! A surface prepared for thickness queries: a tree with the normals below each node, and the concave edges.
+
+use std::borrow::Cow;
+
+use crate::math::{Tree, hit, unit_scale};
+use crate::math::{triangles_of, vec3a};
+use crate::mesh::{Edges, Stars, Surface};
+use glam::{DVec3, Vec3A};
+use rayon::prelude::*;
+
+use super::Side;
+
+/// Two faces are opposed if the dot product of their unit normals is at most this: their planes enclose at most 36.87
+/// degrees. A wedge with a larger angle is an edge of the solid, not a wall.
+pub(super) const OPPOSED: f64 = -0.8;
+/// The angle between two chords that both count as perpendicular to a wall: half of that angle, in radians.
+pub(super) const TILT: f64 = 0.321_750_554_396_642_2;
+/// Relative bound of the rounding errors of box tests in f32.
+const SLACK: f32 = 1e-5;
+/// A concave edge is sharp if the normals of its faces differ by more than this angle; cosine of 15 degrees. The wall
+/// at a blunter edge is measured from the faces.
+const SHARP: f64 = 0.965_925_826_289_068_3;
+/// A face with a height below this fraction of the largest coordinate has no reliable normal: f32 has 24 bits.
+const FLAT: f64 = 2.4e-7;
+/// Like [`FLAT`], as a fraction of the face's longest edge.
+const NEEDLE: f64 = 1e-9;
+
+/// Summary of a node's faces: the range of their normals, and the widest cone of a concave feature.
+#[derive(Clone, Copy)]
+pub(super) struct Below {
+    low: Vec3A,
+    high: Vec3A,
+    /// Largest angle in radians between a face's normal and a direction in which a concave feature of the face points.
+    pub spread: f32,
+}
+
+impl Below {
+    const EMPTY: Self = Self { low: Vec3A::INFINITY, high: Vec3A::NEG_INFINITY, spread: 0.0 };
+
+    fn and(self, other: Self) -> Self {
+        Self { low: self.low.min(other.low), high: self.high.max(other.high), spread: self.spread.max(other.spread) }
+    }
+
+    /// Lower bound of the dot product of a unit vector with the normals below.
+    #[inline]
+    pub fn least_dot(&self, normal: Vec3A) -> f32 {
+        (normal * self.low).min(normal * self.high).element_sum() - SLACK
+    }
+}
+
+/// A surface prepared for thickness queries. For gaps the faces are reversed, so that material and air change places.
+pub(super) struct Prepared<'a> {
+    pub surface: Cow<'a, Surface>,
+    /// Factor by which the positions were multiplied: a power of two.
+    pub scale: f64,
+    pub tree: Tree,
+    /// Unit normal of each face; zero for a face without a reliable normal.
+    pub normals: Vec<DVec3>,
+    pub below: Vec<Below>,
+    pub stars: Stars,
+    /// For each face the angle of its concave cone ([`Below::spread`]); 0 for a face without a sharp concave edge.
+    pub spread: Vec<f32>,
+}
+
+impl<'a> Prepared<'a> {
+    pub fn new(surface: &'a Surface, side: Side) -> Self {
+        let scale = unit_scale(&surface.positions);
+        let mut own = Cow::Borrowed(surface);
+        if scale != 1.0 {
+            own.to_mut().positions.iter_mut().for_each(|p| *p *= scale);
+        }
+        if side == Side::Air {
+            own.to_mut().faces.iter_mut().for_each(|face| face.swap(1, 2));
+        }
+        let largest = own.positions.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
+        let normals: Vec<DVec3> =
+            (0..own.faces.len()).into_par_iter().map(|f| reliable_normal(own.corners(f), largest)).collect();
+        let stars = Stars::new(own.positions.len(), &own.faces);
+        let tree = Tree::new(&own.positions, &own.faces);
+        let mut prepared = Self { surface: own, scale, tree, normals, below: Vec::new(), stars, spread: Vec::new() };
+        prepared.spread = prepared.spreads();
+        prepared.below = prepared.summaries();
+        prepared
+    }
+
+    #[inline]
+    pub fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.surface.corners(face as usize)
+    }
+
+    #[inline]
+    pub fn normal(&self, face: u32) -> DVec3 {
+        self.normals[face as usize]
+    }
+
+    pub fn len(&self) -> usize {
+        self.surface.faces.len()
+    }
+
+    pub fn share_a_vertex(&self, f: u32, h: u32) -> bool {
+        let (f, h) = (self.surface.faces[f as usize], self.surface.faces[h as usize]);
+        f.iter().any(|v| h.contains(v))
+    }
+
+    /// The first face besides `ends` that the segment meets strictly between its ends.
+    pub fn blocker(&self, [from, to]: [DVec3; 2], steps: &mut u64, is_end: impl Fn(u32) -> bool) -> Option<u32> {
+        let step = to - from;
+        let found = self.tree.first_along([from, to], None, steps, |face| {
+            let fraction = if is_end(face) { None } else { hit(from, step, self.corners(face)) };
+            fraction.filter(|fraction| (1e-9..=1.0 - 1e-9).contains(fraction))
+        });
+        found.map(|(_, face)| face)
+    }
+
+    /// The concave cone of each face. A vertex counts as a sharp concave feature if one of its edges is sharp.
+    fn spreads(&self) -> Vec<f32> {
+        let faces = &self.surface.faces;
+        let mut is_sharp = vec![false; self.surface.positions.len()];
+        let edges = Edges::new(faces);
+        for half_edges in edges.iter() {
+            let [h, k] = match *half_edges {
+                [h, k] => [h, k],
+                _ => continue,
+            };
+            let (n, m) = (self.normal(h / 3), self.normal(k / 3));
+            let [a, b] = Edges::ends(faces, h);
+            let apex = Edges::opposite(faces, k);
+            let [from, apex] = [a, apex].map(|v| self.surface.positions[v as usize]);
+            if n.dot(m) < SHARP && n != DVec3::ZERO && m != DVec3::ZERO && n.dot(apex - from) > 0.0 {
+                is_sharp[a as usize] = true;
+                is_sharp[b as usize] = true;
+            }
+        }
+        let spread = |f: usize| {
+            let own = self.normals[f];
+            let sharp = faces[f].iter().filter(|&&v| is_sharp[v as usize]);
+            let around = sharp.flat_map(|&v| self.stars.of(v));
+            let least = around.map(|&k| own.dot(self.normal(k))).fold(f64::INFINITY, f64::min);
+            #[expect(clippy::cast_possible_truncation, reason = "the slack covers the rounding")]
+            if least <= 1.0 && own != DVec3::ZERO { least.clamp(-1.0, 1.0).acos().max(1e-3) as f32 } else { 0.0 }
+        };
+        (0..faces.len()).into_par_iter().map(spread).collect()
+    }
+
+    fn summaries(&self) -> Vec<Below> {
+        let Some(bvh) = &self.tree.bvh else { return Vec::new() };
+        let mut below = vec![Below::EMPTY; bvh.nodes.len()];
+        for at in self.tree.children_first() {
+            let node = &bvh.nodes[at as usize];
+            below[at as usize] = if node.is_leaf() {
+                let own = triangles_of(bvh, node).iter().filter(|&&f| self.normal(f) != DVec3::ZERO);
+                let of = own.map(|&f| {
+                    let n = vec3a(self.normal(f));
+                    Below { low: n, high: n, spread: self.spread[f as usize] }
+                });
+                of.fold(Below::EMPTY, Below::and)
+            } else {
+                below[node.first_index as usize].and(below[node.first_index as usize + 1])
+            };
+        }
+        below
+    }
+}
+
+/// The unit normal of a triangle, or zero if rounding of the coordinates makes it unreliable.
+fn reliable_normal([a, b, c]: [DVec3; 3], largest: f64) -> DVec3 {
+    let sides = [b - a, c - b, a - c];
+    let longest = sides.iter().fold(0.0f64, |m, side| m.max(side.length()));
+    let area = sides[0].cross(sides[1]);
+    let length = area.length();
+    let height = length / longest;
+    if longest > 0.0 && height > FLAT * largest && height > NEEDLE * longest { area / length } else { DVec3::ZERO }
+}

@@ -1,0 +1,309 @@
+//! The search for the least wall at each face: branch and bound over the tree, parallel over the faces.
+
+use crate::context::{Cancelled, Context};
+use crate::math::Box3;
+use crate::math::{triangles_of, vec3a};
+use glam::{DVec3, Vec3A};
+use rayon::prelude::*;
+use smallvec::SmallVec;
+
+use super::facing::{Chord, Least};
+use super::prepared::{Below, OPPOSED, Prepared, TILT};
+use super::{OpposedPair, OpposedPairs};
+
+/// Faces searched between two checks for cancellation, by their budget: the first stage has a small one.
+const STAGES: [(usize, u64); 3] = [(1 << 14, 1 << 13), (256, 1 << 19), (8, 1 << 24)];
+/// Steps for all faces together: a base, and a number per face.
+const BUDGET: [u64; 2] = [1 << 30, 600];
+/// Cost in steps of the comparison of two faces.
+const PAIR_COST: u64 = 6;
+/// Planes that enclose a smaller angle than 1 degree form no tip. Sine of the angle.
+const LEAST_TAPER: f64 = 0.017_452_406_437_283_5;
+/// Share of the way to the line where the planes of two faces meet that a tip must reach.
+const TIP_REACH: f64 = 0.8;
+
+/// The thinnest places of one face.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Thinnest {
+    pub wall: Option<(u32, Chord)>,
+    pub tip: Option<(u32, Chord)>,
+    /// The lower bound of the thickness where a budget ended the search.
+    pub undecided: Option<f64>,
+}
+
+/// A question to the tree about one face.
+struct Query<'a> {
+    prepared: &'a Prepared<'a>,
+    face: u32,
+    normal: Vec3A,
+    limit: f64,
+    found: Thinnest,
+    /// Whether chords at concave edges are searched; otherwise perpendicular chords.
+    is_concave: bool,
+    steps: u64,
+}
+
+/// The places that a query still has to visit, in the tree's frame.
+#[derive(Clone, Copy)]
+enum Reach {
+    /// All places in a box.
+    Box { low: Vec3A, high: Vec3A },
+    /// The places within a distance of a segment: where it starts, its step, the reciprocals, and the distance.
+    Prism { start: Vec3A, reciprocal: Vec3A, margin: Vec3A },
+}
+
+impl Reach {
+    /// When the reach meets a box, a value to visit boxes in order: the nearest first.
+    #[inline]
+    fn meets(&self, low: Vec3A, high: Vec3A) -> Option<f32> {
+        match *self {
+            Self::Box { low: from, high: to } => {
+                let meets = (low.cmple(to) & high.cmpge(from)).all();
+                let middle = (from + to) * 0.5;
+                meets.then(|| (low - middle).max(middle - high).max(Vec3A::ZERO).length_squared())
+            }
+            Self::Prism { start, reciprocal, margin } => {
+                // The slab test of Kay and Kajiya (1986).
+                let a = (low - margin - start) * reciprocal;
+                let b = (high + margin - start) * reciprocal;
+                let enter = a.min(b).max_element().max(0.0);
+                let leave = a.max(b).min_element().min(1.0);
+                (enter <= leave + 1e-5).then_some(enter)
+            }
+        }
+    }
+}
+
+impl Query<'_> {
+    /// Thickness from which a chord no longer matters.
+    fn bound(&self) -> f64 {
+        self.found.wall.map_or(self.limit, |(_, chord)| chord.thickness)
+    }
+
+    /// The places of all faces at less than the bound: behind the face, or around it for concave edges.
+    fn reach(&self) -> Reach {
+        let corners = self.prepared.corners(self.face);
+        let (bound, frame) = (self.bound(), self.prepared.tree.frame);
+        if self.is_concave {
+            let bounds = Box3::of(corners);
+            let [low, high] = [bounds.min - bound, bounds.max + bound].map(|p| vec3a(frame.to_tree(p)));
+            return Reach::Box { low, high };
+        }
+        let centre = corners.iter().sum::<DVec3>() / 3.0;
+        let radius = corners.iter().fold(0.0f64, |r, p| r.max(p.distance(centre)));
+        let step = -self.prepared.normal(self.face) * bound * frame.scale();
+        // The clamp makes zero times a reciprocal zero.
+        let reciprocal = vec3a(step.recip()).clamp(Vec3A::splat(f32::MIN), Vec3A::splat(f32::MAX));
+        // The first term covers the f32 rounding in the frame, whose coordinates are at most 1.
+        let margin = vec3a(DVec3::splat(1e-6 + radius * frame.scale() * 1.000_01));
+        Reach::Prism { start: vec3a(frame.to_tree(centre)), reciprocal, margin }
+    }
+
+    fn may_be_opposed(&self, below: &Below) -> bool {
+        #[expect(clippy::cast_possible_truncation, reason = "the slack covers the rounding")]
+        let most = if self.is_concave {
+            let angle = self.prepared.spread[self.face as usize] + below.spread + 2.0 * TILT as f32;
+            -angle.min(std::f32::consts::PI).cos()
+        } else {
+            OPPOSED as f32
+        };
+        below.least_dot(self.normal) <= most + 1e-4
+    }
+
+    fn run(&mut self) {
+        let Some(bvh) = &self.prepared.tree.bvh else { return };
+        let mut reach = self.reach();
+        let mut stack: SmallVec<[u32; 64]> = SmallVec::new();
+        stack.push(0);
+        while let Some(at) = stack.pop() {
+            let node = &bvh.nodes[at as usize];
+            let left = self.steps.checked_sub(1);
+            self.steps = left.unwrap_or(0);
+            if left.is_none() {
+                self.found.undecided = Some(0.0);
+                return;
+            }
+            if reach.meets(node.aabb().min, node.aabb().max).is_none() {
+                continue;
+            }
+            if node.is_leaf() {
+                for &face in triangles_of(bvh, node) {
+                    self.steps = self.steps.saturating_sub(PAIR_COST);
+                    let before = self.bound();
+                    self.compare(face);
+                    if self.bound() < before {
+                        reach = self.reach();
+                    }
+                }
+                continue;
+            }
+            let children = [node.first_index, node.first_index + 1];
+            let [a, b] = children.map(|child| {
+                let aabb = bvh.nodes[child as usize].aabb();
+                let entry = reach.meets(aabb.min, aabb.max);
+                entry.filter(|_| self.may_be_opposed(&self.prepared.below[child as usize]))
+            });
+            match (a, b) {
+                (Some(a), Some(b)) if b < a => stack.extend(children),
+                (Some(_), Some(_)) => stack.extend([children[1], children[0]]),
+                (Some(_), None) => stack.push(children[0]),
+                (None, Some(_)) => stack.push(children[1]),
+                (None, None) => {}
+            }
+        }
+    }
+
+    /// Looks for a chord between this face and another one that is thinner than those found before.
+    fn compare(&mut self, other: u32) {
+        let (n, m) = (self.prepared.normal(self.face), self.prepared.normal(other));
+        if other == self.face || m == DVec3::ZERO {
+            return;
+        }
+        let pair = [self.face, other];
+        let least = if self.is_concave {
+            self.prepared.least_concave(pair, self.bound(), &mut self.steps)
+        } else if n.dot(m) <= OPPOSED {
+            self.prepared.least_facing(pair, self.bound(), &mut self.steps)
+        } else {
+            return;
+        };
+        match least {
+            Least::Nothing => {}
+            Least::Undecided(chord) => {
+                let lower = chord.thickness.min(self.found.undecided.unwrap_or(f64::INFINITY));
+                self.found.undecided = Some(lower);
+            }
+            Least::Found(chord) if self.prepared.is_tip(pair, &chord, &mut self.steps) => {
+                if self.found.tip.is_none_or(|(_, tip)| chord.thickness < tip.thickness) {
+                    self.found.tip = Some((other, chord));
+                }
+            }
+            Least::Found(chord) => self.found.wall = Some((other, chord)),
+        }
+    }
+}
+
+impl Prepared<'_> {
+    /// Whether a chord lies in a wedge that ends in a sharp edge or point: the faces have a common vertex, or the way
+    /// to the line where their planes meet is free for [`TIP_REACH`] of its length.
+    fn is_tip(&self, [f, h]: [u32; 2], chord: &Chord, steps: &mut u64) -> bool {
+        if self.share_a_vertex(f, h) {
+            return true;
+        }
+        let (n, m) = (self.normal(f), self.normal(h));
+        let step = chord.points[1] - chord.points[0];
+        let is_across = |normal: DVec3| step.dot(normal).abs() >= -OPPOSED * step.length();
+        if n.cross(m).length() < LEAST_TAPER || n.dot(m) > OPPOSED || !is_across(n) || !is_across(m) {
+            return false;
+        }
+        let way = (n + m).normalize_or_zero();
+        let middle = chord.inside;
+        let length = (chord.points[0] - middle).dot(n) / way.dot(n);
+        if !(length.is_finite() && length > 0.0) {
+            return false;
+        }
+        let end = middle + way * (length * TIP_REACH);
+        self.blocker([middle, end], steps, |_| false).is_none()
+    }
+
+    /// Searches all faces given, and returns what was found for each, in the same order.
+    fn search(
+        &self,
+        faces: &[u32],
+        limit: f64,
+        is_concave: bool,
+        context: &Context<'_>,
+    ) -> Result<Vec<Thinnest>, Cancelled> {
+        let mut found = vec![Thinnest::default(); faces.len()];
+        let mut left = BUDGET[0] + BUDGET[1] * faces.len() as u64;
+        let mut open: Vec<usize> = (0..faces.len()).collect();
+        for (block, most) in STAGES {
+            let mut unfinished = Vec::new();
+            for part in open.chunks(block) {
+                context.check()?;
+                let budget = most.min(left);
+                let results: Vec<(Thinnest, u64)> = part
+                    .par_iter()
+                    .map(|&i| {
+                        let (face, normal) = (faces[i], vec3a(self.normal(faces[i])));
+                        let found = Thinnest::default();
+                        let mut query = Query { prepared: self, face, normal, limit, found, is_concave, steps: budget };
+                        query.run();
+                        (query.found, budget - query.steps)
+                    })
+                    .collect();
+                for (&i, (result, steps)) in part.iter().zip(results) {
+                    left = left.saturating_sub(steps);
+                    found[i] = result;
+                    if steps >= budget {
+                        found[i].undecided = Some(result.undecided.unwrap_or(0.0));
+                        unfinished.push(i);
+                    }
+                }
+            }
+            open = unfinished;
+        }
+        Ok(found)
+    }
+
+    /// The thinnest places of each face below `limit` (in the scaled unit).
+    pub(super) fn thinnest(&self, limit: f64, context: &Context<'_>) -> Result<Vec<Thinnest>, Cancelled> {
+        let measured: Vec<u32> = (0u32..).take(self.len()).filter(|&f| self.normal(f) != DVec3::ZERO).collect();
+        let mut all = vec![Thinnest::default(); self.len()];
+        let concave: Vec<u32> = measured.iter().copied().filter(|&f| self.spread[f as usize] > 0.0).collect();
+        for (faces, is_concave) in [(measured, false), (concave, true)] {
+            for (&f, found) in faces.iter().zip(self.search(&faces, limit, is_concave, context)?) {
+                all[f as usize].merge(&found);
+                for (other, chord, is_tip) in [(found.wall, false), (found.tip, true)]
+                    .into_iter()
+                    .filter_map(|(place, is_tip)| place.map(|(other, chord)| (other, chord, is_tip)))
+                {
+                    let [p, q] = chord.points;
+                    let place = Some((f, Chord { points: [q, p], ..chord }));
+                    let mirrored = if is_tip {
+                        Thinnest { tip: place, ..Thinnest::default() }
+                    } else {
+                        Thinnest { wall: place, ..Thinnest::default() }
+                    };
+                    all[other as usize].merge(&mirrored);
+                }
+            }
+        }
+        Ok(all)
+    }
+
+    /// The places as pairs in the model's unit.
+    pub(super) fn pairs(&self, all: &[Thinnest]) -> OpposedPairs {
+        let pair = |f: u32, place: Option<(u32, Chord)>| {
+            place.map(|(other, chord)| {
+                let points = chord.points.map(|p| p / self.scale);
+                let thickness = chord.thickness / self.scale;
+                OpposedPair { faces: [f, other], points, distance: points[0].distance(points[1]), thickness }
+            })
+        };
+        let each = || (0u32..).zip(all);
+        let undecided: Vec<u32> = each().filter(|(_, t)| t.undecided.is_some()).map(|(f, _)| f).collect();
+        OpposedPairs {
+            walls: each().filter_map(|(f, t)| pair(f, t.wall)).collect(),
+            tips: each().filter_map(|(f, t)| pair(f, t.tip)).collect(),
+            is_complete: undecided.is_empty(),
+            undecided_faces: undecided,
+        }
+    }
+}
+
+impl Thinnest {
+    /// Keeps the thinner of two places; the first of equally thin ones stays.
+    fn merge(&mut self, other: &Self) {
+        let thinner = |a: Option<(u32, Chord)>, b: Option<(u32, Chord)>| match (a, b) {
+            (Some(x), Some(y)) => Some(if y.1.thickness < x.1.thickness { y } else { x }),
+            (x, y) => x.or(y),
+        };
+        self.wall = thinner(self.wall, other.wall);
+        self.tip = thinner(self.tip, other.tip);
+        self.undecided = match (self.undecided, other.undecided) {
+            (Some(x), Some(y)) => Some(x.min(y)),
+            (x, y) => x.or(y),
+        };
+    }
+}
