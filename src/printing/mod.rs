@@ -13,6 +13,8 @@ pub mod rules;
 #[cfg(test)]
 mod shapes;
 pub mod skin;
+pub mod target_size;
 pub mod thickness;
+pub mod unit_candidates;
 pub mod vents;
 pub mod voids;

@@ -182,7 +182,7 @@ impl<'a> RegionFaces<'a> {
             if cube.bound <= best.1 * (1.0 + TOLERANCE) || left == 0 {
                 break;
             }
-            if left % 256 == 0 {
+            if left.is_multiple_of(256) {
                 context.check()?;
             }
             let Some(cube) = heap.pop() else { break };

@@ -1,0 +1,79 @@
+//! The prism that a bore removes.
+
+use glam::DVec3;
+
+use super::VentOptions;
+use super::place::Site;
+use crate::mesh::{NO_SOURCE, Surface};
+
+/// Number of sides.
+pub(super) const SIDES: u32 = 24;
+/// By how much the prism is wider than the circumscribed one, relatively and in units of the coordinates' rounding, so
+/// that rounding its corners leaves the cylinder whole.
+const WIDER: f64 = 1e-6;
+const WIDER_ULPS: f64 = 4.0;
+
+/// The prism that a bore removes.
+#[derive(Debug, Clone)]
+pub(super) struct Bore {
+    /// The corners of both ends, counter-clockwise seen from the end in the bore's direction.
+    ring: [Vec<DVec3>; 2],
+    /// The ends of its axis.
+    pub axis: [DVec3; 2],
+    /// The radius of the cylinder that passes through it.
+    pub radius: f64,
+}
+
+/// Two directions at right angles to a unit direction and to each other: the three are right-handed.
+pub(super) fn across(direction: DVec3) -> [DVec3; 2] {
+    let (a, b) = direction.any_orthonormal_pair();
+    if a.cross(b).dot(direction) > 0.0 { [a, b] } else { [b, a] }
+}
+
+/// The radius of the prism's corners for a cylinder of radius 1.
+pub(super) fn corner_radius() -> f64 {
+    1.0 / (std::f64::consts::PI / f64::from(SIDES)).cos()
+}
+
+impl Bore {
+    /// The prism of a bore.
+    pub fn new(site: &Site, options: &VentOptions) -> Self {
+        let radius = options.diameter / 2.0;
+        let largest = site.axis.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+        let corners = (radius * (1.0 + WIDER) + WIDER_ULPS * largest * f64::from(f32::EPSILON)) * corner_radius();
+        let [a, b] = across(site.direction);
+        let ring = site.axis.map(|end| {
+            let corner = |i: u32| {
+                let angle = std::f64::consts::TAU * (f64::from(i) + 0.5) / f64::from(SIDES);
+                options.precision.round(end + (a * angle.cos() + b * angle.sin()) * corners)
+            };
+            (0..SIDES).map(corner).collect()
+        });
+        Self { ring, axis: site.axis, radius }
+    }
+
+    /// The corners.
+    pub fn corners(&self) -> impl Iterator<Item = DVec3> + '_ {
+        self.ring.iter().flatten().copied()
+    }
+
+    /// Appends the prism with its faces turned inward, so that it takes away what it covers.
+    pub fn append_to(&self, surface: &mut Surface) {
+        #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+        let first = surface.positions.len() as u32;
+        surface.positions.extend(self.corners());
+        let (low, high) = (|i: u32| first + i % SIDES, |i: u32| first + SIDES + i % SIDES);
+        let mut push = |[a, b, c]: [u32; 3]| {
+            surface.faces.push([a, c, b]);
+            surface.source.push(NO_SOURCE);
+        };
+        for i in 0..SIDES {
+            push([low(i), low(i + 1), high(i + 1)]);
+            push([low(i), high(i + 1), high(i)]);
+        }
+        for i in 1..SIDES - 1 {
+            push([low(0), low(i + 1), low(i)]);
+            push([high(0), high(i), high(i + 1)]);
+        }
+    }
+}

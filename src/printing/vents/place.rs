@@ -1,0 +1,335 @@
+//! Where bores go: candidates through the wall of a void, judged by how low, how hidden and how short they are.
+
+use glam::DVec3;
+
+use super::VentOptions;
+use super::bore::{across, corner_radius};
+use super::rays::{Passage, Rays};
+use crate::context::{Cancelled, Context};
+use crate::math::ray_direction;
+use crate::mesh::Surface;
+use crate::printing::voids::{Regions, SealedVoid};
+
+/// Faces of a void from which bores are tried.
+const STARTS: usize = 300;
+/// Candidates whose whole width is tested, for each bore.
+const MAX_TESTED: usize = 400;
+/// Bores with a place that are compared for visibility.
+const FINALISTS: usize = 8;
+/// Rays along the wall of a bore, and rays that measure visibility.
+const RING: u32 = 16;
+const VIEWS: u32 = 32;
+/// How far a bore starts inside the void, and ends outside, in its radius.
+const LEAD: f64 = 1.0;
+const OVERRUN: f64 = 0.25;
+/// The sine-like slope of a bore's direction to the normal of the void's wall from which it is tried.
+const LEAST_ALIGNMENT: f64 = 0.4;
+/// Weights of the score: each term is about 0 to 1, and less is better.
+const SEEN: f64 = 2.0;
+const HIGH_MOUTH: f64 = 1.0;
+const HIGH_START: f64 = 2.0;
+const LONG: f64 = 4.0;
+const SLANTED: f64 = 1.0;
+const VISIBLE: f64 = 1.5;
+/// How much a further bore gains by being far from the others.
+const APART: f64 = 8.0;
+
+/// A bore's place, in the model's unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Site {
+    /// Index of the void.
+    pub void: usize,
+    /// The centre of the mouth on the outer surface.
+    pub mouth: DVec3,
+    /// The unit direction from the void to the mouth.
+    pub direction: DVec3,
+    /// Length of its axis in the wall.
+    pub length: f64,
+    /// The ends of the prism's axis: in the void and outside.
+    pub axis: [DVec3; 2],
+}
+
+/// A void for which places are sought.
+pub(super) struct Task<'a> {
+    /// Its index.
+    pub void: usize,
+    /// For each region, whether it is the outside or a void with a bore.
+    pub is_open: &'a [bool],
+    /// The bores of other voids.
+    pub others: &'a [Site],
+}
+
+/// A straight way through a wall, on the unit scale.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    /// The start of the axis in the void, and the unit direction.
+    start: DVec3,
+    direction: DVec3,
+    /// Where the axis enters and leaves the wall, as distances from the start.
+    wall: [f64; 2],
+    /// The region of the wall.
+    material: u32,
+    score: f64,
+}
+
+impl Candidate {
+    fn mouth(&self) -> DVec3 {
+        self.start + self.direction * self.wall[1]
+    }
+}
+
+/// Chooses places for bores.
+pub(super) struct Placement<'a> {
+    rays: Rays<'a>,
+    regions: &'a Regions,
+    voids: &'a [SealedVoid],
+    options: &'a VentOptions,
+    up: DVec3,
+    /// The radius of the prism's corners, on the unit scale.
+    radius: f64,
+    /// The lowest and highest height of the model, and its diagonal, on the unit scale.
+    heights: [f64; 2],
+    diagonal: f64,
+}
+
+impl<'a> Placement<'a> {
+    pub fn new(surface: &'a Surface, regions: &'a Regions, voids: &'a [SealedVoid], options: &'a VentOptions) -> Self {
+        let rays = Rays::new(surface, regions);
+        let up = options.up.try_normalize().unwrap_or(DVec3::Z);
+        let heights = range(rays.unit.iter().map(|p| p.dot(up)));
+        let radius = options.diameter / 2.0 * rays.scale * corner_radius() * (1.0 + 1e-5);
+        let diagonal = surface.bounds().diagonal() * rays.scale;
+        Self { rays, regions, voids, options, up, radius, heights, diagonal }
+    }
+
+    /// The places of a void's bores, best first.
+    pub fn sites(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Vec<Site>, Cancelled> {
+        let candidates = self.candidates(task, context)?;
+        let mut sites: Vec<Site> = Vec::new();
+        while sites.len() < self.options.per_void as usize {
+            match self.best(&candidates, task, &sites, context)? {
+                Some(site) => sites.push(site),
+                None => break,
+            }
+        }
+        Ok(sites)
+    }
+
+    /// Straight ways of the axis alone from a void through its wall.
+    fn candidates(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Vec<Candidate>, Cancelled> {
+        let void = task.void;
+        let mut candidates = Vec::new();
+        let [side, front] = across(self.up);
+        let fixed = [-self.up, self.up, side, -side, front, -front];
+        for (at, &face) in self.starts(void).iter().enumerate() {
+            if at % 32 == 0 {
+                context.check()?;
+            }
+            let region = self.voids[void].region;
+            let outward = self.rays.normal(face) * self.regions.out_of(face, region);
+            let centre = self.rays.corners(face).iter().sum::<DVec3>() / 3.0;
+            let aligned = fixed.into_iter().filter(|d| d.dot(outward) > LEAST_ALIGNMENT);
+            for direction in aligned.chain(Some(outward).filter(|d| d.is_normalized())) {
+                let start = self.start_inside(centre, face, direction);
+                candidates.extend(start.and_then(|start| self.candidate(task, start, direction)));
+            }
+        }
+        let centre = self.voids[void].at * self.rays.scale;
+        for direction in fixed.into_iter().chain((0..26).map(ray_direction)) {
+            let reach = [centre, centre + direction * self.diagonal];
+            if let Some(wall) = self.rays.along(reach, None).and_then(|hits| hits.first().copied()) {
+                let start = centre + direction * (wall.distance - self.lead()).max(wall.distance / 2.0);
+                candidates.extend(self.candidate(task, start, direction));
+            }
+        }
+        candidates.sort_by(|a, b| a.score.total_cmp(&b.score));
+        Ok(candidates)
+    }
+
+    /// Faces of a void from which bores are tried: the lowest, the largest, and some between.
+    fn starts(&self, void: usize) -> Vec<u32> {
+        let mut faces = self.voids[void].faces.clone();
+        let height = |f: u32| self.rays.corners(f).iter().map(|p| p.dot(self.up)).sum::<f64>();
+        let area = |f: u32| {
+            let [a, b, c] = self.rays.corners(f);
+            (b - a).cross(c - a).length()
+        };
+        if faces.len() > STARTS {
+            let by = |key: &dyn Fn(u32) -> f64| {
+                let mut sorted = self.voids[void].faces.clone();
+                sorted.sort_by(|&f, &g| key(f).total_cmp(&key(g)).then(f.cmp(&g)));
+                sorted.truncate(STARTS / 3);
+                sorted
+            };
+            let spread = faces.iter().copied().step_by(faces.len() / (STARTS / 3));
+            faces = by(&height).into_iter().chain(by(&|f| -area(f))).chain(spread).collect();
+            faces.sort_unstable();
+            faces.dedup();
+        }
+        faces
+    }
+
+    fn lead(&self) -> f64 {
+        LEAD * self.radius
+    }
+
+    /// A point in the void behind a face's centre, against a direction.
+    fn start_inside(&self, centre: DVec3, face: u32, direction: DVec3) -> Option<DVec3> {
+        let back = [centre, centre - direction * (2.0 * self.lead())];
+        let free = self.rays.along(back, Some(face))?.first().map_or(f64::INFINITY, |hit| hit.distance);
+        Some(centre - direction * self.lead().min(free / 2.0))
+    }
+
+    /// The way of an axis from a start in a void through one wall into an open region.
+    fn candidate(&self, task: &Task<'_>, start: DVec3, direction: DVec3) -> Option<Candidate> {
+        let region = self.voids[task.void].region;
+        let hits = self.rays.along([start, start + direction * (2.0 * self.diagonal)], None)?;
+        let [first, second] = [hits.first()?, hits.get(1)?];
+        if first.from != region || !task.is_open[second.to as usize] {
+            return None;
+        }
+        let wall = [first.distance, second.distance];
+        let mut found = Candidate { start, direction, wall, material: first.to, score: 0.0 };
+        let share = |p: DVec3, [low, high]: [f64; 2]| (p.dot(self.up) - low) / (high - low).max(f64::MIN_POSITIVE);
+        let bounds = self.voids[task.void].bounds;
+        let corners = (0..8u32).map(|i| {
+            let pick = |k: usize| if i >> k & 1 == 1 { bounds.max[k] } else { bounds.min[k] };
+            DVec3::new(pick(0), pick(1), pick(2)).dot(self.up) * self.rays.scale
+        });
+        let inlet = start + direction * wall[0];
+        let seen = (1.0 + direction.dot(self.up)) / 2.0;
+        let slant = 1.0 - self.rays.normal(second.face).dot(direction).abs();
+        found.score = SEEN * seen
+            + HIGH_MOUTH * share(found.mouth(), self.heights)
+            + HIGH_START * share(inlet, range(corners))
+            + LONG * (wall[1] - wall[0]) / self.diagonal
+            + SLANTED * slant;
+        Some(found)
+    }
+
+    /// The best candidate whose whole width passes, far from the bores that the void has.
+    fn best(
+        &self,
+        candidates: &[Candidate],
+        task: &Task<'_>,
+        own: &[Site],
+        context: &Context<'_>,
+    ) -> Result<Option<Site>, Cancelled> {
+        let size = (self.voids[task.void].bounds.diagonal() * self.rays.scale).max(f64::MIN_POSITIVE);
+        let nearest = |candidate: &Candidate| {
+            own.iter()
+                .map(|site| candidate.mouth().distance(site.mouth * self.rays.scale))
+                .fold(f64::INFINITY, f64::min)
+        };
+        let apart =
+            |candidate: &Candidate| if own.is_empty() { 0.0 } else { APART * (nearest(candidate) / size).min(1.5) };
+        let mut ranked: Vec<(f64, &Candidate)> = candidates.iter().map(|c| (c.score - apart(c), c)).collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut finalists: Vec<(f64, Site)> = Vec::new();
+        for (tested, (score, candidate)) in ranked.into_iter().enumerate() {
+            if tested % 16 == 0 {
+                context.check()?;
+            }
+            if finalists.len() >= FINALISTS || (tested >= MAX_TESTED && !finalists.is_empty()) {
+                break;
+            }
+            let Some(site) = self.site(candidate, task) else { continue };
+            if own.iter().chain(task.others).any(|other| self.collide(&site, other)) {
+                continue;
+            }
+            finalists.push((score + VISIBLE * self.visibility(candidate), site));
+        }
+        finalists.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok(finalists.first().map(|(_, site)| *site))
+    }
+
+    /// The bore of a candidate, if rays along its wall pass from the void and its wall into the open region, too.
+    fn site(&self, candidate: &Candidate, task: &Task<'_>) -> Option<Site> {
+        let Candidate { start, direction, wall, .. } = *candidate;
+        let longest = wall[1] + 6.0 * self.radius;
+        let rays = self.rays_along_wall(candidate, longest)?;
+        let region = self.voids[task.void].region;
+        let is_open = |hit: &Passage| task.is_open[hit.to as usize] && hit.to != region;
+        let mut end = 0.0f64;
+        for hits in &rays {
+            let leaves = hits.iter().position(is_open)?;
+            if hits[..leaves].iter().any(|hit| hit.to != candidate.material && hit.to != region) {
+                return None;
+            }
+            end = end.max(hits[leaves].distance);
+        }
+        end += OVERRUN * self.radius;
+        // Once outside, no ray meets anything before the end of the bore.
+        let is_clear = |hits: &Vec<Passage>| {
+            hits.iter().rfind(|hit| hit.distance <= end).is_some_and(is_open)
+                && hits.iter().filter(|hit| hit.distance <= end && is_open(hit)).count() == 1
+        };
+        if end >= longest || !rays.iter().all(is_clear) {
+            return None;
+        }
+        let scale = self.rays.scale;
+        let axis = [start, start + direction * end].map(|p| self.options.precision.round(p / scale));
+        let (mouth, length) = (candidate.mouth() / scale, (wall[1] - wall[0]) / scale);
+        Some(Site { void: task.void, mouth, direction, length, axis })
+    }
+
+    /// The passages along the axis and along rays around it. `None` if one starts neither in the void nor in its wall.
+    fn rays_along_wall(&self, candidate: &Candidate, length: f64) -> Option<Vec<Vec<Passage>>> {
+        let Candidate { start, direction, material, .. } = *candidate;
+        let [a, b] = across(direction);
+        let mut rays: Vec<Vec<Passage>> = vec![self.rays.along([start, start + direction * length], None)?];
+        for i in 0..2 * RING {
+            let angle = std::f64::consts::TAU * (f64::from(i) + 0.3) / f64::from(RING);
+            let share = if i < RING { 1.0 } else { 0.55 };
+            let from = start + (a * angle.cos() + b * angle.sin()) * (share * self.radius);
+            let aside = self.rays.along([start, from], None)?;
+            let is_known = match aside.as_slice() {
+                [] => true,
+                [hit] => hit.to == material,
+                _ => false,
+            };
+            if !is_known {
+                return None;
+            }
+            rays.push(self.rays.along([from, from + direction * length], None)?);
+        }
+        Some(rays)
+    }
+
+    /// Whether two bores come closer than their diameter to each other.
+    fn collide(&self, one: &Site, other: &Site) -> bool {
+        let gap = segment_distance(one.axis, other.axis) - 2.0 * self.radius / self.rays.scale;
+        gap < self.radius / self.rays.scale
+    }
+
+    /// The share of directions from which a mouth is seen; directions from far below count little.
+    fn visibility(&self, candidate: &Candidate) -> f64 {
+        let eye = candidate.start + candidate.direction * (candidate.wall[1] + OVERRUN * self.radius);
+        let (mut seen, mut all) = (0.0, 0.0);
+        for view in (0..VIEWS).map(ray_direction) {
+            let weight = if view.dot(self.up) < -0.5 { 0.2 } else { 1.0 };
+            all += weight;
+            let hits = self.rays.along([eye, eye + view * (2.0 * self.diagonal)], None);
+            seen += if hits.is_some_and(|hits| hits.is_empty()) { weight } else { 0.0 };
+        }
+        seen / all
+    }
+}
+
+/// The least and the greatest of some numbers.
+fn range(numbers: impl Iterator<Item = f64>) -> [f64; 2] {
+    numbers.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
+}
+
+/// The distance between two segments.
+fn segment_distance([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> f64 {
+    let nearest = crate::math::nearest_on_segment;
+    // The nearest points lie at an end, or both within: alternate projection converges on a convex problem.
+    let mut p = (a + b) / 2.0;
+    for _ in 0..64 {
+        let q = nearest(p, [c, d]);
+        p = nearest(q, [a, b]);
+    }
+    let ends = [[a, nearest(a, [c, d])], [b, nearest(b, [c, d])], [c, nearest(c, [a, b])], [d, nearest(d, [a, b])]];
+    ends.iter().map(|[p, q]| p.distance(*q)).fold(p.distance(nearest(p, [c, d])), f64::min)
+}

@@ -1,0 +1,144 @@
+use super::*;
+use crate::arrange::{Arrangement, Exact, WindingRule};
+use crate::mesh::{ClosedSurface, weld_exactly};
+use crate::printing::shapes::*;
+use crate::printing::voids::sealed_voids;
+
+/// The exact union, with all positions rounded to f32.
+fn union(surface: Surface, context: &Context<'_>) -> Result<Surface, UnionError> {
+    let failed = |error: String| UnionError::Failed(error);
+    let closed = ClosedSurface::try_from(&surface).map_err(|e| failed(e.to_string()))?;
+    let solid = Exact.solid(closed, WindingRule::Positive.into(), context).map_err(|e| failed(e.to_string()))?;
+    let mut result = solid.surface;
+    result.positions.iter_mut().for_each(|p| *p = Precision::F32.round(*p));
+    weld_exactly(&mut result);
+    Ok(result)
+}
+
+fn rounded(mut surface: Surface) -> Surface {
+    surface.positions.iter_mut().for_each(|p| *p = Precision::F32.round(*p));
+    surface
+}
+
+fn vented(surface: &Surface, diameter: f64, per_void: u32) -> Vented {
+    let mut result = None;
+    quietly(|context| {
+        let options = VentOptions { diameter, per_void, up: DVec3::Z, precision: Precision::F32 };
+        result = Some(vent_voids(surface, &options, &union, context).unwrap());
+    });
+    result.unwrap()
+}
+
+fn voids(surface: &Surface) -> usize {
+    let mut count = 0;
+    quietly(|context| count = sealed_voids(surface, context).unwrap().len());
+    count
+}
+
+/// The closed pockets of air by an independent flood fill over voxels of a given size: parity of crossings upward.
+fn pockets(surface: &Surface, size: f64) -> usize {
+    let bounds = surface.bounds();
+    let n = ((bounds.max - bounds.min) / size).to_array().map(|x| x.ceil() as usize);
+    let mut voxels = Voxels::empty(n);
+    for i in 0..n[0] {
+        for j in 0..n[1] {
+            let (x, y) = (bounds.min.x + (i as f64 + 0.5031) * size, bounds.min.y + (j as f64 + 0.4973) * size);
+            let mut heights: Vec<f64> = (0..surface.faces.len())
+                .filter_map(|f| {
+                    crate::math::hit(
+                        DVec3::new(x, y, bounds.min.z - 1.0),
+                        DVec3::Z * (bounds.max.z - bounds.min.z + 2.0),
+                        surface.corners(f),
+                    )
+                })
+                .map(|t| t * (bounds.max.z - bounds.min.z + 2.0) - 1.0)
+                .collect();
+            heights.sort_by(f64::total_cmp);
+            for k in 0..n[2] {
+                let z = (k as f64 + 0.5) * size;
+                voxels.set([i, j, k], heights.iter().filter(|&&h| h < z).count() % 2 == 1);
+            }
+        }
+    }
+    let parts = voxels.air_parts_below(n[2] + 1);
+    parts.cells.keys().filter(|&&part| part != parts.outside).count()
+}
+
+#[test]
+fn a_hollow_box_gets_one_bore_straight_down_through_the_base() {
+    let model = joined(&[
+        cuboid(DVec3::ZERO, DVec3::new(20.0, 20.0, 20.0)),
+        inverted(cuboid(DVec3::splat(2.0), DVec3::new(18.0, 18.0, 17.0))),
+    ]);
+    let done = vented(&model, 4.0, 1);
+    assert!(done.failed.is_empty(), "{:?}", done.failed);
+    let [vent] = done.vents[..] else { panic!("{:?}", done.vents) };
+    assert_eq!((vent.direction, vent.void, vent.diameter), (-DVec3::Z, 0, 4.0));
+    assert!((vent.length - 2.0).abs() < 1e-9 && vent.at.z.abs() < 1e-9);
+    assert_eq!(voids(&done.surface), 0);
+    assert_eq!([pockets(&model, 0.5), pockets(&done.surface, 0.5)], [1, 0]);
+    let bore = 24.0 * (std::f64::consts::PI / 24.0).tan() * 4.0 * 2.0;
+    let removed = volume(&model) - volume(&done.surface);
+    assert!((removed / bore - 1.0).abs() < 1e-4, "{removed} {bore}");
+}
+
+#[test]
+fn nested_dolls_get_a_chain_of_bores() {
+    let radii = [12.0, 10.5, 8.0, 6.5, 4.5, 3.0];
+    let shells: Vec<Surface> = (0..6u32)
+        .map(|k| {
+            let ball = turned(&sphere(radii[k as usize], 3), f64::from(k), DVec3::new(30.0, 1.0, -7.0));
+            rounded(if k % 2 == 1 { inverted(ball) } else { ball })
+        })
+        .collect();
+    let model = joined(&shells);
+    let done = vented(&model, 1.5, 2);
+    assert!(done.failed.is_empty(), "{:?}", done.failed);
+    assert_eq!(done.vents.len(), 6);
+    assert_eq!((voids(&model), voids(&done.surface)), (3, 0));
+    assert_eq!([pockets(&model, 0.4), pockets(&done.surface, 0.4)], [3, 0]);
+    for pair in done.vents.chunks(2) {
+        assert_eq!(pair[0].void, pair[1].void);
+        assert!(pair[0].direction.z < -0.5, "the first is on the underside: {pair:?}");
+        assert!(pair[0].at.distance(pair[1].at) > 6.0, "{pair:?}");
+    }
+}
+
+#[test]
+fn a_diameter_that_is_no_number_is_refused() {
+    quietly(|context| {
+        for diameter in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let options = VentOptions { diameter, per_void: 1, up: DVec3::Z, precision: Precision::F32 };
+            let result = vent_voids(&sphere(1.0, 1), &options, &union, context);
+            assert_eq!(result.unwrap_err(), VentError::Diameter);
+        }
+    });
+}
+
+#[test]
+fn a_void_too_deep_for_any_bore_is_left_with_the_reason() {
+    // The bore is wider than the whole model.
+    let model =
+        joined(&[cuboid(DVec3::ZERO, DVec3::splat(10.0)), inverted(cuboid(DVec3::splat(4.0), DVec3::splat(6.0)))]);
+    let done = vented(&model, 30.0, 1);
+    assert_eq!(done.failed, [(0, VentFailure::NoWay)]);
+    assert_eq!(done.surface, model);
+}
+
+#[test]
+fn a_union_that_fails_or_lies_leaves_the_model_as_it_was() {
+    let model =
+        joined(&[cuboid(DVec3::ZERO, DVec3::splat(10.0)), inverted(cuboid(DVec3::splat(2.0), DVec3::splat(8.0)))]);
+    quietly(|context| {
+        let options = VentOptions { diameter: 2.0, per_void: 1, up: DVec3::Z, precision: Precision::F32 };
+        let fails = |_: Surface, _: &Context<'_>| Err(UnionError::Failed("no".to_owned()));
+        let done = vent_voids(&model, &options, &fails, context).unwrap();
+        assert_eq!(done.failed, [(0, VentFailure::NotSubtracted("no".to_owned()))]);
+        assert_eq!(done.surface, model);
+        let unchanged = model.clone();
+        let lies = move |_: Surface, _: &Context<'_>| Ok(unchanged.clone());
+        let done = vent_voids(&model, &options, &lies, context).unwrap();
+        assert_eq!(done.failed, [(0, VentFailure::NotVerified(Mistake::Topology))]);
+        assert_eq!(done.surface, model);
+    });
+}
