@@ -15,6 +15,9 @@ use crate::printing::voids::{OUTSIDE, Regions, RegionsError};
 /// The relative tolerance of a bore's width and of volumes that must not change.
 const TOLERANCE: f64 = 1e-7;
 
+/// The ends of a bore of which the width is not checked, in radii.
+const END: f64 = 1e-3;
+
 /// What is wrong with a drilled model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mistake {
@@ -177,9 +180,11 @@ fn is_narrow(surface: &Surface, tree: &Tree, bore: &Bore) -> bool {
     let mut narrow = false;
     tree.overlapping(&Box3::of(bore.corners()), |face| {
         let corners = surface.corners(face as usize);
-        // Heights along the axis; the face's part between both ends of the bore, seen along the axis.
+        // Heights along the axis; the face's part between both ends of the bore, seen along the axis. What is left of
+        // the ends themselves lies in the void's wall.
         let local = corners.map(|p| (p - from).dot(direction));
-        let clipped = clip(&clip(&corners.iter().copied().zip(local).collect::<Vec<_>>(), 0.0, 1.0), length, -1.0);
+        let whole: Vec<(DVec3, f64)> = corners.iter().copied().zip(local).collect();
+        let clipped = clip(&clip(&whole, END * bore.radius, 1.0), length - END * bore.radius, -1.0);
         let flat: Vec<DVec2> =
             clipped.iter().map(|(p, _)| DVec2::new((*p - from).dot(a), (*p - from).dot(b))).collect();
         narrow = !flat.is_empty() && distance_from_origin(&flat) < least;
