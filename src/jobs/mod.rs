@@ -8,6 +8,7 @@ mod error;
 mod id;
 mod job;
 mod options;
+mod profiles;
 mod queue;
 mod report;
 mod sql;
@@ -21,7 +22,8 @@ pub use job::{
     Artifact, Artifacts, Input, Job, JobOutcome, JobProblem, JobProgress, Metadata, ProblemKind, Status, StoredFile,
     StoredReport,
 };
-pub use options::{JobOptions, JobOptionsError, Mode, whole_number};
+pub use options::{JobOptions, JobOptionsError, Mode, whole_number, with_whole_numbers};
+pub use profiles::{NewProfile, ProfileName, TenantProfile, TenantProfileError};
 pub use queue::{
     Claim, ClassLoad, Completion, Failure, FailureKind, KEY_HOLD, KEY_LIFE, KeyState, Lease, NewJob, NewUpload,
     Notifier, PendingUpload, RequestKey, RetryPolicy, Reused, UPLOAD_LIFE, UPLOAD_OPEN, Waiting,
@@ -30,7 +32,7 @@ pub use report::{JobReport, Quote};
 pub use sql::{BackupError, PostgresStore, SqlStore, SqliteStore};
 pub use store::{
     AccessStore, CancelResult, Connections, DeliveryStore, DrawingStore, EndpointStore, IdempotencyStore, JobStore,
-    ListQuery, Page, QueueStore, RedeliveryResult, RetentionStore, StatusCount, Store, UploadStore,
+    ListQuery, Page, ProfileStore, QueueStore, RedeliveryResult, RetentionStore, StatusCount, Store, UploadStore,
 };
 pub use timestamp::{Clock, SystemClock};
 pub use webhooks::{

@@ -7,6 +7,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use crate::analyze::AnalyzeOptions;
 use crate::inspect::{InspectOptions, OptionsError};
+use crate::printing::profile::ProcessLimits;
 use crate::repair::{Options, PrintOptions};
 
 /// What a job does with its files.
@@ -126,6 +127,14 @@ impl JobOptions {
         }
     }
 
+    /// The limits that replace those of the process's profile.
+    pub fn process_limits_mut(&mut self) -> &mut Option<ProcessLimits> {
+        match self {
+            Self::Repair(options) => &mut options.print.process_limits,
+            Self::Analyze(options) => &mut options.process_limits,
+        }
+    }
+
     /// Whether the job offers pictures.
     #[must_use]
     pub fn pictures(&self) -> bool {
@@ -188,7 +197,8 @@ pub fn whole_number(number: &Number) -> Option<u64> {
     number.as_u64().or_else(|| written_as_float().map(|value| value as u64))
 }
 
-fn with_whole_numbers(value: &mut Value) {
+/// Converts each number in the value to a whole number if [`whole_number`] can.
+pub fn with_whole_numbers(value: &mut Value) {
     match value {
         Value::Number(number) => {
             if let Some(whole) = whole_number(number) {

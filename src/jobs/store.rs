@@ -7,6 +7,7 @@ use async_trait::async_trait;
 use super::error::StoreError;
 use super::id::{JobId, UploadId};
 use super::job::{Artifacts, Job, JobOutcome, JobProgress, Metadata, Status};
+use super::profiles::{NewProfile, TenantProfile};
 use super::queue::{
     Claim, ClassLoad, Completion, Failure, KeyState, Lease, NewJob, NewUpload, Notifier, PendingUpload, Waiting,
 };
@@ -291,6 +292,35 @@ pub trait AccessStore: Send + Sync {
     async fn tenant(&self, name: &str) -> Result<Option<Tenant>, StoreError>;
 }
 
+/// Where the process profiles of tenants are kept.
+#[async_trait]
+pub trait ProfileStore: Send + Sync {
+    /// The tenant's profiles, sorted by name.
+    async fn profiles(&self, tenant: &str) -> Result<Vec<TenantProfile>, StoreError>;
+
+    /// One of the tenant's profiles.
+    async fn profile(&self, tenant: &str, name: &str) -> Result<Option<TenantProfile>, StoreError>;
+
+    /// Adds a profile; `None` if the tenant has a profile of this name, or already has `max` profiles.
+    async fn add_profile(&self, tenant: &str, new: &NewProfile, max: u32) -> Result<Option<TenantProfile>, StoreError>;
+
+    /// Replaces the limits of a profile; `None` if there is none, or if it is no longer as `expected`.
+    async fn replace_profile(
+        &self,
+        tenant: &str,
+        new: &NewProfile,
+        expected: Option<&TenantProfile>,
+    ) -> Result<Option<TenantProfile>, StoreError>;
+
+    /// Deletes a profile. False if there is none, or if it is no longer as `expected`.
+    async fn delete_profile(
+        &self,
+        tenant: &str,
+        name: &str,
+        expected: Option<&TenantProfile>,
+    ) -> Result<bool, StoreError>;
+}
+
 /// The result of a request to send a delivery again.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RedeliveryResult {
@@ -391,6 +421,7 @@ pub trait Store:
     + DrawingStore
     + RetentionStore
     + AccessStore
+    + ProfileStore
     + EndpointStore
     + DeliveryStore
 {

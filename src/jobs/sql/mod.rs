@@ -3,6 +3,7 @@
 mod jobs;
 mod outbox;
 mod postgres;
+mod profiles;
 mod queue;
 mod sqlite;
 mod statement;
