@@ -78,14 +78,27 @@ macro_rules! scope_extractors {
             type Rejection = Problem;
 
             async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Self, Problem> {
-                let caller = parts.extensions.get::<Caller>().cloned();
-                // Every route with a scope is behind `authenticate`; a request without a caller is rejected.
-                let caller =
-                    caller.ok_or_else(|| Problem::new(ProblemCode::Unauthorized, "The request is not authenticated."))?;
-                caller.require($scope).map(Self)
+                caller_of(parts)?.require($scope).map(Self)
             }
         }
     )*};
+}
+
+/// Yields any authenticated caller, whatever its scopes.
+pub(super) struct AnyCaller(pub Caller);
+
+impl FromRequestParts<ApiState> for AnyCaller {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &ApiState) -> Result<Self, Problem> {
+        caller_of(parts).map(Self)
+    }
+}
+
+/// Returns the caller of a request. Every route with a caller is behind [`authenticate`]; a request without one is rejected.
+fn caller_of(parts: &Parts) -> Result<Caller, Problem> {
+    let caller = parts.extensions.get::<Caller>().cloned();
+    caller.ok_or_else(|| Problem::new(ProblemCode::Unauthorized, "The request is not authenticated."))
 }
 
 /// Yields a caller with the scope `admin`. Requires a key even if the service requires none: keys created now would remain

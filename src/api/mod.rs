@@ -16,6 +16,7 @@ mod openapi;
 mod pages;
 mod problem;
 mod problem_code;
+mod profiles;
 mod router;
 mod service;
 mod state;

@@ -19,7 +19,7 @@ macro_rules! problem_codes {
 
         impl ProblemCode {
             /// Every code.
-            pub const ALL: [Self; 36] = [$(Self::$code,)*];
+            pub const ALL: [Self; 39] = [$(Self::$code,)*];
 
             /// Returns the HTTP status, the title and the advice on what to do.
             #[must_use]
@@ -85,7 +85,7 @@ problem_codes! {
     /// The job was deleted on request.
     JobDeleted: GONE, "Job deleted", "The job's files are gone. Send the model again.";
     /// The job's files have expired.
-    JobExpired: GONE, "Results expired", "Download results before the job's expires_at. Send the model again.";
+    JobExpired: GONE, "Results expired", "Download results before the job's `expires_at`. Send the model again.";
     /// The job has already ended, so it can't be canceled.
     JobFinished: CONFLICT, "Job already finished", "No action is needed: a finished job can't be canceled.";
     /// The job has no file of this name, or not yet.
@@ -110,6 +110,13 @@ problem_codes! {
         "Enable the endpoint: PATCH /v1/webhook-endpoints/{id} with {\"enabled\": true}.";
     /// The tenant has the maximum number of webhook endpoints.
     TooManyWebhooks: CONFLICT, "Too many webhook endpoints", "Delete an endpoint that is no longer needed.";
+    /// No process profile has this name.
+    ProfileNotFound: NOT_FOUND, "Process profile not found", "GET /v1/profiles lists the profiles.";
+    /// The tenant has the maximum number of process profiles.
+    TooManyProfiles: CONFLICT, "Too many process profiles", "Delete a profile that is no longer needed.";
+    /// The resource does not match If-Match or If-None-Match.
+    PreconditionFailed: PRECONDITION_FAILED, "Precondition failed",
+        "Get the resource again, and repeat the change with its new ETag.";
     /// No API key has this id.
     KeyNotFound: NOT_FOUND, "API key not found", "GET /v1/keys lists the keys.";
     /// No tenant of this name has a key or settings.
@@ -125,7 +132,7 @@ problem_codes! {
     Unavailable: SERVICE_UNAVAILABLE, "Service unavailable",
         "Retry after the number of seconds in the Retry-After header.";
     /// The service failed unexpectedly.
-    Internal: INTERNAL_SERVER_ERROR, "Internal error", "Retry later. If the error persists, report it with the request_id.";
+    Internal: INTERNAL_SERVER_ERROR, "Internal error", "Retry later. If the error persists, report it with the `request_id`.";
 }
 
 impl ProblemCode {
@@ -169,12 +176,16 @@ pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
             "Not printable",
             "The report lists the remaining defects. Fix them in the modelling program, or submit with require=any for the best result.",
         ),
+        ProblemKind::NotPrintReady => (
+            "Not print ready",
+            "The report's `print_ready` lists the failed rules with their remedies. Mend the model, choose another process, or submit with require=any.",
+        ),
         ProblemKind::DeadlineExceeded => {
-            ("Deadline exceeded", "Raise deadline_s, lower max_tier or level, or send fewer faces.")
+            ("Deadline exceeded", "Raise `deadline_s`, lower `max_tier` or `level`, or send fewer faces.")
         }
         ProblemKind::OutOfMemory => ("Out of memory", "Send fewer faces, or raise the service's --job-memory."),
-        ProblemKind::CpuLimit => ("CPU limit exceeded", "Send fewer faces, or lower max_tier or level."),
-        ProblemKind::FileLimit => ("Result too large", "Lower voxel_resolution or places."),
+        ProblemKind::CpuLimit => ("CPU limit exceeded", "Send fewer faces, or lower `max_tier` or `level`."),
+        ProblemKind::FileLimit => ("Result too large", "Lower `voxel_resolution` or `places`."),
         ProblemKind::Crashed => {
             ("Job crashed", "The fault lies with the service, not the model. Report it with the job's log.")
         }
@@ -188,10 +199,11 @@ pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
 /// Returns the codes of failed requests and of failed jobs, each once.
 #[must_use]
 pub fn catalogue() -> Vec<ProblemDoc> {
-    const KINDS: [ProblemKind; 10] = [
+    const KINDS: [ProblemKind; 11] = [
         ProblemKind::BadInput,
         ProblemKind::BadOutput,
         ProblemKind::NotPrintable,
+        ProblemKind::NotPrintReady,
         ProblemKind::DeadlineExceeded,
         ProblemKind::OutOfMemory,
         ProblemKind::CpuLimit,

@@ -17,7 +17,7 @@ use crate::access::Scope;
 use crate::blobs::{BlobError, Blobs};
 use crate::inspect::InspectOptions;
 use crate::jobs::{Artifacts, Input, Job, JobId, JobOptions, JobOutcome, JobStore, Mode, NewJob, Reused};
-use crate::repair::Options;
+use crate::repair::{Options, PrintOptions};
 use crate::telemetry;
 
 /// Submit a job.
@@ -37,6 +37,7 @@ use crate::telemetry;
         ("callback_url" = Option<String>, Query, description = "For a raw body: an https URL to notify when the job ends"),
         ("Cache-Control" = Option<String>, Header, description = "`no-cache` runs the job even if an earlier job of yours has the result"),
         Options,
+        PrintOptions,
         InspectOptions,
     ),
     request_body(content(
@@ -228,6 +229,7 @@ impl PendingJob {
             IdempotencyState::Used { .. } => return Err(rejected(idempotency::reused())),
         };
         let Submission { inputs, options, extras, upload } = submission;
+        let options = options.options;
         let mut new = NewJob {
             id,
             tenant: caller.tenant.to_string(),

@@ -147,6 +147,8 @@ pub enum ProblemKind {
     BadOutput,
     /// The result is not printable, but `require` demands it. The report lists the remaining defects.
     NotPrintable,
+    /// The result does not meet every rule of the process, but `require` demands it. The report lists the failed rules.
+    NotPrintReady,
     /// The time of `deadline_s` ran out before there was a result.
     DeadlineExceeded,
     /// The job needed more memory than a job may use.
@@ -272,6 +274,35 @@ impl StoredReport {
         kinds.sort_unstable();
         kinds.dedup();
         (codes, kinds)
+    }
+
+    /// Whether the returned file, or every file of an analysis, meets the rules of the process; `None` without a process.
+    #[must_use]
+    pub fn print_ready(&self) -> Option<bool> {
+        #[derive(Deserialize)]
+        struct StoredVerdict {
+            print_ready: Option<bool>,
+        }
+        #[derive(Deserialize)]
+        struct Readiness {
+            ready: bool,
+        }
+        #[derive(Deserialize)]
+        struct File {
+            print_ready: Option<Readiness>,
+        }
+        #[derive(Deserialize)]
+        struct Read {
+            verdict: Option<StoredVerdict>,
+            files: Option<Vec<File>>,
+        }
+        match serde_json::from_str(self.json()).ok()? {
+            Read { files: Some(files), .. } => {
+                let ready: Option<Vec<bool>> = files.into_iter().map(|file| Some(file.print_ready?.ready)).collect();
+                ready.map(|ready| ready.into_iter().all(|ready| ready))
+            }
+            Read { verdict, .. } => verdict?.print_ready,
+        }
     }
 
     /// The unit of each file's lengths, in the order of the files; empty for reports that predate units.

@@ -7,7 +7,7 @@ use super::job::{JobOutcome, JobProblem, ProblemKind, StoredReport};
 use crate::analyze::{AnalysisReport, FileAnalysis};
 use crate::format::Format;
 use crate::printing::readiness::PrintReadiness;
-use crate::repair::{AssumptionKind, OfferedFile, Outcome, RedFlagCode, Report, Step};
+use crate::repair::{AssumptionKind, OfferedFile, Outcome, RedFlagCode, Report, Require, Step};
 use crate::scene::{Unit, UnitSource};
 
 /// The target size of an abridged report, in bytes.
@@ -125,7 +125,9 @@ impl JobReport {
     #[must_use]
     pub fn refusal(&self) -> Option<JobProblem> {
         let Self::Repair(report) = self else { return None };
-        Some(JobProblem::new(ProblemKind::NotPrintable, report.refusal()?))
+        let demands_rules = report.options.require == Require::PrintReady && report.outcome.is_printable();
+        let kind = if demands_rules { ProblemKind::NotPrintReady } else { ProblemKind::NotPrintable };
+        Some(JobProblem::new(kind, report.refusal()?))
     }
 
     /// The steps of a repair.

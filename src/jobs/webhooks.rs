@@ -349,6 +349,8 @@ struct JobMessageData {
     outcome: Option<JobOutcome>,
     /// Whether the offered file, or every file of an analysis, is printable; null if unknown.
     printable: Option<bool>,
+    /// Whether the returned file, or every file of an analysis, meets the rules of the process; null without the option `process`.
+    print_ready: Option<bool>,
     /// Codes of the red flags: signs that the repair destroyed something. The report has their measures.
     red_flags: Vec<RedFlagCode>,
     /// Kinds of the assumptions that the file does not prove. The report has the amount and the places of each.
@@ -422,6 +424,7 @@ impl JobMessage {
             status: job.status,
             outcome: job.outcome,
             printable: job.outcome.and_then(JobOutcome::is_printable),
+            print_ready: job.report.as_ref().and_then(StoredReport::print_ready),
             red_flags,
             assumptions,
             created_at: job.created_at,

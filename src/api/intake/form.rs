@@ -12,7 +12,8 @@ use axum::http::header;
 use futures::{Stream, StreamExt};
 use utoipa::ToSchema;
 
-use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs, job_options};
+use super::process::SubmittedOptions;
+use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs};
 use crate::api::extract::{RawModel, SourceError, UploadBudget, json_object, source_problem, with_idle_limit};
 use crate::api::problem::{Problem, ProblemCode, truncated};
 use crate::blobs::Blobs;
@@ -48,7 +49,7 @@ struct ReceivedParts<'a> {
     context: SubmissionContext<'a>,
     budget: UploadBudget,
     files: Vec<ReceivedFile>,
-    options: Option<JobOptions>,
+    options: Option<SubmittedOptions>,
     extras: Extras,
 }
 
@@ -94,7 +95,8 @@ impl ReceivedParts<'_> {
         match field.name() {
             Some("file") => {
                 // With the options first, a surplus file is rejected before its bytes are read.
-                check_file_count(self.files.len() + 1, self.options.as_ref(), state.config.max_files)?;
+                let options = self.options.as_ref().map(|submitted| &submitted.options);
+                check_file_count(self.files.len() + 1, options, state.config.max_files)?;
                 let name = clean_name(field.file_name());
                 allowance.store(u64::MAX, Ordering::Relaxed);
                 let key = Blobs::input_key(id, self.files.len());
@@ -105,7 +107,7 @@ impl ReceivedParts<'_> {
                 let text = read_text(field, "options").await?;
                 let fields = json_object("`options`", &text)
                     .map_err(|problem| Problem::invalid_field("options", problem.detail))?;
-                self.options = Some(job_options(fields)?);
+                self.options = Some(SubmittedOptions::read(self.context, fields).await?);
             }
             Some(name) if Extras::NAMES.contains(&name) => {
                 let name = name.to_owned();
@@ -133,7 +135,7 @@ impl ReceivedParts<'_> {
             return Err(Problem::new(ProblemCode::MissingFile, detail));
         }
         let options = options.unwrap_or_default();
-        check_file_count(files.len(), Some(&options), context.state.config.max_files)?;
+        check_file_count(files.len(), Some(&options.options), context.state.config.max_files)?;
         Ok(Submission { inputs: inputs(context.id, files)?, options, extras, upload: None })
     }
 }

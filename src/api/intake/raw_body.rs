@@ -4,7 +4,8 @@ use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use serde_json::{Map, Value};
 
-use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs, job_options};
+use super::process::SubmittedOptions;
+use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs};
 use crate::api::extract::{query_value, text_header, with_idle_limit};
 use crate::api::problem::Problem;
 use crate::api::validation::field_schema;
@@ -24,7 +25,7 @@ pub async fn read(context: SubmissionContext<'_>, request: Request) -> Result<Su
         extras.set(key, text, state.config.webhook_targets)?;
     }
     // Options are checked before the body is read, so that a mistake does not cost an upload.
-    let options = job_options(query_fields(options)?)?;
+    let options = SubmittedOptions::read(context, query_fields(options)?).await?;
     let name = names.into_iter().next().map(|(_, name)| name);
     let name = clean_name(name.as_deref().or(disposition_name(request.headers())));
     let source = with_idle_limit(request.into_body().into_data_stream(), state.config.upload_idle);
@@ -33,22 +34,27 @@ pub async fn read(context: SubmissionContext<'_>, request: Request) -> Result<Su
     Ok(Submission { inputs, options, extras, upload: None })
 }
 
-/// Converts query pairs to fields: a list if the option is one, otherwise JSON if the value parses, otherwise text.
+/// Converts query pairs to fields: a list or text if the option is one, otherwise JSON if the value parses, otherwise text.
 fn query_fields(pairs: Vec<(String, String)>) -> Result<Map<String, Value>, Problem> {
     let mut fields = Map::new();
     for (key, text) in pairs {
-        let is_list = |schema: &&Value| schema["type"] == "array" && !text.starts_with('[');
-        let list =
-            ["Options", "AnalyzeOptions"].into_iter().find_map(|options| field_schema(options, &key)).filter(is_list);
-        let value = match list {
-            Some(schema) => query_value(schema, text),
-            None => serde_json::from_str(&text).unwrap_or(Value::String(text)),
+        let schema = ["Options", "AnalyzeOptions"].into_iter().find_map(|options| field_schema(options, &key));
+        let is_list = |schema: &Value| schema["type"] == "array" && !text.starts_with('[');
+        let value = match schema {
+            Some(schema) if is_list(schema) || is_text(schema) => query_value(schema, text),
+            _ => serde_json::from_str(&text).unwrap_or(Value::String(text)),
         };
         if fields.insert(key.clone(), value).is_some() {
             return Err(Problem::invalid_field(&key, format!("`{key}` occurs twice; send it once.")));
         }
     }
     Ok(fields)
+}
+
+/// Whether a schema is that of a text, which may be null but has no other type.
+fn is_text(schema: &Value) -> bool {
+    let is_nullable_text = |kinds: &Vec<Value>| kinds.iter().all(|kind| kind == "string" || kind == "null");
+    schema["type"] == "string" || schema["type"].as_array().is_some_and(is_nullable_text)
 }
 
 /// Returns the file name in the Content-Disposition header.

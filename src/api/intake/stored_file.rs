@@ -5,7 +5,8 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs, job_options};
+use super::process::SubmittedOptions;
+use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs};
 use super::upload::{find_upload, sent_bytes, upload_not_found};
 use crate::access::Scope;
 use crate::api::extract::{UploadBudget, object, parse, read_small, too_large};
@@ -69,7 +70,7 @@ pub async fn read(
 ) -> Result<Submission, Problem> {
     let text = read_small(context.state, request).await?;
     let SubmitUpload { source, options, name, metadata, callback_url } = parse(&text)?;
-    let options = job_options(options.unwrap_or_default())?;
+    let options = SubmittedOptions::read(context, options.unwrap_or_default()).await?;
     let mut extras = Extras::default();
     let targets = context.state.config.webhook_targets;
     extras.set("metadata", &serde_json::to_string(&metadata).unwrap_or_default(), targets)?;
@@ -82,7 +83,7 @@ pub async fn read(
             from_upload(context, &upload, name, key).await?
         }
         Source { upload_id: None, job_id: Some(job), file } => {
-            (from_job(context, &job, file.unwrap_or_default(), name, options.mode()).await?, None)
+            (from_job(context, &job, file.unwrap_or_default(), name, options.options.mode()).await?, None)
         }
         _ => {
             let message =

@@ -4,6 +4,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
+use super::process::SubmittedOptions;
 use crate::api::authenticate::Caller;
 use crate::api::extract::UploadBudget;
 use crate::api::problem::{FieldError, Problem, ProblemCode, truncated};
@@ -44,7 +45,7 @@ pub struct Submission {
     /// The submitted model files.
     pub inputs: Vec<Input>,
     /// The job's options.
-    pub options: JobOptions,
+    pub options: SubmittedOptions,
     /// The job's metadata and callback URL.
     pub extras: Extras,
     /// The upload that was copied, if the file was uploaded before this request.
@@ -55,7 +56,7 @@ impl Submission {
     /// Returns a hash that identifies the request: its files, options, metadata and callback URL.
     pub fn fingerprint(&self) -> String {
         let files: Vec<_> = self.inputs.iter().map(|input| (&input.name, input.bytes, &input.sha256)).collect();
-        let bytes = serde_json::to_vec(&(files, &self.options, &self.extras)).unwrap_or_default();
+        let bytes = serde_json::to_vec(&(files, self.options.as_requested(), &self.extras)).unwrap_or_default();
         hex::encode(Sha256::digest(&bytes))
     }
 }

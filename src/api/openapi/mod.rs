@@ -20,7 +20,7 @@ use super::authenticate::allow_any_origin;
 use super::intake::upload;
 use super::problem::Problem;
 use super::state::ApiState;
-use super::{artifacts, jobs, keys, service, submit, tenants, webhook_deliveries, webhook_endpoints};
+use super::{artifacts, jobs, keys, profiles, service, submit, tenants, webhook_deliveries, webhook_endpoints};
 
 #[derive(OpenApi)]
 #[openapi(
@@ -35,6 +35,7 @@ use super::{artifacts, jobs, keys, service, submit, tenants, webhook_deliveries,
         (name = "uploads", description = "Send large files, or files from a browser, before their job"),
         (name = "webhooks", description = "Receive notifications when jobs end, as the Standard Webhooks specification says"),
         (name = "access", description = "Manage API keys, browser tokens and tenants"),
+        (name = "profiles", description = "Rules of printing processes: built-in profiles and your own"),
         (name = "service", description = "Capabilities, health and metrics of the service"),
     ),
     components(schemas(Problem, crate::jobs::JobReport, crate::jobs::JobMessage)),
@@ -68,6 +69,8 @@ pub(super) fn authenticated_routes() -> OpenApiRouter<ApiState> {
         .routes(routes!(keys::get_key, keys::revoke_key))
         .routes(routes!(tenants::list_tenants))
         .routes(routes!(tenants::get_tenant, tenants::change_tenant))
+        .routes(routes!(profiles::list_profiles))
+        .routes(routes!(profiles::get_profile, profiles::put_profile, profiles::delete_profile))
         .routes(routes!(service::get_capabilities))
         .routes(routes!(service::get_metrics));
     document_authentication(routes.get_openapi_mut());
@@ -199,7 +202,7 @@ fn document_authentication(document: &mut OpenApiDocument) {
 }
 
 /// Query parameters of `POST /v1/jobs` whose values are written as JSON.
-const JSON_FIELDS: [&str; 4] = ["metadata", "tolerances", "up", "build_volume"];
+const JSON_FIELDS: [&str; 5] = ["metadata", "tolerances", "up", "build_volume", "process_limits"];
 
 /// Completes the documentation of `POST /v1/jobs`. Closes the form to other parts, and copies each query parameter's schema, such as its
 /// range, from the body's schema, where it is defined.
@@ -208,12 +211,10 @@ fn document_submission(document: &mut OpenApiDocument) {
     if let Some(RefOr::T(Schema::Object(form))) = schemas.get_mut("SubmitForm") {
         form.additional_properties = Some(Box::new(AdditionalProperties::FreeForm(false)));
     }
-    let bodies = ["Options", "InspectOptions", "SubmitUpload"].into_iter().filter_map(|name| match schemas.get(name) {
-        Some(RefOr::T(Schema::Object(body))) => Some(&body.properties),
-        _ => None,
-    });
+    let names = ["Options", "PrintOptions", "InspectOptions", "SubmitUpload"];
+    let bodies = names.into_iter().filter_map(|name| schemas.get(name)).flat_map(own_fields);
     let body_schemas: BTreeMap<String, RefOr<Schema>> =
-        bodies.flatten().map(|(name, schema)| (name.clone(), schema.clone())).collect();
+        bodies.map(|(name, schema)| (name.clone(), schema.clone())).collect();
     let submit = document.paths.paths.get_mut("/v1/jobs").and_then(|path| path.post.as_mut());
     let Some(parameters) = submit.and_then(|submit| submit.parameters.as_mut()) else { return };
     // Options of both modes occur twice, but parameter names must be unique.
@@ -235,6 +236,15 @@ fn document_submission(document: &mut OpenApiDocument) {
         } else {
             field.schema = Some(schema);
         }
+    }
+}
+
+/// Iterates over the fields of an object's schema, without those that it takes from a named schema.
+fn own_fields(schema: &RefOr<Schema>) -> Box<dyn Iterator<Item = (&String, &RefOr<Schema>)> + '_> {
+    match schema {
+        RefOr::T(Schema::Object(object)) => Box::new(object.properties.iter()),
+        RefOr::T(Schema::AllOf(all)) => Box::new(all.items.iter().flat_map(own_fields)),
+        _ => Box::new(std::iter::empty()),
     }
 }
 
