@@ -8,6 +8,7 @@ mod exit;
 mod inspect;
 mod listen;
 mod print_options;
+mod profiles;
 mod remote;
 mod repair;
 mod service;
@@ -56,8 +57,8 @@ enum Command {
     Keys(administration::KeysArgs),
     /// Set the limits of single tenants, and list tenants.
     Tenants(administration::TenantsArgs),
-    /// List the printing processes and their limits.
-    Profiles(print_options::ProfilesArgs),
+    /// List the printing processes and their limits, or change the processes of tenants.
+    Profiles(profiles::ProfilesArgs),
     /// Copy the SQLite database while the service runs.
     ///
     /// The copy is a consistent snapshot that only the current user can read. It does not contain the files of jobs:
@@ -78,10 +79,13 @@ enum Command {
 impl Command {
     /// Whether the command reads the settings of the service.
     fn uses_service_settings(&self) -> bool {
-        matches!(
-            self,
-            Self::Serve(_) | Self::Work(_) | Self::Migrate(_) | Self::Keys(_) | Self::Tenants(_) | Self::Backup(_)
-        )
+        match self {
+            Self::Serve(_) | Self::Work(_) | Self::Migrate(_) | Self::Keys(_) | Self::Tenants(_) | Self::Backup(_) => {
+                true
+            }
+            Self::Profiles(args) => args.uses_service_settings(),
+            _ => false,
+        }
     }
 }
 
@@ -104,7 +108,7 @@ pub fn run() -> ExitCode {
         Command::Migrate(args) => service::migrate(&args),
         Command::Keys(args) => administration::keys(args),
         Command::Tenants(args) => administration::tenants(args),
-        Command::Profiles(args) => print_options::run_profiles(&args),
+        Command::Profiles(args) => profiles::run_profiles(args),
         Command::Backup(args) => administration::backup(&args),
         Command::Config(args) => config::run(&args, Cli::command()),
         Command::Openapi(args) => openapi(&args),

@@ -1,14 +1,10 @@
-//! The command line's options that prepare a model for a printing process, and `meshmend profiles`.
+//! The command line's options that prepare a model for a printing process.
 
-use std::io::Write;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::Args;
-use meshmend::printing::profile::{ProcessLimits, Profile};
+use meshmend::printing::profile::ProcessLimits;
 use meshmend::repair::{Interior, Islands, PrintOptions, Voids, WallGrowth};
-
-use super::exit;
 
 /// The process to check a model against.
 #[derive(Debug, Args)]
@@ -95,59 +91,4 @@ impl PrintOptionArgs {
             target_longest_mm: self.target_longest_mm,
         })
     }
-}
-
-/// Arguments of `meshmend profiles`.
-#[derive(Debug, Args)]
-pub struct ProfilesArgs {
-    /// Show only this profile.
-    name: Option<String>,
-    /// Print the profiles as JSON, with the sources of each limit.
-    #[arg(long)]
-    json: bool,
-}
-
-/// Runs `meshmend profiles`.
-pub fn run_profiles(args: &ProfilesArgs) -> ExitCode {
-    let profiles: Vec<&Profile> = match &args.name {
-        None => Profile::built_in().iter().collect(),
-        Some(name) => match Profile::resolve(name, None) {
-            Ok(_) => Profile::named(name).into_iter().collect(),
-            Err(error) => return exit::fail(exit::BAD_INPUT, error),
-        },
-    };
-    let text = if args.json {
-        serde_json::to_string_pretty(&profiles).unwrap_or_default()
-    } else {
-        profiles.iter().map(|profile| profile_text(profile)).collect::<Vec<_>>().join("\n")
-    };
-    let _ = writeln!(std::io::stdout(), "{text}");
-    ExitCode::SUCCESS
-}
-
-fn profile_text(profile: &Profile) -> String {
-    let limits = [
-        ("supported wall", &profile.supported_wall_mm),
-        ("free wall", &profile.free_wall_mm),
-        ("wire", &profile.wire_mm),
-        ("pin", &profile.pin_mm),
-        ("hole", &profile.hole_mm),
-        ("gap", &profile.gap_mm),
-        ("clearance", &profile.clearance_mm),
-        ("embossed detail", &profile.embossed_mm),
-        ("engraved detail", &profile.engraved_mm),
-    ];
-    let mut text = format!("{}: {}\n", profile.name, profile.title);
-    for (name, limit) in limits {
-        text.push_str(&format!("  {name:<16} {:>6} mm\n", limit.limit));
-    }
-    text.push_str(&format!("  {:<16} {:>6} mm³\n", "part volume", profile.part_volume_mm3.limit));
-    if let Some(holes) = &profile.escape_holes {
-        text.push_str(&format!("  {:<16} {:>6} mm, {} per cavity\n", "escape holes", holes.diameter_mm, holes.count));
-    }
-    if let Some(volume) = &profile.build_volume_mm {
-        let [x, y, z] = volume.size;
-        text.push_str(&format!("  {:<16} {x} x {y} x {z} mm\n", "build volume"));
-    }
-    text
 }
