@@ -65,7 +65,7 @@ fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>)
 
 /// The facets around an edge, counter-clockwise seen from its larger vertex. The flag tells whether a facet's half-edge
 /// runs forward, from the smaller vertex to the larger.
-fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> SmallVec<[(u32, bool); 4]> {
+pub(super) fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> SmallVec<[(u32, bool); 4]> {
     let directed = half_edges.iter().map(|&h| (h, Edges::is_forward(corners, h)));
     if half_edges.len() <= 2 {
         return directed.map(|(h, forward)| (h / 3, forward)).collect();

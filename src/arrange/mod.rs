@@ -11,6 +11,7 @@ mod contacts;
 mod grid;
 mod openings;
 mod points;
+mod sides;
 mod triangulation;
 
 use cells::Cells;
@@ -20,6 +21,7 @@ use crate::context::Context;
 use crate::mesh::{ClosedSurface, Surface, is_generated};
 
 pub use complex::ArrangeError;
+pub(crate) use sides::{FacetSides, SideLink};
 
 /// The rule that decides from a cell's winding number `w` whether the cell is inside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

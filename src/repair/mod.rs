@@ -32,6 +32,7 @@ mod report;
 mod report_draft;
 mod runner;
 pub mod sheets;
+pub mod solid_skin;
 mod tasks;
 mod time_budget;
 mod unite;

@@ -1,0 +1,405 @@
+//! The air that a ball coming from outside can reach, and the regions of air that it cannot reach.
+//!
+//! An octree holds the clearance of the air: the distance from a point to the nearest face. The distance is
+//! 1-Lipschitz, so one value at a node's centre bounds the clearance in the whole node. A node is open if a ball
+//! centred anywhere in it fits, blocked if it fits nowhere, and is split otherwise, down to a finest cell. Orientation
+//! of the faces plays no part.
+
+mod flood;
+
+use flood::Flood;
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::context::{Cancelled, Context};
+use crate::math::{Box3, Tree, nearest_on_triangle};
+
+/// Margin around the model, in ball diameters. The ball moves freely there.
+const MARGIN: f64 = 2.0;
+/// Finest depth of the octree. Positions of cells are integers of this many bits.
+const MAX_DEPTH: u32 = 20;
+/// The most rounds of splitting leaves at openings of undecided width.
+const MAX_ROUNDS: u32 = 12;
+/// Nodes evaluated between two checks for cancellation.
+const BATCH: usize = 1 << 14;
+/// A node that is not split.
+const LEAF: u32 = 0;
+
+/// How finely [`Reach`] decides, and how much it may cost.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReachOptions {
+    /// Diameter of the ball, in the model's unit; positive.
+    pub diameter: f64,
+    /// Cells per diameter. Cells at openings of undecided width are split further, see [`ReachOptions::refinements`].
+    pub cells_per_diameter: u32,
+    /// How often cells at openings of undecided width are halved. With `n` cells per diameter then, openings from about
+    /// `1 - 1.8 / n` to `1 + 3.2 / n` diameters wide are undecided, and the air behind them is doubtful.
+    pub refinements: u32,
+    /// The most octree nodes. Each takes some 100 bytes and one to two microseconds.
+    pub max_nodes: usize,
+}
+
+/// Where the centre of the ball may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reached {
+    /// The ball fits, and comes here from outside.
+    Outside,
+    /// The ball comes here from outside only if some opening as wide as the ball, within the resolution, lets it pass.
+    Doubtful,
+    /// The ball fits, but cannot come here from outside: the index of the hidden region.
+    Hidden(u32),
+    /// The ball does not fit.
+    Blocked,
+}
+
+/// A region in which the ball fits, and which it cannot reach from outside. The inside of a solid is such a region too.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HiddenRegion {
+    /// A point of the region where the ball fits.
+    pub at: DVec3,
+    /// The volume of the possible centres of the ball, from below.
+    pub volume: f64,
+}
+
+/// Whether the ball fits in a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fit {
+    /// Everywhere.
+    Open,
+    /// Nowhere.
+    Blocked,
+    /// At the finest size, in a part of the node.
+    Undecided,
+}
+
+/// A node of the octree. Its eight children follow each other.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    /// The first child, or [`LEAF`].
+    children: u32,
+    fit: Fit,
+    /// The label of a leaf.
+    reached: Reached,
+}
+
+/// A node that is to be evaluated.
+#[derive(Debug, Clone, Copy)]
+struct Pending {
+    node: u32,
+    /// The node's lowest cell at its level.
+    cell: [u32; 3],
+    /// A face near the parent's centre.
+    near: u32,
+}
+
+/// The octree of the air that a ball can reach.
+pub struct Reach {
+    diameter: f64,
+    low: DVec3,
+    side: f64,
+    /// The finest level without refinement, and with it.
+    depth: u32,
+    finest: u32,
+    nodes: Vec<Node>,
+    /// Leaves with their level and their cell at that level.
+    leaves: Vec<(u32, u32, [u32; 3])>,
+    regions: Vec<HiddenRegion>,
+    doubtful_volume: f64,
+}
+
+impl Reach {
+    /// Computes the reachable air around and in a surface. `tree` must be the tree of `faces`.
+    ///
+    /// `None` if the octree would need more than `max_nodes` nodes, or there are no faces.
+    ///
+    /// # Errors
+    /// [`Cancelled`] on cancellation or timeout.
+    pub fn new(
+        positions: &[DVec3],
+        faces: &[[u32; 3]],
+        tree: &Tree,
+        options: ReachOptions,
+        context: &Context<'_>,
+    ) -> Result<Option<Self>, Cancelled> {
+        let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
+        let cell = options.diameter / f64::from(options.cells_per_diameter.max(2));
+        let needed = (bounds.max - bounds.min).max_element() + 2.0 * MARGIN * options.diameter;
+        if bounds.is_empty() || !(cell > 0.0 && needed.is_finite()) {
+            return Ok(None);
+        }
+        let depth = (0..=MAX_DEPTH).find(|&depth| cell * f64::from(1u32 << depth) >= needed);
+        let Some(depth) = depth else { return Ok(None) };
+        let side = cell * f64::from(1u32 << depth);
+        let mut reach = Self {
+            diameter: options.diameter,
+            low: bounds.centre() - DVec3::splat(side / 2.0),
+            side,
+            depth,
+            finest: depth + options.refinements,
+            nodes: vec![Node::undecided()],
+            leaves: Vec::new(),
+            regions: Vec::new(),
+            doubtful_volume: 0.0,
+        };
+        let corners = |face: u32| faces[face as usize].map(|v| positions[v as usize]);
+        if !reach.split(tree, &corners, options.max_nodes, context)? {
+            return Ok(None);
+        }
+        reach.label(&corners, tree, options, context)?;
+        Ok(Some(reach))
+    }
+
+    /// The diameter of the ball.
+    #[must_use]
+    pub fn diameter(&self) -> f64 {
+        self.diameter
+    }
+
+    /// The length of the cells, apart from those at openings of undecided width.
+    #[must_use]
+    pub fn resolution(&self) -> f64 {
+        self.size(self.depth)
+    }
+
+    /// Number of octree nodes.
+    #[must_use]
+    pub fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// The hidden regions, in the order of their first octree leaf.
+    #[must_use]
+    pub fn hidden_regions(&self) -> &[HiddenRegion] {
+        &self.regions
+    }
+
+    /// The volume of the ball's centres that are reached only through openings of undecided width.
+    #[must_use]
+    pub fn doubtful_volume(&self) -> f64 {
+        self.doubtful_volume
+    }
+
+    /// Whether the ball can be centred at a point, decided for the octree leaf that holds the point.
+    #[must_use]
+    pub fn at(&self, point: DVec3) -> Reached {
+        let most = f64::from(1u32 << self.finest);
+        let scaled = (point - self.low) / self.side * most;
+        if !(scaled.min_element() >= 0.0 && scaled.max_element() < most) {
+            return Reached::Outside;
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be in range")]
+        let cell = scaled.to_array().map(|x| x as u32);
+        self.nodes[self.leaf(cell, self.finest).0 as usize].reached
+    }
+
+    /// The node at or above a cell of a level, and the level of that node.
+    fn leaf(&self, cell: [u32; 3], level: u32) -> (u32, u32) {
+        let mut at = 0u32;
+        for step in 0..level {
+            let children = self.nodes[at as usize].children;
+            if children == LEAF {
+                return (at, step);
+            }
+            let shift = level - 1 - step;
+            at = children + cell.iter().enumerate().map(|(axis, x)| (x >> shift & 1) << axis).sum::<u32>();
+        }
+        (at, level)
+    }
+
+    /// Splits nodes level by level. Returns whether the nodes sufficed.
+    fn split(
+        &mut self,
+        tree: &Tree,
+        corners: &(impl Fn(u32) -> [DVec3; 3] + Sync),
+        max_nodes: usize,
+        context: &Context<'_>,
+    ) -> Result<bool, Cancelled> {
+        let mut pending = vec![Pending { node: 0, cell: [0; 3], near: 0 }];
+        for level in 0..=self.depth {
+            let mut next = Vec::new();
+            for batch in pending.chunks(BATCH) {
+                context.check()?;
+                let found: Vec<(Fit, u32)> =
+                    batch.par_iter().map(|pending| self.fit(tree, corners, level, *pending)).collect();
+                for (&Pending { node, cell, .. }, (fit, near)) in batch.iter().zip(found) {
+                    self.nodes[node as usize].fit = fit;
+                    if fit != Fit::Undecided || level == self.depth {
+                        self.leaves.push((node, level, cell));
+                        continue;
+                    }
+                    if self.nodes.len() + 8 > max_nodes {
+                        return Ok(false);
+                    }
+                    next.extend(self.divide(node, cell).map(|(node, cell)| Pending { node, cell, near }));
+                }
+            }
+            pending = next;
+        }
+        Ok(true)
+    }
+
+    /// Gives a node eight children, and returns them with their cells.
+    fn divide(&mut self, node: u32, cell: [u32; 3]) -> impl Iterator<Item = (u32, [u32; 3])> + use<> {
+        let children = index(self.nodes.len());
+        self.nodes[node as usize].children = children;
+        self.nodes.extend([Node::undecided(); 8]);
+        (0..8u32).map(move |child| (children + child, [0, 1, 2].map(|axis| 2 * cell[axis] + (child >> axis & 1))))
+    }
+
+    /// Whether the ball fits in a node, and a face near the node.
+    fn fit(
+        &self,
+        tree: &Tree,
+        corners: &impl Fn(u32) -> [DVec3; 3],
+        level: u32,
+        Pending { cell, near, .. }: Pending,
+    ) -> (Fit, u32) {
+        let size = self.size(level);
+        let centre = self.low + (DVec3::from(cell.map(f64::from)) + 0.5) * size;
+        let half_diagonal = size * 0.5 * 3f64.sqrt();
+        let radius = self.diameter / 2.0;
+        let of = |distance: f64| match distance {
+            d if d >= radius + half_diagonal => Fit::Open,
+            d if d < radius - half_diagonal => Fit::Blocked,
+            _ => Fit::Undecided,
+        };
+        let first = nearest_on_triangle(centre, corners(near)).distance(centre);
+        if of(first) == Fit::Blocked {
+            return (Fit::Blocked, near);
+        }
+        // Where a face is known to be too near for an open node, it only matters whether one blocks the node.
+        let bound = if of(first) == Fit::Undecided { radius - half_diagonal } else { radius + half_diagonal };
+        let mut steps = u64::MAX;
+        match tree.nearest(centre, bound, &mut steps, corners) {
+            Some(found) => (of(found.distance), found.face),
+            None => (of(bound), near),
+        }
+    }
+
+    fn size(&self, level: u32) -> f64 {
+        self.side / f64::from(1u32 << level)
+    }
+
+    /// Labels the leaves. Splits undecided leaves at openings of undecided width as long as that may help.
+    fn label(
+        &mut self,
+        corners: &(impl Fn(u32) -> [DVec3; 3] + Sync),
+        tree: &Tree,
+        options: ReachOptions,
+        context: &Context<'_>,
+    ) -> Result<(), Cancelled> {
+        for round in 0.. {
+            let pairs = self.pairs(context)?;
+            let flood = Flood::new(self, &pairs);
+            let openings = if round < MAX_ROUNDS { flood.openings(self, &pairs) } else { Vec::new() };
+            let mut is_refined = false;
+            for batch in openings.chunks(BATCH / 8) {
+                context.check()?;
+                let mut children = Vec::with_capacity(8 * batch.len());
+                for &at in batch {
+                    let (node, level, cell) = self.leaves[at as usize];
+                    if level < self.finest && self.nodes.len() + 8 <= options.max_nodes {
+                        self.leaves[at as usize].0 = u32::MAX;
+                        children.extend(self.divide(node, cell).map(|(node, cell)| (node, level + 1, cell)));
+                    }
+                }
+                let found: Vec<Fit> = children
+                    .par_iter()
+                    .map(|&(node, level, cell)| self.fit(tree, corners, level, Pending { node, cell, near: 0 }).0)
+                    .collect();
+                for (&(node, ..), fit) in children.iter().zip(found) {
+                    self.nodes[node as usize].fit = fit;
+                }
+                is_refined |= !children.is_empty();
+                self.leaves.extend(children);
+            }
+            if !is_refined {
+                self.record(&flood);
+                return Ok(());
+            }
+            self.leaves.retain(|leaf| leaf.0 != u32::MAX);
+        }
+        Ok(())
+    }
+
+    /// The pairs of adjacent leaves that are not blocked.
+    fn pairs(&self, context: &Context<'_>) -> Result<Vec<[u32; 2]>, Cancelled> {
+        let mut pairs = Vec::with_capacity(2 * self.leaves.len());
+        for batch in self.leaves.chunks(BATCH) {
+            context.check()?;
+            pairs.par_extend(batch.par_iter().flat_map_iter(|&leaf| self.neighbours(leaf)));
+        }
+        Ok(pairs)
+    }
+
+    /// Writes the labels of the leaves and the hidden regions.
+    fn record(&mut self, flood: &Flood) {
+        let mut region_of: rustc_hash::FxHashMap<u32, u32> = rustc_hash::FxHashMap::default();
+        for &(node, level, cell) in &self.leaves {
+            let size = self.size(level);
+            let is_open = self.nodes[node as usize].fit == Fit::Open;
+            let reached = match self.nodes[node as usize].fit {
+                Fit::Blocked => Reached::Blocked,
+                Fit::Open if flood.is_sure(node) => Reached::Outside,
+                _ if flood.is_possible(node) => Reached::Doubtful,
+                Fit::Undecided => Reached::Blocked,
+                Fit::Open => {
+                    let region = *region_of.entry(flood.possible[node as usize]).or_insert_with(|| {
+                        let at = self.low + (DVec3::from(cell.map(f64::from)) + 0.5) * size;
+                        self.regions.push(HiddenRegion { at, volume: 0.0 });
+                        index(self.regions.len() - 1)
+                    });
+                    self.regions[region as usize].volume += size.powi(3);
+                    Reached::Hidden(region)
+                }
+            };
+            self.nodes[node as usize].reached = reached;
+            if is_open && reached == Reached::Doubtful {
+                self.doubtful_volume += size.powi(3);
+            }
+        }
+        // Undecided leaves belong to the hidden region beside them. Without such a region they stay blocked.
+        for &(node, ..) in &self.leaves {
+            if self.nodes[node as usize].fit == Fit::Undecided
+                && let Some(&region) = region_of.get(&flood.possible[node as usize])
+            {
+                self.nodes[node as usize].reached = Reached::Hidden(region);
+            }
+        }
+    }
+
+    /// The pairs of a leaf that is not blocked with its neighbours of the same or a larger size that are not blocked.
+    fn neighbours(&self, (node, level, cell): (u32, u32, [u32; 3])) -> impl Iterator<Item = [u32; 2]> + use<> {
+        let mut pairs = smallvec::SmallVec::<[[u32; 2]; 6]>::new();
+        if self.nodes[node as usize].fit != Fit::Blocked {
+            let cells = 1u32 << level;
+            for (axis, up) in [0, 1, 2].into_iter().flat_map(|axis| [(axis, false), (axis, true)]) {
+                let mut beside = cell;
+                beside[axis] = if up { cell[axis] + 1 } else { cell[axis].wrapping_sub(1) };
+                if beside[axis] >= cells {
+                    continue;
+                }
+                let (other, _) = self.leaf(beside, level);
+                let Node { children, fit, .. } = self.nodes[other as usize];
+                if children == LEAF && fit != Fit::Blocked {
+                    pairs.push([node, other]);
+                }
+            }
+        }
+        pairs.into_iter()
+    }
+}
+
+impl Node {
+    const fn undecided() -> Self {
+        Self { children: LEAF, fit: Fit::Undecided, reached: Reached::Blocked }
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "nodes are limited to fewer than 2^32")]
+fn index(count: usize) -> u32 {
+    count as u32
+}
+
+#[cfg(test)]
+mod tests;

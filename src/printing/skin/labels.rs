@@ -1,0 +1,178 @@
+//! Decides for each side of a facet whether air from outside is in front of it.
+//!
+//! Sides joined around edges bound one cell of space. Where all evidence in a cell agrees, it decides. Otherwise a
+//! minimum cut separates the sides that a ball from outside touches from those that it cannot reach: the cut runs along
+//! the shortest edges, round pinholes and tunnels. Cells that no ball touches are decided by the sides in sight.
+
+use super::cut::Network;
+use super::evidence::Evidence;
+use super::frayed::keep_frayed;
+use super::sight::Sight;
+use crate::arrange::FacetSides;
+use crate::context::{Cancelled, Context};
+use crate::math::{Box3, Tree};
+use crate::mesh::UnionFind;
+
+/// Depth of a slit, in ball diameters, from which it counts as hidden in a cell that must be cut.
+const SLIT_DEPTH: f64 = 4.0;
+/// Weight of evidence: to ignore it on an area costs as much as an edge of this multiple of the area over the diameter.
+const EVIDENCE_WEIGHT: f64 = 4.0;
+/// Least share of a cell's area with evidence of either kind for the cell to be cut.
+const MIN_SHARE: f64 = 1e-6;
+/// Integer capacity of an edge as long as the model's diagonal.
+const SCALE: f64 = (1u64 << 40) as f64;
+
+/// The cells that the sides bound: sides joined around edges.
+pub struct SideCells {
+    /// For each side, the smallest side of its cell.
+    pub of_side: Vec<u32>,
+    /// For each cell, at its smallest side, whether a boundary edge joins both sides of a facet in it.
+    has_boundary: Vec<bool>,
+}
+
+impl SideCells {
+    /// Joins the sides around the edges.
+    pub fn new(sides: &FacetSides) -> Self {
+        let mut sets = UnionFind::new(2 * sides.corners.len());
+        for link in &sides.links {
+            sets.unite(link.sides[0], link.sides[1]);
+        }
+        let of_side = sets.into_roots();
+        let mut has_boundary = vec![false; of_side.len()];
+        for link in sides.links.iter().filter(|link| link.sides[0] ^ 1 == link.sides[1]) {
+            has_boundary[of_side[link.sides[0] as usize] as usize] = true;
+        }
+        Self { of_side, has_boundary }
+    }
+
+    /// Whether the two sides of some facet bound the same cell at an edge: the surface is open.
+    pub fn is_open(&self) -> bool {
+        self.has_boundary.contains(&true)
+    }
+}
+
+/// Areas with evidence in a cell.
+#[derive(Debug, Clone, Copy, Default)]
+struct Areas {
+    all: f64,
+    outer: f64,
+    hidden: f64,
+}
+
+/// The state of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CellState {
+    /// Outside air.
+    Outer,
+    /// No outside air.
+    Hidden,
+    /// Outside air in front of a part of its sides.
+    Cut,
+    /// No evidence.
+    Unknown,
+}
+
+/// What is known about the sides of the facets.
+pub struct Labels<'a> {
+    /// The facets.
+    pub sides: &'a FacetSides,
+    /// The cells that the sides bound.
+    pub cells: &'a SideCells,
+    /// The evidence for each side.
+    pub evidence: &'a [Evidence],
+    /// The state of each cell, at its smallest side.
+    pub states: Vec<CellState>,
+    /// For each side whether outside air is in front of it.
+    pub outer: Vec<bool>,
+}
+
+impl<'a> Labels<'a> {
+    /// Decides all sides. `diameter` is that of the ball.
+    ///
+    /// # Errors
+    /// [`Cancelled`] on cancellation or timeout.
+    pub fn new(
+        (sides, cells): (&'a FacetSides, &'a SideCells),
+        evidence: &'a [Evidence],
+        (tree, diameter): (&Tree, f64),
+        context: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let states = states(sides, cells, evidence);
+        let outer = cells.of_side.iter().map(|&cell| states[cell as usize] == CellState::Outer).collect();
+        let mut labels = Self { sides, cells, evidence, states, outer };
+        if labels.states.contains(&CellState::Cut) {
+            labels.cut(diameter, context)?;
+            keep_frayed(&mut labels);
+        }
+        Sight { tree, labels: &mut labels }.decide(context)?;
+        Ok(labels)
+    }
+
+    /// Whether a side's cell is cut.
+    pub fn is_cut(&self, side: u32) -> bool {
+        self.states[self.cells.of_side[side as usize] as usize] == CellState::Cut
+    }
+
+    /// Labels the sides of the cells that must be cut.
+    fn cut(&mut self, diameter: f64, context: &Context<'_>) -> Result<(), Cancelled> {
+        let unit = SCALE / Box3::of(self.sides.positions.iter().copied()).diagonal();
+        let mut node = vec![u32::MAX; self.outer.len()];
+        let mut terminal: Vec<i64> = Vec::new();
+        let mut side_of: Vec<u32> = Vec::new();
+        for side in (0u32..).take(self.outer.len()).filter(|&side| self.is_cut(side)) {
+            let share = self.sides.area_vector(side / 2).length() / 2.0 / diameter * unit;
+            let weight = match self.evidence[side as usize] {
+                Evidence::Outer => share * EVIDENCE_WEIGHT,
+                Evidence::Hidden => -share * EVIDENCE_WEIGHT,
+                Evidence::None => -share / SLIT_DEPTH,
+            };
+            node[side as usize] = index(side_of.len());
+            side_of.push(side);
+            #[expect(clippy::cast_possible_truncation, reason = "rounded to an integer weight")]
+            terminal.push(weight as i64);
+        }
+        let links = self.sides.links.iter().filter(|link| self.is_cut(link.sides[0]));
+        let edges: Vec<([u32; 2], u64)> = links
+            .map(|link| {
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive weight")]
+                let capacity = (link.length * unit) as u64;
+                (link.sides.map(|side| node[side as usize]), capacity.max(1))
+            })
+            .collect();
+        let is_outer = Network::new(terminal, &edges).source_side(context)?;
+        for (side, is_outer) in side_of.into_iter().zip(is_outer) {
+            self.outer[side as usize] = is_outer;
+        }
+        Ok(())
+    }
+}
+
+/// The state of each cell by the evidence for its sides.
+fn states(sides: &FacetSides, cells: &SideCells, evidence: &[Evidence]) -> Vec<CellState> {
+    let mut areas = vec![Areas::default(); cells.of_side.len()];
+    for (side, &cell) in (0u32..).zip(&cells.of_side) {
+        let (areas, area) = (&mut areas[cell as usize], sides.area_vector(side / 2).length());
+        areas.all += area;
+        match evidence[side as usize] {
+            Evidence::Outer => areas.outer += area,
+            Evidence::Hidden => areas.hidden += area,
+            Evidence::None => {}
+        }
+    }
+    let state = |(areas, &has_boundary): (&Areas, &bool)| {
+        let [outer, hidden] = [areas.outer, areas.hidden].map(|area| area > MIN_SHARE * areas.all);
+        match (outer, hidden) {
+            (true, true) => CellState::Cut,
+            (true, false) if has_boundary && areas.outer < (1.0 - MIN_SHARE) * areas.all => CellState::Cut,
+            (true, false) => CellState::Outer,
+            (false, true) => CellState::Hidden,
+            (false, false) => CellState::Unknown,
+        }
+    };
+    areas.iter().zip(&cells.has_boundary).map(state).collect()
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "sides are counted in u32")]
+fn index(count: usize) -> u32 {
+    count as u32
+}

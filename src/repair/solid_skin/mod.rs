@@ -1,0 +1,122 @@
+//! The solid skin of a model: what a ball of one diameter, the seal, cannot reach from outside is solid.
+//!
+//! [`outer_skin`] finds the faces that bound the outside air. Here their openings are closed with patches, overlaps are
+//! united, and islands are kept, dropped or attached. Faces that nothing crosses keep their vertices bit for bit.
+
+mod close;
+mod islands;
+
+use crate::context::{Cancelled, Context};
+use crate::math::Precision;
+use crate::mesh::{Surface, is_generated};
+pub use close::SealedPlace;
+use close::{Closed, close, resolve};
+use glam::DVec3;
+use islands::drop_small;
+
+use crate::printing::skin::{DropReason, DroppedPiece, OuterSkin, OuterSkinError, kept_exactly_pct, outer_skin};
+
+/// What happens to parts that do not touch the largest part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Islands {
+    /// Drops those below the least part volume.
+    #[default]
+    Drop,
+    /// Keeps all.
+    Keep,
+    /// Drops those below the least part volume and joins the others to the largest part by a strut.
+    Attach,
+}
+
+/// Options of [`solid_skin`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SkinOptions {
+    /// Openings narrower than this are closed, in the model's unit. None chooses a seal.
+    pub seal: Option<f64>,
+    /// What happens to islands.
+    pub islands: Islands,
+    /// The least volume of a part, in cubic units.
+    pub min_part_volume: f64,
+    /// Closed cavities of at least this volume stay air, in cubic units. None fills all.
+    pub keep_cavities_over: Option<f64>,
+    /// The precision of the output file.
+    pub precision: Precision,
+}
+
+/// The result of [`solid_skin`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct SkinResult {
+    /// The outer surface: closed, oriented outward. `source` is that of the input.
+    pub surface: Surface,
+    /// The seal, in the model's unit.
+    pub seal: f64,
+    /// The patches.
+    pub sealed: Vec<SealedPlace>,
+    /// The result's volume less the signed volume of the input, about the centre of its box, in cubic units. Meaningful
+    /// if the input's faces are oriented.
+    pub filled_volume: f64,
+    /// The dropped pieces.
+    pub dropped: Vec<DroppedPiece>,
+    /// The share of the result's area in faces of the input that are unchanged, in percent.
+    pub kept_exactly_pct: f64,
+}
+
+/// Why there is no solid skin.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SkinError {
+    /// There is no outer skin.
+    #[error(transparent)]
+    OuterSkin(#[from] OuterSkinError),
+    /// Nothing is enclosed at this seal.
+    #[error("the surface encloses nothing: air reaches both sides of every face through openings wider than {0}")]
+    Empty(f64),
+    /// The faces still intersect.
+    #[error("the outer surface still intersects itself after its openings were closed")]
+    Intersecting,
+    /// The work was cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Computes the solid skin of a model: the boundary of all that a ball with the seal's diameter cannot reach from
+/// outside, with the input's faces where they bound it.
+///
+/// The surface should be welded; it may be open, intersect itself and have any orientation. Openings of at least the
+/// seal are never closed. Crevices stay, unless the space behind them must be cut off anyway.
+///
+/// # Errors
+/// [`SkinError`]: nothing is enclosed, the faces cannot be arranged, or the work was cancelled.
+pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_>) -> Result<SkinResult, SkinError> {
+    let OuterSkin { surface: open, seal, mut accounting } = outer_skin(surface, options.seal, context)?;
+    let Closed { surface: mut skin, sealed, sheets } = close(open, options.precision, context)?;
+    accounting.drop(&sheets, DropReason::Sheet);
+    if skin.faces.is_empty() {
+        return Err(SkinError::Empty(seal));
+    }
+    if !resolve(&mut skin, context)? {
+        return Err(SkinError::Intersecting);
+    }
+    if options.islands != Islands::Keep {
+        accounting.drop(&drop_small(&mut skin, options.min_part_volume, context)?, DropReason::Island);
+    }
+    let kept_exactly_pct = kept_exactly_pct(&skin, surface);
+    let dropped = accounting.pieces(surface);
+    for source in skin.source.iter_mut().filter(|source| !is_generated(**source)) {
+        *source = surface.source[*source as usize];
+    }
+    let centre = surface.bounds().centre();
+    let filled_volume = signed_volume(&skin, centre) - signed_volume(surface, centre);
+    Ok(SkinResult { surface: skin, seal, sealed, filled_volume, dropped, kept_exactly_pct })
+}
+
+/// The signed volume between the faces and a point.
+fn signed_volume(surface: &Surface, about: DVec3) -> f64 {
+    let of_face = |f: usize| {
+        let [a, b, c] = surface.corners(f).map(|p| p - about);
+        a.dot(b.cross(c)) / 6.0
+    };
+    (0..surface.faces.len()).map(of_face).sum()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,123 @@
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use super::*;
+use crate::context::NoProgress;
+use crate::mesh::{ClosedSurface, Edges, Soup};
+use crate::printing::skin::recognise_double_shell;
+
+/// A ball of triangles, as an octahedron whose faces are split `level` times.
+fn ball(centre: DVec3, radius: f64, level: u32) -> Vec<[DVec3; 3]> {
+    let mut faces = Vec::new();
+    for [x, y, z] in (0..8).map(|k| [0, 1, 2].map(|axis| if k >> axis & 1 == 0 { 1.0 } else { -1.0 })) {
+        let corners = [DVec3::X * x, DVec3::Y * y, DVec3::Z * z];
+        let [a, b, c] = corners;
+        faces.push(if x * y * z > 0.0 { [a, b, c] } else { [a, c, b] });
+    }
+    for _ in 0..level {
+        let split = |[a, b, c]: [DVec3; 3]| {
+            let [ab, bc, ca] = [(a + b).normalize(), (b + c).normalize(), (c + a).normalize()];
+            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+        };
+        faces = faces.into_iter().flat_map(split).collect();
+    }
+    faces.into_iter().map(|face| face.map(|p| Precision::F32.round(centre + p * radius))).collect()
+}
+
+fn inverted(faces: Vec<[DVec3; 3]>) -> Vec<[DVec3; 3]> {
+    faces.into_iter().map(|[a, b, c]| [a, c, b]).collect()
+}
+
+fn surface(triangles: &[[DVec3; 3]]) -> Surface {
+    let faces = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    Surface::from_soup(&Soup { positions: triangles.concat(), faces }).0
+}
+
+fn with_context<T>(run: impl FnOnce(&Context<'_>) -> T) -> T {
+    let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+    run(&Context::new(&NoProgress, &cancel, &clock, Duration::MAX))
+}
+
+fn skin(surface: &Surface, options: SkinOptions) -> SkinResult {
+    with_context(|context| solid_skin(surface, &options, context)).unwrap()
+}
+
+fn volume(surface: &Surface) -> f64 {
+    signed_volume(surface, DVec3::ZERO)
+}
+
+/// A ball of radius 1 as two skins 0.012 apart, with crumbs inside and outside, and 21 pinholes in both skins if
+/// `is_pierced`.
+fn double_shell(is_pierced: bool) -> Vec<[DVec3; 3]> {
+    let pierced = |faces: Vec<[DVec3; 3]>| {
+        let gone = |i: &usize| is_pierced && i % 100 == 7;
+        (0..faces.len()).filter(|i| !gone(i)).map(|i| faces[i]).collect::<Vec<_>>()
+    };
+    let crumbs = [ball(DVec3::splat(0.2), 0.01, 1), ball(DVec3::splat(1.2), 0.01, 1)].concat();
+    [pierced(ball(DVec3::ZERO, 1.0, 4)), pierced(inverted(ball(DVec3::ZERO, 0.988, 4))), crumbs].concat()
+}
+
+#[test]
+fn a_double_shell_with_pinholes_becomes_the_solid() {
+    let model = surface(&double_shell(true));
+    let solid = volume(&surface(&ball(DVec3::ZERO, 1.0, 4)));
+    let result = skin(&model, SkinOptions { seal: Some(0.1), min_part_volume: 1e-3, ..SkinOptions::default() });
+    let outcome = &result.surface;
+    assert!(ClosedSurface::new(outcome, &Edges::new(&outcome.faces)).is_ok());
+    assert!((volume(outcome) / solid - 1.0).abs() < 1e-3, "{}", volume(outcome) / solid);
+    assert_eq!(result.sealed.len(), 21);
+    assert!(result.sealed.iter().all(|place| place.edges == 3 && place.width < 0.1));
+    assert_eq!(outcome.source.iter().filter(|&&source| !is_generated(source)).count(), 2027);
+    let count = |reason| result.dropped.iter().filter(|piece| piece.reason == reason).count();
+    assert_eq!([DropReason::InnerShell, DropReason::InnerJunk, DropReason::Island].map(count), [1, 1, 1]);
+    let of_input: Vec<[DVec3; 3]> = (0..model.faces.len()).map(|f| model.corners(f)).collect();
+    for (f, &source) in outcome.source.iter().enumerate().filter(|(_, source)| !is_generated(**source)) {
+        assert_eq!(outcome.corners(f), of_input[source as usize]);
+    }
+}
+
+#[test]
+fn a_closed_double_shell_is_filled_and_recognised() {
+    let model = surface(&double_shell(false));
+    let found = with_context(|context| recognise_double_shell(&model, context)).unwrap().unwrap();
+    assert!((found.median_wall - 0.012).abs() < 1e-3 && found.void_share > 0.9, "{found:?}");
+    let result = skin(&model, SkinOptions { seal: Some(0.1), min_part_volume: 1e-3, ..SkinOptions::default() });
+    assert_eq!((result.surface.faces.len(), result.sealed.len()), (2048, 0));
+}
+
+#[test]
+fn the_skin_of_a_solid_is_the_solid() {
+    for triangles in [ball(DVec3::ZERO, 1.0, 3), inverted(ball(DVec3::ONE, 2.0, 2))] {
+        let model = surface(&triangles);
+        let result = skin(&model, SkinOptions { seal: Some(0.1), ..SkinOptions::default() });
+        assert_eq!((result.surface.faces.len(), result.dropped.len()), (model.faces.len(), 0));
+        assert_eq!(result.surface.source, model.source);
+        assert!(volume(&result.surface) > 0.0 && result.kept_exactly_pct > 99.999_999);
+        assert_eq!(with_context(|context| recognise_double_shell(&model, context)), Ok(None));
+    }
+}
+
+#[test]
+fn an_opening_wider_than_the_seal_stays_open() {
+    // A ball without its top: a bowl with a wall 0.1 thick, closed by a rim.
+    let bowl = |radius: f64| {
+        ball(DVec3::ZERO, radius, 4).into_iter().filter(move |face| face.iter().any(|p| p.z < 0.3 * radius))
+    };
+    let mut triangles: Vec<[DVec3; 3]> = bowl(1.0).collect();
+    triangles.extend(inverted(bowl(0.9).collect()));
+    let open = surface(&triangles);
+    let result = skin(&open, SkinOptions { seal: Some(0.3), ..SkinOptions::default() });
+    // The gap between the skins is narrower than the seal and gets closed; the bowl stays hollow.
+    let thick = 2.0 * std::f64::consts::PI * (1.0 - 0.9f64.powi(3)) / 3.0;
+    assert!(volume(&result.surface) < 2.0 * thick, "{} {thick}", volume(&result.surface));
+    assert!(result.surface.faces.len() > open.faces.len() * 9 / 10);
+}
+
+#[test]
+fn a_sheet_encloses_nothing() {
+    let sheet = surface(&[[DVec3::ZERO, DVec3::X, DVec3::Y], [DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y]]);
+    let result = with_context(|context| solid_skin(&sheet, &SkinOptions::default(), context));
+    assert!(matches!(result, Err(SkinError::Empty(_))), "{result:?}");
+    let empty = with_context(|context| solid_skin(&Surface::default(), &SkinOptions::default(), context));
+    assert!(empty.is_err());
+}
