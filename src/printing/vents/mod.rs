@@ -19,6 +19,9 @@ use place::{Placement, Site, Task};
 pub use verify::Mistake;
 use verify::verify;
 
+/// Places that are tried for one bore if the first fails the verification.
+const MAX_TRIED: usize = 4;
+
 /// What to drill. Lengths are in the model's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VentOptions {
@@ -133,8 +136,9 @@ pub fn vent_voids(
     let voids = voids_of(surface, &regions, context)?;
     let mut drilling = Drilling { options, union, surface: surface.clone(), vents: Vec::new(), failed: Vec::new() };
     let sites = drilling.choose(&regions, &voids, context)?;
-    let is_done = sites.is_empty() || drilling.drill(surface, &sites, context)?;
-    if !is_done && sites.len() > 1 {
+    let first: Vec<Site> = sites.iter().filter_map(|of_bore| of_bore.first().copied()).collect();
+    let is_done = first.is_empty() || drilling.drill(surface, &first, context)?.is_ok();
+    if !is_done {
         drilling.drill_one_by_one(&sites, &voids, context)?;
     }
     drilling.failed.sort_by_key(|(void, _)| *void);
@@ -152,13 +156,14 @@ struct Drilling<'a> {
 }
 
 impl Drilling<'_> {
-    /// Chooses the sites of all bores, voids within voids after those around them.
+    /// Chooses the sites of all bores, voids within voids after those around them: for each bore the best, followed by
+    /// others.
     fn choose(
         &mut self,
         regions: &Regions,
         voids: &[SealedVoid],
         context: &Context<'_>,
-    ) -> Result<Vec<Site>, Cancelled> {
+    ) -> Result<Vec<Vec<Site>>, Cancelled> {
         let placement = Placement::new(&self.surface, regions, voids, self.options);
         let mut order: Vec<usize> = (0..voids.len()).collect();
         order.sort_by_key(|&void| (regions.depth[voids[void].region as usize], void));
@@ -166,14 +171,14 @@ impl Drilling<'_> {
         if let Some(outside) = is_open.get_mut(OUTSIDE as usize) {
             *outside = true;
         }
-        let mut all: Vec<Site> = Vec::new();
+        let (mut all, mut chosen) = (Vec::new(), Vec::new());
         for void in order {
             context.check()?;
             if voids[void].container.is_some_and(|around| !is_open[voids[around].region as usize]) {
                 self.failed.push((void, VentFailure::ContainerSealed));
                 continue;
             }
-            let sites = placement.sites(&Task { void, is_open: &is_open, others: &all }, context)?;
+            let sites = placement.sites(&Task { void, is_open: &is_open, others: &chosen }, context)?;
             match u32::try_from(sites.len()).unwrap_or(u32::MAX) {
                 0 => self.failed.push((void, VentFailure::NoWay)),
                 drilled if drilled < self.options.per_void => {
@@ -182,32 +187,30 @@ impl Drilling<'_> {
                 _ => {}
             }
             is_open[voids[void].region as usize] = !sites.is_empty();
+            chosen.extend(sites.iter().filter_map(|of_bore| of_bore.first().copied()));
             all.extend(sites);
         }
         Ok(all)
     }
 
     /// Drills bores into a surface and takes the result if it passes the verification.
-    fn drill(&mut self, surface: &Surface, sites: &[Site], context: &Context<'_>) -> Result<bool, VentError> {
-        match self.drilled(surface, sites, context)? {
-            Ok(drilled) => {
-                self.surface = drilled;
-                self.vents.extend(sites.iter().map(|site| Vent {
-                    at: site.mouth,
-                    direction: site.direction,
-                    diameter: self.options.diameter,
-                    length: site.length,
-                    void: site.void,
-                }));
-                Ok(true)
-            }
-            Err(failure) => {
-                if let [site] = sites {
-                    self.failed.push((site.void, failure));
-                }
-                Ok(false)
-            }
-        }
+    fn drill(
+        &mut self,
+        surface: &Surface,
+        sites: &[Site],
+        context: &Context<'_>,
+    ) -> Result<Result<(), VentFailure>, VentError> {
+        let drilled = self.drilled(surface, sites, context)?;
+        Ok(drilled.map(|drilled| {
+            self.surface = drilled;
+            self.vents.extend(sites.iter().map(|site| Vent {
+                at: site.mouth,
+                direction: site.direction,
+                diameter: self.options.diameter,
+                length: site.length,
+                void: site.void,
+            }));
+        }))
     }
 
     fn drilled(
@@ -234,23 +237,34 @@ impl Drilling<'_> {
         Ok(mistake.map_or(Ok(result), |mistake| Err(VentFailure::NotVerified(mistake))))
     }
 
-    /// Drills one bore after the other, since all together failed.
+    /// Drills one bore after the other, since all together failed, each at the first of its sites that passes.
     fn drill_one_by_one(
         &mut self,
-        sites: &[Site],
+        sites: &[Vec<Site>],
         voids: &[SealedVoid],
         context: &Context<'_>,
     ) -> Result<(), VentError> {
-        for site in sites {
-            context.check()?;
+        for of_bore in sites {
+            let Some(void) = of_bore.first().map(|site| site.void) else { continue };
             let is_open = |void: usize| self.vents.iter().any(|vent| vent.void == void);
-            if voids[site.void].container.is_some_and(|around| !is_open(around)) {
-                self.failed.retain(|(void, _)| *void != site.void);
-                self.failed.push((site.void, VentFailure::ContainerSealed));
+            if voids[void].container.is_some_and(|around| !is_open(around)) {
+                self.failed.retain(|(failed, _)| *failed != void);
+                self.failed.push((void, VentFailure::ContainerSealed));
                 continue;
             }
             let before = self.surface.clone();
-            self.drill(&before, std::slice::from_ref(site), context)?;
+            let mut failure = None;
+            for site in of_bore.iter().take(MAX_TRIED) {
+                context.check()?;
+                match self.drill(&before, std::slice::from_ref(site), context)? {
+                    Ok(()) => {
+                        failure = None;
+                        break;
+                    }
+                    Err(why) => failure = failure.or(Some(why)),
+                }
+            }
+            self.failed.extend(failure.map(|why| (void, why)));
         }
         Ok(())
     }

@@ -28,10 +28,11 @@ const LEAST_ALIGNMENT: f64 = 0.4;
 const SEEN: f64 = 2.0;
 const HIGH_MOUTH: f64 = 1.0;
 const HIGH_START: f64 = 2.0;
-const LONG: f64 = 4.0;
+/// For each ten diameters of length: longer bores are hard to clear.
+const LONG: f64 = 2.0;
 const SLANTED: f64 = 1.0;
 const VISIBLE: f64 = 1.5;
-/// How much a further bore gains by being far from the others.
+/// How much a further bore gains if it opens into the void as far from the others as the void is wide.
 const APART: f64 = 8.0;
 
 /// A bore's place, in the model's unit.
@@ -45,6 +46,8 @@ pub(super) struct Site {
     pub direction: DVec3,
     /// Length of its axis in the wall.
     pub length: f64,
+    /// The point where its axis leaves the void.
+    pub inlet: DVec3,
     /// The ends of the prism's axis: in the void and outside.
     pub axis: [DVec3; 2],
 }
@@ -73,6 +76,10 @@ struct Candidate {
 }
 
 impl Candidate {
+    fn inlet(&self) -> DVec3 {
+        self.start + self.direction * self.wall[0]
+    }
+
     fn mouth(&self) -> DVec3 {
         self.start + self.direction * self.wall[1]
     }
@@ -102,15 +109,15 @@ impl<'a> Placement<'a> {
         Self { rays, regions, voids, options, up, radius, heights, diagonal }
     }
 
-    /// The places of a void's bores, best first.
-    pub fn sites(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Vec<Site>, Cancelled> {
+    /// The places of a void's bores: for each bore the best place, followed by others in case it fails.
+    pub fn sites(&self, task: &Task<'_>, context: &Context<'_>) -> Result<Vec<Vec<Site>>, Cancelled> {
         let candidates = self.candidates(task, context)?;
-        let mut sites: Vec<Site> = Vec::new();
+        let (mut chosen, mut sites) = (Vec::new(), Vec::new());
         while sites.len() < self.options.per_void as usize {
-            match self.best(&candidates, task, &sites, context)? {
-                Some(site) => sites.push(site),
-                None => break,
-            }
+            let best = self.best(&candidates, task, &chosen, context)?;
+            let Some(&first) = best.first() else { break };
+            chosen.push(first);
+            sites.push(best);
         }
         Ok(sites)
     }
@@ -196,33 +203,32 @@ impl<'a> Placement<'a> {
             let pick = |k: usize| if i >> k & 1 == 1 { bounds.max[k] } else { bounds.min[k] };
             DVec3::new(pick(0), pick(1), pick(2)).dot(self.up) * self.rays.scale
         });
-        let inlet = start + direction * wall[0];
         let seen = (1.0 + direction.dot(self.up)) / 2.0;
         let slant = 1.0 - self.rays.normal(second.face).dot(direction).abs();
         found.score = SEEN * seen
             + HIGH_MOUTH * share(found.mouth(), self.heights)
-            + HIGH_START * share(inlet, range(corners))
-            + LONG * (wall[1] - wall[0]) / self.diagonal
+            + HIGH_START * share(found.inlet(), range(corners))
+            + LONG * (wall[1] - wall[0]) / (20.0 * self.radius)
             + SLANTED * slant;
         Some(found)
     }
 
-    /// The best candidate whose whole width passes, far from the bores that the void has.
+    /// The best candidates whose whole width passes, far from the bores that the void has, best first.
     fn best(
         &self,
         candidates: &[Candidate],
         task: &Task<'_>,
         own: &[Site],
         context: &Context<'_>,
-    ) -> Result<Option<Site>, Cancelled> {
-        let size = (self.voids[task.void].bounds.diagonal() * self.rays.scale).max(f64::MIN_POSITIVE);
+    ) -> Result<Vec<Site>, Cancelled> {
+        let bounds = self.voids[task.void].bounds;
+        let size = ((bounds.max - bounds.min).max_element() * self.rays.scale).max(f64::MIN_POSITIVE);
         let nearest = |candidate: &Candidate| {
             own.iter()
-                .map(|site| candidate.mouth().distance(site.mouth * self.rays.scale))
+                .map(|site| candidate.inlet().distance(site.inlet * self.rays.scale))
                 .fold(f64::INFINITY, f64::min)
         };
-        let apart =
-            |candidate: &Candidate| if own.is_empty() { 0.0 } else { APART * (nearest(candidate) / size).min(1.5) };
+        let apart = |candidate: &Candidate| if own.is_empty() { 0.0 } else { APART * nearest(candidate) / size };
         let mut ranked: Vec<(f64, &Candidate)> = candidates.iter().map(|c| (c.score - apart(c), c)).collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut finalists: Vec<(f64, Site)> = Vec::new();
@@ -240,7 +246,7 @@ impl<'a> Placement<'a> {
             finalists.push((score + VISIBLE * self.visibility(candidate), site));
         }
         finalists.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Ok(finalists.first().map(|(_, site)| *site))
+        Ok(finalists.into_iter().map(|(_, site)| site).collect())
     }
 
     /// The bore of a candidate, if rays along its wall pass from the void and its wall into the open region, too.
@@ -269,8 +275,8 @@ impl<'a> Placement<'a> {
         }
         let scale = self.rays.scale;
         let axis = [start, start + direction * end].map(|p| self.options.precision.round(p / scale));
-        let (mouth, length) = (candidate.mouth() / scale, (wall[1] - wall[0]) / scale);
-        Some(Site { void: task.void, mouth, direction, length, axis })
+        let [inlet, mouth] = [candidate.inlet(), candidate.mouth()].map(|p| p / scale);
+        Some(Site { void: task.void, mouth, direction, length: (wall[1] - wall[0]) / scale, inlet, axis })
     }
 
     /// The passages along the axis and along rays around it. `None` if one starts neither in the void nor in its wall.
