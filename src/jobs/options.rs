@@ -268,15 +268,27 @@ mod tests {
             max_error: some,
             unit: Some(Unit::Inch),
             scale_to: Some(Unit::Millimetre),
+            print: PrintOptions {
+                process: Some("sls".to_owned()),
+                process_limits: Some(ProcessLimits::default()),
+                min_wall: some,
+                seal_mm: some,
+                vent_diameter_mm: some,
+                target_height_mm: some,
+                target_longest_mm: some,
+                ..PrintOptions::default()
+            },
             ..Options::default()
         };
-        for (mode, options) in [
-            (Mode::Repair, serde_json::to_value(&all)),
-            (
-                Mode::Analyze,
-                serde_json::to_value(AnalyzeOptions { scale_to: Some(Unit::Millimetre), ..AnalyzeOptions::default() }),
-            ),
-        ] {
+        let analysis = AnalyzeOptions {
+            scale_to: Some(Unit::Millimetre),
+            process: Some("sls".to_owned()),
+            process_limits: Some(ProcessLimits::default()),
+            ..AnalyzeOptions::default()
+        };
+        for (mode, options) in
+            [(Mode::Repair, serde_json::to_value(&all)), (Mode::Analyze, serde_json::to_value(&analysis))]
+        {
             let mut written: Vec<String> =
                 options.expect("JSON").as_object().expect("fields").keys().cloned().collect();
             let mut named = mode.option_names();

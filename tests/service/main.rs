@@ -30,6 +30,7 @@ mod page;
 #[path = "../support/postgres.rs"]
 mod postgres;
 mod problems;
+mod profiles;
 #[path = "../support/proxy.rs"]
 mod proxy;
 mod remote;
