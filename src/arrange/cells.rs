@@ -22,7 +22,7 @@ pub(super) struct Cells {
     /// 1` is behind it.
     pub of_side: Vec<u32>,
     /// The winding number of each cell. Cell numbers have gaps.
-    pub number: Vec<i32>,
+    pub winding: Vec<i32>,
     /// The connected piece of each facet. Cells of pieces that do not touch have different numbers, even if they belong
     /// to one region.
     pub piece_of: Vec<u32>,
@@ -32,8 +32,8 @@ impl Cells {
     /// Finds the cells and computes their winding numbers.
     pub fn new(complex: &Complex, context: &Context<'_>) -> Result<Self, ArrangeError> {
         let (of_side, piece_of) = find(complex, context)?;
-        let number = winding_numbers(complex, &of_side, &piece_of, context)?;
-        Ok(Self { of_side, number, piece_of })
+        let winding = winding_numbers(complex, &of_side, &piece_of, context)?;
+        Ok(Self { of_side, winding, piece_of })
     }
 
     /// The cells in front of and behind a facet.

@@ -91,9 +91,9 @@ impl Arrangement for Exact {
     fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
         let complex = Complex::new(&surface, context)?;
         let cells = Cells::new(&complex, context)?;
-        let inside: Vec<bool> = cells.number.iter().map(|&w| is_inside(rule.winding_rule, w)).collect();
+        let inside: Vec<bool> = cells.winding.iter().map(|&w| is_inside(rule.winding_rule, w)).collect();
         let opened = if rule.reopens_patches {
-            openings::seen_into(&complex, &cells, &inside, |f| is_generated(surface.source[f as usize]), context)?
+            openings::cells_to_reopen(&complex, &cells, &inside, |f| is_generated(surface.source[f as usize]), context)?
         } else {
             None
         };
@@ -127,7 +127,7 @@ fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[b
         let [a, b, c] = facet.corners;
         if in_front != behind {
             boundary.push((facet.faces[0], if behind { [a, b, c] } else { [a, c, b] }));
-        } else if sides.map(|cell| cells.number[cell]) == [0, 0] {
+        } else if sides.map(|cell| cells.winding[cell]) == [0, 0] {
             zero_thickness.push((facet.faces[0], [a, b, c]));
         } else if !in_front
             && sides.into_iter().any(is_open)

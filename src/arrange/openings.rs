@@ -43,7 +43,7 @@ const WEIGHT_SCALE: f64 = (1u64 << 40) as f64;
 
 /// The cells that are inside only because of patches through which hidden surface is visible; none if there are no such
 /// cells.
-pub(super) fn seen_into(
+pub(super) fn cells_to_reopen(
     complex: &Complex,
     cells: &Cells,
     inside: &[bool],
@@ -160,7 +160,7 @@ impl<'a> Regions<'a> {
                 }
             }
         }
-        let mut regions = UnionFind::new(self.cells.number.len());
+        let mut regions = UnionFind::new(self.cells.winding.len());
         let mut steps = STEPS;
         for (piece, (_, facet, corner)) in last {
             context.check()?;
@@ -183,7 +183,7 @@ impl<'a> Regions<'a> {
                 others.into_iter().filter(|next| next.0 > own.0).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             if let Some((_, next)) = next {
                 let ends = [self.side(own.1, direction, true), self.side(next, direction, false)];
-                let [around, beside] = ends.map(|cell| self.cells.number[cell]);
+                let [around, beside] = ends.map(|cell| self.cells.winding[cell]);
                 if around == beside {
                     regions.unite(index(ends[0]), index(ends[1]));
                 }

@@ -25,9 +25,9 @@ mod statistics;
 pub use analysis::{Analysis, Subject};
 pub use check::{CheckRule, CheckVerdict};
 pub use compare::{
-    AccountedPart, COMPARISON_VERSION, Changes, CompareOptions, ComparedMesh, Comparison, Deviation, Dispensable,
-    InsideAgreement, LostPart, Original, PartAccounting, PartReason, Provenance, Spread, SurfaceProvenance,
-    SurfaceShare, SurfaceShares, compare,
+    AccountedPart, COMPARISON_VERSION, Changes, CompareOptions, ComparedMesh, Comparison, Deviation, InsideAgreement,
+    LostPart, Original, PartAccounting, PartReason, Provenance, Spread, SurfaceProvenance, SurfaceShare, SurfaceShares,
+    compare,
 };
 pub use defects::find_defects;
 use distribution::finite;

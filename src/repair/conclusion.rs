@@ -76,7 +76,7 @@ impl RepairedBody {
         draft.changes = Some(Changes { surface: judged.details.surface, ..judged.changes });
         // The reasons of all parts are for internal use; the report lists only the first.
         draft.part_accounting =
-            judged.part_accounting.map(|part_accounting| PartAccounting { certified: Vec::new(), ..part_accounting });
+            judged.part_accounting.map(|part_accounting| PartAccounting { all_reasons: Vec::new(), ..part_accounting });
         draft.red_flags = judged.red_flags;
         Ok(Self { draft, bytes: judged.bytes, dialect: judged.dialect, source: judged.source })
     }
@@ -325,8 +325,8 @@ fn parts_with_reason<'a>(
 fn small_parts_dropped(steps: &[&Step], judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
     let count = changed(steps, Operator::DropSmallParts, ChangeKind::SmallPartsDropped);
     let subject = if count == 1 { "1 closed part was".to_owned() } else { format!("{count} closed parts were") };
-    let certified = judged.part_accounting.iter().flat_map(|part_accounting| &part_accounting.certified);
-    let dropped = certified.filter(|(_, reason)| *reason == PartReason::Dropped);
+    let reasons = judged.part_accounting.iter().flat_map(|part_accounting| &part_accounting.all_reasons);
+    let dropped = reasons.filter(|(_, reason)| *reason == PartReason::Dropped);
     let area: f64 = dropped.map(|(part, _)| input.solids[*part as usize].area).sum();
     let detail = format!("{subject} removed: smaller than `min_part_volume_pct`.");
     (count > 0).then(|| {

@@ -30,8 +30,8 @@ pub(super) struct Escalation<'a> {
     cache: PrefixCache,
     validations: Vec<Validation>,
     attempts: Attempts,
-    /// Whether a result was open or had lost visible surface, which points to open sheets.
-    left_sheets: bool,
+    /// Whether a result was open or had lost visible surface: signs that the input has open sheets.
+    may_have_open_sheets: bool,
     /// For each method that gave a result, the red flags of the result.
     findings: Vec<MethodFinding>,
     /// Whether two independent methods raised the same red flags.
@@ -87,7 +87,7 @@ impl<'a> Escalation<'a> {
             cache,
             validations: Vec::new(),
             attempts: Attempts { steps, candidates: Vec::new(), best: None },
-            left_sheets: false,
+            may_have_open_sheets: false,
             findings: Vec::new(),
             methods_agree: false,
             has_printable_remesh: false,
@@ -300,7 +300,7 @@ impl<'a> Escalation<'a> {
         step.note = Some(verdict_text(&judged));
         self.attempts.candidates.push(Candidate::new(Some(index), &judged, false));
         let lost = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::SurfaceLost);
-        self.left_sheets |= lost || judged.measures.boundary_edges > 0;
+        self.may_have_open_sheets |= lost || judged.measures.boundary_edges > 0;
         let best = &mut self.attempts.best;
         let is_good = judged.is_final() || best.as_ref().is_some_and(|(_, best)| best.is_final());
         if best.as_ref().is_none_or(|(_, best)| judged.rank() < best.rank()) {

@@ -9,7 +9,7 @@ use super::options::Options;
 use super::red_flags::SurvivingInput;
 use super::sheets::open_sheets;
 use crate::context::{Cancelled, Context};
-use crate::inspect::{Analysis, Dispensable, Original, PartAccounting, PartReason, solids};
+use crate::inspect::{Analysis, Original, PartAccounting, PartReason, solids};
 use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, is_generated};
 
 /// Mean thickness up to which a closed part counts as empty: as a share of its own diagonal, and of the model's largest coordinate.
@@ -30,17 +30,18 @@ pub fn part_accounting(
     options: &Options,
     context: &Context<'_>,
 ) -> Result<PartAccounting, Cancelled> {
-    input.part_accounting(result, |missed| dispensable(input.analysis(), result, missed, options, context), context)
+    let reasons_of = |missed: &[u32]| reasons_of_absence(input.analysis(), result, missed, options, context);
+    input.part_accounting(result, reasons_of, context)
 }
 
-/// Classifies the parts that are missing from a result: whether they enclose nothing or are too small to print.
-fn dispensable(
+/// Why the absence of each missing part is no loss: the part encloses nothing or is too small. None for a part that must stay.
+fn reasons_of_absence(
     input: &Analysis<'_>,
     result: &Analysis<'_>,
     missed: &[u32],
     options: &Options,
     context: &Context<'_>,
-) -> Result<Vec<Dispensable>, Cancelled> {
+) -> Result<Vec<Option<PartReason>>, Cancelled> {
     let volumes = volumes_enclosed(input, missed, context)?;
     let enclosed: f64 = result.solids.iter().map(|solid| solid.volume).sum();
     let all = enclosed + volumes.iter().sum::<f64>();
@@ -54,20 +55,20 @@ fn dispensable(
     let diagonal = input.surface.bounds().diagonal();
     // A part smaller than the merge distance collapses to a point.
     let merge_distance = options.weld_tolerance.max(options.degenerate_tolerance) * diagonal;
-    let dispensable = |(&part, volume): (&u32, f64)| {
+    let reason = |(&part, volume): (&u32, f64)| {
         let (solid, open) = (&input.solids[part as usize], open[part as usize]);
         let debris = open && is_debris(solid, faces[part as usize], area, diagonal);
         if volume == 0.0 {
-            Dispensable::NoVolume
+            Some(PartReason::NoVolume)
         } else if debris || solid.bounds.diagonal() <= merge_distance {
-            Dispensable::Debris
+            Some(PartReason::Debris)
         } else if volume < least {
-            Dispensable::Dropped
+            Some(PartReason::Dropped)
         } else {
-            Dispensable::No
+            None
         }
     };
-    Ok(missed.iter().zip(volumes).map(dispensable).collect())
+    Ok(missed.iter().zip(volumes).map(reason).collect())
 }
 
 /// The volume that each missing part encloses, in cubic units.
@@ -143,7 +144,7 @@ pub(super) fn parts_dropped(part_accounting: &PartAccounting, parts: usize) -> V
         return Vec::new();
     }
     let mut dropped = vec![false; parts];
-    for (part, _) in part_accounting.certified.iter().filter(|(_, reason)| *reason == PartReason::Dropped) {
+    for (part, _) in part_accounting.all_reasons.iter().filter(|(_, reason)| *reason == PartReason::Dropped) {
         dropped[*part as usize] = true;
     }
     dropped
@@ -152,7 +153,7 @@ pub(super) fn parts_dropped(part_accounting: &PartAccounting, parts: usize) -> V
 /// The number of vertices at faces that are left, and at all faces. Faces without area, and of parts that may be missing, do not count.
 fn vertices_left(input: &Analysis<'_>, is_left: &[bool], part_accounting: &PartAccounting) -> [u64; 2] {
     let mut may_be_missing = vec![false; input.parts.count];
-    part_accounting.certified.iter().for_each(|(part, _)| may_be_missing[*part as usize] = true);
+    part_accounting.all_reasons.iter().for_each(|(part, _)| may_be_missing[*part as usize] = true);
     let mut vertices = vec![[false; 2]; input.surface.positions.len()];
     let faces = input.surface.faces.iter().zip(&input.surface.source).zip(&input.parts.of_face).zip(input.flat());
     for (((face, &source), &part), &flat) in faces {

@@ -35,7 +35,7 @@ fn account_parts(before: &Soup, after: &Soup) -> PartAccounting {
 fn reasons(before: &Soup, after: &Soup) -> Vec<(u32, PartReason)> {
     let accounts = account_parts(before, after);
     assert_eq!(accounts.lost, 0, "{accounts:?}");
-    accounts.reasons.iter().map(|certified| (certified.part, certified.reason)).collect()
+    accounts.reasons.iter().map(|accounted| (accounted.part, accounted.reason)).collect()
 }
 
 fn box_at(x: f64, size: f64) -> Soup {

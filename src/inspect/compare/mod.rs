@@ -18,7 +18,7 @@ use deviation::{INSIDE_WINDING, Measured, inside_agreement};
 pub use changes::{Changes, ComparedMesh};
 pub use deviation::{Deviation, InsideAgreement, Spread};
 pub use original::{CompareOptions, Original};
-pub use part_accounting::{AccountedPart, Dispensable, LostPart, PartAccounting, PartReason};
+pub use part_accounting::{AccountedPart, LostPart, PartAccounting, PartReason};
 pub use provenance::{Provenance, SurfaceProvenance, SurfaceShare, SurfaceShares};
 
 /// Version of the structure of [`Comparison`].

@@ -63,7 +63,7 @@ pub struct LostPart {
     pub faces: u64,
     /// Area of the part, in square model units.
     pub area: f64,
-    /// A point of the part that is neither on nor in the result, in the model's unit.
+    /// A point of the part, in the model's unit: neither on nor in the result if a sampled point is.
     pub at: [f64; 3],
 }
 
@@ -99,22 +99,9 @@ pub struct PartAccounting {
     pub reasons: Vec<AccountedPart>,
     /// The lost parts; at most the first 1000.
     pub lost_parts: Vec<LostPart>,
-    /// All absent parts with a reason, unlimited.
+    /// All absent parts with a reason, by number. Only the program uses them; reports list the first in `reasons`.
     #[serde(skip)]
-    pub certified: Vec<(u32, PartReason)>,
-}
-
-/// Whether a part may be absent from the result, judged by the part's own faces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dispensable {
-    /// The part encloses something printable and must stay.
-    No,
-    /// The part encloses nothing.
-    NoVolume,
-    /// The part is too small to print.
-    Debris,
-    /// The part's volume is below the share that the options keep.
-    Dropped,
+    pub all_reasons: Vec<(u32, PartReason)>,
 }
 
 impl Original<'_> {
@@ -125,15 +112,16 @@ impl Original<'_> {
     /// sample points: each is on the result, inside the result or outside, and may also lie on another part. Takes
     /// O(n log n) time, within a budget.
     ///
-    /// `dispensable` is called once, with the parts that are neither present nor inside the result nor duplicates. It
-    /// returns one answer per part, in order. It is not called if there are no such parts.
+    /// `reasons_of` is called once, with the parts that are neither present nor inside the result nor duplicates. It
+    /// judges each part by the part's own faces, and returns in order why the absence is no loss, or none for a part
+    /// that must stay. It is not called if there are no such parts.
     ///
     /// # Errors
     /// [`Cancelled`] on cancellation or timeout.
     pub fn part_accounting(
         &self,
         after: &Analysis<'_>,
-        dispensable: impl FnOnce(&[u32]) -> Result<Vec<Dispensable>, Cancelled>,
+        reasons_of: impl FnOnce(&[u32]) -> Result<Vec<Option<PartReason>>, Cancelled>,
         context: &Context<'_>,
     ) -> Result<PartAccounting, Cancelled> {
         let before = self.analysis;
@@ -163,7 +151,7 @@ impl Original<'_> {
             .filter(|(_, verdict)| **verdict == Verdict::Unmatched)
             .map(|(&part, _)| part)
             .collect();
-        let mut answers = if unmatched.is_empty() { Vec::new() } else { dispensable(&unmatched)? }.into_iter();
+        let mut reasons = if unmatched.is_empty() { Vec::new() } else { reasons_of(&unmatched)? }.into_iter();
         let candidates: Vec<Candidate> = candidates
             .iter()
             .zip(verdicts)
@@ -174,13 +162,12 @@ impl Original<'_> {
                     Verdict::Present => PartStatus::Changed,
                     Verdict::Unknown => PartStatus::Unknown,
                     Verdict::Reasoned(reason) => PartStatus::Reasoned(reason, samples),
-                    Verdict::Unmatched => match answers.next().unwrap_or(Dispensable::No) {
-                        Dispensable::NoVolume => PartStatus::Reasoned(PartReason::NoVolume, 0),
-                        Dispensable::Debris => PartStatus::Reasoned(PartReason::Debris, 0),
-                        Dispensable::Dropped => PartStatus::Reasoned(PartReason::Dropped, 0),
-                        Dispensable::No => {
-                            let outside_point = range.clone().find(|&i| locations[i] == Some(PointLocation::Outside));
-                            PartStatus::Lost(outside_point.map_or(DVec3::ZERO, |i| probes.points[i]))
+                    Verdict::Unmatched => match reasons.next().flatten() {
+                        Some(reason) => PartStatus::Reasoned(reason, 0),
+                        None => {
+                            let is_outside = |i: &usize| locations[*i] == Some(PointLocation::Outside);
+                            let sample = range.clone().find(is_outside).or_else(|| range.clone().next());
+                            PartStatus::Lost(sample.map_or(DVec3::ZERO, |i| probes.points[i]))
                         }
                     },
                 };
@@ -289,7 +276,7 @@ impl<'a> Tally<'a> {
                         PartReason::Debris => &mut accounting.debris,
                         PartReason::Dropped => &mut accounting.dropped,
                     } += 1;
-                    accounting.certified.push((part, reason));
+                    accounting.all_reasons.push((part, reason));
                     if accounting.reasons.len() < MOST_LISTED {
                         accounting.reasons.push(AccountedPart { part, first_face, faces, reason, samples });
                     }

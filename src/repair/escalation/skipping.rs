@@ -39,7 +39,7 @@ impl Escalation<'_> {
     pub(super) fn skipped_as_needless(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
         let whole = || self.attempts.best.as_ref().is_some_and(|(_, best)| best.is_whole());
         let why = match strategy.when {
-            When::OpenSheetsRemain if !self.attempts.candidates.is_empty() && !self.left_sheets => {
+            When::OpenSheetsRemain if !self.attempts.candidates.is_empty() && !self.may_have_open_sheets => {
                 "earlier strategies left no surface open and lost no surface"
             }
             When::NothingClosed if whole() => "the best earlier result is closed and complete",
