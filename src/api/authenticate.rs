@@ -46,7 +46,7 @@ impl Caller {
     /// Whether the job is visible to the caller. A browser token sees only jobs that were submitted with the same token.
     pub fn sees(&self, job: &Job) -> bool {
         job.tenant == self.tenant.as_str()
-            && self.token_id().is_none_or(|key| job.made_by.as_deref() == Some(key.as_str()))
+            && self.token_id().is_none_or(|key| job.api_key_id.as_deref() == Some(key.as_str()))
     }
 
     /// Returns the id of the caller's browser token, which limits the visible jobs; none for other callers.

@@ -145,10 +145,10 @@ pub(super) async fn list_jobs(
 ) -> Result<Json<JobPage>, Problem> {
     let limit = page_limit(query.limit)?;
     let before = query.cursor.map(|cursor| cursor.parse()).transpose().map_err(|_| invalid_cursor())?;
-    let (tenant, made_by) = (caller.tenant.to_string(), caller.token_id());
+    let (tenant, api_key_id) = (caller.tenant.to_string(), caller.token_id());
     let query = ListQuery {
         tenant,
-        made_by,
+        api_key_id,
         statuses: query.status.unwrap_or_default(),
         outcomes: query.outcome.unwrap_or_default(),
         created_from: query.created_from.map(|text| read_time("created_from", &text)).transpose()?,
@@ -255,7 +255,7 @@ pub(super) struct StreamEvent {
     event: String,
     /// JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job.
     data: String,
-    /// The job's version.
+    /// The job's version, a number that grows with each change.
     id: String,
 }
 

@@ -126,12 +126,12 @@ fn record_accepted(job: &Job) {
 
 /// Checks that neither the whole queue nor the caller's share of the queue is full.
 async fn check_queue_limit(state: &ApiState, caller: &Caller) -> Result<(), Problem> {
-    let waiting = state.store.waiting(caller.tenant.as_str()).await?;
+    let queued = state.store.queued_counts(caller.tenant.as_str()).await?;
     let own_limit = u64::from(caller.limits.max_queued.unwrap_or(u32::MAX));
     let full = |detail: String| Err(busy(ProblemCode::QueueFull, detail));
-    if waiting.all >= state.config.max_queued {
+    if queued.all >= state.config.max_queued {
         full(format!("The service already has {} queued jobs, the maximum. Retry later.", state.config.max_queued))
-    } else if waiting.of_tenant >= own_limit {
+    } else if queued.of_tenant >= own_limit {
         full(format!("You already have {own_limit} queued jobs, the maximum. Retry later."))
     } else {
         Ok(())
@@ -233,7 +233,7 @@ impl PendingJob {
         let mut new = NewJob {
             id,
             tenant: caller.tenant.to_string(),
-            made_by: caller.key.map(|key| key.id),
+            api_key_id: caller.key.map(|key| key.id),
             fingerprint: work_fingerprint(&inputs, &options),
             inputs,
             options,

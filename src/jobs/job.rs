@@ -340,7 +340,7 @@ pub struct Job {
     /// The tenant that owns it.
     pub tenant: String,
     /// The id of the API key that submitted it; `None` if the service requires no keys.
-    pub made_by: Option<String>,
+    pub api_key_id: Option<String>,
     /// Its status.
     pub status: Status,
     /// The outcome, if the work was finished.

@@ -26,7 +26,7 @@ pub use options::{JobOptions, JobOptionsError, Mode, whole_number, with_whole_nu
 pub use profiles::{NewProfile, ProfileName, TenantProfile, TenantProfileError};
 pub use queue::{
     Claim, ClassLoad, Completion, Failure, FailureKind, KEY_HOLD, KEY_LIFE, KeyState, Lease, NewJob, NewUpload,
-    Notifier, PendingUpload, RequestKey, RetryPolicy, Reused, UPLOAD_LIFE, UPLOAD_OPEN, Waiting,
+    Notifier, PendingUpload, QueuedCounts, RequestKey, RetryPolicy, Reused, UPLOAD_LIFE, UPLOAD_OPEN,
 };
 pub use report::{JobReport, Quote};
 pub use sql::{BackupError, PostgresStore, SqlStore, SqliteStore};

@@ -20,7 +20,7 @@ pub struct NewJob {
     /// The tenant that owns the job.
     pub tenant: String,
     /// The id of the API key that submitted the job.
-    pub made_by: Option<String>,
+    pub api_key_id: Option<String>,
     /// What to do.
     pub options: JobOptions,
     /// The client's own key-value pairs, returned with the job.
@@ -47,7 +47,7 @@ impl NewJob {
             id,
             inputs,
             tenant: tenant.to_owned(),
-            made_by: None,
+            api_key_id: None,
             options,
             metadata: Metadata::new(),
             callback_url: None,
@@ -187,12 +187,12 @@ pub struct Failure {
     pub artifacts: Artifacts,
 }
 
-/// How many jobs are queued.
+/// The numbers of queued jobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Waiting {
-    /// Of all tenants.
+pub struct QueuedCounts {
+    /// Queued jobs of all tenants.
     pub all: u64,
-    /// Of one tenant.
+    /// Queued jobs of one tenant.
     pub of_tenant: u64,
 }
 

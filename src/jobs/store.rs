@@ -9,7 +9,7 @@ use super::id::{JobId, UploadId};
 use super::job::{Artifacts, Job, JobOutcome, JobProgress, Metadata, Status};
 use super::profiles::{NewProfile, TenantProfile};
 use super::queue::{
-    Claim, ClassLoad, Completion, Failure, KeyState, Lease, NewJob, NewUpload, Notifier, PendingUpload, Waiting,
+    Claim, ClassLoad, Completion, Failure, KeyState, Lease, NewJob, NewUpload, Notifier, PendingUpload, QueuedCounts,
 };
 use super::webhooks::{
     Backlog, Delivery, DeliveryAttempt, DeliveryQuery, DeliveryResult, DueDelivery, Endpoint, EndpointChange,
@@ -39,7 +39,7 @@ pub struct ListQuery {
     /// Only jobs of this tenant.
     pub tenant: String,
     /// Only jobs submitted with this key.
-    pub made_by: Option<String>,
+    pub api_key_id: Option<String>,
     /// Only jobs of these statuses; of any status if empty.
     pub statuses: Vec<Status>,
     /// Only jobs of these outcomes; any job if empty, with an outcome or not.
@@ -148,7 +148,7 @@ pub trait JobStore: Send + Sync {
 #[async_trait]
 pub trait QueueStore: Send + Sync {
     /// How many jobs are queued, in total and of the tenant.
-    async fn waiting(&self, tenant: &str) -> Result<Waiting, StoreError>;
+    async fn queued_counts(&self, tenant: &str) -> Result<QueuedCounts, StoreError>;
 
     /// Jobs of its tenant that will be claimed before this one; none if this job is not queued.
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError>;

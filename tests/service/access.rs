@@ -211,12 +211,12 @@ async fn lists_counts_and_positions_are_a_tenants_own(bench: Bench) {
     }
     let own = bench.submit_of("b").await;
     assert_eq!(bench.store.queue_position(&own).await.expect("a result"), Some(0));
-    let waiting = bench.store.waiting("b").await.expect("a result");
-    assert_eq!((waiting.all, waiting.of_tenant), (4, 1));
+    let queued = bench.store.queued_counts("b").await.expect("a result");
+    assert_eq!((queued.all, queued.of_tenant), (4, 1));
     let query = ListQuery { tenant: "b".into(), limit: 10, ..ListQuery::default() };
     let listed = bench.store.list(query.clone()).await.expect("a result").items;
     assert_eq!(listed.iter().map(|job| job.id).collect::<Vec<_>>(), [own.id]);
-    let of_a_key = ListQuery { made_by: Some("key_1".into()), ..query };
+    let of_a_key = ListQuery { api_key_id: Some("key_1".into()), ..query };
     assert_eq!(bench.store.list(of_a_key).await.expect("a result").items, []);
 }
 

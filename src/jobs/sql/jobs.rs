@@ -43,7 +43,7 @@ pub(super) fn read_job(row: &impl Columns) -> Result<Job, StoreError> {
     Ok(Job {
         id: from.parsed("id")?,
         tenant: from.text("tenant")?,
-        made_by: from.some_text("made_by")?,
+        api_key_id: from.some_text("made_by")?,
         status: from.parsed("status")?,
         outcome: from.some_json("outcome")?,
         progress: from.some_json("progress")?,
@@ -110,7 +110,7 @@ impl<D: Dialect> JobStore for SqlStore<D> {
     async fn list(&self, query: ListQuery) -> Result<Page<Job, JobId>, StoreError> {
         let statement = sql(D::LIST)
             .bind(&query.tenant)
-            .bind(&query.made_by)
+            .bind(&query.api_key_id)
             .bind(to_json(&query.statuses))
             .bind(query.before)
             .bind(i64::from(query.limit) + 1)
@@ -171,7 +171,7 @@ async fn insert(connection: &mut impl SqlConnection, job: &NewJob, now: Option<i
     ))
     .bind(job.id)
     .bind(&job.tenant)
-    .bind(&job.made_by)
+    .bind(&job.api_key_id)
     .bind(result.map(|result| to_json(&result.outcome)))
     .bind(now)
     .bind(result.is_some())

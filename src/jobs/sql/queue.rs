@@ -11,18 +11,18 @@ use super::store::{Dialect, SqlStore, unsynced};
 use crate::jobs::error::StoreError;
 use crate::jobs::id::JobId;
 use crate::jobs::job::{Artifact, Artifacts, Job, JobProblem, JobProgress, Status, StoredReport};
-use crate::jobs::queue::{Claim, ClassLoad, Completion, Failure, FailureKind, Lease, Waiting};
+use crate::jobs::queue::{Claim, ClassLoad, Completion, Failure, FailureKind, Lease, QueuedCounts};
 use crate::jobs::report::JobReport;
 use crate::jobs::store::{DrawingStore, JobStore, QueueStore};
 
 #[async_trait]
 impl<D: Dialect> QueueStore for SqlStore<D> {
-    async fn waiting(&self, tenant: &str) -> Result<Waiting, StoreError> {
+    async fn queued_counts(&self, tenant: &str) -> Result<QueuedCounts, StoreError> {
         let statement = sql("SELECT (SELECT count(*) FROM jobs WHERE status = 'queued') AS of_all, \
                     (SELECT count(*) FROM jobs WHERE status = 'queued' AND tenant = $1) AS of_tenant");
         let row = self.reader().await?.query_row(statement.bind(tenant)).await?.ok_or(sqlx::Error::RowNotFound)?;
         let number = |column| Ok::<_, StoreError>(row.number(column)?.unwrap_or(0).unsigned_abs());
-        Ok(Waiting { all: number("of_all")?, of_tenant: number("of_tenant")? })
+        Ok(QueuedCounts { all: number("of_all")?, of_tenant: number("of_tenant")? })
     }
 
     async fn queue_position(&self, job: &Job) -> Result<Option<u64>, StoreError> {
