@@ -98,7 +98,7 @@ fn dialect(text: &Text<'_>, keyword: Word<'_>) -> Result<String, ReadError> {
             ReadErrorKind::UnsupportedFormat,
             keyword.at,
             format!(
-                "this is {name}, whose vertices do not have three coordinates; export OFF with three coordinates, or STL, OBJ or PLY"
+                "the file is {name}, whose vertices do not have three coordinates; export OFF with three coordinates, or STL, OBJ or PLY"
             ),
         ));
     }
@@ -107,7 +107,7 @@ fn dialect(text: &Text<'_>, keyword: Word<'_>) -> Result<String, ReadError> {
         return Err(text.error(
             ReadErrorKind::UnsupportedFormat,
             keyword.at,
-            "this is binary OFF, which can't be read; export OFF as text, or STL, OBJ or PLY",
+            "the file is binary OFF, which can't be read; export OFF as text, or STL, OBJ or PLY",
         ));
     }
     Ok(name.to_ascii_uppercase())

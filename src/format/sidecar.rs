@@ -219,7 +219,7 @@ fn detect_format(archive: &Archive<'_>, name: &str) -> Result<Format, ReadError>
         // The first bytes of a 3MF package can look like those of any ZIP archive, so the name decides.
         Format::Zip if !has_extension(name, &["3mf"]) => {
             let detail =
-                "this is a ZIP archive inside the ZIP archive, which is not opened; send the inner archive by itself";
+                "the ZIP archive holds another ZIP archive, which is not opened; send the inner archive by itself";
             Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail))
         }
         Format::Zip => Ok(Format::ThreeMf),

@@ -44,7 +44,7 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
     if let Some(unsupported) = recognise_unsupported(head) {
         return Err(ReadError::for_file(
             ReadErrorKind::UnsupportedFormat,
-            format!("this is {}, which can't be read; {}, and send that file", unsupported.name, unsupported.advice),
+            format!("the file is {}, which can't be read; {}, and send that file", unsupported.name, unsupported.advice),
         ));
     }
     let first = Text::new(&head[start..]).with_comments().word().map_or(&[][..], |word| word.bytes);
@@ -162,7 +162,7 @@ fn is_obj(head: &[u8]) -> bool {
 /// The error for a file of no known format.
 fn unknown(head: &[u8]) -> ReadError {
     let detail = if head.starts_with(b"\xFF\xFE") || head.starts_with(b"\xFE\xFF") {
-        "this is text in UTF-16; save it as UTF-8 or ASCII text, or export a binary format, and send that file"
+        "the file is text in UTF-16; save it as UTF-8 or ASCII text, or export a binary format, and send that file"
             .to_owned()
     } else {
         let cut = if has_binary_bytes(head) && head.len() < stl::MIN_BINARY_BYTES {

@@ -96,7 +96,8 @@ fn facets_to_read(declared: u32, length: usize, warnings: &mut Vec<String>) -> R
         ));
         Ok(whole)
     } else if count == 0 && whole > 0 {
-        warnings.push(format!("the header counts 0 facets, but bytes for {whole} facets follow; they were read"));
+        warnings
+            .push(format!("the header counts 0 facets, but bytes for {whole} facets follow; {whole} facets were read"));
         if rest > 0 {
             warnings.push(format!("{rest} bytes after the last complete facet were ignored"));
         }
@@ -418,7 +419,7 @@ pub(super) fn write(soup: &Soup) -> Result<Vec<u8>, WriteError> {
         let corners = soup.corners(face).map(DVec3::as_vec3);
         if let Some(k) = corners.iter().position(|corner| !corner.is_finite()) {
             let exact = soup.corners(face)[k].to_array();
-            #[expect(clippy::cast_possible_truncation, reason = "the very question")]
+            #[expect(clippy::cast_possible_truncation, reason = "tests whether the cast is finite")]
             let value = exact.into_iter().find(|&value| !(value as f32).is_finite()).unwrap_or(f64::NAN);
             return Err(WriteError::OutOfRange { vertex: vertices[k], value });
         }

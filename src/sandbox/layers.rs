@@ -120,9 +120,9 @@ fn enter_namespaces(max_processes: u64) -> (Result<(), String>, Result<(), Strin
         Ok(()) => (Ok(()), no_count),
         Err(_) => (
             Err(format!(
-                "the kernel refuses a network namespace ({error}); on the host, check the settings user.max_user_namespaces, \
-                 kernel.unprivileged_userns_clone and kernel.apparmor_restrict_unprivileged_userns; in a container, use a \
-                 seccomp profile that allows unshare"
+                "the kernel refuses a network namespace ({error}); on the host, check the settings `user.max_user_namespaces`, \
+                 `kernel.unprivileged_userns_clone` and `kernel.apparmor_restrict_unprivileged_userns`; in a container, use a \
+                 seccomp profile that allows `unshare`"
             )),
             no_count,
         ),

@@ -292,8 +292,8 @@ pub(super) fn explain_exit(status: ExitStatus, stderr: &str, memory_bytes: u64) 
         (FailureKind::Transient, ProblemKind::Internal, detail.to_owned())
     } else {
         let detail = format!(
-            "The job's process ended unexpectedly ({status}). This is a fault of the service, not of the model: please report it \
-             with the job's log."
+            "The job's process ended unexpectedly ({status}). The fault lies with the service, not with the model: please \
+             report it with the job's log."
         );
         (FailureKind::Crash, ProblemKind::Crashed, detail)
     };
@@ -314,8 +314,8 @@ pub(super) fn explain_excess(excess: Excess, scratch_bytes: u64, processes: u64)
         Excess::Processes => (
             ProblemKind::Crashed,
             format!(
-                "The job started more processes than a job may have ({processes}) and was stopped. This is a fault of the service, not \
-                 of the model: please report it with the job's log, or ask the operator to raise `--job-processes`."
+                "The job started more processes than a job may have ({processes}) and was stopped. The fault lies with the service, \
+                 not with the model: please report it with the job's log, or ask the operator to raise `--job-processes`."
             ),
         ),
     };

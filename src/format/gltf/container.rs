@@ -37,7 +37,7 @@ pub(super) fn read_chunks<'a>(bytes: &'a [u8], warnings: &mut Vec<String>) -> Re
             return Err(ReadError::at_byte(
                 ReadErrorKind::UnsupportedFormat,
                 4,
-                "this is glTF 1.0, which is not supported; convert the model to glTF 2.0, export a GLB file and send that file",
+                "the file is glTF 1.0, which is not supported; convert the model to glTF 2.0, export a GLB file and send that file",
             ));
         }
         other => {

@@ -126,7 +126,7 @@ impl<'a> File<'a> {
             )),
             BufferData::Absent if view.extensions.meshopt.is_some() => Err(ReadError::for_file(
                 ReadErrorKind::UnsupportedFormat,
-                "the file is compressed with meshopt (EXT_meshopt_compression), which is not supported; export the model without compression",
+                "the file is compressed with meshopt (`EXT_meshopt_compression`), which is not supported; export the model without compression",
             )),
             BufferData::Absent => {
                 let detail = format!("buffer {} has no data: the file has no binary chunk for it", view.buffer.0);

@@ -95,7 +95,7 @@ fn check_version(document: &Document<'_>) -> Result<(), ReadError> {
     }
     let shown = super::errors::excerpt(newer.unwrap_or(version).as_bytes());
     let detail = format!(
-        "this is glTF version {shown}, but only version 2.0 is supported; convert the model to GLB version 2.0 and send that file"
+        "the file is glTF version {shown}, but only version 2.0 is supported; convert the model to GLB version 2.0 and send that file"
     );
     Err(ReadError::for_file(ReadErrorKind::UnsupportedFormat, detail))
 }

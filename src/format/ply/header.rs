@@ -240,7 +240,7 @@ impl Header {
             return Err(text.error(
                 ReadErrorKind::Malformed,
                 text.at(),
-                "the header has no line such as 'format binary_little_endian 1.0'; export the model again",
+                "the header has no line such as `format binary_little_endian 1.0`; export the model again",
             ));
         };
         let warnings = unknown
@@ -278,7 +278,7 @@ impl Header {
                 }
                 Role::Faces | Role::Strips if element.count > 0 && !element.has(Meaning::Indices) => {
                     return error(format!(
-                        "the element '{}' has no list of whole numbers named 'vertex_indices' or 'vertex_index'; export the model again",
+                        "the element '{}' has no list of whole numbers named `vertex_indices` or `vertex_index`; export the model again",
                         excerpt(element.name.as_bytes())
                     ));
                 }

@@ -229,7 +229,7 @@ fn a_list_longer_than_the_file_is_refused() {
 #[test]
 fn a_header_that_lacks_something_is_refused_with_its_line() {
     for (from, to, line, words) in [
-        ("format ascii 1.0\n", "", 8, "no line such as 'format"),
+        ("format ascii 1.0\n", "", 8, "no line such as `format"),
         ("ascii", "roman", 2, "'roman'"),
         ("property float y\n", "", 3, "no property 'y'"),
         ("float y", "complex y", 5, "'complex'"),
