@@ -16,9 +16,9 @@ use crate::sandbox::processes::{MARK, end_descendants, end_strays};
 
 /// The pause between two checks of a running process.
 const PAUSE: Duration = Duration::from_millis(20);
-/// The most output that is passed on, in bytes. The rest is read and dropped, so that the process never blocks on a full pipe.
+/// The most output that is passed on, in bytes. Further output is read and dropped, so that the process never blocks on a full pipe.
 const MAX_OUTPUT: u64 = 256 << 10;
-/// The further output that is passed on after that, in lines that begin with [`ERROR`] and say why the script failed.
+/// The most bytes that are passed on after [`MAX_OUTPUT`], only in lines that begin with [`ERROR`] and say why the script failed.
 const MAX_ERRORS: u64 = 16 << 10;
 /// Longer lines are split.
 const MAX_LINE: usize = 4096;
@@ -27,8 +27,9 @@ pub(super) const ERROR: &str = "meshmend-error: ";
 /// How long the pipes may stay open after all processes have ended.
 const PIPES_CLOSE: Duration = Duration::from_secs(2);
 
-/// Gives `command` its own environment, in which every user profile lies in `scratch`, and `scratch` as the working folder. It keeps
-/// `PATH`, and `LD_LIBRARY_PATH`, which some installations need to start.
+/// Gives `command` an environment of its own. `scratch` is the working folder and the place of every user profile.
+///
+/// Of this process's variables, `command` keeps `PATH` and `LD_LIBRARY_PATH`, which some installations need to start.
 pub(super) fn isolate(command: &mut Command, scratch: &Path) {
     command.env_clear().current_dir(scratch).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let path = std::env::var_os("PATH").unwrap_or_else(|| "/usr/local/bin:/usr/bin:/bin".into());
@@ -114,7 +115,7 @@ fn start(command: &mut Command) -> io::Result<Child> {
     }
 }
 
-/// Kills and reaps the process and all that it started: by descent, by process group, and by the [`MARK`] in their environment.
+/// Kills and reaps the process and all processes that it started, found by descent, by process group, and by the variable [`MARK`].
 fn kill(child: &mut Child, scratch: &Path, own_group: bool) {
     // The search needs a living process: its children get another parent when it ends.
     if let Some(id) = i32::try_from(child.id()).ok().and_then(Pid::from_raw)

@@ -44,7 +44,7 @@ impl fmt::Display for ListenAddress {
 
 impl ListenAddress {
     /// Resolves the host. IPv4 addresses come first: a name such as `localhost` has both kinds, and most clients try
-    /// IPv4.
+    /// IPv4 first.
     ///
     /// # Errors
     /// The host has no address; the message names `flag`.

@@ -81,7 +81,7 @@ pub enum Shape {
 ///
 /// Intersections and bad edges precede kinds that a clean-up repairs. Kinds that colour faces precede kinds that only
 /// tint the faces near a line or point. Kinds of whole parts come last, since they would hide all others.
-pub const BY_GRAVITY: [DefectKind; DefectKind::ALL.len()] = [
+pub const BY_SEVERITY: [DefectKind; DefectKind::ALL.len()] = [
     DefectKind::Corrupt,
     DefectKind::SelfIntersection,
     DefectKind::OppositeFace,
@@ -201,7 +201,7 @@ pub fn gravest(marks: u32) -> Option<DefectKind> {
     if marks == 0 {
         return None;
     }
-    BY_GRAVITY.into_iter().find(|kind| marks & kind.bit() != 0)
+    BY_SEVERITY.into_iter().find(|kind| marks & kind.bit() != 0)
 }
 
 /// How a face is drawn.
@@ -279,7 +279,7 @@ pub struct LegendEntry {
 /// Legend of the defect kinds found, most severe first.
 #[must_use]
 pub fn legend(findings: &Findings) -> Vec<LegendEntry> {
-    let kinds = BY_GRAVITY.into_iter().filter(|&kind| findings.count(kind) > 0);
+    let kinds = BY_SEVERITY.into_iter().filter(|&kind| findings.count(kind) > 0);
     kinds
         .map(|kind| {
             let count = findings.count(kind);
@@ -357,7 +357,7 @@ mod tests {
 
     #[test]
     fn the_severity_order_has_every_kind_once() {
-        let mut kinds = BY_GRAVITY.to_vec();
+        let mut kinds = BY_SEVERITY.to_vec();
         kinds.sort_unstable();
         assert_eq!(kinds, DefectKind::ALL);
     }

@@ -5,20 +5,20 @@ use std::ops::Range;
 use glam::{Vec3, Vec4};
 
 use super::image::{Camera, Projected, SAMPLES, STEPS};
-use super::palette::{BY_GRAVITY, Colour, INSIDE, Paint};
+use super::palette::{BY_SEVERITY, Colour, INSIDE, Paint};
 use super::scene::Scene;
 use crate::inspect::DefectKind;
 
 /// Maximum number of samples that the faces of one view may cover in total. A view that covers more, which only
-/// adversarial meshes do, draws only every nth sound face.
+/// adversarial meshes do, draws only every nth sound face: a face without a defect.
 const MAX_COVERED: f64 = 6e7;
 /// Direction to the light: right, up, towards the eye.
 const LIGHT: Vec3 = Vec3::new(-0.32, 0.50, 0.80);
 /// Intensity on a face turned away from the light. Intensity rises smoothly to 1, so that shaded faces differ too.
 const SHADOW: f32 = 0.44;
 /// Depth offset of a face per severity step, in samples, so that the most severe of coincident faces is visible.
-/// `DROP` is the offset by which inner sides recede.
 const LIFT: f32 = 0.05;
+/// Depth offset away from the eye of inner sides, in samples.
 const DROP: f32 = 0.03;
 /// Width of the line along a face's edges in samples, and its darkness on large faces.
 const WIRE: f32 = 1.0;
@@ -89,7 +89,7 @@ impl Fragment {
 }
 
 impl<'a> Faces<'a> {
-    /// Projects and sorts the faces of a scene. `points` are the scene's vertices in the cube.
+    /// Projects and sorts the faces of a scene. `points` are the scene's vertices, scaled to the cube that all views share.
     #[must_use]
     pub fn new(scene: &'a Scene, points: &'a [Vec3], camera: &'a Camera) -> Self {
         let every = every(scene, points, camera);
@@ -254,7 +254,7 @@ impl Raster {
 fn lifts() -> [f32; DefectKind::ALL.len()] {
     let mut lifts = [0.0; DefectKind::ALL.len()];
     let mut lift = 0.0;
-    for kind in BY_GRAVITY.into_iter().rev() {
+    for kind in BY_SEVERITY.into_iter().rev() {
         lift += LIFT;
         lifts[kind as usize] = lift;
     }

@@ -5,7 +5,7 @@ use std::collections::hash_map::Entry;
 use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use super::palette::{BY_GRAVITY, LegendEntry, Paint, Shape, gravest, legend, legend_of_change, shape};
+use super::palette::{BY_SEVERITY, LegendEntry, Paint, Shape, gravest, legend, legend_of_change, shape};
 use crate::context::Context;
 use crate::inspect::{Defect, DefectKind, Findings, Provenance, SurfaceProvenance};
 use crate::math::{Box3, to_unit_range};
@@ -160,7 +160,7 @@ impl Scene {
             legend: legend(findings),
             shows: Shows::Defects,
         };
-        for kind in BY_GRAVITY {
+        for kind in BY_SEVERITY {
             for defect in findings.places(kind) {
                 scene.add_defect(kind, defect, soup);
             }

@@ -95,9 +95,9 @@ impl Dispatcher {
         Self { store, poster, config, clock, random }
     }
 
-    /// Runs until `drain` is cancelled, then waits for running deliveries until `now` is cancelled. An interrupted delivery is repeated
-    /// by the next process that claims it after its lease ends.
-    pub async fn run(self, drain: CancellationToken, now: CancellationToken) {
+    /// Runs until `drain` is cancelled, then waits for running deliveries until `abort` is cancelled. After an interrupted delivery's
+    /// lease ends, another process claims and repeats the delivery.
+    pub async fn run(self, drain: CancellationToken, abort: CancellationToken) {
         let dispatcher = Arc::new(self);
         let permits = Arc::new(Semaphore::new(MAX_CONCURRENT));
         let mut deliveries = JoinSet::new();
@@ -130,7 +130,7 @@ impl Dispatcher {
         }
         tokio::select! {
             () = async { while deliveries.join_next().await.is_some() {} } => {}
-            () = now.cancelled() => {}
+            () = abort.cancelled() => {}
         }
     }
 

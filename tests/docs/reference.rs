@@ -197,7 +197,7 @@ fn defects() -> String {
         let colour = palette::colour(kind).to_string();
         [code(&palette::id(kind)), palette::in_words(kind, 1).to_owned(), code(&colour), description[at(kind)].clone()]
     };
-    table(["Kind", "In words", "Colour", "What it is"], palette::BY_GRAVITY.into_iter().map(row))
+    table(["Kind", "In words", "Colour", "What it is"], palette::BY_SEVERITY.into_iter().map(row))
 }
 
 fn problems(of_requests: bool) -> String {

@@ -9,9 +9,9 @@ use super::{Line, NONE, Support, Triangle, Triangulation};
 use crate::math::Sign;
 
 impl Triangulation<'_> {
-    /// For each triangle, the sorted faces that cover it, once all bounding segments have been inserted. Crossing a
-    /// bounding segment enters or leaves its face, and no face covers the outermost triangles. None if the lists would
-    /// have more than `most` entries in total.
+    /// For each triangle, the sorted faces that contain the triangle; all bounding segments must have been inserted.
+    /// Crossing a bounding segment enters or leaves the segment's face, and no face contains the outermost triangles.
+    /// None if the lists would have more than `most` entries in total.
     pub fn covers(&self, most: usize) -> Option<Vec<SmallVec<[u32; 2]>>> {
         let mut covers: Vec<Option<SmallVec<[u32; 2]>>> = vec![None; self.triangles.len()];
         let mut queue = VecDeque::new();
@@ -60,7 +60,7 @@ impl Triangulation<'_> {
         }
     }
 
-    /// The lines of a set.
+    /// The lines along an edge. A triangle stores for each edge the number of such a set, or `NONE`.
     fn set(&self, set: u32) -> &[u32] {
         self.sets.get(set as usize).map_or(&[], SmallVec::as_slice)
     }
@@ -114,7 +114,7 @@ impl Triangulation<'_> {
                 Sign::Negative => (t, i) = (s, (j + 2) % 3),
             }
         };
-        self.clear(a, end, across);
+        self.flip_into_edge(a, end, across);
         self.mark(a, end, line);
         end
     }
@@ -143,7 +143,7 @@ impl Triangulation<'_> {
     }
 
     /// Flips the edges that cross the segment from `a` to `b` until the segment is an edge.
-    fn clear(&mut self, a: u32, b: u32, mut across: VecDeque<[u32; 2]>) {
+    fn flip_into_edge(&mut self, a: u32, b: u32, mut across: VecDeque<[u32; 2]>) {
         while let Some([x, y]) = across.pop_front() {
             let Some((t, i)) = self.edge(x, y) else { continue };
             if !self.can_flip(t, i) {

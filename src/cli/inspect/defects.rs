@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use meshmend::inspect::{Analysis, Defect, DefectKind, Inspection, Level, Meeting, Thresholds, aspect_ratio};
 use meshmend::mesh::Edges;
-use meshmend::render::palette::{BY_GRAVITY, in_words};
+use meshmend::render::palette::{BY_SEVERITY, in_words};
 
 use super::inspected::Inspected;
 use super::numbers::{format_number, format_point};
@@ -25,13 +25,13 @@ pub fn section(file: &Inspected, all: bool) -> String {
     if inspection.level == Level::None {
         return String::new();
     }
-    let kinds: Vec<DefectKind> = BY_GRAVITY.into_iter().filter(|&kind| findings.count(kind) > 0).collect();
+    let kinds: Vec<DefectKind> = BY_SEVERITY.into_iter().filter(|&kind| findings.count(kind) > 0).collect();
     let max_places = if all { usize::MAX } else { (MAX_PLACES / kinds.len().max(1)).clamp(1, MAX_PLACES_PER_KIND) };
     let count_width = kinds.iter().map(|&kind| findings.count(kind).to_string().len()).max().unwrap_or(0);
     let name_width = kinds.iter().map(|&kind| in_words(kind, findings.count(kind)).len()).max().unwrap_or(0);
-    let incomplete = BY_GRAVITY.into_iter().any(|kind| is_unfinished(inspection, kind));
+    let incomplete = BY_SEVERITY.into_iter().any(|kind| is_unfinished(inspection, kind));
     if kinds.is_empty() && !incomplete && inspection.level == Level::Full {
-        return format!("\nDefects: none (all {} kinds checked)\n", BY_GRAVITY.len());
+        return format!("\nDefects: none (all {} kinds checked)\n", BY_SEVERITY.len());
     }
     let numbering = file.mesh.numbering.as_ref();
     let origin = if numbering.is_some() { "as in the file" } else { "from 0" };
@@ -50,7 +50,7 @@ pub fn section(file: &Inspected, all: bool) -> String {
             label = " ".repeat(label.len());
         }
     }
-    let names = |keep: &dyn Fn(DefectKind) -> bool| BY_GRAVITY.into_iter().filter(|&kind| keep(kind)).collect();
+    let names = |keep: &dyn Fn(DefectKind) -> bool| BY_SEVERITY.into_iter().filter(|&kind| keep(kind)).collect();
     let none = names(&|kind| {
         inspection.level.looks_for(kind) && findings.count(kind) == 0 && !is_unfinished(inspection, kind)
     });
