@@ -52,8 +52,9 @@ fn is_plain(text: &str) -> bool {
 /// The class of tenants without a class of their own.
 pub const STANDARD_CLASS: &str = "standard";
 
-/// The class of a tenant, such as its price plan, under which the metrics count its jobs: 1 to 63 lower-case letters, digits and
-/// hyphens.
+/// The class of a tenant: a name that the operator chooses, such as a price plan, to group jobs in the metrics.
+///
+/// A class changes no limit and no order. Its name is 1 to 63 lower-case letters, digits and hyphens.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TenantClass(String);
 

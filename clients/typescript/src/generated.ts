@@ -945,8 +945,8 @@ export interface components {
             bounding_box_change_pct?: number | null;
             /**
              * Format: double
-             * @description Of the input's faces missing from the result, the share with the result's material on both sides, in percent.
-             *     Such faces were internal to united parts. `null` if the result has at least as many faces, or is not closed.
+             * @description Share of the input's missing faces that would lie inside the result's solid, in percent.
+             *     Such faces were internal walls of united parts. `null` if the result has at least as many faces, or is not closed.
              */
             enclosed_faces_pct?: number | null;
             /**
@@ -1504,7 +1504,7 @@ export interface components {
              * @description Area of the part, in square model units.
              */
             area: number;
-            /** @description A point of the part that is neither on nor in the result, in the model's unit. */
+            /** @description A point of the part, in the model's unit: neither on nor in the result if a sampled point is. */
             at: number[];
             /**
              * Format: int64
@@ -2896,7 +2896,7 @@ export interface components {
             data: string;
             /** @description `progress`, or `done` as the last event. */
             event: string;
-            /** @description The job's version. */
+            /** @description The job's version, a number that grows with each change. */
             id: string;
         };
         /** @description The form that submits a job. */

@@ -49,8 +49,8 @@ pub struct Changes {
     pub face_loss_pct: f64,
     /// Faces of the input that the result has at the same three positions, in percent.
     pub faces_kept_pct: f64,
-    /// Of the input's faces missing from the result, the share with the result's material on both sides, in percent.
-    /// Such faces were internal to united parts. `null` if the result has at least as many faces, or is not closed.
+    /// Share of the input's missing faces that would lie inside the result's solid, in percent.
+    /// Such faces were internal walls of united parts. `null` if the result has at least as many faces, or is not closed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub enclosed_faces_pct: Option<f64>,
     /// Share of the input's surface visible from outside that the result lost, in percent. Surface is lost if the

@@ -55,7 +55,7 @@ operators! {
         SplitTJunctions = "split_t_junctions",
         /// Merge boundary vertices that are close relative to the length of their edges.
         Sew = "sew",
-        /// Close cracks whose two sides have different vertices.
+        /// Join the two sides of a crack, which have different vertices, along its whole length.
         Stitch = "stitch",
         /// Flip the edges along which the surface folds back onto itself.
         UnfoldFoldovers = "unfold_foldovers",

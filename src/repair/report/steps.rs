@@ -18,7 +18,7 @@ pub enum Action {
     FixNormals,
     /// Tier 1: close simple holes (MeshPrep's `fill_holes`).
     FillHoles,
-    /// Tier 2: close cracks and T-junctions, so that no hole is filled there.
+    /// Tier 2: join the two sides of cracks and T-junctions, before a patch could fill them like holes.
     Stitch,
     /// Tier 2: repair one part with several kinds of damage (MeshPrep's `pymeshfix_repair`).
     FullRepair,

@@ -225,7 +225,7 @@ class LostPart(TypedDict):
     area: float
     """Area of the part, in square model units."""
     at: list[float]
-    """A point of the part that is neither on nor in the result, in the model's unit."""
+    """A point of the part, in the model's unit: neither on nor in the result if a sampled point is."""
     faces: int
     """Number of faces of the part."""
     first_face: int
@@ -599,7 +599,7 @@ class StreamEvent(TypedDict):
     event: str
     """`progress`, or `done` as the last event."""
     id: str
-    """The job's version."""
+    """The job's version, a number that grows with each change."""
 
 
 class SurfaceShare(TypedDict):
@@ -1752,8 +1752,8 @@ class Changes(TypedDict):
     """
     enclosed_faces_pct: NotRequired[float | None]
     """
-    Of the input's faces missing from the result, the share with the result's material on both sides, in percent.
-    Such faces were internal to united parts. `null` if the result has at least as many faces, or is not closed.
+    Share of the input's missing faces that would lie inside the result's solid, in percent.
+    Such faces were internal walls of united parts. `null` if the result has at least as many faces, or is not closed.
     """
     face_loss_pct: float
     """Decrease of the number of faces, in percent; negative if the number increased."""
