@@ -16,7 +16,10 @@
 //! ```
 //!
 //! The engine (`math`, `mesh`, `format`, `inspect`, `printing`, `analyze`, `arrange`, `simplify`, `remesh`, `repair`, `blender`) does not depend on
-//! tokio, axum or sqlx.
+//! tokio, axum or sqlx. On systems other than Linux the crate is the engine without `blender`, and without the feature `service`.
+
+#[cfg(all(feature = "service", not(target_os = "linux")))]
+compile_error!("the feature `service` needs Linux; build the library with `default-features = false`");
 
 #[cfg(feature = "service")]
 pub mod access;
@@ -24,6 +27,7 @@ pub mod analyze;
 #[cfg(feature = "service")]
 pub mod api;
 pub mod arrange;
+#[cfg(target_os = "linux")]
 pub mod blender;
 #[cfg(feature = "service")]
 pub mod blobs;
@@ -40,6 +44,7 @@ pub mod printing;
 pub mod remesh;
 pub mod render;
 pub mod repair;
+#[cfg(target_os = "linux")]
 pub mod sandbox;
 pub mod scene;
 pub mod simplify;
