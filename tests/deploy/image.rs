@@ -14,7 +14,7 @@ fn all_files_that_the_build_copies_exist_and_no_others_are_sent() {
     let ignored = text(".dockerignore");
     let mut sent: Vec<_> = ignored.lines().filter_map(|line| line.strip_prefix('!')).collect();
     assert!(ignored.lines().any(|line| line == "*"));
-    let image = Image::read();
+    let image = Image::whole();
     let mut sources = image.sources();
     sources.sort_unstable();
     sent.sort_unstable();
@@ -46,7 +46,7 @@ fn all_files_that_the_build_copies_exist_and_no_others_are_sent() {
 #[test]
 fn the_dependency_layer_is_a_package_that_cargo_accepts() {
     let folder = tempfile::tempdir().expect("a folder");
-    let image = Image::read();
+    let image = Image::stage("build");
     let first = image.all("COPY")[0].split_whitespace().filter(|word| word.starts_with("Cargo"));
     for file in first {
         std::fs::copy(root().join(file), folder.path().join(file)).expect("copied");
@@ -91,6 +91,30 @@ fn the_image_starts_the_program_that_it_has_as_a_user_that_is_not_root() {
     }
     let grace: f64 = settings["MESHMEND_SHUTDOWN_GRACE_S"].parse().expect("seconds");
     assert!(grace < 10.0, "docker stop kills after 10 s");
+}
+
+#[test]
+fn the_image_without_blender_is_set_up_like_the_one_with_it() {
+    let (slim, full) = (Image::stage("slim"), Image::read());
+    let mut variables = slim.variables();
+    // An image from scratch has no PATH.
+    let path = variables.remove("PATH").expect("a PATH");
+    assert_eq!(variables, full.variables());
+    for instruction in ["USER", "LABEL", "VOLUME", "WORKDIR", "EXPOSE", "ENTRYPOINT", "CMD"] {
+        assert_eq!(slim.all(instruction), full.all(instruction));
+    }
+    let files = Image::stage("slim-files");
+    let files = files.all("RUN").join("\n");
+    let check = slim.all("HEALTHCHECK")[0];
+    let line: Vec<String> = serde_json::from_str(&check[check.find('[').expect("a list")..]).expect("a list");
+    for program in [&slim.list("ENTRYPOINT")[0], &line[0]] {
+        assert!(
+            path.split(':').any(|folder| files.contains(&format!("/slim{folder}/{program}"))),
+            "{program} is not there"
+        );
+    }
+    let port = slim.variables()["MESHMEND_METRICS_LISTEN"].rsplit(':').next().expect("a port").to_owned();
+    assert!(line.last().expect("an address").contains(&format!(":{port}/readyz")), "{line:?}");
 }
 
 #[test]

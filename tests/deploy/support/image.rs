@@ -4,11 +4,29 @@ use std::collections::BTreeMap;
 
 use super::source::text;
 
-/// The instructions of the Dockerfile, each with the rest of its line.
+/// Instructions of the Dockerfile, each with the rest of its line.
 pub struct Image(Vec<(String, String)>);
 
 impl Image {
+    /// The image with Blender, which is the default.
     pub fn read() -> Self {
+        Self::stage("full")
+    }
+
+    /// One stage of the build.
+    pub fn stage(name: &str) -> Self {
+        let mut stage = String::new();
+        let instructions = Self::whole().0.into_iter().filter(|(instruction, rest)| {
+            if instruction == "FROM" {
+                stage = rest.rsplit_once(" AS ").expect("a stage with a name").1.to_owned();
+            }
+            stage == name
+        });
+        Self(instructions.collect())
+    }
+
+    /// All stages.
+    pub fn whole() -> Self {
         let text = text("docker/Dockerfile");
         let lines: Vec<_> = text.lines().filter(|line| !line.starts_with('#')).collect();
         let joined = lines.join("\n").replace("\\\n", " ");
