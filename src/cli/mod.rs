@@ -179,11 +179,6 @@ fn completions(args: &CompletionsArgs, mut program: clap::Command) -> ExitCode {
     }
 }
 
-#[cfg(test)]
-#[allow(dead_code, reason = "shared with the tests of the documents")]
-#[path = "../../tests/support/prose.rs"]
-mod prose;
-
 /// Arguments of `meshmend man`.
 #[derive(Debug, Args)]
 struct ManArgs {
@@ -198,6 +193,11 @@ fn man(args: &ManArgs, program: clap::Command) -> ExitCode {
         Err(error) => exit::fail(exit::BAD_INPUT, format!("{}: {error}", args.folder.display())),
     }
 }
+
+#[cfg(test)]
+#[allow(dead_code, reason = "shared with the tests of the documents")]
+#[path = "../../tests/support/prose.rs"]
+mod prose;
 
 #[cfg(test)]
 mod tests {

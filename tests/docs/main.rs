@@ -3,12 +3,15 @@
 
 mod commands;
 mod links;
+mod literals;
 #[allow(dead_code, reason = "shared with the tests of the engine")]
 #[path = "../support/meshes.rs"]
 mod meshes;
 mod messages;
 mod pages;
 mod pictures;
+#[path = "../support/prose.rs"]
+mod prose;
 mod reference;
 mod served;
 #[allow(dead_code, reason = "shared with the tests of the service")]
