@@ -183,7 +183,7 @@ pub fn describe_job_problem(kind: ProblemKind) -> (&'static str, &'static str) {
         ProblemKind::DeadlineExceeded => {
             ("Deadline exceeded", "Raise `deadline_s`, lower `max_tier` or `level`, or send fewer faces.")
         }
-        ProblemKind::OutOfMemory => ("Out of memory", "Send fewer faces, or raise the service's --job-memory."),
+        ProblemKind::OutOfMemory => ("Out of memory", "Send fewer faces, or raise the service's `--job-memory-mib`."),
         ProblemKind::CpuLimit => ("CPU limit exceeded", "Send fewer faces, or lower `max_tier` or `level`."),
         ProblemKind::FileLimit => ("Result too large", "Lower `voxel_resolution` or `places`."),
         ProblemKind::Crashed => {

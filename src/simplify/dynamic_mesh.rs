@@ -9,9 +9,9 @@ use crate::mesh::{Edges, Fans, Parts, Surface};
 /// Marks an absent corner or vertex.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Marks of an edge: [`LINE`] for a line that must be kept, [`OPEN`] for a boundary edge with one face.
+/// Mark of an edge on a line that must be kept. A face has three such bits, shifted by the index of the edge's corner.
 pub(super) const LINE: u8 = 1;
-/// A boundary edge, which has one face.
+/// Mark of a boundary edge, which has one face; the bits follow the three bits of [`LINE`].
 pub(super) const OPEN: u8 = 8;
 
 /// Share of its trace that is added to a quadric's diagonal. The quadric then has a unique minimum, even if its planes
@@ -34,10 +34,10 @@ pub(super) struct DynamicMesh {
     next: Vec<u32>,
     /// For each face, the marks of its three edges: [`LINE`] and [`OPEN`], shifted by the index of the edge's corner.
     marks: Vec<u8>,
-    /// For each face, its distance from the original surface, and vice versa: the last measured value plus everything
-    /// added since.
+    /// For each face, its distance from the original surface, and of that surface from the face: the last measured
+    /// value plus all steps since.
     pub error: Vec<f32>,
-    /// For each face, an upper bound of that distance: the sum of all steps.
+    /// For each face, an upper bound of that distance: the sum of the lengths of all steps.
     pub bound: Vec<f32>,
     /// For each face, whether its corners are exactly collinear.
     pub flat: Vec<bool>,

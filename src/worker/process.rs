@@ -275,7 +275,7 @@ pub(super) fn explain_exit(status: ExitStatus, stderr: &str, memory_bytes: u64) 
     let (kind, code, detail) = if OUT_OF_MEMORY.iter().any(|words| stderr.contains(words)) {
         let detail = format!(
             "The job needs more memory than a job may use ({megabytes} MiB). Submit a model with fewer faces, or ask the operator to \
-             raise `--job-memory`."
+             raise `--job-memory-mib`."
         );
         (FailureKind::Final, ProblemKind::OutOfMemory, detail)
     } else if status.signal() == Some(SIGXCPU) {
