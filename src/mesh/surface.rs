@@ -17,7 +17,7 @@ pub const SKIN_SOURCE: u32 = u32::MAX - 1;
 /// Like [`SKIN_SOURCE`], around a region that was left open because its inside is visible through a hole.
 pub const OPENED_SKIN_SOURCE: u32 = u32::MAX - 2;
 
-/// The source of the skirt and the bottom of an added base.
+/// The source of the walls and the bottom of an added base.
 pub const BASE_SOURCE: u32 = u32::MAX - 3;
 
 /// Whether a source marks a face without an input face.
