@@ -26,6 +26,7 @@ macro_rules! pictures {
 pub const PAGES: &[(&str, &str)] = pages! {
     "README"
     "quick-start"
+    "installing"
     "how-repair-works"
     "formats"
     "print-on-demand"
@@ -40,6 +41,7 @@ pub const PAGES: &[(&str, &str)] = pages! {
     "operations"
     "metrics"
 };
+    "versions"
 
 /// The images in the pages, rendered by the program itself (`make pictures`).
 pub(super) const PICTURES: &[(&str, &[u8])] = pictures! {

@@ -18,8 +18,24 @@ const PROGRAMS: [&str; 3] = ["python", "rust", "js"];
 /// The page whose JavaScript snippets are fragments; tests/browser parses them and runs examples/shop.
 const SNIPPETS: (&str, &str) = ("docs/widget.md", "js");
 /// Programs that the tests lack or must not run.
-const OF_OPERATORS: [&str; 11] =
-    ["make", "docker", "kubectl", "systemctl", "install", "psql", "pg_dump", "pg_restore", "aws", "pip", "npm"];
+const OF_OPERATORS: [&str; 16] = [
+    "make",
+    "docker",
+    "kubectl",
+    "helm",
+    "systemctl",
+    "install",
+    "apt",
+    "tar",
+    "sha256sum",
+    "psql",
+    "pg_dump",
+    "pg_restore",
+    "aws",
+    "pip",
+    "npm",
+    "cargo",
+];
 
 /// The commands of a page to run, as one script.
 fn script(page: &Page) -> String {
