@@ -15,6 +15,7 @@ mod shapes;
 pub mod skin;
 pub mod target_size;
 pub mod thickness;
+pub mod traps;
 pub mod unit_candidates;
 pub mod vents;
 pub mod voids;

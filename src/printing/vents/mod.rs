@@ -5,7 +5,6 @@
 
 mod bore;
 mod place;
-mod rays;
 mod verify;
 
 use glam::DVec3;

@@ -4,11 +4,10 @@ use glam::DVec3;
 
 use super::VentOptions;
 use super::bore::{across, corner_radius};
-use super::rays::{Passage, Rays};
 use crate::context::{Cancelled, Context};
 use crate::math::ray_direction;
 use crate::mesh::Surface;
-use crate::printing::voids::{Regions, SealedVoid};
+use crate::printing::voids::{Passage, RegionRays, Regions, SealedVoid};
 
 /// Faces of a void from which bores are tried.
 const STARTS: usize = 300;
@@ -87,7 +86,7 @@ impl Candidate {
 
 /// Chooses places for bores.
 pub(super) struct Placement<'a> {
-    rays: Rays<'a>,
+    rays: RegionRays<'a>,
     regions: &'a Regions,
     voids: &'a [SealedVoid],
     options: &'a VentOptions,
@@ -101,7 +100,7 @@ pub(super) struct Placement<'a> {
 
 impl<'a> Placement<'a> {
     pub fn new(surface: &'a Surface, regions: &'a Regions, voids: &'a [SealedVoid], options: &'a VentOptions) -> Self {
-        let rays = Rays::new(surface, regions);
+        let rays = RegionRays::new(surface, regions);
         let up = options.up.try_normalize().unwrap_or(DVec3::Z);
         let heights = range(rays.unit.iter().map(|p| p.dot(up)));
         let radius = options.diameter / 2.0 * rays.scale * corner_radius() * (1.0 + 1e-5);

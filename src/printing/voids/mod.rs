@@ -2,6 +2,8 @@
 //!
 //! A sealed void keeps powder or resin inside, and nobody sees it from outside.
 
+mod neck;
+mod rays;
 mod regions;
 mod widest;
 
@@ -11,6 +13,8 @@ use crate::context::{Cancelled, Context};
 use crate::math::{Box3, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface};
 
+pub use neck::{Neck, narrowest_neck};
+pub(crate) use rays::{Passage, RegionRays};
 pub(crate) use regions::bounds_of;
 pub use regions::{NO_REGION, OUTSIDE, Regions, RegionsError, around_edge};
 pub use widest::{RegionFaces, WidestBall};

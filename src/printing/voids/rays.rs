@@ -2,12 +2,16 @@
 
 use glam::DVec3;
 
-use crate::math::{Crossing, Tree, crossing, to_unit_range, unit_scale};
+use super::regions::{NO_REGION, OUTSIDE, Regions};
+use crate::math::{Crossing, Tree, crossing, ray_direction, to_unit_range, unit_scale};
 use crate::mesh::Surface;
-use crate::printing::voids::{NO_REGION, Regions};
+
+/// Rays that are tried to find the region of a point, and their length on the unit scale, which leaves the model.
+const ATTEMPTS: u32 = 8;
+const RAY_LENGTH: f64 = 8.0;
 
 /// A surface prepared for rays, on the unit scale.
-pub(super) struct Rays<'a> {
+pub(crate) struct RegionRays<'a> {
     regions: &'a Regions,
     faces: &'a [[u32; 3]],
     /// Positions on the unit scale.
@@ -19,7 +23,7 @@ pub(super) struct Rays<'a> {
 
 /// A face that a ray passes through.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Passage {
+pub(crate) struct Passage {
     /// Distance from the ray's start.
     pub distance: f64,
     pub face: u32,
@@ -28,13 +32,22 @@ pub(super) struct Passage {
     pub to: u32,
 }
 
-impl<'a> Rays<'a> {
+impl<'a> RegionRays<'a> {
+    /// Prepares the rays; `regions` must belong to the surface.
     pub fn new(surface: &'a Surface, regions: &'a Regions) -> Self {
         let unit = to_unit_range(&surface.positions);
         let tree = Tree::new(&unit, &surface.faces);
         Self { regions, faces: &surface.faces, scale: unit_scale(&surface.positions), unit, tree }
     }
 
+    /// The region of a point on the unit scale, by rays. `None` if every ray touches an edge.
+    pub fn region_at(&self, point: DVec3) -> Option<u32> {
+        let hits =
+            (0..ATTEMPTS).find_map(|attempt| self.along([point, point + ray_direction(attempt) * RAY_LENGTH], None))?;
+        Some(hits.first().map_or(OUTSIDE, |hit| hit.from))
+    }
+
+    /// The corners of a face, on the unit scale.
     pub fn corners(&self, face: u32) -> [DVec3; 3] {
         self.faces[face as usize].map(|v| self.unit[v as usize])
     }

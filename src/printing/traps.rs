@@ -1,0 +1,136 @@
+//! Powder traps: hollows that are open, but only through ways narrower than an escape hole.
+
+use glam::DVec3;
+
+use super::reach::{Reach, ReachOptions, Reached};
+use super::voids::{OUTSIDE, RegionRays, Regions};
+use crate::context::{Cancelled, Context};
+use crate::math::Tree;
+use crate::mesh::Surface;
+
+/// How finely openings are measured: cells per diameter, and how often cells at openings of undecided width are halved.
+const CELLS_PER_DIAMETER: u32 = 4;
+const REFINEMENTS: u32 = 3;
+/// Smaller balls that are tried for the width of a trap's opening, in diameters of the escape hole.
+const SMALLER: [f64; 2] = [0.5, 0.25];
+/// The most octree nodes for these.
+const MAX_NODES_OF_SMALLER: usize = 3_000_000;
+
+/// A hollow that a ball of the escape hole's diameter fits in, but can't leave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PowderTrap {
+    /// A place inside where the ball fits.
+    pub at: DVec3,
+    /// The volume of the possible centres of the ball, from below. The hollow is larger.
+    pub centres_volume: f64,
+    /// Bounds of the diameter of the largest ball that can leave: its widest opening. The lower bound is 0 if no smaller
+    /// ball that was tried leaves.
+    pub opening: [f64; 2],
+}
+
+/// The powder traps of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PowderTraps {
+    /// The traps, largest first. Sealed voids are not among them.
+    pub traps: Vec<PowderTrap>,
+    /// The volume of centres behind openings that are as wide as the ball, within the resolution. Above 0 the answer is
+    /// undecided there.
+    pub undecided_volume: f64,
+}
+
+/// Finds the hollows from which a ball of a diameter can't leave. `None` if the octree would need more than `max_nodes`
+/// nodes.
+///
+/// # Errors
+/// [`Cancelled`] on cancellation or timeout.
+pub fn powder_traps(
+    surface: &Surface,
+    regions: &Regions,
+    diameter: f64,
+    max_nodes: usize,
+    context: &Context<'_>,
+) -> Result<Option<PowderTraps>, Cancelled> {
+    let tree = Tree::new(&surface.positions, &surface.faces);
+    let reach_of = |diameter: f64, max_nodes: usize| {
+        let options =
+            ReachOptions { diameter, cells_per_diameter: CELLS_PER_DIAMETER, refinements: REFINEMENTS, max_nodes };
+        Reach::new(&surface.positions, &surface.faces, &tree, options, context)
+    };
+    let Some(reach) = reach_of(diameter, max_nodes)? else { return Ok(None) };
+    let rays = RegionRays::new(surface, regions);
+    let is_outside = |at: DVec3| rays.region_at(at * rays.scale) == Some(OUTSIDE);
+    let mut traps: Vec<PowderTrap> = reach
+        .hidden_regions()
+        .iter()
+        .filter(|region| is_outside(region.at))
+        .map(|region| PowderTrap { at: region.at, centres_volume: region.volume, opening: [0.0, diameter] })
+        .collect();
+    for share in SMALLER {
+        if traps.iter().all(|trap| trap.opening[0] > 0.0) {
+            break;
+        }
+        let limit = max_nodes.min(MAX_NODES_OF_SMALLER);
+        let Some(smaller) = reach_of(share * diameter, limit)? else { break };
+        for trap in traps.iter_mut().filter(|trap| trap.opening[0] == 0.0) {
+            match smaller.at(trap.at) {
+                Reached::Outside => trap.opening[0] = share * diameter,
+                Reached::Hidden(_) => trap.opening[1] = share * diameter,
+                Reached::Doubtful | Reached::Blocked => {}
+            }
+        }
+    }
+    traps.sort_by(|a, b| b.centres_volume.total_cmp(&a.centres_volume));
+    Ok(Some(PowderTraps { traps, undecided_volume: reach.doubtful_volume() }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Edges;
+    use crate::printing::shapes::*;
+
+    /// A box of 10 with a room of 6, a square opening of the given width in its top, and a sealed room below.
+    fn jar(width: f64) -> Surface {
+        let (a, h) = (3.0, width / 2.0);
+        let square = |r: f64, z: f64| [[-r, -r], [r, -r], [r, r], [-r, r]].map(|[x, y]| DVec3::new(x, y, z));
+        let positions =
+            [square(5.0, -12.0), square(5.0, 5.0), square(h, 5.0), square(h, 3.0), square(a, 3.0), square(a, -3.0)];
+        let mut faces = vec![[0, 2, 1], [0, 3, 2], [20, 21, 22], [20, 22, 23]];
+        for ring in 0..5 {
+            for i in 0..4 {
+                let (p, q) = (4 * ring + i, 4 * ring + (i + 1) % 4);
+                faces.extend([[p, q, q + 4], [p, q + 4, p + 4]]);
+            }
+        }
+        let sealed = inverted(cuboid(DVec3::new(-3.0, -3.0, -10.0), DVec3::new(3.0, 3.0, -5.0)));
+        joined(&[surface(positions.concat(), faces), sealed])
+    }
+
+    fn traps(surface: &Surface, diameter: f64) -> PowderTraps {
+        let mut found = None;
+        quietly(|context| {
+            let regions = Regions::new(surface, &Edges::new(&surface.faces), context).unwrap();
+            found = powder_traps(surface, &regions, diameter, 1 << 22, context).unwrap();
+        });
+        found.unwrap()
+    }
+
+    #[test]
+    fn a_jar_is_a_trap_if_its_opening_is_narrower_than_the_escape_hole() {
+        let model = jar(1.2);
+        assert!(volume(&model) > 0.0);
+        let found = traps(&model, 2.0);
+        let [trap] = found.traps[..] else { panic!("{found:?}") };
+        assert!(trap.at.abs().max_element() < 2.0 + 1e-9 && found.undecided_volume == 0.0, "{found:?}");
+        assert!(trap.centres_volume <= 64.0 && trap.centres_volume > 10.0);
+        assert_eq!(trap.opening, [1.0, 2.0]);
+        assert!(traps(&model, 0.9).traps.is_empty());
+        assert!(traps(&jar(3.0), 2.0).traps.is_empty());
+    }
+
+    #[test]
+    fn solids_and_sealed_voids_are_no_traps() {
+        let hollow = joined(&[cuboid(DVec3::ZERO, DVec3::splat(9.0)), inverted(cuboid(DVec3::ONE, DVec3::splat(6.0)))]);
+        assert!(traps(&hollow, 1.5).traps.is_empty());
+    }
+}
