@@ -10,6 +10,7 @@ use std::time::Duration;
 use clap::Args;
 use meshmend::blender::OnDemandBlender;
 use meshmend::jobs::JobReport;
+use meshmend::printing::profile::Profile;
 use meshmend::render::Drawing;
 use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
@@ -309,7 +310,30 @@ impl RepairOptionArgs {
     /// # Errors
     /// The message for the first option that is out of its range.
     pub fn options(&self, output: OutputFormat) -> Result<Options, String> {
-        let options = Options {
+        let options = self.unchecked_options(output)?;
+        options.validate().map_err(|e| e.to_string())?;
+        Ok(options)
+    }
+
+    /// The checked options for a job of a service, which may have processes of its own.
+    ///
+    /// # Errors
+    /// The message for the first option that is out of its range.
+    pub fn service_options(&self, output: OutputFormat) -> Result<Options, String> {
+        let options = self.unchecked_options(output)?;
+        let mut checked = options.clone();
+        if checked.print.process.is_some() {
+            checked.print.process = Profile::built_in().first().map(|profile| profile.name.clone());
+        }
+        if let Some(limits) = &mut checked.print.process_limits {
+            limits.based_on = None;
+        }
+        checked.validate().map_err(|e| e.to_string())?;
+        Ok(options)
+    }
+
+    fn unchecked_options(&self, output: OutputFormat) -> Result<Options, String> {
+        Ok(Options {
             preset: self.preset,
             category: self.category,
             output,
@@ -357,9 +381,7 @@ impl RepairOptionArgs {
             max_remesh_faces: self.max_remesh_faces,
             pictures: true,
             print: self.print.options()?,
-        };
-        options.validate().map_err(|e| e.to_string())?;
-        Ok(options)
+        })
     }
 }
 

@@ -157,7 +157,7 @@ impl SubmitArgs {
             (Some(output), _) if self.mode == Task::Repair => format_from_extension(output)?,
             (_, format) => format.unwrap_or_default(),
         };
-        let options = self.repair.options(output)?;
+        let options = self.repair.service_options(output)?;
         let fields = |options: &Options| match serde_json::to_value(options) {
             Ok(Value::Object(fields)) => fields,
             _ => Map::new(),
@@ -336,12 +336,15 @@ mod tests {
             ("a.stl --without sew,stitch", "mode=repair&without=[\"sew\",\"stitch\"]"),
             ("a.stl --max-tier 1 --option max-tier=2;winding_rule=odd", "max_tier=2&mode=repair&winding_rule=odd"),
             ("a.stl --mode analyze -o r.json --option level=basic", "level=basic&mode=analyze"),
+            ("a.stl --process our-sls --min-wall 1.5", "min_wall=1.5&mode=repair&process=our-sls"),
+            ("a.stl --mode analyze --process tpu", "mode=analyze&process=tpu"),
         ] {
             assert_eq!(fields(line).as_deref(), Ok(expected), "{line}");
         }
         for (line, words) in [
             ("a.stl -o out", "must end in"),
             ("a.stl --deadline-s 0", "deadline_s"),
+            ("a.stl --process our-sls --min-wall 0", "min_wall"),
             ("a.stl --option level", "expected NAME=VALUE"),
             ("a.stl --output-format gif", "the format must be auto"),
             ("a.stl -o a.off --output-format stl", "cannot be used with"),

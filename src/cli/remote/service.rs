@@ -10,6 +10,7 @@ use clap::Args;
 use futures::{Stream, StreamExt};
 use meshmend::context::Stage;
 use meshmend::jobs::{JobId, JobOutcome, Mode, ProblemKind, Status};
+use meshmend::printing::readiness::PrintReadiness;
 use reqwest::{Body, Client, RequestBuilder, Response, header};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -338,6 +339,14 @@ struct RemoteReport {
     red_flags: Vec<RedFlag>,
     assumptions: Vec<Assumption>,
     warnings: Vec<String>,
+    print_ready: Option<PrintReadiness>,
+    files: Vec<RemoteFile>,
+}
+
+/// A file of an analysis.
+#[derive(Debug, Deserialize)]
+struct RemoteFile {
+    print_ready: Option<PrintReadiness>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -365,6 +374,11 @@ impl RemoteReport {
         let assumptions =
             self.assumptions.iter().map(|assumption| (assumption.detail.as_str(), assumption.option.as_deref()));
         remark_lines(flags, assumptions, &self.warnings)
+    }
+
+    /// Whether each file meets the rules of the process; empty without a process.
+    fn readiness(&self) -> impl Iterator<Item = &PrintReadiness> {
+        self.print_ready.iter().chain(self.files.iter().filter_map(|file| file.print_ready.as_ref()))
     }
 }
 
@@ -395,9 +409,11 @@ impl RemoteJob {
                 (None, _) => self.status.as_str().to_owned(),
             },
         };
+        let readiness = report.into_iter().flat_map(RemoteReport::readiness);
+        let readiness = readiness.map(|readiness| format!("  {}", readiness.in_words()));
         let remark_lines = report.into_iter().flat_map(RemoteReport::remark_lines);
         let unchanged = self.artifacts.contains_key(ORIGINAL).then(|| "  note: the repair made no model".to_owned());
-        std::iter::once(headline).chain(remark_lines).chain(unchanged).collect()
+        std::iter::once(headline).chain(readiness).chain(remark_lines).chain(unchanged).collect()
     }
 
     /// The exit code for the outcome.
@@ -405,13 +421,16 @@ impl RemoteJob {
         if let Some(problem) = &self.problem {
             return match problem.code {
                 ProblemKind::BadInput | ProblemKind::BadOutput => exit::BAD_INPUT,
-                ProblemKind::NotPrintable => exit::NOT_PRINTABLE,
+                ProblemKind::NotPrintable | ProblemKind::NotPrintReady => exit::NOT_PRINTABLE,
                 _ => exit::INTERNAL,
             };
         }
         // An undecided analysis counts as printable: checks that did not run find no defects.
         let printable = self.outcome.is_some_and(|outcome| outcome.is_printable() != Some(false));
-        if printable { exit::PRINTABLE } else { exit::PARTIAL }
+        // Of a repair, `require` decides whether the rules count. An analysis has no such option.
+        let analyzed = self.report.as_ref().filter(|report| report.mode == Mode::Analyze);
+        let is_ready = analyzed.into_iter().flat_map(RemoteReport::readiness).all(|readiness| readiness.ready);
+        if printable && is_ready { exit::PRINTABLE } else { exit::PARTIAL }
     }
 }
 
