@@ -191,7 +191,7 @@ pub enum Scope {
     /// Read jobs and download their files.
     #[serde(rename = "jobs:read")]
     JobsRead,
-    /// Submit, cancel and delete jobs.
+    /// Submit, cancel and delete jobs, and change process profiles.
     #[serde(rename = "jobs:write")]
     JobsWrite,
     /// Manage webhook endpoints.

@@ -14,7 +14,7 @@ use super::extract::{ApiPath, contains_etag, json_object, read_small, text_heade
 use super::problem::{FieldError, Problem, ProblemCode, truncated};
 use super::state::ApiState;
 use super::validation::object_errors;
-use crate::jobs::{NewProfile, TenantProfile, with_whole_numbers};
+use crate::jobs::{NewProfile, ProfileName, TenantProfile, with_whole_numbers};
 use crate::printing::profile::{ProcessLimits, Profile};
 
 /// Maximum number of profiles of a tenant.
@@ -68,7 +68,7 @@ fn not_found(name: &str) -> Problem {
 
 /// Returns the caller's own profile of this name. A name that no profile can have need not reach the database.
 async fn find_own(state: &ApiState, caller: &Caller, name: &str) -> Result<Option<TenantProfile>, Problem> {
-    if name.parse::<crate::jobs::ProfileName>().is_err() {
+    if name.parse::<ProfileName>().is_err() {
         return Ok(None);
     }
     Ok(state.store.profile(caller.tenant.as_str(), name).await?)
@@ -88,7 +88,8 @@ pub(super) async fn list_profiles(
     AnyCaller(caller): AnyCaller,
 ) -> Result<Json<ProfilesView>, Problem> {
     let own = state.store.profiles(caller.tenant.as_str()).await?;
-    let own = own.into_iter().map(ProfileView::own).collect::<Result<Vec<_>, _>>()?;
+    // A profile whose base this version lacks is logged, and does not hide the others.
+    let own = own.into_iter().filter_map(|own| ProfileView::own(own).ok());
     let profiles = Profile::built_in().iter().map(ProfileView::built_in).chain(own).collect();
     Ok(Json(ProfilesView { profiles }))
 }
