@@ -29,6 +29,7 @@ pub const PAGES: &[(&str, &str)] = pages! {
     "installing"
     "how-repair-works"
     "formats"
+    "printing-processes"
     "print-on-demand"
     "widget"
     "using-the-api"
@@ -40,8 +41,8 @@ pub const PAGES: &[(&str, &str)] = pages! {
     "glossary"
     "operations"
     "metrics"
-};
     "versions"
+};
 
 /// The images in the pages, rendered by the program itself (`make pictures`).
 pub(super) const PICTURES: &[(&str, &[u8])] = pictures! {

@@ -217,6 +217,7 @@ fn settings() -> BTreeSet<String> {
         "watch",
         "keys create",
         "tenants set x",
+        "profiles set x y",
     ];
     verbs.into_iter().flat_map(of).collect()
 }

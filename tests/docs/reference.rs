@@ -48,6 +48,7 @@ fn sections() -> BTreeMap<&'static str, String> {
         ("changes", of_fields("Changes")),
         ("part_accounting", of_fields("PartAccounting")),
         ("tolerances", of_fields("Tolerances")),
+        ("process_limits", of_fields("ProcessLimits")),
         ("defects", defects()),
         ("modes", of_enum("Mode")),
         ("options-repair", options(Mode::Repair, schemas)),
@@ -102,7 +103,9 @@ fn list_of_pages() -> String {
 /// The schema of each option of a mode, in the program's order.
 fn options_of(mode: Mode, schemas: &Value) -> Vec<(String, &Value)> {
     let places = match mode {
-        Mode::Repair => vec![&schemas["Options"]["properties"]],
+        Mode::Repair => {
+            vec![&schemas["Options"]["allOf"][1]["properties"], &schemas["PrintOptions"]["properties"]]
+        }
         Mode::Analyze => {
             vec![&schemas["InspectOptions"]["properties"], &schemas["AnalyzeOptions"]["allOf"][1]["properties"]]
         }
@@ -133,7 +136,7 @@ fn referred(schema: &Value) -> Option<&str> {
 fn kind(name: &str, schema: &Value, schemas: &Value) -> String {
     if let Some(other) = referred(schema) {
         let has_values = schemas[other]["enum"].is_array();
-        return if has_values { format!("[one of](#{name})") } else { "[object](#tolerances)".to_owned() };
+        return if has_values { format!("[one of](#{name})") } else { format!("[object](#{name})") };
     }
     let types = &schema["type"];
     let own = types
