@@ -18,6 +18,8 @@ use place::{Placement, Site, Task};
 pub use verify::Mistake;
 use verify::verify;
 
+/// The most voids that get bores, largest first: each takes some ten milliseconds.
+const MAX_VOIDS: usize = 500;
 /// Places that are tried for one bore if the first fails the verification.
 const MAX_TRIED: usize = 4;
 
@@ -64,6 +66,9 @@ pub enum VentFailure {
     /// The solid that holds the void lies in another void, which stayed sealed.
     #[error("the void around its solid stayed sealed")]
     ContainerSealed,
+    /// The model has more voids than are drilled.
+    #[error("only the {MAX_VOIDS} largest voids get bores")]
+    TooMany,
     /// The bore could not be subtracted.
     #[error("the bore could not be subtracted: {0}")]
     NotSubtracted(String),
@@ -173,6 +178,10 @@ impl Drilling<'_> {
         let (mut all, mut chosen) = (Vec::new(), Vec::new());
         for void in order {
             context.check()?;
+            if void >= MAX_VOIDS {
+                self.failed.push((void, VentFailure::TooMany));
+                continue;
+            }
             if voids[void].container.is_some_and(|around| !is_open[voids[around].region as usize]) {
                 self.failed.push((void, VentFailure::ContainerSealed));
                 continue;

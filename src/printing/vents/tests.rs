@@ -87,7 +87,7 @@ fn nested_dolls_get_a_chain_of_bores() {
     let radii = [12.0, 10.5, 8.0, 6.5, 4.5, 3.0];
     let shells: Vec<Surface> = (0..6u32)
         .map(|k| {
-            let ball = turned(&sphere(radii[k as usize], 3), f64::from(k), DVec3::new(30.0, 1.0, -7.0));
+            let ball = turned(&sphere(radii[k as usize], 2), f64::from(k), DVec3::new(30.0, 1.0, -7.0));
             rounded(if k % 2 == 1 { inverted(ball) } else { ball })
         })
         .collect();
@@ -141,4 +141,53 @@ fn a_union_that_fails_or_lies_leaves_the_model_as_it_was() {
         assert_eq!(done.failed, [(0, VentFailure::NotVerified(Mistake::Topology))]);
         assert_eq!(done.surface, model);
     });
+}
+
+/// A ball of 10 with up to four cavities at random places, apart from each other.
+fn cheese(seed: u32) -> (Surface, usize) {
+    let mut parts = vec![rounded(turned(&sphere(10.0, 2), f64::from(seed), DVec3::ZERO))];
+    let mut placed: Vec<(DVec3, f64)> = Vec::new();
+    for i in 0..12u32 {
+        let [x, y, z] = crate::math::r3(f64::from(seed * 31 + i));
+        let (at, radius) = ((DVec3::new(x, y, z) - 0.5) * 14.0, 1.0 + 2.0 * z);
+        let is_free = placed.iter().all(|(other, r)| at.distance(*other) > radius + r + 0.8);
+        if placed.len() < 4 && is_free && at.length() + radius < 8.5 {
+            placed.push((at, radius));
+            let cavity = match i % 3 {
+                0 => cuboid(DVec3::splat(-0.55 * radius), DVec3::splat(0.55 * radius)),
+                _ => sphere(radius, 1 + i % 2),
+            };
+            parts.push(inverted(rounded(turned(&cavity, f64::from(i), at))));
+        }
+    }
+    (joined(&parts), placed.len())
+}
+
+#[test]
+fn bores_of_random_cavities_change_no_face_away_from_them() {
+    let mut drilled = 0;
+    for seed in 0..4u32 {
+        let (model, cavities) = cheese(seed);
+        assert_eq!(voids(&model), cavities);
+        let done = vented(&model, 0.9, 1);
+        let open: Vec<usize> = done.failed.iter().map(|(void, _)| *void).collect();
+        assert_eq!(done.vents.len() + open.len(), cavities, "{:?}", done.failed);
+        assert_eq!(voids(&done.surface), open.len(), "{seed}");
+        assert_eq!(pockets(&done.surface, 0.35), open.len(), "{seed}");
+        drilled += done.vents.len();
+        let key = |surface: &Surface, f: usize| surface.corners(f).map(|p| p.to_array().map(f64::to_bits));
+        let kept: std::collections::HashSet<_> = (0..done.surface.faces.len()).map(|f| key(&done.surface, f)).collect();
+        for f in 0..model.faces.len() {
+            let corners = model.corners(f);
+            let near = done.vents.iter().any(|vent| {
+                let axis = [vent.at + vent.direction, vent.at - vent.direction * (vent.length + 1.0)];
+                (0..=40).any(|i| {
+                    let p = axis[0].lerp(axis[1], f64::from(i) / 40.0);
+                    p.distance(crate::math::nearest_on_triangle(p, corners)) < 0.75
+                })
+            });
+            assert!(near || kept.contains(&key(&model, f)), "{seed}: face {f} is gone");
+        }
+    }
+    assert!(drilled > 8, "{drilled}");
 }

@@ -61,32 +61,34 @@ pub fn sealed_voids(surface: &Surface, context: &Context<'_>) -> Result<Vec<Seal
 /// [`Cancelled`] on cancellation or timeout.
 pub fn voids_of(surface: &Surface, regions: &Regions, context: &Context<'_>) -> Result<Vec<SealedVoid>, Cancelled> {
     let is_void = |region: u32| region != OUTSIDE && !regions.is_material[region as usize];
+    let mut solids = vec![0; regions.count()];
+    for (region, &around) in regions.towards_outside.iter().enumerate() {
+        solids[around as usize] += usize::from(regions.is_material[region]);
+    }
     let mut voids: Vec<SealedVoid> = (0u32..)
         .zip(regions.faces())
         .filter(|(region, _)| is_void(*region))
         .map(|(region, faces)| {
             let volume = regions.volume(surface, region, &faces);
             let bounds = bounds_of(surface, &faces);
-            let solids = (0..regions.count()).filter(|&other| regions.towards_outside[other] == region).count();
+            let solids = solids[region as usize];
             let at = faces.first().map_or(DVec3::ZERO, |&f| surface.corners(f as usize).iter().sum::<DVec3>() / 3.0);
             let (widest, widest_at_most) = (0.0, f64::INFINITY);
             SealedVoid { at, volume, faces, bounds, widest, widest_at_most, container: None, solids, region }
         })
         .collect();
     voids.sort_by(|a, b| b.volume.total_cmp(&a.volume).then(a.region.cmp(&b.region)));
-    let containers: Vec<Option<usize>> = voids
-        .iter()
-        .map(|void| {
-            let wall = regions.towards_outside[void.region as usize];
-            let around = regions.towards_outside[wall as usize];
-            voids.iter().position(|other| other.region == around)
-        })
-        .collect();
+    let mut of_region = vec![None; regions.count()];
+    voids.iter().enumerate().for_each(|(at, void)| of_region[void.region as usize] = Some(at));
+    let container = |region: u32| {
+        let wall = regions.towards_outside[region as usize];
+        of_region[regions.towards_outside[wall as usize] as usize]
+    };
     let (unit, scale) = (to_unit_range(&surface.positions), unit_scale(&surface.positions));
     let cubes = CUBES_PER_VOID.min(CUBES / voids.len().max(1));
-    for (void, container) in voids.iter_mut().zip(containers) {
+    for void in &mut voids {
         context.check()?;
-        void.container = container;
+        void.container = container(void.region);
         let faces = RegionFaces::new(surface, &unit, regions, void.region, &void.faces);
         if let Some(ball) = faces.widest_ball(scale, cubes, context)? {
             (void.at, void.widest, void.widest_at_most) = (ball.centre, 2.0 * ball.radius, 2.0 * ball.radius_at_most);
