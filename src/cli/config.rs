@@ -25,7 +25,7 @@ pub struct ConfigArgs {
     /// Format of the output.
     #[arg(long, env = "MESHMEND_CONFIG_FORMAT", value_enum, default_value_t)]
     format: ConfigFormat,
-    /// Command line to examine, such as `work --workers 2`. It is not run. Default: `serve`.
+    /// Command line to examine, such as `work --workers 2`; the command is not run. Default: `serve`.
     #[arg(value_name = "COMMAND", trailing_var_arg = true, allow_hyphen_values = true)]
     command: Vec<OsString>,
 }

@@ -47,8 +47,8 @@ pub struct BlenderArgs {
     /// limit.
     #[arg(long, env = "MESHMEND_BLENDER_MEMORY_MIB", default_value_t = 4096)]
     pub blender_memory_mib: u64,
-    /// Memory for all Blender processes on this machine together, in MiB. It limits how many run at once. Default:
-    /// half of the machine's memory.
+    /// Memory for all Blender processes on this machine together, in MiB, which limits how many run at once.
+    /// Default: half of the machine's memory.
     #[arg(long, env = "MESHMEND_BLENDER_TOTAL_MEMORY_MIB")]
     pub blender_total_memory_mib: Option<u64>,
     /// Folder of the lock files with which all processes on this machine share the Blender slots. Default: one folder

@@ -61,8 +61,8 @@ enum Command {
     Profiles(profiles::ProfilesArgs),
     /// Copy the SQLite database while the service runs.
     ///
-    /// The copy is a consistent snapshot that only the current user can read. It does not contain the files of jobs:
-    /// copy those after the database. The service deletes files that the copied database does not list, but it cannot
+    /// The copy is a consistent snapshot that only the current user can read. Copy the files of jobs separately,
+    /// after the database. The service deletes files that the copied database does not list, but it cannot
     /// restore missing files. Copy a PostgreSQL database with `pg_dump`.
     Backup(administration::BackupArgs),
     /// Print the settings of a command and the source of each, with secrets hidden.

@@ -12,7 +12,7 @@ pub struct ProcessArgs {
     /// Printing process to check the model against; `meshmend profiles` lists all.
     #[arg(long, env = "MESHMEND_PROCESS", value_name = "NAME")]
     process: Option<String>,
-    /// JSON file with limits that replace those of the process's profile, such as {"free_wall_mm": 1.2}.
+    /// JSON file with limits that replace those of the process's profile, such as `{"free_wall_mm": 1.2}`.
     #[arg(long, env = "MESHMEND_PROCESS_LIMITS", value_name = "FILE", requires = "process")]
     process_limits: Option<PathBuf>,
 }

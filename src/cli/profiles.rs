@@ -49,7 +49,7 @@ enum ProfilesCommand {
         tenant: TenantName,
         /// Name of the profile: lower-case letters, digits, hyphens, underscores and dots.
         name: String,
-        /// JSON file with the limits, such as {"based_on": "sls-pa12", "free_wall_mm": 1.2}.
+        /// JSON file with the limits, such as `{"based_on": "sls-pa12", "free_wall_mm": 1.2}`.
         limits: PathBuf,
         #[command(flatten)]
         data: DataArgs,

@@ -233,7 +233,7 @@ pub struct RepairOptionArgs {
     /// Widest crack to stitch, as a share of the model's diagonal. Default: 0.001.
     #[arg(long, env = "MESHMEND_STITCH_THRESHOLD")]
     stitch_threshold: Option<f64>,
-    /// Widest crack to stitch, in the model's unit. It replaces --stitch-threshold.
+    /// Widest crack to stitch, in the model's unit; replaces --stitch-threshold.
     #[arg(long, env = "MESHMEND_STITCH_DISTANCE")]
     stitch_distance: Option<f64>,
     /// Share of an edge's length at each end within which stitching uses the end vertex instead of splitting the

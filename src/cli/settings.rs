@@ -92,8 +92,8 @@ pub struct WorkArgs {
     /// Seconds without a heartbeat after which a job is taken from its worker.
     #[arg(long, env = "MESHMEND_LEASE_S", default_value_t = 15.0)]
     pub(super) lease_s: f64,
-    /// Seconds after which a job's processes are killed, in addition to the job's deadline_s and the 2 s plus 10 %
-    /// that a repair may overrun it.
+    /// Seconds by which a job may miss its deadline before its processes are killed. The deadline is `deadline_s` plus
+    /// 2 s and 10 %.
     #[arg(long, env = "MESHMEND_DEADLINE_GRACE_S", default_value_t = 5.0)]
     pub(super) deadline_grace_s: f64,
     /// Seconds that running jobs have to finish when the service is stopped.

@@ -51,7 +51,7 @@ pub struct SubmitArgs {
     /// What to do with the models.
     #[arg(long, env = "MESHMEND_MODE", value_enum, default_value_t)]
     mode: Task,
-    /// An option with its API name, such as level=full for an analysis. It overrides the flags below. May be
+    /// An option with its API name, such as level=full for an analysis; overrides the flags below. May be
     /// repeated.
     #[arg(long = "option", env = "MESHMEND_OPTION", value_name = "NAME=VALUE", value_delimiter = ';', value_parser = parse_option)]
     options: Vec<(String, Value)>,

@@ -40,8 +40,8 @@ pub struct MeasureArgs {
     build_volume: Option<[f64; 3]>,
     /// Size below which something counts as zero: a length in the model's unit, or with % a share of the bounding
     /// box's diagonal. 0 finds only exact cases. Separate several with commas, or repeat the flag: `0.01,slit=0.1%`.
-    /// Names: linear (used without a name); foldover_height, degenerate, slit, t_junction and sheet, which default to
-    /// linear; crack; tiny_part; and foldover_angle, in radians.
+    /// Names: `linear` (used without a name); `foldover_height`, `degenerate`, `slit`, `t_junction` and `sheet`, which
+    /// default to `linear`; `crack`; `tiny_part`; and `foldover_angle`, in radians.
     #[arg(long, env = "MESHMEND_TOLERANCE", value_name = "[NAME=]VALUE", value_parser = parse_tolerance, value_delimiter = ',', allow_negative_numbers = true)]
     tolerance: Vec<NamedTolerance>,
 }

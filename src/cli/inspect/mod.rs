@@ -46,9 +46,9 @@ pub struct InspectArgs {
     /// Print only whether the mesh is closed, manifold, consistent and outward.
     #[arg(short, long, env = "MESHMEND_ATTRIBUTES", conflicts_with = "good")]
     attributes: bool,
-    /// Print only whether the mesh is good, 1 or 0, and set the exit code accordingly. A good mesh has no defects,
-    /// every aspect ratio (longest edge over shortest altitude) is below RATIO, every edge angle is above ANGLE, in
-    /// radians, and every edge is longer than LENGTH.
+    /// Print only whether the mesh is good, 1 or 0, and set the exit code accordingly. A good mesh has no defects
+    /// and keeps three limits. Aspect ratios (longest edge over shortest altitude) are below RATIO, edge angles above
+    /// ANGLE, in radians, and edges longer than LENGTH.
     #[arg(short, long, env = "MESHMEND_GOOD", value_name = "RATIO,ANGLE,LENGTH", value_parser = inspected::parse_thresholds)]
     good: Option<Thresholds>,
     /// List every offending element with its place.
