@@ -16,6 +16,7 @@ use crate::inspect::{
 use crate::mesh::Soup;
 use crate::printing::profile::{ProcessLimits, checked_profile};
 use crate::printing::readiness::{AssessedFile, PrintReadiness, assess};
+use crate::printing::unit_candidates::{UnitCandidates, units_in_doubt};
 use crate::render::{Drawing, Marked, RenderError, draw_inspected, names_of_inspection};
 use crate::scene::{LengthUnit, Unit};
 
@@ -147,6 +148,9 @@ pub struct FileAnalysis {
     pub printable: Option<bool>,
     /// Inspection of the file, of the same structure as `before` and `after` of a repair report.
     pub inspection: Inspection,
+    /// The units that the file may have, if its unit is in doubt; absent if the unit is plausible.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit_candidates: Option<UnitCandidates>,
     /// Whether the file meets each rule of the process; absent without the option `process`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub print_ready: Option<PrintReadiness>,
@@ -233,6 +237,7 @@ impl<'a> Analyst<'a> {
         let (inspection, _) = inspect_analysis(&analysis, &self.options.inspect, &self.context)?;
         let print_ready = self.assess(&analysis, &inspection, bytes.len())?;
         drop(analysis);
+        let unit_candidates = units_in_doubt(&inspection, &unit, None);
         let measures = &inspection.measures;
         let warnings = mesh.warnings.iter().cloned().chain(measures.omitted()).collect();
         self.context.log(&format!("{}{}: {}", file_prefix(index, name, self.of), mesh.dialect, measures.in_short()));
@@ -245,6 +250,7 @@ impl<'a> Analyst<'a> {
             unit,
             printable: measures.verdict(),
             inspection,
+            unit_candidates,
             print_ready,
             warnings,
         });

@@ -234,13 +234,20 @@ impl ReadFile {
         let scaled = used != own;
         if scaled {
             let factor = own.to(used);
-            self.mesh.soup.positions.iter_mut().for_each(|p| *p *= factor);
-            self.scene = self.scene.take().map(|scene| scene.scaled(factor));
+            self.scale(factor);
         }
         if let Some(scene) = &mut self.scene {
             scene.unit = Some(used);
         }
         self.unit.insert(LengthUnit { used, source, scaled_from: scaled.then_some(own), up, note }).clone()
+    }
+
+    /// Scales all lengths by a factor. The unit stays.
+    pub fn scale(&mut self, factor: f64) {
+        if factor != 1.0 {
+            self.mesh.soup.positions.iter_mut().for_each(|p| *p *= factor);
+            self.scene = self.scene.take().map(|scene| scene.scaled(factor));
+        }
     }
 
     /// All triangles converted to `unit` and to the up axis `up`, without the file's normals. Without a scene, coordinates stay unchanged.

@@ -20,10 +20,13 @@ pub const OPENED_SKIN_SOURCE: u32 = u32::MAX - 2;
 /// The source of the walls and the bottom of an added base.
 pub const BASE_SOURCE: u32 = u32::MAX - 3;
 
+/// The source of surface that the options ask for: thickened walls, bores and struts.
+pub const REQUESTED_SOURCE: u32 = u32::MAX - 4;
+
 /// Whether a source marks a face without an input face.
 #[must_use]
 pub const fn is_generated(source: u32) -> bool {
-    source >= BASE_SOURCE
+    source >= REQUESTED_SOURCE
 }
 
 /// An indexed triangle surface. On construction positions are finite and pairwise different, and every index is in

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::features::{Features, find_features};
 use super::profile::{Limit, Profile};
 use super::rules::{PrintRule, RuleOutcome, RulePlace, RuleResult, Severity};
+use super::unit_candidates::units_of_box_in_doubt;
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Analysis, Measures, Solid};
 
@@ -21,6 +22,9 @@ pub struct PrintReadiness {
     /// The result for each rule of the profile.
     pub rules: Vec<RuleResult>,
 }
+
+/// What to do about a model that was scaled to a size of 1 or 2.
+const NORMALISED: &str = "The size says nothing about the unit; set `target_height_mm` or `target_longest_mm`.";
 
 /// A file to assess: the mesh as read from its bytes, and the number of these bytes.
 #[derive(Clone, Copy)]
@@ -50,6 +54,7 @@ pub fn assess(file: AssessedFile<'_>, profile: &Profile, context: &Context<'_>) 
     rules.push(part_volume_rule(&file, profile, context)?);
     rules.extend(escape_hole_rule(&file, profile, context)?);
     rules.extend(build_volume_rule(&file, profile));
+    rules.push(unit_rule(&file, profile));
     #[expect(clippy::cast_precision_loss, reason = "counts far below 2^53")]
     let counts = [
         (PrintRule::FaceCount, &profile.max_faces, file.measures.faces as f64),
@@ -191,6 +196,21 @@ fn escape_hole_rule(
     } else {
         RuleResult::fail(PrintRule::EscapeHoles, holes.diameter_mm, true, 0.0).at(places)
     }))
+}
+
+/// The rule about the unit. Measured are the millimetres of the file's unit, the limit those of the likely unit.
+fn unit_rule(file: &AssessedFile<'_>, profile: &Profile) -> RuleResult {
+    let (Some(bounds), Some(unit)) = (file.measures.bounding_box, file.analysis.subject.unit) else {
+        return RuleResult::undecided(PrintRule::Unit, None);
+    };
+    let volume = profile.build_volume_mm.as_ref().map(|volume| volume.size);
+    let Some(doubt) = units_of_box_in_doubt(bounds, unit, volume) else {
+        return RuleResult::pass(PrintRule::Unit, None, None);
+    };
+    match doubt.likely {
+        Some(likely) => RuleResult::fail(PrintRule::Unit, likely.millimetres(), false, unit.used.millimetres()),
+        None => RuleResult { remedy: Some(NORMALISED.to_owned()), ..RuleResult::undecided(PrintRule::Unit, None) },
+    }
 }
 
 /// The rule about the build volume; `None` if the process has no limit. Limit and measured value are the side length

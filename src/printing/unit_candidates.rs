@@ -7,8 +7,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::inspect::{BoundingBox, Inspection};
 use crate::math::Box3;
-use crate::scene::{Unit, UnitSource};
+use crate::scene::{LengthUnit, Unit, UnitSource};
 
 /// Each piece of evidence counts at most this much, and size and walls together at most `MOST_OF_SIZE`: they are
 /// correlated.
@@ -191,7 +192,8 @@ fn short(x: f64) -> String {
 }
 
 /// A unit that the file may have.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct UnitCandidate {
     /// The unit.
     pub unit: Unit,
@@ -206,7 +208,8 @@ pub struct UnitCandidate {
 }
 
 /// The candidates for a file's unit.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct UnitCandidates {
     /// All units, most likely first.
     pub ranked: Vec<UnitCandidate>,
@@ -233,6 +236,46 @@ impl fmt::Display for UnitCandidates {
             .collect();
         if words.is_empty() { Ok(()) } else { write!(f, ": {}", words.join("; ")) }
     }
+}
+
+/// The units that an inspected file may have, ranked; `None` if the unit is known and plausible.
+#[must_use]
+pub fn units_in_doubt(
+    inspection: &Inspection,
+    unit: &LengthUnit,
+    build_volume_mm: Option<[f64; 3]>,
+) -> Option<UnitCandidates> {
+    let wall = inspection.print.as_ref().and_then(|print| print.thinnest_wall.as_ref());
+    let bounds = inspection.measures.bounding_box?;
+    let walls = (wall.map(|wall| wall.median), wall.map(|wall| wall.thickness));
+    in_doubt(bounds, walls, unit, build_volume_mm)
+}
+
+/// The units that a file with these bounds may have, ranked; `None` if the unit is known and plausible.
+#[must_use]
+pub fn units_of_box_in_doubt(
+    bounds: BoundingBox,
+    unit: &LengthUnit,
+    build_volume_mm: Option<[f64; 3]>,
+) -> Option<UnitCandidates> {
+    in_doubt(bounds, (None, None), unit, build_volume_mm)
+}
+
+fn in_doubt(
+    bounds: BoundingBox,
+    walls: (Option<f64>, Option<f64>),
+    unit: &LengthUnit,
+    build_volume_mm: Option<[f64; 3]>,
+) -> Option<UnitCandidates> {
+    let mut evidence = SizeEvidence::of(Box3 { min: bounds.min.into(), max: bounds.max.into() });
+    (evidence.median_wall, evidence.least_wall) = walls;
+    evidence.stated = (unit.source != UnitSource::Assumed).then_some((unit.used, unit.source));
+    if let Some(volume) = build_volume_mm {
+        evidence.printed_mm[1] = volume.into_iter().fold(0.0, f64::max);
+    }
+    let candidates = unit_candidates(&evidence);
+    let is_in_doubt = candidates.likely.is_some() || candidates.normalised;
+    (is_in_doubt && unit.source != UnitSource::Declared).then_some(candidates)
 }
 
 /// Ranks the units that a file may have. O(n) in the number of lengths.

@@ -7,7 +7,7 @@ use super::escalation::{Attempts, Escalation};
 use super::export::{judged_soup, judging_format};
 use super::input::{Input, MeshSource, RepairError, RepairRequest, with_inspected_input};
 use super::judge::{Judged, rank_of_input, read_own, verdict_text};
-use super::options::{Category, Options, Preset};
+use super::options::{Category, Interior, Options, Preset};
 use super::options_not_applied::{Ending, options_not_applied};
 use super::plan::{categorise, make_plan};
 use super::prefix_cache::PrefixCache;
@@ -15,10 +15,11 @@ use super::presets::changes_printable;
 use super::report::{Candidate, ObjectReport, OmittedSection, Outcome, Plan};
 use super::report_draft::{ObjectPlace, ReportDraft};
 use super::runner::Runner;
-use crate::context::{Context, Progress, Stage};
+use crate::context::{Cancelled, Context, Progress, Stage};
 use crate::format::{Format, ReadFile};
 use crate::inspect::Measures;
 use crate::mesh::{Soup, Surface};
+use crate::printing::skin::recognise_double_shell;
 use crate::scene::Object;
 
 /// Repairs one body: makes a plan, runs its strategies, and inspects the best result. Results are judged in `format`.
@@ -32,7 +33,8 @@ pub(super) fn repair_body(
 ) -> Result<RepairedBody, RepairError> {
     let &RepairRequest { options, remesher, context, .. } = request;
     let baseline = Baseline::of(input, format, options, context)?;
-    let conclusion = if baseline.is_enough(options) {
+    let is_double_shell = is_double_shell(input, options, context)?;
+    let conclusion = if baseline.is_enough(options) && !is_double_shell {
         let mut conclusion =
             Conclusion::with_input(baseline.printable, "the input is already printable, so no strategy was run");
         conclusion.draft.outcome = Outcome::AlreadyPrintable;
@@ -46,9 +48,20 @@ pub(super) fn repair_body(
         conclusion
     } else {
         let cache = if request.reuses_prefixes { PrefixCache::default() } else { PrefixCache::disabled() };
-        attempt(input, baseline, Runner { options, format, remesher, context, time: input.time }, cache)?
+        let unit = input.analysis.subject.unit.cloned().unwrap_or_default();
+        let runner = Runner { options, format, remesher, context, time: input.time, unit: &unit };
+        attempt(input, baseline, runner, cache, is_double_shell)?
     };
     RepairedBody::of(conclusion, input, options, context)
+}
+
+/// Whether the options leave it to the repair to fill an interior, and the input is a double shell. A passed deadline counts as no.
+fn is_double_shell(input: &Input<'_>, options: &Options, context: &Context<'_>) -> Result<bool, Cancelled> {
+    if options.preset != Preset::Auto || options.print.interior != Interior::Auto || options.max_tier < 2 {
+        return Ok(false);
+    }
+    let shell = recognise_double_shell(&input.analysis.surface, context);
+    Ok(context.unless_late(shell)?.flatten().is_some())
 }
 
 /// The input as the baseline that a result must improve on.
@@ -97,6 +110,7 @@ fn attempt(
     baseline: Baseline,
     runner: Runner<'_>,
     cache: PrefixCache,
+    is_double_shell: bool,
 ) -> Result<Conclusion, RepairError> {
     let Runner { options, format, context, .. } = runner;
     let Baseline { measures, printable, fewer, mut warnings } = baseline;
@@ -104,7 +118,7 @@ fn attempt(
     let sheets = if measures.boundary_edges > 0 { escalation.sheet_share()? } else { 0.0 };
     let damage = if printable.is_some() { Category::Clean } else { categorise(&measures, sheets) };
     let category = options.category.filter(|_| options.preset == Preset::Auto).unwrap_or(damage);
-    let plan = make_plan(&measures, category, options);
+    let plan = make_plan(&measures, category, is_double_shell, options);
     context.log(&format!("plan: {} ({})", plan.preset.as_str(), plan.reason));
     let Attempts { steps, mut candidates, best } = escalation.run(&plan.strategies)?;
 

@@ -179,6 +179,26 @@ change_kinds! {
     SheetsThickened = "sheets_thickened",
     /// Rim edges closed.
     RimEdgesClosed = "rim_edges_closed",
+    /// Small openings sealed to fill the interior.
+    OpeningsSealed = "openings_sealed",
+    /// Pieces inside a filled interior removed.
+    InnerPiecesDropped = "inner_pieces_dropped",
+    /// Small separate solids removed.
+    IslandsDropped = "islands_dropped",
+    /// Small separate solids attached with struts.
+    IslandsAttached = "islands_attached",
+    /// Sealed cavities filled.
+    VoidsFilled = "voids_filled",
+    /// Sealed cavities opened with bores.
+    VoidsVented = "voids_vented",
+    /// Bores drilled.
+    VentsDrilled = "vents_drilled",
+    /// Sealed cavities that could not be vented.
+    VoidsLeft = "voids_left",
+    /// Thin regions of walls thickened.
+    WallsThickened = "walls_thickened",
+    /// Thin regions of walls that stayed thin.
+    ThinWallsLeft = "thin_walls_left",
     /// Boundary vertices merged within the weld tolerance.
     BoundaryVerticesMerged = "boundary_vertices_merged",
 }
@@ -197,6 +217,8 @@ impl ChangeKind {
                 | Self::CavitiesKept
                 | Self::SolidsInsideSolids
                 | Self::SolidsLeftOpen
+                | Self::VoidsLeft
+                | Self::ThinWallsLeft
         )
     }
 

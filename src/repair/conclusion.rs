@@ -4,7 +4,7 @@ use super::change::ChangeKind;
 use super::input::{Input, RepairError};
 use super::judge::Judged;
 use super::operators::thicken::THICKNESS;
-use super::options::{Category, Operator, Options, WindingRuleChoice};
+use super::options::{Category, Interior, Islands, Operator, Options, Preset, Voids, WindingRuleChoice};
 use super::presets::changes_printable;
 use super::report::{Assumption, AssumptionKind, Candidate, OmittedSection, Outcome, Plan, Step, StepStatus, Strategy};
 use super::report_draft::ReportDraft;
@@ -228,8 +228,34 @@ fn assumptions_of(conclusion: &Conclusion, judged: &Judged, input: &Input<'_>, o
     let strategy = conclusion.strategy.and_then(|index| conclusion.draft.plan.strategies.get(index as usize));
     all.extend(strategy.and_then(|strategy| winding_rule(&steps, strategy, before, options)));
     all.extend(pieces_dropped(judged, input));
-    all.extend(cavities(judged, input));
+    all.extend(cavities(judged, input, options));
+    all.extend(interior_filled(&steps, options));
+    all.extend(islands_dropped(&steps, options));
     all
+}
+
+/// The assumption that a double shell is meant as a solid, unless the options ask for it.
+fn interior_filled(steps: &[&Step], options: &Options) -> Option<Assumption> {
+    let is_filled = steps.iter().any(|step| step.operator == Some(Operator::FillInterior) && !step.changed.is_empty());
+    let is_own_decision = options.preset == Preset::Auto && options.print.interior == Interior::Auto;
+    (is_filled && is_own_decision).then(|| {
+        let sealed = changed(steps, Operator::FillInterior, ChangeKind::OpeningsSealed);
+        let openings = if sealed == 1 { "1 small opening".to_owned() } else { format!("{sealed} small openings") };
+        let detail = format!(
+            "The model is a double shell: two nested, nearly parallel skins around a void. The model was taken as a solid: the inner skin \
+             was removed, and {openings} in the outer skin were sealed."
+        );
+        Assumption::new(AssumptionKind::InteriorFilled, 1, detail).unless("interior=keep")
+    })
+}
+
+/// The assumption that small separate solids of a filled model are no part of it, unless the options ask to remove them.
+fn islands_dropped(steps: &[&Step], options: &Options) -> Option<Assumption> {
+    let count = changed(steps, Operator::TreatIslands, ChangeKind::IslandsDropped);
+    (count > 0 && options.print.islands == Islands::Auto).then(|| {
+        let detail = format!("{} removed.", counted(count, "small separate solid was", "small separate solids were"));
+        Assumption::new(AssumptionKind::PiecesDropped, count, detail).unless("islands=keep")
+    })
 }
 
 /// The operator's count of one kind of change.
@@ -357,17 +383,18 @@ fn pieces_dropped(judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
 }
 
 /// The assumptions of sealed cavities that were kept hollow or filled.
-fn cavities(judged: &Judged, input: &Analysis<'_>) -> Vec<Assumption> {
+fn cavities(judged: &Judged, input: &Analysis<'_>, options: &Options) -> Vec<Assumption> {
     let mut all = Vec::new();
     if !judged.cavities.is_empty() {
         let (count, volume) = (judged.cavities.len() as u64, judged.cavities.iter().map(|cavity| cavity.0).sum());
         let detail = format!("{} kept hollow.", counted(count, "sealed cavity was", "sealed cavities were"));
         let assumption = Assumption::new(AssumptionKind::CavitiesKept, count, detail).with_amount(volume);
-        all.push(assumption.at(judged.cavities.iter().map(|cavity| cavity.1)));
+        all.push(assumption.at(judged.cavities.iter().map(|cavity| cavity.1)).unless("voids=fill"));
     }
     let mut filled = parts_with_reason(judged, input, |reason| reason == PartReason::InsideAnother);
     filled.retain(|part| part.closed && part.volume < 0.0);
-    if !filled.is_empty() {
+    let is_requested = options.print.voids == Voids::Fill || options.print.interior == Interior::Fill;
+    if !filled.is_empty() && !is_requested {
         let (count, volume) = (filled.len() as u64, filled.iter().map(|cavity| cavity.volume.abs()).sum());
         let detail = format!("{} filled.", counted(count, "sealed cavity was", "sealed cavities were"));
         let assumption = Assumption::new(AssumptionKind::CavitiesFilled, count, detail).with_amount(volume);

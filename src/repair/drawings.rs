@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::judge::inspect_measured;
 use super::options::Options;
 use super::report::{OfferedFile, Report};
+use super::size::settle_size;
 use crate::analyze::{DrawError, subject};
 use crate::context::Context;
 use crate::format::{self, Limits, ReadOptions};
@@ -45,7 +46,8 @@ pub fn draw(
     context.check()?;
     let reading = |limits| ReadOptions { limits, twist_angle_deg: options.twist_angle_deg };
     let mut file = format::read_shape(input, &reading(*limits))?;
-    let unit = file.settle_unit(options.unit, options.scale_to);
+    // The repair refuses a file that cannot be scaled, so this cannot fail here.
+    let (unit, _) = settle_size(&mut file, options).unwrap_or_default();
     let analysis = Analysis::new(subject(&file.mesh, Some(&unit)), context)?;
     let (inspection, findings) = inspect_measured(&analysis, context)?;
     let before = Marked { soup: &file.mesh.soup, findings: &findings };

@@ -258,7 +258,7 @@ impl<'a> Escalation<'a> {
         let patches = patches_of(strategy);
         let verdict = if time.can_verify(result.surface.faces.len(), context) {
             let judging = Judging { format, input: self.input.original, options, context };
-            judging.judge(&result.surface, patches, result.added_surface.as_ref())
+            judging.judge_with_requests(result, patches)
         } else {
             Err(JudgeError::Cancelled(Cancelled))
         };

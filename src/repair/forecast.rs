@@ -43,7 +43,7 @@ impl Forecast {
             if remesh.with_cell(diagonal / resolution).apply(&mut coarse, judging.context)?.failed.is_some() {
                 return Ok(None);
             }
-            let Ok(judged) = judging.judge(&coarse, Patches::None, Some(added)) else {
+            let Ok(judged) = judging.judge(&coarse, Patches::None, Some(added), false) else {
                 return if judging.context.is_cancelled() { Err(Cancelled) } else { Ok(None) };
             };
             results.push(judged);

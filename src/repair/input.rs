@@ -104,7 +104,7 @@ impl Input<'_> {
         if self.time.can_verify(surface.faces.len(), context) {
             let start = context.now();
             let judging = Judging { format, input: self.original, options, context };
-            match judging.judge(surface, Patches::BySource, None) {
+            match judging.judge(surface, Patches::BySource, None, false) {
                 Ok(judged) => {
                     self.time.record_verification(surface.faces.len(), context.now().saturating_sub(start));
                     return Ok(Some(judged));

@@ -4,6 +4,7 @@ use super::options::{Options, OutputFormat};
 use super::part_accounting::{part_accounting, parts_dropped, surviving_input};
 use super::red_flags::{AddedSurface, Comparison, part_lost, red_flags, surface_invented};
 use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode};
+use super::tasks::SurfaceState;
 use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, WriteError};
@@ -89,7 +90,8 @@ pub(super) struct Judging<'a, 'i> {
 
 impl Judging<'_, '_> {
     /// Writes a mesh, reads the written bytes back and judges them, so that the verdict covers exactly the file that may be returned.
-    /// `before_remesh` is the surface added before a remesh.
+    /// `before_remesh` is the surface added before a remesh. If the interior was filled, the input's
+    /// volume is no reference.
     ///
     /// Judging may continue after the deadline until the end of verification. Details of a final result are left out after the deadline.
     ///
@@ -100,6 +102,7 @@ impl Judging<'_, '_> {
         surface: &Surface,
         patches: Patches,
         before_remesh: Option<&AddedSurface>,
+        is_interior_filled: bool,
     ) -> Result<Judged, JudgeError> {
         let &Self { format, input, options, context } = self;
         let verification = &context.for_verification();
@@ -131,6 +134,7 @@ impl Judging<'_, '_> {
             after: &measures,
             changes: &changes,
             surviving,
+            is_interior_filled,
         };
         let mut red_flags = red_flags(&comparison, options);
         red_flags.extend(part_lost(&part_accounting, context));
@@ -150,6 +154,24 @@ impl Judging<'_, '_> {
             details,
         };
         judged.assumptions.extend(same_inside(&judged, options.max_volume_change_pct));
+        Ok(judged)
+    }
+
+    /// Judges a strategy's result. If the options asked for changes to a sound model, such as thicker walls, the signs of damage are
+    /// those of the surface before these changes.
+    ///
+    /// # Errors
+    /// As [`Judging::judge`].
+    pub fn judge_with_requests(&self, result: &SurfaceState, patches: Patches) -> Result<Judged, JudgeError> {
+        let added = result.added_surface.as_ref();
+        let mut judged = self.judge(&result.surface, patches, added, result.is_interior_filled)?;
+        if let Some(before) = &result.before_requests {
+            let sound = self.judge(before, patches, added, result.is_interior_filled)?;
+            let of_whole = [RedFlagCode::PartLost, RedFlagCode::Deviation];
+            judged.red_flags.retain(|flag| of_whole.contains(&flag.code));
+            judged.red_flags.extend(sound.red_flags.into_iter().filter(|flag| !of_whole.contains(&flag.code)));
+            (judged.assumptions, judged.added_surface) = (sound.assumptions, sound.added_surface);
+        }
         Ok(judged)
     }
 

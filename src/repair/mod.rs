@@ -32,6 +32,7 @@ mod report;
 mod report_draft;
 mod runner;
 pub mod sheets;
+mod size;
 pub mod solid_skin;
 mod tasks;
 mod time_budget;
@@ -43,8 +44,8 @@ pub use change::{Change, ChangeKind};
 pub use drawings::draw;
 pub use input::RepairError;
 pub use options::{
-    Category, Interior, Islands, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, PrintOptions, Require,
-    Voids, WallGrowth, WindingRuleChoice,
+    Category, Interior, Islands, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, PrintOptions,
+    Require, Voids, WallGrowth, WindingRuleChoice,
 };
 pub use options_not_applied::options_accounted_for;
 pub use part_accounting::part_accounting;

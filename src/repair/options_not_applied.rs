@@ -5,7 +5,7 @@
 
 use serde_json::Value;
 
-use super::options::{Merge, OpenSheets, Operator, Options, Overlaps, Preset};
+use super::options::{Interior, Islands, Merge, OpenSheets, Operator, Options, Overlaps, Preset, Voids};
 use super::presets::remesh_action;
 use super::report::{NotAppliedCause, OptionNotApplied, Step, StepStatus};
 use super::tasks::ExecutedStep;
@@ -34,6 +34,7 @@ enum OperatorRule {
     DegenerateTolerance,
     OpenSheets,
     Thickness,
+    Voids,
 }
 
 /// The options with their own rules.
@@ -47,6 +48,8 @@ enum SpecialRule {
     Overlaps,
     MaxHoleSize,
     MaxHoles,
+    Interior,
+    Islands,
 }
 
 /// Every option with its rule, in the order of [`Options`].
@@ -124,6 +127,18 @@ const RULES: &[(&str, Rule)] = {
         ("voxel_resolution", Remesh),
         ("max_remesh_faces", Remesh),
         ("pictures", Always),
+        ("process", Always),
+        ("process_limits", Always),
+        ("min_wall", Operators(OperatorRule::Plain, &[O::ThickenWalls], "no wall is thinner")),
+        ("thicken_to_process", Operators(OperatorRule::Plain, &[O::ThickenWalls], "no wall is thinner")),
+        ("wall_growth", Operators(OperatorRule::Plain, &[O::ThickenWalls], "no wall was thickened")),
+        ("interior", Rule::Special(SpecialRule::Interior)),
+        ("seal_mm", Operators(OperatorRule::Plain, &[O::FillInterior], "the interior was not filled")),
+        ("islands", Rule::Special(SpecialRule::Islands)),
+        ("voids", Operators(OperatorRule::Voids, &[O::FillVoids, O::VentVoids], "the model has no sealed cavity")),
+        ("vent_diameter_mm", Operators(OperatorRule::Plain, &[O::VentVoids], "no cavity was vented")),
+        ("target_height_mm", Always),
+        ("target_longest_mm", Always),
     ]
 };
 
@@ -210,6 +225,7 @@ fn asks_for_change(options: &Options, name: &str, by: OperatorRule) -> bool {
     match by {
         OperatorRule::StitchEpsilon => true,
         OperatorRule::OpenSheets => options.open_sheets != OpenSheets::Leave,
+        OperatorRule::Voids => options.print.voids != Voids::Keep,
         OperatorRule::WeldTolerance => !is_zero && options.weld_tolerance >= defaults.weld_tolerance,
         OperatorRule::DegenerateTolerance => !is_zero && options.degenerate_tolerance >= defaults.degenerate_tolerance,
         OperatorRule::Plain | OperatorRule::StitchThreshold | OperatorRule::Thickness => !is_zero,
@@ -323,6 +339,15 @@ impl OptionCheck<'_> {
             SpecialRule::MaxHoleSize | SpecialRule::MaxHoles if self.is_remeshed() => {
                 Some((NotAppliedCause::Limited, "the surface was remeshed, which closes every hole".to_owned()))
             }
+            SpecialRule::Interior if self.options.print.interior == Interior::Fill => {
+                self.of_operators(OperatorRule::Plain, &[Operator::FillInterior], "the model has no space to fill")
+            }
+            SpecialRule::Islands if matches!(self.options.print.islands, Islands::Drop | Islands::Attach) => self
+                .of_operators(
+                    OperatorRule::Plain,
+                    &[Operator::TreatIslands, Operator::FillInterior],
+                    "no separate solid is this small",
+                ),
             SpecialRule::MaxHoles if self.has_patched_regions() => {
                 Some((NotAppliedCause::Limited, "`clean_and_patch` closes the holes that it opens".to_owned()))
             }

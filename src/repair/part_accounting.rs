@@ -45,7 +45,9 @@ fn reasons_of_absence(
     let volumes = volumes_enclosed(input, missed, context)?;
     let enclosed: f64 = result.solids.iter().map(|solid| solid.volume).sum();
     let all = enclosed + volumes.iter().sum::<f64>();
-    let least = options.min_part_volume_pct / 100.0 * all * MARGIN;
+    let millimetres = input.subject.unit.map_or(1.0, |unit| unit.used.millimetres());
+    let small = options.print.islands.drops().then(|| options.print.min_island_volume(millimetres, || all));
+    let least = (options.min_part_volume_pct / 100.0 * all).max(small.unwrap_or(0.0)) * MARGIN;
     let open = input.parts.open(&input.edges);
     let mut faces = vec![0usize; input.parts.count];
     for &part in input.parts.of_face.iter().filter(|&&part| part != Parts::NONE) {

@@ -15,6 +15,7 @@ use super::print_ready::assess_output;
 use super::remesher::Remesher;
 use super::report::{Assumption, FileSummary, OmittedSection, Report};
 use super::report_draft::FileDetails;
+use super::size::{other_units, settle_size};
 use super::time_budget::with_overrun;
 use crate::context::{Context, Stage};
 use crate::format::{self, Format, Limits, ReadFile, ReadOptions};
@@ -91,6 +92,8 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
             options_not_applied: merge_not_applied(options, file.has_objects(), opened.separate_objects),
             warnings: scene.and_then(|scene| format::losses_in_words(scene, opened.format)).into_iter().collect(),
         });
+        report.unit_candidates = other_units(&report);
+        report.scaled_by = (opened.scaled_by != 1.0).then_some(opened.scaled_by);
         if let Some(profile) = options.print.profile().filter(|_| report.output.is_some()) {
             let readiness = assess_output(&repaired.bytes, &report, &profile, &context.for_verification())?;
             report.set_print_ready(readiness);
@@ -108,6 +111,8 @@ struct OpenedFile {
     file: ReadFile,
     /// The format of the result.
     format: Format,
+    /// Factor by which the model was scaled to the size that the options ask for; 1 without such a request.
+    scaled_by: f64,
     /// Whether objects are repaired separately.
     separate_objects: bool,
     /// Whether the file may be returned byte for byte.
@@ -118,7 +123,7 @@ impl OpenedFile {
     fn read(bytes: &[u8], options: &Options, limits: &Limits) -> Result<Self, RepairError> {
         let read_options = ReadOptions { limits: *limits, twist_angle_deg: options.twist_angle_deg };
         let mut file = format::read_file(bytes, &read_options)?;
-        let unit = file.settle_unit(options.unit, options.scale_to);
+        let (unit, scaled_by) = settle_size(&mut file, options)?;
         let format = options.output.resolve(&file);
         let separate_objects = keeps_objects_separate(&mut file, format, options);
         // An archive cannot be returned in place of the model inside it.
@@ -126,8 +131,9 @@ impl OpenedFile {
         let may_return_input = format == file.mesh.format
             && is_not_in_archive
             && unit.scaled_from.is_none()
+            && scaled_by == 1.0
             && (separate_objects || !file.has_objects());
-        Ok(Self { file, format, separate_objects, may_return_input })
+        Ok(Self { file, format, scaled_by, separate_objects, may_return_input })
     }
 
     /// Repairs the file's bodies and assembles their results.

@@ -1,6 +1,6 @@
 //! The plan of a repair: the category of a model, and the strategies that follow from it and from the options.
 
-use super::options::{Category, OpenSheets, Operator, Options, Overlaps, Preset};
+use super::options::{Category, Interior, OpenSheets, Operator, Options, Overlaps, Preset};
 use super::presets::{RECIPES, planned, preset_for, tier_of, with_requests};
 use super::report::{Action, Plan, PlannedAction, Strategy, When};
 use super::sheets::SHEET_SHARE;
@@ -18,7 +18,7 @@ use crate::inspect::Measures;
 /// if there are several parts, which may overlap or lie inside each other, or non-manifold edges, which often arise where solids touch. A
 /// voxel remesh accepts any mesh and keeps no face. The preset `blender-remesh` runs only the voxel remesh.
 #[must_use]
-pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Plan {
+pub fn make_plan(before: &Measures, category: Category, is_double_shell: bool, options: &Options) -> Plan {
     let (preset, reason) = match options.preset {
         Preset::Auto => {
             let (preset, reason) = if category == Category::OpenSheet && asks_for_solids(options) {
@@ -34,7 +34,9 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         }
         requested => (requested, format!("the options set the preset `{}`", requested.as_str())),
     };
-    let mut strategies = Vec::new();
+    let (filling, preset_and_reason) = filling_plan(is_double_shell, options, (preset, reason));
+    let (plan_preset, reason) = preset_and_reason;
+    let mut strategies: Vec<Strategy> = filling.into_iter().collect();
     let mut with_overlaps = None;
     if preset != Preset::BlenderRemesh {
         strategies.extend(strategy(preset, options, options.max_tier, None));
@@ -75,7 +77,25 @@ pub fn make_plan(before: &Measures, category: Category, options: &Options) -> Pl
         strategies.extend(strategy(Preset::FillHoles, options, 1, None));
     }
     let strategies = strategies.into_iter().map(|strategy| with_requests(strategy, options)).collect();
-    Plan { category, preset, reason, strategies }
+    Plan { category, preset: plan_preset, reason, strategies }
+}
+
+/// The strategy that fills the interior, if the model is a double shell or the options ask for a solid, with the plan's preset and reason.
+fn filling_plan(
+    is_double_shell: bool,
+    options: &Options,
+    usual: (Preset, String),
+) -> (Option<Strategy>, (Preset, String)) {
+    let is_requested = options.print.interior == Interior::Fill;
+    if options.preset == Preset::Generated || !(is_requested || is_double_shell) || options.max_tier < 2 {
+        return (None, usual);
+    }
+    let reason = if is_requested {
+        "the options ask to fill the interior, so the preset `generated` is tried first"
+    } else {
+        "the model is a double shell, as generators of 3D models make them, so the preset `generated` was chosen"
+    };
+    (strategy(Preset::Generated, options, options.max_tier, None), (Preset::Generated, reason.to_owned()))
 }
 
 /// The strategy of a preset: its actions up to a tier, with `instead_of_voxels` in place of the voxel remesh. The options may add a

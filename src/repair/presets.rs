@@ -1,6 +1,8 @@
 //! Presets as data: the actions of each preset, the operators of each action, and the operators that options add.
 
-use super::options::{Category, Nested, OpenSheets, Operator, Options, Preset, WindingRuleChoice};
+use super::options::{
+    Category, Interior, Islands, Nested, OpenSheets, Operator, Options, Preset, Voids, WindingRuleChoice,
+};
 use super::remesher::RemeshAction;
 use super::report::{Action, PlannedAction, Strategy, When};
 
@@ -19,7 +21,7 @@ pub(super) struct Recipe {
 /// - Cracks are stitched before edges are split or holes filled; both would leave slivers in the cracks.
 /// - Intersections are resolved last, because only closed surface has an inside. Coincident vertices are moved apart after all operators
 ///   that move or create faces.
-pub(super) const RECIPES: [Recipe; 6] = {
+pub(super) const RECIPES: [Recipe; 7] = {
     use Action::{BasicCleanup, FillHoles, FixNormals, Validate, VoxelRemesh};
     [
         Recipe { preset: Preset::BasicCleanup, actions: &[BasicCleanup, FixNormals, Validate] },
@@ -27,6 +29,17 @@ pub(super) const RECIPES: [Recipe; 6] = {
         Recipe { preset: Preset::FullRepair, actions: &tier_2_actions(Action::FullRepair) },
         Recipe { preset: Preset::ConservativeRepair, actions: &tier_2_actions(Action::ConservativeRepair) },
         Recipe { preset: Preset::ManifoldRepair, actions: &tier_2_actions(Action::MakeManifold) },
+        Recipe {
+            preset: Preset::Generated,
+            actions: &[
+                BasicCleanup,
+                Action::FillInterior,
+                FixNormals,
+                Action::SelfUnion,
+                Action::TreatIslands,
+                Validate,
+            ],
+        },
         // A voxel remesh keeps only what is enclosed, so holes are closed before it.
         Recipe {
             preset: Preset::BlenderRemesh,
@@ -90,6 +103,10 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
             O::DetachFins,
             O::CutNonOrientable,
         ],
+        Action::FillInterior => &[O::FillInterior],
+        Action::TreatIslands => &[O::TreatIslands],
+        Action::TreatVoids => &[O::FillVoids, O::VentVoids],
+        Action::ThickenWalls => &[O::ThickenWalls],
         Action::CleanAndPatch => &[O::CleanAndPatch],
         Action::DropSmallParts => &[O::DropSmallParts],
         Action::Simplify => &[O::Simplify],
@@ -105,6 +122,7 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
 pub(super) fn planned(action: Action, options: &Options) -> PlannedAction {
     let runs = |operator: &Operator| {
         let is_requested = match operator {
+            Operator::TreatIslands => options.print.islands.drops(),
             Operator::MergeVertices => options.merge_distance.is_some_and(|distance| distance > 0.0),
             _ => !operator.is_on_request() || options.with.contains(operator),
         };
@@ -157,6 +175,10 @@ pub(super) fn tier_of(action: Action) -> u8 {
         | Action::CloseSheets
         | Action::SelfUnion
         | Action::Perturb
+        | Action::FillInterior
+        | Action::TreatIslands
+        | Action::TreatVoids
+        | Action::ThickenWalls
         | Action::NativeRemesh => 2,
         Action::VoxelRemesh | Action::BooleanUnion => 3,
         _ => 2,
@@ -173,8 +195,9 @@ pub(super) fn remesh_action(action: Action) -> Option<RemeshAction> {
 }
 
 /// The actions in the order in which a strategy runs them.
-const ORDER: [Action; 16] = [
+const ORDER: [Action; 20] = [
     Action::BasicCleanup,
+    Action::FillInterior,
     Action::FixNormals,
     Action::Stitch,
     Action::FullRepair,
@@ -188,6 +211,9 @@ const ORDER: [Action; 16] = [
     Action::VoxelRemesh,
     Action::Perturb,
     Action::DropSmallParts,
+    Action::TreatIslands,
+    Action::TreatVoids,
+    Action::ThickenWalls,
     Action::Simplify,
     Action::Validate,
 ];
@@ -199,6 +225,7 @@ pub(super) fn changes_printable(options: &Options) -> bool {
     let affects_closed = |operator: &Operator| !matches!(operator, Operator::Sew | Operator::Stitch);
     options.preset != Preset::Auto
         || options.category.is_some()
+        || options.print.interior == Interior::Fill
         || operators_asked_for(options).iter().any(affects_closed)
 }
 
@@ -216,6 +243,10 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
         (above_zero(options.sew_ratio), Operator::Sew),
         (above_zero(options.stitch_threshold) || above_zero(options.stitch_distance), Operator::Stitch),
         (options.min_part_volume_pct > 0.0, Operator::DropSmallParts),
+        (matches!(options.print.islands, Islands::Drop | Islands::Attach), Operator::TreatIslands),
+        (options.print.voids == Voids::Fill, Operator::FillVoids),
+        (options.print.voids == Voids::Vent, Operator::VentVoids),
+        (options.print.wall_to_reach_mm().is_some(), Operator::ThickenWalls),
     ];
     let requested = requested.into_iter().filter(|(is_requested, _)| *is_requested).map(|(_, operator)| operator);
     let mut all: Vec<Operator> = requested.chain(options.with.iter().copied()).collect();
@@ -282,6 +313,10 @@ fn action_for(operator: Operator) -> Action {
         O::Remesh => Action::NativeRemesh,
         O::Perturb => Action::Perturb,
         O::DropSmallParts => Action::DropSmallParts,
+        O::FillInterior => Action::FillInterior,
+        O::TreatIslands => Action::TreatIslands,
+        O::FillVoids | O::VentVoids => Action::TreatVoids,
+        O::ThickenWalls => Action::ThickenWalls,
         O::Simplify => Action::Simplify,
     }
 }

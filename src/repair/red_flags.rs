@@ -44,6 +44,8 @@ pub struct Comparison<'a> {
     pub changes: &'a Changes,
     /// The faces, vertices and parts of the input that the result still has.
     pub surviving: SurvivingInput,
+    /// Whether the interior was filled, so that the input's volume is no reference.
+    pub is_interior_filled: bool,
 }
 
 /// The red flags of a result: signs that the repair damaged the model.
@@ -115,7 +117,9 @@ impl Comparison<'_> {
     fn volume_change(&self, options: &Options) -> Option<RedFlag> {
         let &Self { before, settled, after, changes, .. } = self;
         // If the options redefine what is solid, the input's volume is no reference.
-        let is_redefined = options.nested == Nested::Alternate || options.winding_rule != WindingRuleChoice::Auto;
+        let is_redefined = self.is_interior_filled
+            || options.nested == Nested::Alternate
+            || options.winding_rule != WindingRuleChoice::Auto;
         // A request to make sheets solid changes the volume on purpose.
         let asked_for_shell = matches!(options.open_sheets, OpenSheets::Thicken | OpenSheets::Base) && !before.closed;
         let (value, detail) = match changes.volume_overlap_pct.filter(|_| !is_redefined) {

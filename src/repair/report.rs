@@ -17,6 +17,7 @@ use super::options::Require;
 use crate::format::Format;
 use crate::inspect::{Changes, Inspection, Measures, PartAccounting};
 use crate::printing::readiness::PrintReadiness;
+use crate::printing::unit_candidates::UnitCandidates;
 use crate::scene::LengthUnit;
 
 /// The version of [`Report`]'s structure.
@@ -59,6 +60,12 @@ pub struct Report {
     pub options: ReportedOptions,
     /// The unit of every length in this report and of the result.
     pub unit: LengthUnit,
+    /// Factor by which the model was scaled, before any inspection, to the size that the options ask for. Missing without such a request.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scaled_by: Option<f64>,
+    /// The units that the file may have, if its unit is in doubt. Missing if the unit is plausible.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit_candidates: Option<UnitCandidates>,
     /// The inspection of the input after its unit was settled, before any repair. All objects are in their places, as one mesh.
     pub before: Inspection,
     /// The inspection of the result, read back from its own bytes. If separate objects intersect, each may be printable while the whole is

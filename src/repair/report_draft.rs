@@ -97,6 +97,8 @@ impl ReportDraft {
             output: self.after.is_some().then_some(file.output),
             options: file.options.clone().into(),
             unit: file.input.analysis.subject.unit.cloned().unwrap_or_default(),
+            scaled_by: None,
+            unit_candidates: None,
             before: file.input.before.clone(),
             verified_from_output_bytes: self.after.is_some(),
             after: self.after,

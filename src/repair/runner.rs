@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use glam::DVec3;
+
 use super::change::{Change, ChangeKind};
 use super::operators::remesh::reduce_remeshed;
 use super::operators::{Applied, Counts, Failure, Scope};
@@ -18,6 +20,7 @@ use crate::context::{Cancelled, Context, Stage};
 use crate::format::Format;
 use crate::inspect::{Analysis, doubled_areas, thin_walls};
 use crate::mesh::{NO_SOURCE, Surface, is_generated};
+use crate::scene::{LengthUnit, Up};
 
 /// Triangles of a remesh per area of a voxel's side: a surface of area A crosses at most 1.74 A / size^2 sides, and each side makes two
 /// triangles.
@@ -46,6 +49,8 @@ pub(super) struct Runner<'a> {
     pub context: &'a Context<'a>,
     /// The division of the repair's time.
     pub time: &'a TimeBudget,
+    /// The unit of the model.
+    pub unit: &'a LengthUnit,
 }
 
 /// The result of running a task.
@@ -175,6 +180,10 @@ impl Runner<'_> {
             } else {
                 *counts = Some(after);
                 state.moved += moved;
+                state.is_interior_filled |= operator == Operator::FillInterior;
+                if operator.changes_sound_model() && state.before_requests.is_none() {
+                    state.before_requests = Some(Box::new(kept));
+                }
             }
         }
         if let Some(why) = &run.failure {
@@ -215,6 +224,8 @@ impl Runner<'_> {
             pairing,
             winding_rule,
             closes_sheets: closes_sheets(strategy),
+            millimetres: self.unit.used.millimetres(),
+            up: if self.unit.up == Some(Up::Y) { DVec3::Y } else { DVec3::Z },
             max_deviation,
         }
     }

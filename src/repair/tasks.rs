@@ -50,6 +50,10 @@ pub(super) struct SurfaceState {
     pub moved: f64,
     /// Number of holes of solids that stay open because they exceed the options' limits.
     over_limit: u64,
+    /// Whether the interior was filled, so that the input's volume is no reference.
+    pub is_interior_filled: bool,
+    /// The surface before the first change to a sound model that the options ask for, such as thicker walls; none before such a change.
+    pub before_requests: Option<Box<Surface>>,
     /// The surface added before a remesh, which the remeshed faces no longer show.
     pub added_surface: Option<AddedSurface>,
 }
@@ -57,7 +61,15 @@ pub(super) struct SurfaceState {
 impl SurfaceState {
     /// Makes the state at the start of a repair.
     pub fn new(surface: Surface) -> Self {
-        Self { surface, counts: None, moved: 0.0, over_limit: 0, added_surface: None }
+        Self {
+            surface,
+            counts: None,
+            moved: 0.0,
+            over_limit: 0,
+            is_interior_filled: false,
+            before_requests: None,
+            added_surface: None,
+        }
     }
 
     /// Records the holes that a step left open, including a step reused from an earlier strategy.

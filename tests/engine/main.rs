@@ -32,6 +32,10 @@ mod part_accounting;
 mod pipeline;
 mod print;
 mod printable;
+mod process;
+#[allow(dead_code, reason = "shared with the tests of the documents")]
+#[path = "../support/prose.rs"]
+mod prose;
 mod remesh;
 mod render;
 mod sheets;

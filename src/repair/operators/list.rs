@@ -5,8 +5,9 @@
 use super::names::Operator;
 use super::operator::{Applied, Counter, Counts, Operation, Scope};
 use super::{
-    base, clean_and_patch, cut_non_orientable, debris, degenerate, duplicates, foldovers, holes, internal_faces, join,
-    orient, perturb, remesh, rounding, self_union, slivers, split_non_manifold, stitch, t_junctions, thicken, weld,
+    base, clean_and_patch, cut_non_orientable, debris, degenerate, duplicates, fill_interior, foldovers, holes,
+    internal_faces, islands, join, orient, perturb, remesh, rounding, self_union, slivers, split_non_manifold, stitch,
+    t_junctions, thicken, thicken_walls, voids, weld,
 };
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Context};
@@ -44,6 +45,13 @@ macro_rules! operations {
             pub fn is_on_request(self) -> bool {
                 match self {
                     $(Self::$name => <$operation>::IS_ON_REQUEST,)*
+                }
+            }
+
+            /// Whether the operator changes a sound model because an option asks for the change.
+            pub(crate) fn changes_sound_model(self) -> bool {
+                match self {
+                    $(Self::$name => <$operation>::CHANGES_SOUND_MODEL,)*
                 }
             }
 
@@ -94,6 +102,11 @@ operations! {
     RemoveDebris => debris::RemoveDebris,
     Perturb => perturb::Perturb,
     DropSmallParts => debris::DropSmallParts,
+    TreatIslands => islands::TreatIslands,
+    FillInterior => fill_interior::FillInterior,
+    ThickenWalls => thicken_walls::ThickenWalls,
+    FillVoids => voids::FillVoids,
+    VentVoids => voids::VentVoids,
     Simplify => remesh::ReduceFaces,
 }
 

@@ -7,6 +7,7 @@
 mod border;
 mod face_pairs;
 mod free_positions;
+mod layer_union;
 mod list;
 mod local_edits;
 mod names;
@@ -20,9 +21,11 @@ pub mod cut_non_orientable;
 pub mod debris;
 pub mod degenerate;
 pub mod duplicates;
+mod fill_interior;
 pub mod foldovers;
 pub mod holes;
 pub mod internal_faces;
+mod islands;
 pub mod join;
 pub mod orient;
 pub mod perturb;
@@ -33,6 +36,8 @@ pub mod split_non_manifold;
 pub mod stitch;
 pub mod t_junctions;
 pub mod thicken;
+mod thicken_walls;
+mod voids;
 pub mod weld;
 
 pub(super) use border::OpenParts;

@@ -91,6 +91,16 @@ operators! {
         Perturb = "perturb",
         /// Remove closed parts smaller than `min_part_volume_pct`.
         DropSmallParts = "drop_small_parts",
+        /// Keep the outer skin of a model, seal small openings, and fill the space inside.
+        FillInterior = "fill_interior",
+        /// Remove small separate solids, or attach them, as `islands` asks.
+        TreatIslands = "treat_islands",
+        /// Fill sealed cavities.
+        FillVoids = "fill_voids",
+        /// Drill holes into sealed cavities.
+        VentVoids = "vent_voids",
+        /// Thicken walls that are thinner than `min_wall`.
+        ThickenWalls = "thicken_walls",
         /// Remove faces by collapsing edges, as far as the options ask.
         Simplify = "simplify",
     }

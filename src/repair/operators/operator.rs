@@ -2,6 +2,8 @@
 //!
 //! Each operator implements [`Operation`]; the pipeline checks the claims with [`Counts`] after every run.
 
+use glam::DVec3;
+
 use super::face_pairs::Pairing;
 use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
@@ -24,6 +26,10 @@ pub(crate) struct Scope<'a> {
     pub winding_rule: WindingRule,
     /// Whether open sheets become solids.
     pub closes_sheets: bool,
+    /// Length of the model's unit, in millimetres.
+    pub millimetres: f64,
+    /// The model's upward direction.
+    pub up: DVec3,
     /// How far a vertex may still move, in the model's unit: the option minus the moves of earlier operators.
     pub max_deviation: f64,
 }
@@ -39,6 +45,9 @@ pub(crate) trait Operation: Sized {
     const ACTS_ON: &'static [Counter] = &[];
     /// Whether plans omit the operator unless the option `with` names it.
     const IS_ON_REQUEST: bool = false;
+    /// Whether the operator changes a sound model because an option asks for the change. The signs of damage are then looked for in the
+    /// surface before the change.
+    const CHANGES_SOUND_MODEL: bool = false;
 
     /// Creates the operator for `surface` with parameters derived from `scope`.
     fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self;

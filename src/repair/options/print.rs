@@ -97,6 +97,14 @@ pub enum Islands {
     Attach,
 }
 
+impl Islands {
+    /// Whether small solids may be removed. `auto` removes them only where an interior is filled.
+    #[must_use]
+    pub fn drops(self) -> bool {
+        self != Self::Keep
+    }
+}
+
 /// The treatment of sealed cavities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -114,6 +122,8 @@ pub enum Voids {
 
 /// Diameter of vents without a process, in millimetres.
 const VENT_DIAMETER_MM: f64 = 4.0;
+/// Volume of a solid that counts as an island without a process, as a share of the whole.
+const ISLAND_SHARE: f64 = 1e-4;
 
 impl PrintOptions {
     /// Checks that each option is within its range, and that the process exists.
@@ -155,6 +165,13 @@ impl PrintOptions {
     pub fn wall_to_reach_mm(&self) -> Option<f64> {
         let of_process = || self.profile().map(|profile| profile.free_wall_mm.limit);
         self.min_wall.or_else(|| if self.thicken_to_process { of_process() } else { None })
+    }
+
+    /// Least volume of a separate solid, in cubic units of `millimetres` length: the limit of the process, or a share of `whole`.
+    #[must_use]
+    pub fn min_island_volume(&self, millimetres: f64, whole: impl FnOnce() -> f64) -> f64 {
+        self.profile()
+            .map_or_else(|| whole() * ISLAND_SHARE, |profile| profile.part_volume_mm3.limit / millimetres.powi(3))
     }
 
     /// Diameter of vents, in millimetres, and their number per cavity.

@@ -38,6 +38,14 @@ pub enum Action {
     Simplify,
     /// Tier 1: remove closed parts smaller than `min_part_volume_pct`.
     DropSmallParts,
+    /// Tier 2: keep the outer skin of a generated model, seal small openings and fill the inside.
+    FillInterior,
+    /// Tier 2: remove or attach small separate solids as `islands` asks.
+    TreatIslands,
+    /// Tier 2: fill or vent sealed cavities as `voids` asks.
+    TreatVoids,
+    /// Tier 2: thicken walls that are thinner than `min_wall`.
+    ThickenWalls,
     /// Tier 2: rebuild the surface around the enclosed space.
     NativeRemesh,
     /// Tier 3: voxel remesh with Blender (MeshPrep's `blender_remesh`).

@@ -11,10 +11,8 @@ use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Overlaps, WindingRuleChoice};
 pub use rounds::SelfUnionRounds;
-use rounds::{
-    MAX_PIECES_PER_FACE, Rounds, Totals, append, count, crossings, dense_faces, grid_step, index,
-    is_manifold_by_position, snap,
-};
+pub(super) use rounds::is_manifold_by_position;
+use rounds::{MAX_PIECES_PER_FACE, Rounds, Totals, append, count, crossings, dense_faces, grid_step, index, snap};
 
 /// Grid resolution in bits for dense clusters of intersections, which are snapped first. A thousand faces through one point
 /// would otherwise be split into more pieces than there are positions.

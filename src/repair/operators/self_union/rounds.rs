@@ -301,7 +301,7 @@ pub(super) fn append(surface: &mut Surface, other: Surface) {
 }
 
 /// Whether a reader that merges vertices by f32 position finds a closed, oriented manifold.
-pub(super) fn is_manifold_by_position(surface: &Surface) -> bool {
+pub(in crate::repair::operators) fn is_manifold_by_position(surface: &Surface) -> bool {
     let mut welded = surface.clone();
     round_to_f32(&mut welded);
     weld_exactly(&mut welded);

@@ -1,0 +1,71 @@
+//! Keeps the outer skin of a model and fills the space inside, as the option `interior` asks.
+
+use super::operator::{Applied, Counter, Operation, Scope};
+use crate::math::Precision;
+use crate::mesh::Surface;
+use crate::printing::skin::{DropReason, OuterSkinError};
+use crate::repair::solid_skin::{Islands, SkinError, SkinOptions, solid_skin};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
+
+/// Replaces a model by the boundary of all that air cannot reach from outside through openings wider than the seal.
+///
+/// ```text
+///    +--- ---+        +-------+
+///    |+--- -+|        |       |
+///    ||     ||   ->   |       |
+///    |+-----+|        |       |
+///    +-------+        +-------+
+/// ```
+///
+/// Precondition: welded; the surface may be open, intersect itself and have any orientation. Result: closed, oriented
+/// outward, without intersections; faces of the outer skin stay. Leaves: a surface that encloses nothing.
+#[derive(Debug, Clone, Copy)]
+pub struct FillInterior {
+    seal: Option<f64>,
+    precision: Precision,
+}
+
+impl Operation for FillInterior {
+    const FIXES: &'static [Counter] = &[
+        Counter::BoundaryEdges,
+        Counter::NonManifoldEdges,
+        Counter::MisorientedEdges,
+        Counter::PinchedVertices,
+        Counter::DuplicateFaces,
+    ];
+    const MAY_RAISE: &'static [Counter] = &[Counter::DegenerateFaces];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let seal = scope.options.print.seal_mm.map(|seal| seal / scope.millimetres);
+        Self { seal, precision: scope.format.precision() }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        // Islands are a separate operator, so that the signs of damage are looked for before they go.
+        let islands = Islands::Keep;
+        let options = SkinOptions { seal: self.seal, islands, precision: self.precision, ..SkinOptions::default() };
+        let result = match solid_skin(surface, &options, context) {
+            Ok(result) => result,
+            Err(SkinError::Cancelled(stop) | SkinError::OuterSkin(OuterSkinError::Cancelled(stop))) => {
+                return Err(stop);
+            }
+            Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
+        };
+        let is_inner = |reason| matches!(reason, DropReason::InnerShell | DropReason::InnerJunk);
+        let inner = result.dropped.iter().filter(|piece| is_inner(piece.reason)).count() as u64;
+        let sheets = result.dropped.iter().filter(|piece| piece.reason == DropReason::Sheet).count() as u64;
+        let widest = result.sealed.iter().map(|place| place.width).fold(0.0, f64::max);
+        let left = format!(
+            "openings up to {:.4} wide were to be sealed; the widest sealed one is {widest:.4}; {:.2} % of the result's area is faces \
+             of the input, unchanged",
+            result.seal, result.kept_exactly_pct
+        );
+        let changes = Change::list([
+            (ChangeKind::OpeningsSealed, result.sealed.len() as u64),
+            (ChangeKind::InnerPiecesDropped, inner),
+            (ChangeKind::SheetsInsideSolidsRemoved, sheets),
+        ]);
+        *surface = result.surface;
+        Ok(Applied { changes, left: Some(left), ..Applied::default() })
+    }
+}

@@ -1,0 +1,179 @@
+//! Shapes with known walls: plates, pins, tubes, wedges, fins, also turned.
+
+use std::f64::consts::TAU;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use crate::context::{Context, NoProgress, monotonic_clock};
+use crate::math::Precision;
+use crate::mesh::{Soup, Surface, position_key};
+use glam::{DQuat, DVec3};
+
+use super::LayerUnion;
+use crate::printing::thickening::{Growth, Thickened, Thickening, ThickeningError};
+
+fn thickened(surface: &Surface, settings: Thickening) -> Result<Thickened, ThickeningError> {
+    let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
+    settings.apply(surface, &LayerUnion, &Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60)))
+}
+
+fn both(min_wall: f64) -> Thickening {
+    Thickening { min_wall, growth: Growth::Both, min_gap: 0.0, precision: Precision::F32 }
+}
+
+/// A surface in f32; turned if `turn` is not 0.
+fn surface(positions: Vec<DVec3>, faces: Vec<[u32; 3]>, turn: f64) -> Surface {
+    let turned = DQuat::from_axis_angle(DVec3::new(1.0, -2.0, 0.7).normalize(), turn);
+    let offset = DVec3::new(3.1, -2.2, 5.7) * turn;
+    let positions = positions.into_iter().map(|p| Precision::F32.round(turned * p + offset)).collect();
+    Surface::from_soup(&Soup { positions, faces }).0
+}
+
+/// A prism over a polygon that is triangulated already.
+fn prism(polygon: &[[f64; 2]], triangles: &[[u32; 3]], height: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let n = u32::try_from(polygon.len()).unwrap();
+    let at = |z: f64| polygon.iter().map(move |&[x, y]| DVec3::new(x, y, z));
+    let mut faces: Vec<[u32; 3]> = triangles.iter().flat_map(|&[a, b, c]| [[a, c, b], [a + n, b + n, c + n]]).collect();
+    faces.extend((0..n).flat_map(|i| {
+        let j = (i + 1) % n;
+        [[i, j, n + j], [i, n + j, n + i]]
+    }));
+    (at(0.0).chain(at(height)).collect(), faces)
+}
+
+fn convex_prism(polygon: &[[f64; 2]], height: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let triangles: Vec<[u32; 3]> = (2..u32::try_from(polygon.len()).unwrap()).map(|i| [0, i - 1, i]).collect();
+    prism(polygon, &triangles, height)
+}
+
+fn plate(thickness: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    convex_prism(&[[0.0, 0.0], [10.0, 0.0], [10.0, 7.0], [0.0, 7.0]], thickness)
+}
+
+fn circle(count: u32, radius: f64) -> Vec<[f64; 2]> {
+    (0..count).map(|i| TAU * f64::from(i) / f64::from(count)).map(|a| [radius * a.cos(), radius * a.sin()]).collect()
+}
+
+/// A fin of thickness 0.6 on a block.
+fn fin() -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let outline = [[0.0, 0.0], [10.0, 0.0], [10.0, 3.0], [5.3, 3.0], [5.3, 8.0], [4.7, 8.0], [4.7, 3.0], [0.0, 3.0]];
+    prism(&outline, &[[0, 1, 2], [0, 2, 3], [0, 3, 6], [0, 6, 7], [3, 4, 5], [3, 5, 6]], 6.0)
+}
+
+fn tube(outer: f64, inner: f64, height: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let n = 32;
+    let ring = |radius, z| circle(n, radius).into_iter().map(move |[x, y]| DVec3::new(x, y, z));
+    let positions =
+        ring(outer, 0.0).chain(ring(inner, 0.0)).chain(ring(outer, height)).chain(ring(inner, height)).collect();
+    let quad = |[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]];
+    let faces = (0..n).flat_map(|i| {
+        let j = (i + 1) % n;
+        [[i, j, j + 2 * n, i + 2 * n], [j + n, i + n, i + 3 * n, j + 3 * n]]
+            .into_iter()
+            .chain([[j, i, i + n, j + n], [i + 2 * n, j + 2 * n, j + 3 * n, i + 3 * n]])
+            .flat_map(quad)
+    });
+    (positions, faces.collect())
+}
+
+#[test]
+fn a_plate_grows_to_the_wall_and_its_sides_stay() {
+    for turn in [0.0, 1.0] {
+        let (positions, faces) = plate(0.6);
+        let plate = surface(positions, faces, turn);
+        let done = thickened(&plate, both(1.0)).unwrap();
+        assert!(done.is_proved, "{:?}", done.places);
+        assert!((done.added_volume - 70.0 * 0.4).abs() < 0.01 * 28.0, "{}", done.added_volume);
+        assert!(done.max_deviation < 0.2 * 1.05);
+        let kept = done.surface.faces.len() - done.added_faces.len();
+        assert_eq!(kept, 8, "the faces of the four sides");
+    }
+}
+
+#[test]
+fn pins_tubes_wedges_and_fins_reach_the_wall() {
+    let wedge = convex_prism(&[[0.0, 0.0], [10.0, 0.0], [10.0, 3.0]], 5.0);
+    let taper = convex_prism(&[[0.0, 0.0], [20.0, 0.0], [20.0, 2.0], [0.0, 0.4]], 6.0);
+    let pin = |n| convex_prism(&circle(n, 0.3), 8.0);
+    for (name, shape) in [
+        ("pin", pin(4)),
+        ("hexagon", pin(6)),
+        ("round", pin(24)),
+        ("tube", tube(5.0, 4.4, 8.0)),
+        ("wedge", wedge),
+        ("taper", taper),
+        ("fin", fin()),
+    ] {
+        for turn in [0.0, 1.0] {
+            let solid = surface(shape.0.clone(), shape.1.clone(), turn);
+            let done = thickened(&solid, both(1.0)).unwrap();
+            assert!(done.is_proved, "{name} turned by {turn}: {:?}", done.places);
+            assert!(done.added_volume > 0.0 && done.max_deviation < 0.6, "{name} {}", done.max_deviation);
+        }
+    }
+}
+
+#[test]
+fn faces_far_from_the_thin_place_keep_their_bits() {
+    let (positions, faces) = fin();
+    let solid = surface(positions, faces, 1.0);
+    let done = thickened(&solid, both(1.0)).unwrap();
+    let keys = |surface: &Surface, face: usize| surface.corners(face).map(position_key);
+    let after: Vec<_> =
+        (0..done.surface.faces.len()).map(|f| (keys(&done.surface, f), done.surface.source[f])).collect();
+    let kept = (0..solid.faces.len()).filter(|&f| after.contains(&(keys(&solid, f), solid.source[f]))).count();
+    // The sides of the fin grow, and its foot and the block's top are cut.
+    assert!(kept >= 18, "{kept} of {}", solid.faces.len());
+}
+
+#[test]
+fn outward_growth_keeps_the_inside_of_a_tube() {
+    let (positions, faces) = tube(5.0, 4.4, 8.0);
+    let solid = surface(positions, faces, 0.0);
+    let done = thickened(&solid, Thickening { growth: Growth::Outward, ..both(1.0) }).unwrap();
+    assert!(done.is_proved, "{:?}", done.places);
+    let radius = |p: &DVec3| p.x.hypot(p.y);
+    let least = done.surface.positions.iter().map(radius).fold(f64::INFINITY, f64::min);
+    assert!((least - 4.4).abs() < 1e-5, "{least}");
+    let inward = thickened(&solid, Thickening { growth: Growth::Inward, ..both(1.0) }).unwrap();
+    let most = inward.surface.positions.iter().map(radius).fold(0.0, f64::max);
+    assert!(inward.is_proved && (most - 5.0).abs() < 1e-5, "{most}");
+}
+
+#[test]
+fn a_gap_stays_and_the_other_side_grows() {
+    let (mut positions, mut faces) = plate(0.6);
+    let (above, more) = plate(0.6);
+    positions.extend(above.into_iter().map(|p| p + DVec3::Z));
+    faces.extend(more.iter().map(|face| face.map(|v| v + 8)));
+    let solid = surface(positions, faces, 0.0);
+    let done = thickened(&solid, Thickening { min_gap: 0.3, ..both(1.0) }).unwrap();
+    assert!(done.is_proved, "{:?}", done.places);
+    let heights = done.surface.positions.iter().map(|p| p.z);
+    let gap = |z: f64| z > 0.62 && z < 0.98;
+    let inner: Vec<f64> = heights.filter(|&z| gap(z)).collect();
+    assert!(inner.iter().all(|z| (z - 0.65).abs() < 1e-6 || (z - 0.95).abs() < 1e-6), "{inner:?}");
+}
+
+#[test]
+fn a_thick_solid_stays_and_thickening_twice_changes_nothing() {
+    let (positions, faces) = plate(2.0);
+    let thick = surface(positions, faces, 1.0);
+    let done = thickened(&thick, both(1.0)).unwrap();
+    assert_eq!((done.surface, done.places.len(), done.is_proved), (thick, 0, true));
+    let (positions, faces) = plate(0.5);
+    let once = thickened(&surface(positions, faces, 1.0), both(1.0)).unwrap();
+    let twice = thickened(&once.surface, both(1.0)).unwrap();
+    assert_eq!(twice.surface, once.surface);
+}
+
+#[test]
+fn unusable_settings_and_open_surfaces_are_errors() {
+    let (positions, mut faces) = plate(0.6);
+    faces.pop();
+    let open = surface(positions, faces, 0.0);
+    assert!(matches!(thickened(&open, both(1.0)), Err(ThickeningError::NotClosed(_))));
+    for min_wall in [0.0, f64::NAN, -1.0, f64::INFINITY] {
+        assert!(matches!(thickened(&open, both(min_wall)), Err(ThickeningError::Settings { .. })));
+    }
+}

@@ -1,0 +1,122 @@
+//! Fills sealed cavities, or drills holes into them, as the option `voids` asks.
+
+use super::operator::{Applied, Counter, Operation, Scope};
+use super::self_union::SelfUnionRounds;
+use crate::arrange::{Exact, WindingRule};
+use crate::mesh::{Edges, NO_SOURCE, REQUESTED_SOURCE, Surface};
+use crate::printing::fill::fill_voids;
+use crate::printing::vents::{UnionError, VentError, VentOptions, vent_voids};
+use crate::printing::voids::{Regions, RegionsError, voids_of};
+use crate::repair::{Cancelled, Change, ChangeKind, Context};
+
+/// The farthest that rounding may move a vertex, as a share of the model's diagonal.
+const MAX_ROUNDING: f64 = 1e-4;
+
+/// Makes sealed cavities solid.
+///
+/// ```text
+///    +---------+        +---------+
+///    |  +---+  |        |         |
+///    |  |   |  |   ->   |         |
+///    |  +---+  |        |         |
+///    +---------+        +---------+
+/// ```
+///
+/// Precondition: a closed surface without intersections. Result: the faces around each sealed cavity and everything inside
+/// it are gone; all other faces stay. Leaves: a surface whose nesting is undecided.
+#[derive(Debug, Clone, Copy)]
+pub struct FillVoids;
+
+impl Operation for FillVoids {
+    const FIXES: &'static [Counter] = &[];
+    const MAY_RAISE: &'static [Counter] = &[];
+    const CHANGES_SOUND_MODEL: bool = true;
+
+    fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
+        Self
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let regions = match Regions::new(surface, &Edges::new(&surface.faces), context) {
+            Ok(regions) => regions,
+            Err(RegionsError::Cancelled(stop)) => return Err(stop),
+            Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
+        };
+        let voids = voids_of(surface, &regions, context)?;
+        let filled = fill_voids(surface, &regions, &voids, |_| true);
+        *surface = filled.surface;
+        Ok(Change::list([
+            (ChangeKind::VoidsFilled, filled.filled.len() as u64),
+            (ChangeKind::FacesRemoved, filled.faces_removed),
+        ])
+        .into())
+    }
+}
+
+/// Drills holes into sealed cavities, so that powder or resin can leave.
+///
+/// Precondition: a closed surface without intersections. Result: each cavity is joined with the outside by bores, verified
+/// one by one; all other faces stay. Leaves: cavities to which no straight bore leads, with the reason.
+#[derive(Debug, Clone, Copy)]
+pub struct VentVoids {
+    options: VentOptions,
+}
+
+impl Operation for VentVoids {
+    const FIXES: &'static [Counter] = &[];
+    const MAY_RAISE: &'static [Counter] = &[];
+    const CHANGES_SOUND_MODEL: bool = true;
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let (diameter_mm, per_void) = scope.options.print.vents();
+        let diameter = diameter_mm / scope.millimetres;
+        Self { options: VentOptions { diameter, per_void, up: scope.up, precision: scope.format.precision() } }
+    }
+
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let vented = match vent_voids(surface, &self.options, &union_of, context) {
+            Ok(vented) => vented,
+            Err(VentError::Cancelled(stop) | VentError::Regions(RegionsError::Cancelled(stop))) => return Err(stop),
+            Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
+        };
+        let mut opened: Vec<usize> = vented.vents.iter().map(|vent| vent.void).collect();
+        opened.sort_unstable();
+        opened.dedup();
+        let reasons = vented.failed.iter().map(|(void, failure)| {
+            let [x, y, z] = vented.voids[*void].at.to_array();
+            format!("the cavity at ({x:.6}, {y:.6}, {z:.6}): {failure}")
+        });
+        let left = reasons.reduce(|all, one| format!("{all}; {one}"));
+        if !opened.is_empty() {
+            let known = surface.source.contains(&NO_SOURCE);
+            *surface = vented.surface;
+            if !known {
+                mark_requested(surface);
+            }
+        }
+        let changes = Change::list([
+            (ChangeKind::VoidsVented, opened.len() as u64),
+            (ChangeKind::VentsDrilled, vented.vents.len() as u64),
+            (ChangeKind::VoidsLeft, vented.failed.len() as u64),
+        ]);
+        Ok(Applied { changes, left, ..Applied::default() })
+    }
+}
+
+/// Marks faces without a source as surface that the options asked for.
+pub(super) fn mark_requested(surface: &mut Surface) {
+    surface.source.iter_mut().filter(|source| **source == NO_SOURCE).for_each(|source| *source = REQUESTED_SOURCE);
+}
+
+/// The boundary of the space that a closed surface winds around at least once, rounded to f32.
+pub(super) fn union_of(mut surface: Surface, context: &Context<'_>) -> Result<Surface, UnionError> {
+    let max_deviation = MAX_ROUNDING * surface.bounds().diagonal();
+    let winding_rule = WindingRule::Positive;
+    let rounds = SelfUnionRounds { winding_rule, max_deviation, sheets: None, always: false };
+    let resolved = rounds.apply(&mut surface, &Exact, context)?;
+    match resolved.error {
+        Some(error) => Err(UnionError::Failed(error.to_string())),
+        None if resolved.pairs_left > 0 => Err(UnionError::Failed("faces still intersect".to_owned())),
+        None => Ok(surface),
+    }
+}

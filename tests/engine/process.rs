@@ -1,0 +1,184 @@
+//! Preparation for a printing process: size, cavities, islands, interiors, walls, and the rules of the process.
+
+use glam::DVec3;
+use meshmend::mesh::Soup;
+use meshmend::printing::rules::{PrintRule, RuleOutcome, RuleResult};
+use meshmend::repair::{
+    AssumptionKind, Interior, Islands, NotAppliedCause, OfferedFile, Options, Outcome, Preset, PrintOptions, Repaired,
+    Require, Voids,
+};
+use meshmend::scene::Unit;
+
+use crate::meshes::{as_f32, cube, inside_out, join, push, sphere};
+use crate::support::{assert_outcome, measured_file, repair_soup};
+
+fn run(soup: &Soup, print: PrintOptions) -> Repaired {
+    let options = Options { print, unit: Some(Unit::Millimetre), max_tier: 2, ..Options::default() };
+    repair_soup(soup, &options, None)
+}
+
+/// The rule's result in a report.
+fn rule(repaired: &Repaired, rule: PrintRule) -> &RuleResult {
+    let readiness = repaired.report.print_ready.as_ref().expect("an assessment");
+    readiness.rules.iter().find(|result| result.rule == rule).expect("the rule")
+}
+
+fn volume(repaired: &Repaired) -> f64 {
+    measured_file(&repaired.bytes).volume.value
+}
+
+/// A box from the origin with sides of these lengths.
+fn box_of(sides: DVec3) -> Soup {
+    let mut soup = cube(DVec3::ZERO, 1.0, 1);
+    soup.positions.iter_mut().for_each(|p| *p *= sides);
+    soup
+}
+
+/// A cube of 20 mm with a sealed cubic cavity of 10 mm.
+fn hollow_cube() -> Soup {
+    join(&cube(DVec3::ZERO, 20.0, 2), &inside_out(cube(DVec3::splat(5.0), 10.0, 2)))
+}
+
+/// A ball of radius 20 as two skins, 0.1 apart, each without some faces.
+fn double_shell() -> Soup {
+    let mut both = as_f32(join(&sphere(DVec3::ZERO, 20.0, 96, 48), &inside_out(sphere(DVec3::ZERO, 19.9, 96, 48))));
+    let faces = both.faces.len();
+    let mut at = 0;
+    both.faces.retain(|_| {
+        at += 1;
+        !(at % (faces / 2) == 1200 || at % (faces / 2) == 3000)
+    });
+    both
+}
+
+#[test]
+fn a_model_is_scaled_to_the_requested_height_or_longest_side() {
+    let plate = box_of(DVec3::new(4.0, 2.0, 1.0));
+    let tall = run(&plate, PrintOptions { target_height_mm: Some(30.0), ..PrintOptions::default() });
+    let size = tall.report.after.as_ref().and_then(|after| after.print.as_ref()).expect("measures").size_mm;
+    assert_eq!(size, [120.0, 60.0, 30.0]);
+    assert_eq!(tall.report.scaled_by, Some(30.0));
+    let long = run(&plate, PrintOptions { target_longest_mm: Some(60.0), ..PrintOptions::default() });
+    assert_eq!(long.report.scaled_by, Some(15.0));
+    assert!((volume(&long) - 60.0 * 30.0 * 15.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_sealed_cavity_is_kept_by_default_and_filled_on_request() {
+    let kept = run(&hollow_cube(), PrintOptions::default());
+    assert_eq!((kept.report.outcome, volume(&kept)), (Outcome::AlreadyPrintable, 7000.0));
+    let filled = run(&hollow_cube(), PrintOptions { voids: Voids::Fill, ..PrintOptions::default() });
+    assert_outcome(&filled, Outcome::Repaired);
+    assert_eq!(volume(&filled), 8000.0);
+    assert!(filled.report.red_flags.is_empty());
+}
+
+#[test]
+fn a_vented_cavity_is_open_and_its_process_accepts_it() {
+    let process = Some("sla".to_owned());
+    let sealed = run(&hollow_cube(), PrintOptions { process: process.clone(), ..PrintOptions::default() });
+    assert_eq!(rule(&sealed, PrintRule::EscapeHoles).result, RuleOutcome::Fail);
+    assert_eq!(rule(&sealed, PrintRule::EscapeHoles).places.len(), 1);
+    let vented = run(&hollow_cube(), PrintOptions { voids: Voids::Vent, process, ..PrintOptions::default() });
+    assert_outcome(&vented, Outcome::Repaired);
+    assert_eq!(measured_file(&vented.bytes).parts, 1);
+    assert_eq!(rule(&vented, PrintRule::EscapeHoles).result, RuleOutcome::Pass);
+    let bore = 7000.0 - volume(&vented);
+    assert!((40.0..60.0).contains(&bore), "a bore of 3.5 mm through 5 mm removes about 49 mm³, not {bore}");
+}
+
+#[test]
+fn small_separate_solids_stay_unless_the_options_drop_them() {
+    let crumb = cube(DVec3::new(30.0, 0.0, 0.0), 0.5, 1);
+    let soup = join(&cube(DVec3::ZERO, 20.0, 2), &crumb);
+    let process = Some("sls".to_owned());
+    let kept = run(&soup, PrintOptions { process: process.clone(), ..PrintOptions::default() });
+    let failed = rule(&kept, PrintRule::PartVolume);
+    assert_eq!((failed.result, failed.measured, failed.count), (RuleOutcome::Fail, Some(0.125), 1));
+    let dropped = run(&soup, PrintOptions { islands: Islands::Drop, process, ..PrintOptions::default() });
+    assert_outcome(&dropped, Outcome::Repaired);
+    assert_eq!((measured_file(&dropped.bytes).parts, volume(&dropped)), (1, 8000.0));
+    assert_eq!(rule(&dropped, PrintRule::PartVolume).result, RuleOutcome::Pass);
+    assert!(dropped.report.red_flags.is_empty(), "{:?}", dropped.report.red_flags);
+}
+
+#[test]
+fn a_double_shell_with_pinholes_becomes_a_solid_and_the_report_says_so() {
+    let solid = 4.0 / 3.0 * std::f64::consts::PI * 20f64.powi(3);
+    let filled = run(&double_shell(), PrintOptions::default());
+    assert_outcome(&filled, Outcome::Repaired);
+    assert!((volume(&filled) / solid - 1.0).abs() < 0.02, "{}", volume(&filled));
+    assert_eq!(measured_file(&filled.bytes).parts, 1);
+    let assumed = filled.report.assumptions.iter().find(|one| one.kind == AssumptionKind::InteriorFilled);
+    assert_eq!(assumed.and_then(|one| one.option.as_deref()), Some("interior=keep"));
+    assert_eq!(filled.report.plan.preset, Preset::Generated);
+    let kept = run(&double_shell(), PrintOptions { interior: Interior::Keep, ..PrintOptions::default() });
+    assert!(volume(&kept) < 0.1 * solid, "{}", volume(&kept));
+}
+
+#[test]
+fn an_ordinary_hollow_print_is_not_taken_for_a_double_shell() {
+    for soup in
+        [hollow_cube(), join(&sphere(DVec3::ZERO, 20.0, 48, 24), &inside_out(sphere(DVec3::ZERO, 18.0, 48, 24)))]
+    {
+        let repaired = run(&as_f32(soup), PrintOptions::default());
+        assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable);
+    }
+}
+
+#[test]
+fn a_thin_plate_is_thickened_and_verified_against_the_process() {
+    let plate = box_of(DVec3::new(40.0, 30.0, 0.4));
+    let process = Some("mjf".to_owned());
+    let thin = run(&plate, PrintOptions { process: process.clone(), ..PrintOptions::default() });
+    let failed = rule(&thin, PrintRule::FreeWall);
+    assert_eq!((failed.result, failed.limit), (RuleOutcome::Fail, Some(1.0)));
+    assert!((failed.measured.expect("a value") - 0.4).abs() < 1e-6);
+    let thick = run(&plate, PrintOptions { thicken_to_process: true, process, ..PrintOptions::default() });
+    assert_outcome(&thick, Outcome::Repaired);
+    assert_eq!(rule(&thick, PrintRule::FreeWall).result, RuleOutcome::Pass);
+    assert!((volume(&thick) / 1200.0 - 1.0).abs() < 0.1, "{}", volume(&thick));
+}
+
+#[test]
+fn a_result_that_is_not_print_ready_is_refused_on_request() {
+    let plate = box_of(DVec3::new(40.0, 30.0, 0.4));
+    let print = PrintOptions { process: Some("fdm".to_owned()), ..PrintOptions::default() };
+    let options = Options { print, require: Require::PrintReady, unit: Some(Unit::Millimetre), ..Options::default() };
+    let refused = repair_soup(&plate, &options, None).report;
+    assert_eq!((refused.verdict.file, refused.verdict.print_ready), (OfferedFile::None, Some(false)));
+    assert!(refused.refusal().is_some_and(|why| why.contains("thickness of free walls")), "{:?}", refused.refusal());
+    let block = repair_soup(&cube(DVec3::ZERO, 20.0, 2), &options, None).report;
+    assert_eq!((block.verdict.file, block.verdict.print_ready), (OfferedFile::Model, Some(true)));
+}
+
+#[test]
+fn an_option_without_anything_to_do_is_reported() {
+    let print = PrintOptions { voids: Voids::Fill, min_wall: Some(1.0), ..PrintOptions::default() };
+    let repaired = run(&cube(DVec3::ZERO, 20.0, 2), print);
+    for option in ["voids", "min_wall"] {
+        let entry = repaired.report.options_not_applied.iter().find(|entry| entry.option == option);
+        assert_eq!(entry.map(|entry| entry.cause), Some(NotAppliedCause::NothingToDo), "{option}");
+    }
+}
+
+#[test]
+fn an_oversized_model_fails_the_build_volume_with_the_side_that_is_too_long() {
+    let print = PrintOptions { process: Some("resin".to_owned()), ..PrintOptions::default() };
+    let repaired = run(&box_of(DVec3::new(20.0, 200.0, 20.0)), print);
+    let failed = rule(&repaired, PrintRule::BuildVolume);
+    assert_eq!((failed.result, failed.limit, failed.measured), (RuleOutcome::Fail, Some(175.0), Some(200.0)));
+}
+
+#[test]
+fn a_unit_in_doubt_is_reported_with_candidates() {
+    let mut tiny = Soup::default();
+    for f in 0..cube(DVec3::ZERO, 0.05, 1).faces.len() {
+        push(&mut tiny, cube(DVec3::ZERO, 0.05, 1).corners(f));
+    }
+    let repaired = repair_soup(&tiny, &Options::default(), None);
+    let candidates = repaired.report.unit_candidates.expect("candidates");
+    assert!(candidates.likely.is_some_and(|unit| unit != Unit::Millimetre), "{candidates}");
+    let stated = repair_soup(&tiny, &Options { unit: Some(Unit::Millimetre), ..Options::default() }, None);
+    assert_eq!(stated.report.unit_candidates, None);
+}
