@@ -1,18 +1,21 @@
 # Two commands do all the set-up on a fresh Debian or Ubuntu machine with Rust: make serve, make test.
 
 CARGO_DENY_VERSION := 0.20.2
+# The program that `make dist` and `make image` pack; it is built first, unless another is named.
+BINARY ?= target/release/meshmend
+VERSION = $(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 
 .PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
 	check-page test-browser screenshots clients check-clients test-clients test-generators docs \
-	pictures
+	pictures packed dist check-dist image check-image deploy-tools
 
-## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder.
-serve: tools blender
-	cargo build --release --locked
-	./target/release/meshmend serve
+## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder. Uses an installed meshmend of this version
+## instead of a build; `make serve BUILD=1` always builds.
+serve: blender
+	@BUILD=$(BUILD) sh scripts/serve.sh
 
 ## Install what the tests need and run them all.
-test: tools blender postgres
+test: tools blender postgres deploy-tools
 	@if cargo nextest --version >/dev/null 2>&1; then \
 		cargo nextest run --locked --features failpoints; \
 	else \
@@ -93,12 +96,34 @@ test-generators: tools
 check-api: tools
 	@sh scripts/check-api.sh
 
-## docker/ and deploy/ with hadolint, promtool, systemd-analyze and Kubernetes' schemas, which are installed for it.
+## docker/, deploy/ and .github/ with Helm's engine, hadolint, promtool, systemd-analyze, actionlint and Kubernetes' schemas, which are
+## installed for it.
 check-deploy:
 	@sh scripts/check-deploy.sh
 
 build:
 	cargo build --release --locked
+
+packed: tools
+	@[ "$(BINARY)" != target/release/meshmend ] || cargo build --release --locked
+
+## Everything that a release consists of, in dist/: program, symbols, Debian package, clients, crate, chart, bill of materials, checksums.
+dist: packed
+	@BINARY=$(BINARY) sh scripts/dist.sh
+
+## Install and try each file in dist/, the Debian package in an empty Debian root.
+check-dist:
+	@sh scripts/check-dist.sh
+
+## The images of docker/Dockerfile, with docker, podman or buildah, as archives in dist/.
+image: packed
+	@BINARY=$(BINARY) sh scripts/image.sh slim
+	@BINARY=$(BINARY) sh scripts/image.sh full
+
+## Start the root file systems of the images, read-only and as their user, and repair models in them.
+check-image:
+	@python3 scripts/check-image.py dist/meshmend-$(VERSION)-image-slim.tar slim
+	@python3 scripts/check-image.py dist/meshmend-$(VERSION)-image.tar full
 
 ## Jobs per second through the whole service.
 bench:
@@ -111,6 +136,10 @@ blender:
 ## What the build needs beside Rust: a C compiler, for SQLite.
 tools:
 	@sh scripts/install-tools.sh
+
+## Helm's engine and linters, for the tests of deploy/ and for `make check-deploy`. Without them these tests are skipped.
+deploy-tools:
+	@sh scripts/install-deploy-tools.sh || echo "## THE CHART IS NOT TESTED: Helm's engine could not be installed ##"
 
 ## What tests of the PostgreSQL store make their clusters from.
 postgres:
