@@ -4,7 +4,7 @@ use crate::math::nearest_on_triangle;
 use glam::DVec3;
 use smallvec::{SmallVec, smallvec};
 
-use super::facing::{Chord, Least, NUDGE};
+use super::facing::{Chord, Least, NUDGE, SMOOTH};
 use super::prepared::{Prepared, TILT};
 
 /// Distance in units of a face's longest side at which a point counts as on an edge or a vertex.
@@ -24,6 +24,9 @@ impl Prepared<'_> {
         }
         *steps = steps.saturating_sub(16);
         let u = (q - p) / length;
+        if !self.is_foremost(f, p, u) || !self.is_foremost(h, q, -u) {
+            return Least::Nothing;
+        }
         let (Some(first), Some(second)) = (self.end(f, p, u), self.end(h, q, -u)) else { return Least::Nothing };
         let slope = first.slope.max(second.slope);
         let thickness = length / (1.0 - slope * slope).sqrt();
@@ -38,36 +41,52 @@ impl Prepared<'_> {
         if *steps == 0 { Least::Undecided(chord) } else { Least::Found(chord) }
     }
 
+    /// Whether no face at `p` faces a chord in direction `u` much better than face `f`. The other faces at the root of a
+    /// rib are no part of the rib.
+    fn is_foremost(&self, f: u32, p: DVec3, u: DVec3) -> bool {
+        let facing = |k: u32| -u.dot(self.normal(k));
+        let best = self.faces_at(f, p).into_iter().map(facing).fold(0.0, f64::max);
+        facing(f) >= 0.5 * best
+    }
+
     /// The end of a chord that leaves the surface at `p` of face `f` in the direction `u`. A point on the face's border
-    /// also counts as the limit of points within the face or along its edges, so that a convex edge beside a wall does
-    /// not hide the wall. None if the chord does not leave into the material.
+    /// also counts as the limit of points within the face or along its edges, so that a sharp convex edge beside a wall
+    /// does not hide the wall. None if the chord does not leave into the material.
     fn end(&self, f: u32, p: DVec3, u: DVec3) -> Option<End> {
         let corners = self.corners(f);
         let [a, b, c] = corners;
         let middles = [(a + b + c) / 3.0, (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
         let inner = |k: usize| if k == 0 { p } else { p.lerp(middles[k - 1], NUDGE) };
+        let star = self.faces_at(f, p);
         let ends = (0..5).filter(|&k| k < 2 || is_on_edge(p, corners, k - 2)).map(inner);
-        ends.filter_map(|inner| self.end_at(f, inner, u)).min_by(|x, y| x.slope.total_cmp(&y.slope))
+        ends.filter_map(|inner| self.end_at([p, inner], (&star, self.faces_at(f, inner)), u))
+            .min_by(|x, y| x.slope.total_cmp(&y.slope))
     }
 
-    fn end_at(&self, f: u32, p: DVec3, u: DVec3) -> Option<End> {
-        let face = self.surface.faces[f as usize];
-        let corners = self.corners(f);
+    /// The end at a point close to `p`, where the faces `around` meet; `star` are those at `p`.
+    fn end_at(&self, [p, inner]: [DVec3; 2], (star, around): (&Faces, Faces), u: DVec3) -> Option<End> {
+        let inward: DVec3 = around.iter().map(|&k| self.normal(k)).sum();
+        if around.iter().any(|&k| self.normal(k) == DVec3::ZERO) || u.dot(inward) >= 0.0 {
+            return None;
+        }
+        let is_smooth = |k: u32| around.iter().any(|&a| self.normal(a).dot(self.normal(k)) > SMOOTH);
+        let beside = star.iter().filter(|&&k| !around.contains(&k) && is_smooth(k)).map(|&k| self.slope_in(k, p, u));
+        let slope = around.iter().map(|&k| self.slope_in(k, inner, u)).chain(beside).fold(0.0, f64::max);
+        Some(End { slope, inner, around })
+    }
+
+    /// The faces that meet at a point of face `f`.
+    fn faces_at(&self, f: u32, p: DVec3) -> Faces {
+        let (face, corners) = (self.surface.faces[f as usize], self.corners(f));
         let near = TOUCHING * longest_side(corners);
-        let around: SmallVec<[u32; 8]> = if let Some(i) = (0..3).find(|&i| corners[i].distance(p) <= near) {
+        if let Some(i) = (0..3).find(|&i| corners[i].distance(p) <= near) {
             self.stars.of(face[i]).iter().copied().collect()
         } else if let Some(i) = (0..3).find(|&i| is_on_edge(p, corners, i)) {
             let (a, b) = (face[i], face[(i + 1) % 3]);
             self.stars.of(a).iter().copied().filter(|&k| self.surface.faces[k as usize].contains(&b)).collect()
         } else {
             smallvec![f]
-        };
-        let inward: DVec3 = around.iter().map(|&k| self.normal(k)).sum();
-        if around.iter().any(|&k| self.normal(k) == DVec3::ZERO) || u.dot(inward) >= 0.0 {
-            return None;
         }
-        let slope = around.iter().map(|&k| self.slope_in(k, p, u)).fold(0.0, f64::max);
-        Some(End { slope, inner: p, around })
     }
 
     /// The largest rate at which a chord in direction `u` shortens as its end slides from `p` within one face.
@@ -98,6 +117,8 @@ impl Prepared<'_> {
     }
 }
 
+type Faces = SmallVec<[u32; 8]>;
+
 /// One end of a chord.
 struct End {
     /// Rate at which the chord shortens as this end slides along the surface, at most.
@@ -105,7 +126,7 @@ struct End {
     /// The end, or a point close to it.
     inner: DVec3,
     /// The faces at the end.
-    around: SmallVec<[u32; 8]>,
+    around: Faces,
 }
 
 fn longest_side([a, b, c]: [DVec3; 3]) -> f64 {

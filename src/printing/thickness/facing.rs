@@ -13,7 +13,7 @@ pub(super) const NUDGE: f64 = 1e-6;
 const SLIVER: f64 = 1e-14;
 /// A face hides the ball beside a smooth convex edge if its normal's dot product with the touched face exceeds this.
 /// Beside a sharper edge the wall is measured through the edge's rounding.
-const SMOOTH: f64 = 0.32;
+pub(super) const SMOOTH: f64 = 0.32;
 
 /// Cosine of the angle between two planes from which the ball between them is at most 0.25 % thinner than the
 /// perpendicular, so that only the perpendicular is measured.

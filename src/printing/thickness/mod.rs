@@ -8,7 +8,10 @@
 
 mod concave;
 mod facing;
+mod field;
+mod kinds;
 mod prepared;
+mod regions;
 mod search;
 
 use crate::context::{Cancelled, Context};
@@ -16,6 +19,7 @@ use crate::mesh::Surface;
 use glam::DVec3;
 
 use prepared::Prepared;
+use regions::Grouping;
 
 /// What is measured: the solid, or the space around it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +54,119 @@ pub struct OpposedPairs {
     pub undecided_faces: Vec<u32>,
     /// Whether all faces are decided.
     pub is_complete: bool,
+}
+
+/// What a thin place is. The kind decides which limit of a process applies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum FeatureKind {
+    /// A wall that is held on two opposite sides, or supports itself by bending around.
+    SupportedWall,
+    /// A wall with at most one held side.
+    FreeWall,
+    /// Material thin in two directions, held at both ends or closed to a ring.
+    Wire,
+    /// Material thin in two directions with a free end.
+    Pin,
+    /// Material or air that narrows to an edge or a point of less than 36.87 degrees.
+    SharpEdge,
+    /// A gap thin in one direction within one solid.
+    Slot,
+    /// A gap thin in two directions, open at both ends.
+    ThroughHole,
+    /// A gap thin in two directions, closed at one end at least.
+    BlindHole,
+    /// A gap between two separate surfaces, such as those of two solids.
+    Clearance,
+}
+
+/// A connected thin place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ThinRegion {
+    /// What it is.
+    pub kind: FeatureKind,
+    /// Its faces, in ascending order. A large face may be thin only in part.
+    pub faces: Vec<u32>,
+    /// The surface area that is thin, on all sides together, from samples.
+    pub area: f64,
+    /// The least thickness.
+    pub least: f64,
+    /// The mean thickness by area, from samples.
+    pub mean: f64,
+    /// The point of least thickness, in the middle between the surfaces.
+    pub at: DVec3,
+    /// Whether `kind` and `least` are certain. If not, `kind` is the one with the stricter limit.
+    pub is_decided: bool,
+}
+
+/// The thin places of a surface.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ThinFeatures {
+    /// The thin places, in the order of their first face; those of kind [`FeatureKind::SharpEdge`] come last.
+    pub regions: Vec<ThinRegion>,
+    /// The thinnest place of each thin face.
+    pub pairs: OpposedPairs,
+}
+
+/// Finds all places thinner than `below`, and their kinds. Parameters and precondition as in [`opposed_pairs`].
+///
+/// # Errors
+/// [`Cancelled`] on cancellation or timeout.
+pub fn thin_features(
+    surface: &Surface,
+    below: f64,
+    side: Side,
+    context: &Context<'_>,
+) -> Result<ThinFeatures, Cancelled> {
+    let prepared = Prepared::new(surface, side);
+    let limit = below * prepared.scale;
+    let all = prepared.thinnest(limit, context)?;
+    let grouping = Grouping { prepared: &prepared, all: &all, limit, side };
+    Ok(ThinFeatures { regions: grouping.regions(context)?, pairs: prepared.pairs(&all) })
+}
+
+/// The thinnest wall, or the narrowest gap, of a whole surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeastThickness {
+    /// The place; None if no two faces are opposed. Sharp edges do not count.
+    pub pair: Option<OpposedPair>,
+    /// Whether no thinner place exists.
+    pub is_complete: bool,
+}
+
+/// Finds the thinnest place of a surface. Precondition as in [`opposed_pairs`].
+///
+/// # Errors
+/// [`Cancelled`] on cancellation or timeout.
+pub fn least_thickness(surface: &Surface, side: Side, context: &Context<'_>) -> Result<LeastThickness, Cancelled> {
+    let prepared = Prepared::new(surface, side);
+    // The margin keeps the place itself below the bound in spite of rounding.
+    let bound = prepared.least_ray(context)? * (1.0 + 1e-9);
+    let found = prepared.thinnest(bound, context)?;
+    let pairs = prepared.pairs(&found);
+    let pair = pairs.walls.into_iter().min_by(|a, b| a.thickness.total_cmp(&b.thickness));
+    Ok(LeastThickness { pair, is_complete: pairs.is_complete })
+}
+
+/// The thickness at every vertex and every face, in the model's unit; infinity where there is no wall, such as at an
+/// edge of a thick solid.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ThicknessField {
+    /// At each vertex.
+    pub at_vertices: Vec<f32>,
+    /// At the centre of each face.
+    pub at_faces: Vec<f32>,
+    /// Whether all values are measured by inscribed balls; otherwise some are lengths of perpendiculars.
+    pub is_complete: bool,
+}
+
+/// Measures the thickness at every vertex and face with inscribed balls. A ball that touches the surface at two places
+/// less than 143 degrees apart lies in an edge or corner; there the perpendicular chord counts, if it ends at an
+/// opposed face. For pictures and statistics: [`opposed_pairs`] decides. Precondition as there.
+///
+/// # Errors
+/// [`Cancelled`] on cancellation or timeout.
+pub fn thickness_field(surface: &Surface, side: Side, context: &Context<'_>) -> Result<ThicknessField, Cancelled> {
+    Prepared::new(surface, side).field(context)
 }
 
 /// The thinnest place of every face that is thinner than `below`, in the model's unit. A wall of exactly `below` is not

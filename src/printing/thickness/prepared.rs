@@ -112,6 +112,21 @@ impl<'a> Prepared<'a> {
         found.map(|(_, face)| face)
     }
 
+    /// The first face that a ray of at most `longest` meets, with the distance. Face `skip` does not count.
+    pub fn first_hit(
+        &self,
+        [from, direction]: [DVec3; 2],
+        longest: f64,
+        skip: Option<u32>,
+        steps: &mut u64,
+    ) -> Option<(f64, u32)> {
+        let step = direction * longest;
+        let found = self.tree.first_along([from, from + step], None, steps, |face| {
+            if Some(face) == skip { None } else { hit(from, step, self.corners(face)) }
+        });
+        found.map(|(fraction, face)| (fraction * longest, face))
+    }
+
     /// The concave cone of each face. A vertex counts as a sharp concave feature if one of its edges is sharp.
     fn spreads(&self) -> Vec<f32> {
         let faces = &self.surface.faces;

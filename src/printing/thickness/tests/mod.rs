@@ -1,4 +1,6 @@
 mod brute;
+mod field;
+mod kinds;
 mod shapes;
 
 use crate::mesh::Surface;
