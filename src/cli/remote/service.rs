@@ -340,12 +340,12 @@ struct RemoteReport {
     assumptions: Vec<Assumption>,
     warnings: Vec<String>,
     print_ready: Option<PrintReadiness>,
-    files: Vec<RemoteFile>,
+    files: Vec<AnalyzedFile>,
 }
 
 /// A file of an analysis.
 #[derive(Debug, Deserialize)]
-struct RemoteFile {
+struct AnalyzedFile {
     print_ready: Option<PrintReadiness>,
 }
 
