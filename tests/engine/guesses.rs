@@ -1,27 +1,17 @@
 //! Assumptions of a repair: added surface is measured, reported and limited, and no solid becomes a shell.
 
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
 use glam::DVec3;
-use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, compare};
 use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::operators::thicken::{Skins, ThickenSheets};
-use meshmend::repair::{
-    Assumption, AssumptionKind, Context, NoProgress, OpenSheets, Options, Outcome, RedFlagCode, Repaired, repair,
-};
+use meshmend::repair::{Assumption, AssumptionKind, OpenSheets, Options, Outcome, RedFlagCode, Repaired};
 
 use crate::meshes::{as_f32, cube, cylinder, join, push, sphere};
-use crate::support::{assert_outcome, with_context};
+use crate::support::{assert_outcome, repair_soup, with_context};
 
 fn run(soup: &Soup, options: &Options) -> Repaired {
-    let bytes = format::write(soup, Format::Stl).unwrap();
-    let cancel = AtomicBool::new(false);
-    let clock = || Duration::ZERO;
-    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-    repair(&bytes, options, &Limits::default(), None, &context).unwrap()
+    repair_soup(soup, options, None)
 }
 
 fn assumed(repaired: &Repaired, kind: AssumptionKind) -> Option<&Assumption> {

@@ -1,24 +1,17 @@
 //! Limits in the options: operators stay within the allowed deviation.
 
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
 use glam::DVec3;
-use meshmend::format::{self, Format, Limits};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    Context, NoProgress, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed, Remesher,
-    RemesherInfo, Repaired, StepStatus, repair,
+    Context, Operator, Options, Outcome, RedFlagCode, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo,
+    Repaired, StepStatus,
 };
 
 use crate::meshes::{cube, join, sphere};
+use crate::support::repair_soup;
 
 fn run(soup: &Soup, options: &Options, remesher: Option<&dyn Remesher>) -> Repaired {
-    let bytes = format::write(soup, Format::Stl).unwrap();
-    let cancel = AtomicBool::new(false);
-    let clock = || Duration::ZERO;
-    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-    repair(&bytes, options, &Limits::default(), remesher, &context).unwrap()
+    repair_soup(soup, options, remesher)
 }
 
 fn native() -> Options {

@@ -8,7 +8,7 @@ use meshmend::analyze::{Analyst, AnalyzeOptions};
 use meshmend::format::{self, Format, Limits, ReadFile, ReadOptions, read_file, write_scene};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{
-    AssumptionKind, Context, Merge, NoProgress, Options, Outcome, OutputFormat, RedFlagCode, Repaired, repair,
+    AssumptionKind, Context, Merge, NoProgress, Options, Outcome, OutputFormat, RedFlagCode, Repaired,
 };
 use meshmend::scene::{
     Component, Item, Material, Object, ObjectKind, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit,
@@ -16,13 +16,10 @@ use meshmend::scene::{
 };
 
 use crate::meshes::{cube, cylinder, torus};
-use crate::support::assert_outcome;
+use crate::support::{assert_outcome, repair_bytes};
 
 fn run(bytes: &[u8], options: &Options) -> Repaired {
-    let cancel = AtomicBool::new(false);
-    let clock = || Duration::ZERO;
-    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-    repair(bytes, &Options { max_tier: 2, ..options.clone() }, &Limits::default(), None, &context).unwrap()
+    repair_bytes(bytes, &Options { max_tier: 2, ..options.clone() }, None).unwrap()
 }
 
 fn packed(scene: &Scene, format: Format) -> Vec<u8> {

@@ -1,10 +1,7 @@
 //! Open sheets: thickened, put on a base, or joined with a solid.
 
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-
 use glam::DVec3;
-use meshmend::format::{self, Format, Limits};
+use meshmend::format::{self, Limits};
 use meshmend::inspect::measure;
 use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
@@ -14,13 +11,12 @@ use meshmend::repair::operators::join::JoinParts;
 use meshmend::repair::operators::thicken::{Skins, ThickenSheets};
 use meshmend::repair::operators::{Applied, Counter, Counts};
 use meshmend::repair::{
-    Action, AssumptionKind, Category, Context, NoProgress, OpenSheets, Operator, Options, Outcome, Repaired,
-    StepStatus, repair,
+    Action, AssumptionKind, Category, OpenSheets, Operator, Options, Outcome, Repaired, StepStatus,
 };
 use proptest::prelude::*;
 
 use crate::meshes::{as_f32, cube, join, push, sheet, torus};
-use crate::support::{change_count, measured, with_context};
+use crate::support::{change_count, measured, repair_soup, with_context};
 
 fn thickened(soup: &Soup, thickness: f64, skins: Skins) -> (Surface, Applied) {
     let (mut surface, _) = Surface::from_soup(soup);
@@ -44,11 +40,7 @@ fn put_on_base(soup: &Soup, thickness: f64) -> (Surface, Applied) {
 }
 
 fn run(soup: &Soup, options: &Options) -> Repaired {
-    let bytes = format::write(soup, Format::Stl).unwrap();
-    let cancel = AtomicBool::new(false);
-    let clock = || Duration::ZERO;
-    let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-    repair(&bytes, options, &Limits::default(), None, &context).unwrap()
+    repair_soup(soup, options, None)
 }
 
 /// A Möbius band of `n` quads.

@@ -11,6 +11,9 @@ use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{ClosedSurface, Soup, Surface};
 use meshmend::repair::{Change, Context, NoProgress, Options, Outcome, Remesher, RepairError, Repaired, repair};
+use serde_json::Value;
+
+use crate::prose;
 
 /// Runs `f` with a context whose clock stands still.
 pub fn with_context<T>(f: impl FnOnce(&Context<'_>) -> T) -> T {
@@ -48,8 +51,26 @@ pub fn repair_soup(soup: &Soup, options: &Options, remesher: Option<&dyn Remeshe
     repair_bytes(&write(soup, Format::Stl).unwrap(), options, remesher).unwrap()
 }
 
+/// Repairs a file, and checks that all texts of the report, or of the error, keep the rules for texts.
 pub fn repair_bytes(bytes: &[u8], options: &Options, remesher: Option<&dyn Remesher>) -> Result<Repaired, RepairError> {
-    with_context(|c| repair(bytes, options, &Limits::default(), remesher, c))
+    let repaired = with_context(|c| repair(bytes, options, &Limits::default(), remesher, c));
+    let mut texts = Vec::new();
+    match &repaired {
+        Ok(repaired) => collect_texts(&serde_json::to_value(&repaired.report).unwrap(), "report", &mut texts),
+        Err(error) => texts.push(("error".to_owned(), error.to_string())),
+    }
+    prose::assert_clear(&texts);
+    repaired
+}
+
+/// Adds the strings of at least three words in a JSON value, each with its place.
+fn collect_texts(value: &Value, place: &str, texts: &mut Vec<(String, String)>) {
+    match value {
+        Value::String(text) if text.split_whitespace().count() > 2 => texts.push((place.to_owned(), text.clone())),
+        Value::Object(fields) => fields.iter().for_each(|(key, value)| collect_texts(value, key, texts)),
+        Value::Array(values) => values.iter().for_each(|value| collect_texts(value, place, texts)),
+        _ => {}
+    }
 }
 
 /// Repairs a file with tiers 1 and 2 at a coarse voxel resolution, without pictures.
