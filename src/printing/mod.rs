@@ -14,6 +14,7 @@ pub mod rules;
 mod shapes;
 pub mod skin;
 pub mod target_size;
+pub mod thickening;
 pub mod thickness;
 pub mod traps;
 pub mod unit_candidates;

@@ -1,0 +1,197 @@
+//! Growth: how far each point of a thin wall's surface must move outward until the wall has the least thickness.
+
+use crate::context::{Cancelled, Context};
+use crate::mesh::Surface;
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::sides::kept_faces;
+use super::walls::{Opposed, Side, Walls};
+use super::{Growth, Thickening};
+
+/// Factor on the least wall that is aimed at. It covers the rounding of positions.
+pub const AIM: f64 = 1.001;
+/// The least gap, as a share of the least wall.
+const LEAST_GAP: f64 = 0.02;
+/// The most thin walls that are examined for a face, and for a point.
+const MAX_WITNESSES: usize = 64;
+const MAX_AT_POINT: usize = 8;
+/// The most that a top is raised at once, as a share of the least wall.
+const MAX_ADDITIONAL: f64 = 0.1;
+/// Faces between two checks for cancellation.
+const BATCH: usize = 1 << 14;
+
+/// A point of a face at which the wall is too thin.
+#[derive(Debug, Clone, Copy)]
+pub struct Witness {
+    /// The point.
+    pub point: DVec3,
+    /// The growth that it needs, in the model's unit.
+    pub growth: f64,
+    /// The thin wall.
+    pub wall: Opposed,
+}
+
+/// The growth of each point of a surface.
+pub struct Growths<'a> {
+    /// The search for opposed faces.
+    pub walls: Walls<'a>,
+    settings: Thickening,
+    /// The least that a thin wall grows, in the model's unit.
+    least: f64,
+    /// For each face, the thin walls behind it, thinnest first.
+    witnesses: Vec<Vec<Witness>>,
+    /// Whether a face may not grow.
+    kept: Vec<bool>,
+}
+
+impl<'a> Growths<'a> {
+    /// Measures the walls of a surface. `may_grow` tells which faces may grow.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn new(
+        surface: &'a Surface,
+        settings: Thickening,
+        least: f64,
+        may_grow: impl Fn(u32) -> bool,
+        context: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let walls = Walls::new(surface);
+        let thin = thin_walls(&walls, surface, settings.min_wall, context)?;
+        let kept = vec![false; surface.faces.len()];
+        let mut growths = Self { walls, settings, least, witnesses: Vec::new(), kept };
+        if settings.growth != Growth::Both {
+            growths.kept = kept_faces(surface, &growths.walls, &thin, settings.growth, context)?;
+        }
+        for face in (0u32..).zip(&mut growths.kept) {
+            *face.1 |= !may_grow(face.0);
+        }
+        // Whether a face is thin decides how two faces share a gap, so the list must exist before growth is computed.
+        let without_growth = |thin: Vec<Opposed>| {
+            thin.into_iter().map(|wall| Witness { point: wall.points[0], growth: 0.0, wall }).collect()
+        };
+        growths.witnesses = thin.into_iter().map(without_growth).collect();
+        let growth: Vec<Vec<f64>> = (0u32..)
+            .take(surface.faces.len())
+            .collect::<Vec<u32>>()
+            .par_iter()
+            .map(|&face| {
+                let all = &growths.witnesses[face as usize];
+                all.iter().map(|witness| growths.of_wall(face, &witness.wall)).collect()
+            })
+            .collect();
+        for (witnesses, growth) in growths.witnesses.iter_mut().zip(growth) {
+            witnesses.iter_mut().zip(growth).for_each(|(witness, growth)| witness.growth = growth);
+        }
+        Ok(growths)
+    }
+
+    /// The least wall that is aimed at.
+    pub fn min_wall(&self) -> f64 {
+        self.settings.min_wall * AIM
+    }
+
+    /// The gap that stays at least. Without a limit it is small, so that faces do not touch.
+    fn min_gap(&self) -> f64 {
+        self.settings.min_gap.max(LEAST_GAP * self.settings.min_wall)
+    }
+
+    /// Whether a face has a thin wall behind it.
+    pub fn is_thin(&self, face: u32) -> bool {
+        !self.witnesses[face as usize].is_empty()
+    }
+
+    /// The thin walls behind a face, thinnest first.
+    pub fn witnesses(&self, face: u32) -> &[Witness] {
+        &self.witnesses[face as usize]
+    }
+
+    /// The growth that a point of a face needs.
+    pub fn at(&self, point: DVec3, face: u32) -> f64 {
+        let opposed = self.walls.of_point(point, face, self.min_wall(), Side::Material, MAX_AT_POINT);
+        opposed.iter().map(|wall| self.of_wall(face, wall)).fold(0.0, f64::max)
+    }
+
+    /// The growth of a face at its end of a wall, within the limits on both sides.
+    fn of_wall(&self, face: u32, wall: &Opposed) -> f64 {
+        let [from, to] = wall.points;
+        let lack = self.lack(&self.walls, face, wall);
+        let needed = if lack > 0.0 { lack.max(self.least) } else { 0.0 };
+        let gain = gain(&self.walls, face, wall);
+        let base = needed / (gain[0] + gain[1]);
+        let own = self.limit(from, face, base);
+        if own < base {
+            return own;
+        }
+        let other = self.limit(to, wall.face, base);
+        if other >= base { base } else { self.limit(from, face, (needed - gain[1] * other) / gain[0]) }
+    }
+
+    /// How much longer a wall's segment must become.
+    fn lack(&self, walls: &Walls<'_>, face: u32, wall: &Opposed) -> f64 {
+        (self.min_wall() * walls.factor(face, wall.face) - wall.distance).max(0.0)
+    }
+
+    /// The growth that a top needs in addition, by a wall of the layered surface. `grows_opposite` tells whether the
+    /// opposed face is a top too, and `piece` is the top's own place on the surface, with the growth that it has.
+    pub fn additional(
+        &self,
+        walls: &Walls<'_>,
+        (face, wall): (u32, &Opposed),
+        grows_opposite: bool,
+        (centre, parent, growth): (DVec3, u32, f64),
+    ) -> f64 {
+        let gain = gain(walls, face, wall);
+        let lack = self.lack(walls, face, wall);
+        let more = lack / if grows_opposite { gain[0] + gain[1] } else { gain[0] };
+        let most = self.limit(centre, parent, growth + more);
+        more.min(most - growth).clamp(0.0, MAX_ADDITIONAL * self.settings.min_wall)
+    }
+
+    /// The growth of a face at a point: `wanted`, or less where the gap in front would become too narrow.
+    fn limit(&self, point: DVec3, face: u32, wanted: f64) -> f64 {
+        if self.kept[face as usize] {
+            return 0.0;
+        }
+        let reach = 2.0 * wanted + self.min_gap();
+        let gaps = self.walls.of_point(point, face, reach, Side::Air, MAX_AT_POINT);
+        let room = |gap: &Opposed| {
+            let room = (gap.distance - self.min_gap()).max(0.0);
+            let is_shared = self.is_thin(gap.face) && !self.kept[gap.face as usize];
+            if is_shared { room / 2.0 } else { room }
+        };
+        gaps.iter().map(room).fold(wanted, f64::min)
+    }
+}
+
+/// How much a wall's segment grows for each unit of growth at its two ends.
+fn gain(walls: &Walls<'_>, face: u32, wall: &Opposed) -> [f64; 2] {
+    let [from, to] = wall.points;
+    if wall.distance <= walls.contact {
+        return [walls.factor(face, wall.face); 2];
+    }
+    let out = (from - to) / wall.distance;
+    [walls.normal(face).dot(out), -walls.normal(wall.face).dot(out)]
+}
+
+/// For each face, the walls thinner than `min_wall` behind it, thinnest first.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn thin_walls(
+    walls: &Walls<'_>,
+    surface: &Surface,
+    min_wall: f64,
+    context: &Context<'_>,
+) -> Result<Vec<Vec<Opposed>>, Cancelled> {
+    let faces: Vec<u32> = (0u32..).take(surface.faces.len()).collect();
+    let mut thin = Vec::with_capacity(faces.len());
+    for batch in faces.chunks(BATCH) {
+        context.check()?;
+        let of_batch: Vec<Vec<Opposed>> =
+            batch.par_iter().map(|&face| walls.of_face(face, min_wall, Side::Material, MAX_WITNESSES)).collect();
+        thin.extend(of_batch);
+    }
+    Ok(thin)
+}

@@ -1,0 +1,307 @@
+//! The rounds of a thickening: measure, grow, unite, and measure again.
+
+use crate::context::{Cancelled, Context};
+use crate::math::Tree;
+use crate::mesh::Surface;
+use glam::DVec3;
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+
+use super::growth::{Growths, thin_walls};
+use super::layer::layered;
+use super::places::Places;
+use super::refine::Refined;
+use super::unite::{Broken, Expected, SelfUnion, Topology, united};
+use super::walls::{Opposed, Side, Walls};
+use super::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
+
+/// The most rounds.
+const MAX_ROUNDS: usize = 3;
+/// The most unions of a round. More than one is needed only where a promise is broken.
+const MAX_UNIONS: usize = 12;
+/// The most times that tops are raised before a union.
+const MAX_RAISES: usize = 8;
+/// The least that a wall grows after the first round, as a share of the least wall. Thinner layers leave slivers.
+const LEAST_STEP: f64 = 0.02;
+/// Walls thinner than the least wall by this share count as thin: f32 resolves less.
+const RESOLUTION: f64 = 1.0 / (1 << 20) as f64;
+
+/// The state between rounds.
+pub struct Rounds<'a> {
+    settings: Thickening,
+    input: &'a Surface,
+    union: &'a dyn SelfUnion,
+    context: &'a Context<'a>,
+    /// The topology of the input.
+    topology: Topology,
+    /// The places of the input.
+    places: Places,
+    /// For each place, why its layer was taken back.
+    taken_back: Vec<Option<Broken>>,
+}
+
+impl<'a> Rounds<'a> {
+    /// Runs all rounds.
+    ///
+    /// # Errors
+    /// [`ThickeningError::Cancelled`] when the work should stop.
+    pub fn run(
+        settings: Thickening,
+        input: &'a Surface,
+        union: &'a dyn SelfUnion,
+        context: &'a Context<'a>,
+    ) -> Result<Thickened, ThickeningError> {
+        let thin_before = thin_of(input, settings.min_wall, context)?;
+        let places = Places::new(input, &thin_before);
+        let taken_back = vec![None; places.count as usize];
+        let mut rounds = Self { settings, input, union, context, topology: Topology::of(input), places, taken_back };
+        // Faces carry the index of the input's face; added faces carry it plus the number of faces.
+        let mut surface = input.clone();
+        surface.source = (0..rounds.faces()).collect();
+        let mut thin = thin_before.clone();
+        for number in 0..MAX_ROUNDS {
+            if thin.iter().all(Vec::is_empty) {
+                break;
+            }
+            let Some(next) = rounds.round(&surface, number)? else { break };
+            surface = next;
+            thin = thin_of(&surface, settings.min_wall, context)?;
+        }
+        Ok(rounds.finish(surface, &thin_before, &thin))
+    }
+
+    fn faces(&self) -> u32 {
+        u32::try_from(self.input.faces.len()).unwrap_or(u32::MAX)
+    }
+
+    /// The place of a face, by its carrier.
+    fn place_of(&self, surface: &Surface, face: usize) -> Option<u32> {
+        self.places.of_face[(surface.source[face] % self.faces().max(1)) as usize]
+    }
+
+    /// One round: the united surface; none where nothing grows.
+    fn round(&mut self, surface: &Surface, number: usize) -> Result<Option<Surface>, ThickeningError> {
+        let place: Vec<Option<u32>> = (0..surface.faces.len()).map(|face| self.place_of(surface, face)).collect();
+        let may_grow = |face: u32| place[face as usize].is_none_or(|place| self.taken_back[place as usize].is_none());
+        let least = if number == 0 { 0.0 } else { LEAST_STEP * self.settings.min_wall };
+        let growths = Growths::new(surface, self.settings, least, may_grow, self.context)?;
+        let mut refined = Refined::new(surface, &growths, self.settings.precision, self.context)?;
+        let mut thin: Option<Vec<u32>> = None;
+        for _ in 0..MAX_RAISES {
+            let still = self.raise(surface, &mut refined, &growths, thin.as_deref())?;
+            if still.is_empty() {
+                break;
+            }
+            thin = Some(still);
+        }
+        let all: Vec<u32> = (0..self.places.count).filter(|&place| self.taken_back[place as usize].is_none()).collect();
+        let mut attempt = Attempt { rounds: self, surface, place: &place, refined: &refined, unions: 0 };
+        if let Some(Ok(whole)) = attempt.union_of(&all)? {
+            return Ok(Some(whole));
+        }
+        let (kept, broken) = attempt.largest_good(&all)?;
+        let result = attempt.union_of(&kept)?;
+        for (place, reason) in broken {
+            self.taken_back[place as usize] = Some(reason);
+        }
+        Ok(result.and_then(Result::ok))
+    }
+
+    /// Raises the tops that still have a thin wall, among some pieces or all. Returns their pieces. Raising only
+    /// increases distances, so no other piece becomes thin.
+    fn raise(
+        &self,
+        surface: &Surface,
+        refined: &mut Refined,
+        growths: &Growths<'_>,
+        among: Option<&[u32]>,
+    ) -> Result<Vec<u32>, Cancelled> {
+        let layered = layered(refined, &surface.source, self.faces(), self.settings.precision, self.context)?;
+        let walls = Walls::new(&layered.surface);
+        let limit = self.settings.min_wall * (1.0 - RESOLUTION);
+        let takes_part = |piece: &u32| among.is_none_or(|among| among.binary_search(piece).is_ok());
+        let of_face = |(face, &piece): (u32, &Option<u32>)| piece.filter(takes_part).map(|piece| (face, piece));
+        let tops: Vec<(u32, u32)> = (0u32..).zip(&layered.piece).filter_map(of_face).collect();
+        self.context.check()?;
+        let more: Vec<f64> = tops
+            .par_iter()
+            .map(|&(face, piece)| {
+                let thin = walls.of_face(face, limit, Side::Material, 1);
+                thin.first().map_or(0.0, |wall| {
+                    let grows_opposite = layered.piece[wall.face as usize].is_some();
+                    let centre = refined.corners(piece).into_iter().sum::<DVec3>() / 3.0;
+                    let growth = (0..3).map(|k| refined.corner_growth(piece, k)).fold(0.0, f64::max);
+                    let place = (centre, refined.parent[piece as usize], growth);
+                    growths.additional(&walls, (face, wall), grows_opposite, place)
+                })
+            })
+            .collect();
+        let mut raised: Vec<u32> = Vec::new();
+        let mut at: FxHashMap<(u32, u32), f64> = FxHashMap::default();
+        for (&(_, piece), &more) in tops.iter().zip(&more).filter(|(_, more)| **more > 0.0) {
+            raised.push(piece);
+            for v in refined.faces[piece as usize] {
+                let most = at.entry((v, refined.parent[piece as usize])).or_insert(0.0);
+                *most = most.max(more);
+            }
+        }
+        for (key, more) in at {
+            *refined.growth.entry(key).or_insert(0.0) += more;
+        }
+        raised.sort_unstable();
+        Ok(raised)
+    }
+
+    /// Assembles the result.
+    fn finish(self, mut surface: Surface, before: &[Vec<Opposed>], after: &[Vec<Opposed>]) -> Thickened {
+        let count = self.faces();
+        let mut places = self.places_before(before);
+        let mut extra: Vec<ThickenedPlace> = Vec::new();
+        for (face, walls) in after.iter().enumerate() {
+            let Some(wall) = walls.first() else { continue };
+            match self.place_of(&surface, face) {
+                Some(number) => {
+                    let place = &mut places[number as usize];
+                    place.least_after = place.least_after.min(wall.thickness);
+                    place.result = PlaceResult::LeftThin(self.reason(number));
+                }
+                None => extra.push(ThickenedPlace {
+                    at: wall.points[0],
+                    least_before: self.settings.min_wall,
+                    least_after: wall.thickness,
+                    area: surface.area_vector(face).length() / 2.0,
+                    result: PlaceResult::LeftThin(ThinReason::Rounds),
+                }),
+            }
+        }
+        places.extend(extra);
+        places.sort_by(|a, b| b.area.total_cmp(&a.area));
+        let is_added = |&&source: &&u32| source >= count;
+        let added_faces: Vec<u32> =
+            (0u32..).zip(&surface.source).filter(|(_, source)| is_added(source)).map(|(face, _)| face).collect();
+        let max_deviation = deviation(self.input, &surface, &added_faces);
+        let added_volume = volume(&surface) - volume(self.input);
+        for source in &mut surface.source {
+            *source = self.input.source[(*source % count.max(1)) as usize];
+        }
+        let is_proved = after.iter().all(Vec::is_empty);
+        Thickened { surface, added_volume, max_deviation, places, added_faces, is_proved }
+    }
+
+    /// The places of the input, all proved.
+    fn places_before(&self, before: &[Vec<Opposed>]) -> Vec<ThickenedPlace> {
+        let none = ThickenedPlace {
+            at: DVec3::ZERO,
+            least_before: f64::INFINITY,
+            least_after: self.settings.min_wall,
+            area: 0.0,
+            result: PlaceResult::Proved,
+        };
+        let mut places = vec![none; self.places.count as usize];
+        for (face, walls) in before.iter().enumerate() {
+            let (Some(number), Some(wall)) = (self.places.of_face[face], walls.first()) else { continue };
+            let place = &mut places[number as usize];
+            place.area += self.input.area_vector(face).length() / 2.0;
+            if wall.thickness < place.least_before {
+                (place.least_before, place.at) = (wall.thickness, wall.points[0]);
+            }
+        }
+        places
+    }
+
+    /// Why a place is still thin.
+    fn reason(&self, place: u32) -> ThinReason {
+        match self.taken_back[place as usize] {
+            Some(Broken::Topology) => ThinReason::Topology,
+            Some(Broken::Union) => ThinReason::Union,
+            None => ThinReason::Rounds,
+        }
+    }
+}
+
+/// The unions that a round tries.
+struct Attempt<'a, 'b> {
+    rounds: &'a Rounds<'b>,
+    surface: &'a Surface,
+    place: &'a [Option<u32>],
+    refined: &'a Refined,
+    unions: usize,
+}
+
+impl Attempt<'_, '_> {
+    /// The union with the layer of some places, in ascending order; none if they have no layer.
+    fn union_of(&mut self, places: &[u32]) -> Result<Option<Result<Surface, Broken>>, Cancelled> {
+        let takes_part =
+            |parent: u32| self.place[parent as usize].is_none_or(|place| places.binary_search(&place).is_ok());
+        let rounds = self.rounds;
+        let source = &self.surface.source;
+        let precision = rounds.settings.precision;
+        let layered = layered(&self.refined.only(takes_part), source, rounds.faces(), precision, rounds.context)?;
+        if layered.piece.iter().all(Option::is_none) {
+            return Ok(None);
+        }
+        self.unions += 1;
+        let expected =
+            Expected { topology: rounds.topology, min_wall: rounds.settings.min_wall, first_added: rounds.faces() };
+        united(&layered.surface, expected, rounds.union, rounds.context).map(Some)
+    }
+
+    /// The places whose layers can be united together, and those that cannot, with the reason. By halving.
+    fn largest_good(&mut self, all: &[u32]) -> Result<(Vec<u32>, Vec<(u32, Broken)>), Cancelled> {
+        let (mut good, mut broken): (Vec<u32>, Vec<(u32, Broken)>) = (Vec::new(), Vec::new());
+        let mut open: Vec<Vec<u32>> = vec![all.to_vec()];
+        let mut is_first = true;
+        while let Some(some) = open.pop() {
+            let mut with: Vec<u32> = good.iter().chain(&some).copied().collect();
+            with.sort_unstable();
+            let outcome = if is_first {
+                Err(Broken::Union)
+            } else if self.unions >= MAX_UNIONS {
+                broken.extend(some.iter().map(|&place| (place, Broken::Union)));
+                continue;
+            } else {
+                self.union_of(&with)?.map_or(Ok(()), |result| result.map(|_| ()))
+            };
+            is_first = false;
+            match outcome {
+                Ok(()) => good = with,
+                Err(reason) if some.len() == 1 => broken.push((some[0], reason)),
+                Err(_) => {
+                    let (left, right) = some.split_at(some.len() / 2);
+                    open.extend([right.to_vec(), left.to_vec()]);
+                }
+            }
+        }
+        Ok((good, broken))
+    }
+}
+
+/// The walls of a surface that are thinner than `min_wall`.
+fn thin_of(surface: &Surface, min_wall: f64, context: &Context<'_>) -> Result<Vec<Vec<Opposed>>, Cancelled> {
+    thin_walls(&Walls::new(surface), surface, min_wall * (1.0 - RESOLUTION), context)
+}
+
+/// The enclosed volume, relative to the centre of the box.
+fn volume(surface: &Surface) -> f64 {
+    let origin = surface.bounds().centre();
+    let part = |face: usize| {
+        let [a, b, c] = surface.corners(face).map(|p| p - origin);
+        a.dot(b.cross(c))
+    };
+    (0..surface.faces.len()).map(part).sum::<f64>() / 6.0
+}
+
+/// The largest distance of the corners and the centres of some faces from another surface.
+fn deviation(from: &Surface, of: &Surface, faces: &[u32]) -> f64 {
+    let tree = Tree::new(&from.positions, &from.faces);
+    let mut most = 0.0f64;
+    for &face in faces {
+        let corners = of.corners(face as usize);
+        for p in corners.into_iter().chain([corners.into_iter().sum::<DVec3>() / 3.0]) {
+            // Only points farther than the farthest so far matter.
+            let nearest = tree.nearest(p, f64::INFINITY, &mut u64::MAX.clone(), |f| from.corners(f as usize));
+            most = most.max(nearest.map_or(0.0, |nearest| nearest.distance));
+        }
+    }
+    most
+}

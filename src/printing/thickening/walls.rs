@@ -1,0 +1,227 @@
+//! Opposed faces: for a face or a point, the faces on the other side of the material, or of the air in front.
+//!
+//! Two faces oppose each other if their normals point away from each other to within 36.9 degrees. The shortest segment
+//! between them is a wall if it runs through material, and a gap if it runs through air.
+
+use crate::math::{Box3, Tree, hit, nearest_on_segment, nearest_on_triangle};
+use crate::mesh::Surface;
+use glam::DVec3;
+
+/// The largest dot product of the normals of opposed faces: -cos(36.9 degrees). Wedges above that angle are edges.
+const OPPOSED: f64 = -0.8;
+/// Cosine of the largest angle, 60 degrees, between the segment and the normals at its ends.
+const ALIGNED: f64 = 0.5;
+/// Share at each end of a segment in which faces do not block it: they touch the segment's own ends.
+const END: f64 = 1e-3;
+
+/// Height of a triangle below which the rounding to f32 decides its normal, as a share of the largest coordinate.
+pub const NOISE: f64 = 16.0 / (1 << 24) as f64;
+
+/// The side of a face on which its opposed faces are searched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// Behind the face: walls.
+    Material,
+    /// In front of the face: gaps.
+    Air,
+}
+
+/// The shortest segment from a face to an opposed face. Its thickness is the diameter of the ball that touches the planes
+/// of both faces where it is as thick as the segment is long, measured at a right angle to one of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Opposed {
+    /// The opposed face.
+    pub face: u32,
+    /// The end on the face itself, and the end on the opposed face.
+    pub points: [DVec3; 2],
+    /// The length of the segment, in the model's unit.
+    pub distance: f64,
+    /// The thickness, in the model's unit.
+    pub thickness: f64,
+}
+
+impl Opposed {
+    fn set(&mut self, points: [DVec3; 2], factor: f64) {
+        self.points = points;
+        self.distance = points[0].distance(points[1]);
+        self.thickness = self.distance / factor;
+    }
+}
+
+/// Finds opposed faces of a closed surface without intersections.
+pub struct Walls<'a> {
+    surface: &'a Surface,
+    normals: Vec<DVec3>,
+    tree: Tree,
+    /// The distance up to which faces touch: positions are rounded.
+    pub contact: f64,
+}
+
+impl<'a> Walls<'a> {
+    /// Prepares the search.
+    pub fn new(surface: &'a Surface) -> Self {
+        let largest = surface.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
+        let normals = (0..surface.faces.len()).map(|f| trusted_normal(surface.corners(f), NOISE * largest)).collect();
+        Self { surface, normals, tree: Tree::new(&surface.positions, &surface.faces), contact: NOISE * largest }
+    }
+
+    /// The unit normal of a face; zero if it has no area.
+    pub fn normal(&self, face: u32) -> DVec3 {
+        self.normals[face as usize]
+    }
+
+    /// The `most` faces opposed to a face, nearer than `limit`, nearest first. Blocked segments are left out.
+    pub fn of_face(&self, face: u32, limit: f64, side: Side, most: usize) -> Vec<Opposed> {
+        let own = self.corners(face);
+        let mut found = self.candidates(Box3::of(own), face, limit, side);
+        found.retain_mut(|other| {
+            let corners = self.corners(other.face);
+            if self.least_depth(face, corners, side).max(self.least_depth(other.face, own, side)) >= limit {
+                return false;
+            }
+            let [from, to] = nearest_of_triangles(own, corners);
+            other.set([from, to], self.factor(face, other.face));
+            other.thickness < limit && self.is_aligned(face, other, side)
+        });
+        self.nearest_unblocked(face, found, most)
+    }
+
+    /// As [`Walls::of_face`], for a point of a face.
+    pub fn of_point(&self, point: DVec3, face: u32, limit: f64, side: Side, most: usize) -> Vec<Opposed> {
+        let mut found = self.candidates(Box3::of([point]), face, limit, side);
+        found.retain_mut(|other| {
+            let to = nearest_on_triangle(point, self.corners(other.face));
+            other.set([point, to], self.factor(face, other.face));
+            other.thickness < limit && self.is_aligned(face, other, side)
+        });
+        self.nearest_unblocked(face, found, most)
+    }
+
+    /// The share of a step from a point at which it first meets a face other than `own`.
+    pub fn first_hit(&self, from: DVec3, step: DVec3, own: u32) -> Option<f64> {
+        let meets = |face: u32| (face != own).then(|| hit(from, step, self.corners(face))).flatten();
+        self.tree.first_along([from, from + step], None, &mut u64::MAX.clone(), meets).map(|(share, _)| share)
+    }
+
+    /// The share of the thickness of a wedge that a segment at a right angle to one of its sides measures.
+    pub fn factor(&self, face: u32, other: u32) -> f64 {
+        (1.0 - self.normal(face).dot(self.normal(other))) / 2.0
+    }
+
+    fn corners(&self, face: u32) -> [DVec3; 3] {
+        self.surface.corners(face as usize)
+    }
+
+    /// The opposed faces whose boxes are within `limit` of a box.
+    fn candidates(&self, mut bounds: Box3, face: u32, limit: f64, side: Side) -> Vec<Opposed> {
+        let mut found = Vec::new();
+        let normal = self.normal(face);
+        if normal == DVec3::ZERO {
+            return found;
+        }
+        bounds.min -= DVec3::splat(limit);
+        bounds.max += DVec3::splat(limit);
+        self.tree.overlapping(&bounds, |other| {
+            let opposite = self.normal(other);
+            if opposite != DVec3::ZERO && normal.dot(opposite) <= OPPOSED && self.faces_side(face, other, side) {
+                found.push(Opposed { face: other, points: [DVec3::ZERO; 2], distance: 0.0, thickness: 0.0 });
+            }
+            true
+        });
+        found
+    }
+
+    /// The least distance of three points from the plane of a face, on the given side.
+    fn least_depth(&self, face: u32, points: [DVec3; 3], side: Side) -> f64 {
+        let ([origin, ..], normal) = (self.corners(face), self.normal(face));
+        let sign = if side == Side::Material { -1.0 } else { 1.0 };
+        points.iter().map(|&p| (p - origin).dot(normal) * sign).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether each of two faces has a part on the given side of the other.
+    fn faces_side(&self, face: u32, other: u32, side: Side) -> bool {
+        let behind = |face: u32, other: u32| {
+            let ([origin, ..], normal) = (self.corners(face), self.normal(face));
+            let sign = if side == Side::Material { -1.0 } else { 1.0 };
+            self.corners(other).iter().any(|&p| (p - origin).dot(normal) * sign > 0.0)
+        };
+        behind(face, other) && behind(other, face)
+    }
+
+    /// Whether a segment leaves its face on the given side, and arrives from that side at the opposed face.
+    fn is_aligned(&self, face: u32, other: &Opposed, side: Side) -> bool {
+        let [from, to] = other.points;
+        let sign = if side == Side::Material { 1.0 } else { -1.0 };
+        if other.distance <= self.contact {
+            // The faces share the edge or the vertex of a wedge: the sides of their centres decide.
+            let centre = |f: u32| self.corners(f).into_iter().sum::<DVec3>() / 3.0;
+            let step = (centre(other.face) - centre(face)) * sign;
+            return step.dot(self.normal(face)) < 0.0 && step.dot(self.normal(other.face)) > 0.0;
+        }
+        let step = (to - from) * (sign / other.distance);
+        step.dot(self.normal(face)) <= -ALIGNED && step.dot(self.normal(other.face)) >= ALIGNED
+    }
+
+    fn nearest_unblocked(&self, face: u32, mut found: Vec<Opposed>, most: usize) -> Vec<Opposed> {
+        found.sort_by(|a, b| a.thickness.total_cmp(&b.thickness).then(a.face.cmp(&b.face)));
+        let is_free = |other: &Opposed| other.distance <= self.contact || self.is_clear(face, other);
+        found.into_iter().filter(is_free).take(most).collect()
+    }
+
+    /// Whether no other face meets a segment between its ends.
+    fn is_clear(&self, face: u32, other: &Opposed) -> bool {
+        let [from, to] = other.points;
+        let mut clear = true;
+        self.tree.along(from, to, |between| {
+            if between != face && between != other.face {
+                let at = hit(from, to - from, self.corners(between));
+                clear = at.is_none_or(|at| at <= END || at >= 1.0 - END);
+            }
+            clear
+        });
+        clear
+    }
+}
+
+/// The unit normal of a triangle; zero if its least height is below `noise`, so that rounding decides the normal.
+pub fn trusted_normal([a, b, c]: [DVec3; 3], noise: f64) -> DVec3 {
+    let normal = (b - a).cross(c - a);
+    let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+    if normal.length() > noise * longest { normal.normalize_or_zero() } else { DVec3::ZERO }
+}
+
+/// The nearest points of two triangles that do not intersect.
+pub fn nearest_of_triangles(one: [DVec3; 3], other: [DVec3; 3]) -> [DVec3; 2] {
+    let mut best = [one[0], other[0]];
+    let mut least = f64::INFINITY;
+    let mut offer = |pair: [DVec3; 2]| {
+        let square = pair[0].distance_squared(pair[1]);
+        if square < least {
+            (least, best) = (square, pair);
+        }
+    };
+    for p in one {
+        offer([p, nearest_on_triangle(p, other)]);
+    }
+    for q in other {
+        offer([nearest_on_triangle(q, one), q]);
+    }
+    for i in 0..3 {
+        for j in 0..3 {
+            offer(nearest_of_segments([one[i], one[(i + 1) % 3]], [other[j], other[(j + 1) % 3]]));
+        }
+    }
+    best
+}
+
+/// The nearest points of two segments, where both are interior or one is an end.
+fn nearest_of_segments([a, b]: [DVec3; 2], [c, d]: [DVec3; 2]) -> [DVec3; 2] {
+    let (u, v, w) = (b - a, d - c, a - c);
+    let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
+    let (uw, vw) = (u.dot(w), v.dot(w));
+    let determinant = uu * vv - uv * uv;
+    let s = if determinant > 1e-12 * uu * vv { ((uv * vw - vv * uw) / determinant).clamp(0.0, 1.0) } else { 0.0 };
+    let q = nearest_on_segment(a + u * s, [c, d]);
+    let p = nearest_on_segment(q, [a, b]);
+    [p, nearest_on_segment(p, [c, d])]
+}
