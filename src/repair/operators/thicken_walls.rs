@@ -85,9 +85,9 @@ impl Operation for ThickenWalls {
 /// Why a wall stays thin.
 fn in_words(reason: ThinReason) -> &'static str {
     match reason {
-        ThinReason::Gap => "thicker, it would close a gap",
-        ThinReason::SharpEdge => "it ends in a sharp edge",
-        ThinReason::Topology => "thicker, it would join parts or close a hole",
+        ThinReason::Gap => "a thicker wall would close a gap",
+        ThinReason::SharpEdge => "the wall ends in a sharp edge",
+        ThinReason::Topology => "a thicker wall would join parts or close a hole",
         ThinReason::Union => "the added layer could not be united exactly",
         ThinReason::Rounds => "three rounds did not suffice",
     }
