@@ -11,7 +11,7 @@ use crate::mesh::{ClosedSurface, Edges, NotClosed, Surface, UnionFind};
 
 /// The region that reaches to infinity.
 pub const OUTSIDE: u32 = 0;
-/// The region of the sides of a face with a repeated vertex, which has no area.
+/// The region of the sides of a face that bounds nothing: one with a repeated vertex, or in a piece without any area.
 pub const NO_REGION: u32 = u32::MAX;
 
 /// Rays that are tried to find what surrounds a piece of the surface.
@@ -90,12 +90,10 @@ impl Regions {
                 pieces.unite(face, next);
             }
         }
-        let is_flat = |f: usize| {
-            let [a, b, c] = surface.faces[f];
-            a == b || b == c || c == a
-        };
-        Nesting::new(surface, &unit, pieces.into_roots()).unite(&mut sides, infinity, is_flat, context)?;
-        let (of_side, regions) = numbered(sides, count, is_flat);
+        let nesting = Nesting::new(surface, &unit, pieces.into_roots());
+        let is_flat = nesting.flat_faces();
+        nesting.unite(&mut sides, infinity, &is_flat, context)?;
+        let (of_side, regions) = numbered(sides, &is_flat);
         Self::merged(of_side, regions)
     }
 
@@ -223,14 +221,14 @@ pub fn around_edge(surface: &Surface, unit: &[DVec3], half_edges: &[u32]) -> Opt
 }
 
 /// Numbers the sets of sides: the set of infinity is [`OUTSIDE`], the others follow by their first side.
-fn numbered(sides: UnionFind, faces: usize, is_flat: impl Fn(usize) -> bool) -> (Vec<u32>, usize) {
-    let roots = sides.into_roots();
+fn numbered(sides: UnionFind, is_flat: &[bool]) -> (Vec<u32>, usize) {
+    let (roots, faces) = (sides.into_roots(), is_flat.len());
     let mut number = vec![NO_REGION; roots.len()];
     let mut count = 1;
     number[roots[2 * faces] as usize] = OUTSIDE;
     let of_side = (0..2 * faces)
         .map(|side| {
-            if is_flat(side / 2) {
+            if is_flat[side / 2] {
                 return NO_REGION;
             }
             let slot = &mut number[roots[side] as usize];
@@ -301,27 +299,46 @@ impl<'a> Nesting<'a> {
         self.faces[face as usize].map(|v| self.unit[v as usize])
     }
 
+    fn doubled_area_squared(&self, face: u32) -> f64 {
+        let [a, b, c] = self.corners(face);
+        (b - a).cross(c - a).length_squared()
+    }
+
+    /// For each face the largest face of its piece, at the index of the piece.
+    fn largest_faces(&self) -> Vec<u32> {
+        let mut largest: Vec<u32> = (0..index(self.faces.len())).collect();
+        for face in 0..index(self.faces.len()) {
+            let best = &mut largest[self.piece_of[face as usize] as usize];
+            if self.doubled_area_squared(face) > self.doubled_area_squared(*best) {
+                *best = face;
+            }
+        }
+        largest
+    }
+
+    /// For each face whether it bounds nothing: it has a repeated vertex, or no face of its piece has an area.
+    fn flat_faces(&self) -> Vec<bool> {
+        let largest = self.largest_faces();
+        let encloses_nothing = |piece: u32| self.doubled_area_squared(largest[piece as usize]) == 0.0;
+        let has_repeated_vertex = |[a, b, c]: [u32; 3]| a == b || b == c || c == a;
+        self.faces
+            .iter()
+            .zip(&self.piece_of)
+            .map(|(&f, &piece)| has_repeated_vertex(f) || encloses_nothing(piece))
+            .collect()
+    }
+
     /// Unites the outer side of each piece with the side of the face that surrounds it, or with `infinity`.
     fn unite(
         mut self,
         sides: &mut UnionFind,
         infinity: u32,
-        is_flat: impl Fn(usize) -> bool,
+        is_flat: &[bool],
         context: &Context<'_>,
     ) -> Result<(), RegionsError> {
-        let area = |face: u32| {
-            let [a, b, c] = self.corners(face);
-            (b - a).cross(c - a).length_squared()
-        };
-        let mut largest: Vec<u32> = (0..index(self.faces.len())).collect();
-        for face in 0..index(self.faces.len()) {
-            let best = &mut largest[self.piece_of[face as usize] as usize];
-            if area(face) > area(*best) {
-                *best = face;
-            }
-        }
+        let largest = self.largest_faces();
         for piece in 0..index(self.faces.len()) {
-            if self.piece_of[piece as usize] != piece || is_flat(piece as usize) {
+            if self.piece_of[piece as usize] != piece || is_flat[piece as usize] {
                 continue;
             }
             context.check()?;

@@ -109,3 +109,17 @@ fn a_hundred_bubbles_are_each_found_once() {
         assert!(voids.iter().all(|void| void.container.is_none() && void.widest > 0.4));
     });
 }
+
+#[test]
+fn parts_without_area_are_ignored() {
+    quietly(|context| {
+        let mut model =
+            joined(&[cuboid(DVec3::ZERO, DVec3::splat(4.0)), inverted(cuboid(DVec3::ONE, DVec3::splat(2.0)))]);
+        let first = model.positions.len() as u32;
+        model.positions.extend([1.2, 1.4, 1.9].map(DVec3::splat));
+        model.faces.extend([[first, first + 1, first + 2], [first, first + 2, first + 1], [0, 0, 1]]);
+        model.source.extend([30, 31, 32]);
+        let voids = sealed_voids(&model, context).unwrap();
+        assert_eq!(voids.iter().map(|void| void.volume).collect::<Vec<_>>(), [1.0]);
+    });
+}
