@@ -2,8 +2,7 @@
 
 use glam::DVec3;
 
-use super::VentOptions;
-use super::place::Site;
+use super::options::VentOptions;
 use crate::mesh::{NO_SOURCE, Surface};
 
 /// Number of sides.
@@ -36,20 +35,20 @@ pub(super) fn corner_radius() -> f64 {
 }
 
 impl Bore {
-    /// The prism of a bore.
-    pub fn new(site: &Site, options: &VentOptions) -> Self {
+    /// The prism of a bore along an axis with a unit direction.
+    pub fn new(axis: [DVec3; 2], direction: DVec3, options: &VentOptions) -> Self {
         let radius = options.diameter / 2.0;
-        let largest = site.axis.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
+        let largest = axis.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         let corners = (radius * (1.0 + WIDER) + WIDER_ULPS * largest * f64::from(f32::EPSILON)) * corner_radius();
-        let [a, b] = across(site.direction);
-        let ring = site.axis.map(|end| {
+        let [a, b] = across(direction);
+        let ring = axis.map(|end| {
             let corner = |i: u32| {
                 let angle = std::f64::consts::TAU * (f64::from(i) + 0.5) / f64::from(SIDES);
                 options.precision.round(end + (a * angle.cos() + b * angle.sin()) * corners)
             };
             (0..SIDES).map(corner).collect()
         });
-        Self { ring, axis: site.axis, radius }
+        Self { ring, axis, radius }
     }
 
     /// The corners.

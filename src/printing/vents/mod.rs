@@ -4,6 +4,7 @@
 //! verified: a void that can't be joined without side effects is left alone, with the reason.
 
 mod bore;
+mod options;
 mod place;
 mod verify;
 
@@ -11,9 +12,9 @@ use glam::DVec3;
 
 use super::voids::{OUTSIDE, Regions, RegionsError, SealedVoid, voids_of};
 use crate::context::{Cancelled, Context};
-use crate::math::Precision;
 use crate::mesh::{Edges, Surface};
 use bore::Bore;
+pub use options::VentOptions;
 use place::{Placement, Site, Task};
 pub use verify::Mistake;
 use verify::verify;
@@ -22,19 +23,6 @@ use verify::verify;
 const MAX_VOIDS: usize = 500;
 /// Places that are tried for one bore if the first fails the verification.
 const MAX_TRIED: usize = 4;
-
-/// What to drill. Lengths are in the model's unit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct VentOptions {
-    /// Diameter of a cylinder that passes through each bore.
-    pub diameter: f64,
-    /// Number of bores for each void.
-    pub per_void: u32,
-    /// The upward direction in which the model stands or is built. Bores are placed low and on the underside.
-    pub up: DVec3,
-    /// Precision of the positions in the output.
-    pub precision: Precision,
-}
 
 /// A bore that was drilled. Lengths are in the model's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -227,7 +215,7 @@ impl Drilling<'_> {
         sites: &[Site],
         context: &Context<'_>,
     ) -> Result<Result<Surface, VentFailure>, VentError> {
-        let bores: Vec<Bore> = sites.iter().map(|site| Bore::new(site, self.options)).collect();
+        let bores: Vec<Bore> = sites.iter().map(|site| Bore::new(site.axis, site.direction, self.options)).collect();
         let mut cut = surface.clone();
         bores.iter().for_each(|bore| bore.append_to(&mut cut));
         let result = match (self.union)(cut, context) {

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::VentOptions;
 use super::bore::{across, corner_radius};
+use super::options::VentOptions;
 use crate::context::{Cancelled, Context};
 use crate::math::ray_direction;
 use crate::mesh::Surface;

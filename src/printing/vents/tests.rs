@@ -1,5 +1,6 @@
 use super::*;
 use crate::arrange::{Arrangement, Exact, WindingRule};
+use crate::math::Precision;
 use crate::mesh::{ClosedSurface, weld_exactly};
 use crate::printing::shapes::*;
 use crate::printing::voids::sealed_voids;

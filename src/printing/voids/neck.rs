@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
+use super::regions::Regions;
+use super::sealed::SealedVoid;
 use super::widest::RegionFaces;
-use super::{Regions, SealedVoid};
 use crate::context::{Cancelled, Context};
 use crate::math::{to_unit_range, unit_scale};
 use crate::mesh::{Surface, UnionFind};
@@ -147,10 +148,10 @@ impl Grid {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sealed::voids_of;
     use super::*;
     use crate::mesh::Edges;
     use crate::printing::shapes::*;
-    use crate::printing::voids::voids_of;
 
     fn neck(surface: &Surface, cells: usize) -> Option<Neck> {
         let mut found = None;

@@ -1,4 +1,7 @@
+use glam::DVec3;
+
 use super::*;
+use crate::mesh::Surface;
 use crate::printing::shapes::*;
 
 fn ball_volume(r: f64) -> f64 {
