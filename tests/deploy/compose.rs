@@ -1,38 +1,13 @@
 //! docker/compose.yaml: settings, limits and open ports of its services.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
-use serde_json::{Map, Value};
+use serde_json::Value;
 
+use crate::support::compose::{FILE, compose, services, variables};
 use crate::support::containers::{Container, mebibytes, seconds};
 use crate::support::image::Image;
 use crate::support::source::{names, root, strings, text, yaml};
-
-const FILE: &str = "docker/compose.yaml";
-
-fn compose() -> Value {
-    let [compose] = yaml(FILE).try_into().expect("one document");
-    compose
-}
-
-fn services(compose: &Value) -> &Map<String, Value> {
-    compose["services"].as_object().expect("services")
-}
-
-/// The variables of a service, with `secret` for each one taken from the environment.
-fn variables(service: &Value) -> BTreeMap<String, String> {
-    let variables = service["environment"].as_object().into_iter().flatten();
-    variables
-        .map(|(name, value)| {
-            let value = value.as_str().expect("a string");
-            let value = match (value.find("${"), value.find('}')) {
-                (Some(from), Some(to)) => format!("{}secret{}", &value[..from], &value[to + 1..]),
-                _ => value.to_owned(),
-            };
-            (name.clone(), value)
-        })
-        .collect()
-}
 
 /// The items of a list, or the keys of a map.
 fn named(value: &Value) -> Vec<String> {

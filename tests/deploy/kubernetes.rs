@@ -10,16 +10,8 @@ use sqlx::Connection;
 use crate::postgres::Postgres;
 use crate::support::containers::{Container, mebibytes};
 use crate::support::image::Image;
+use crate::support::manifests::{FOLDER, objects};
 use crate::support::source::{root, strings, yaml};
-
-const FOLDER: &str = "deploy/kubernetes";
-
-/// Every object, including the example secret.
-fn objects() -> Vec<Value> {
-    let [kustomization] = yaml(&format!("{FOLDER}/kustomization.yaml")).try_into().expect("one document");
-    let files = strings(&kustomization["resources"]).into_iter().chain(["secret.example.yaml".to_owned()]);
-    files.flat_map(|file| yaml(&format!("{FOLDER}/{file}"))).collect()
-}
 
 fn named(kind: &str, name: &str) -> Value {
     let found = objects().into_iter().find(|object| object["kind"] == kind && object["metadata"]["name"] == name);

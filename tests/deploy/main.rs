@@ -6,11 +6,16 @@ mod files;
 #[path = "../support/postgres.rs"]
 #[allow(dead_code, reason = "the tests of the service need all of it")]
 mod postgres;
+#[path = "../support/s3.rs"]
+#[allow(dead_code, reason = "the tests of the service need all of it")]
+mod s3;
 #[path = "../support/server.rs"]
 #[allow(dead_code, reason = "the tests of the service need all of it")]
 mod server;
 
 mod compose;
+mod compose_run;
+mod helm;
 mod image;
 mod kubernetes;
 mod metrics;

@@ -22,6 +22,9 @@ const KEY: (&str, &str) = ("test-key", "test-secret");
 
 /// A running server, or one that was killed.
 pub struct S3 {
+    bucket: String,
+    prefix: String,
+    key: (String, String),
     folder: TempDir,
     address: SocketAddr,
     runtime: Option<Runtime>,
@@ -30,9 +33,22 @@ pub struct S3 {
 impl S3 {
     /// Starts a server with an empty bucket.
     pub fn start() -> Self {
+        Self::start_with(&format!("s3://{BUCKET}/{PREFIX}"), KEY.0, KEY.1)
+    }
+
+    /// Starts a server with the bucket of this URL, `s3://BUCKET/PREFIX`, and with one key.
+    pub fn start_with(url: &str, key: &str, secret: &str) -> Self {
+        let (bucket, prefix) = url.strip_prefix("s3://").and_then(|rest| rest.split_once('/')).expect("a URL");
         let folder = tempfile::tempdir().expect("a folder");
-        std::fs::create_dir(folder.path().join(BUCKET)).expect("a bucket");
-        let mut server = Self { folder, address: ([127, 0, 0, 1], 0).into(), runtime: None };
+        std::fs::create_dir(folder.path().join(bucket)).expect("a bucket");
+        let mut server = Self {
+            bucket: bucket.to_owned(),
+            prefix: prefix.to_owned(),
+            key: (key.to_owned(), secret.to_owned()),
+            folder,
+            address: ([127, 0, 0, 1], 0).into(),
+            runtime: None,
+        };
         server.restart();
         server
     }
@@ -48,7 +64,7 @@ impl S3 {
     /// Starts the server again with the same files and address.
     pub fn restart(&mut self) {
         let mut service = S3ServiceBuilder::new(FileSystem::new(self.folder.path()).expect("a folder"));
-        service.set_auth(SimpleAuth::from_single(KEY.0, KEY.1));
+        service.set_auth(SimpleAuth::from_single(self.key.0.clone(), self.key.1.clone()));
         let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
         let runtime = runtime.expect("a runtime");
         let asked = self.address;
@@ -71,9 +87,9 @@ impl S3 {
     /// The configuration of a client.
     pub fn config(&self, spool: PathBuf) -> S3Config {
         S3Config {
-            url: format!("s3://{BUCKET}/{PREFIX}"),
+            url: self.url(),
             endpoint: Some(self.endpoint()),
-            credentials: Some((KEY.0.to_owned(), KEY.1.to_owned())),
+            credentials: Some(self.key.clone()),
             allow_http: true,
             spool,
             ..S3Config::default()
@@ -83,20 +99,25 @@ impl S3 {
     /// Tells a program to keep its files here.
     pub fn store_files_of<'a>(&self, program: Start<'a>) -> Start<'a> {
         program
-            .env("MESHMEND_BLOB_URL", &format!("s3://{BUCKET}/{PREFIX}"))
+            .env("MESHMEND_BLOB_URL", &self.url())
             .env("MESHMEND_S3_ENDPOINT", &self.endpoint())
-            .env("MESHMEND_S3_ACCESS_KEY_ID", KEY.0)
-            .env("MESHMEND_S3_SECRET_ACCESS_KEY", KEY.1)
+            .env("MESHMEND_S3_ACCESS_KEY_ID", &self.key.0)
+            .env("MESHMEND_S3_SECRET_ACCESS_KEY", &self.key.1)
             .env("MESHMEND_S3_ALLOW_HTTP", "true")
     }
 
-    fn endpoint(&self) -> String {
+    fn url(&self) -> String {
+        format!("s3://{}/{}", self.bucket, self.prefix)
+    }
+
+    /// The server's address.
+    pub fn endpoint(&self) -> String {
         format!("http://{}", self.address)
     }
 
     /// The folder of the objects, one file each.
     pub fn objects(&self) -> PathBuf {
-        self.folder.path().join(BUCKET).join(PREFIX)
+        self.folder.path().join(&self.bucket).join(&self.prefix)
     }
 
     /// The keys of all objects.

@@ -44,6 +44,11 @@ impl<'a> Start<'a> {
         Self::verb("work", data)
     }
 
+    /// Any command of the program that runs until it is stopped.
+    pub fn of(command: Command, data: &'a Path) -> Self {
+        Self { command, data }
+    }
+
     fn verb(verb: &str, data: &'a Path) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
         command.arg(verb).arg("--data-dir").arg(data).env("MESHMEND_LEASE_S", "1.5").env_remove("FAILPOINTS");
