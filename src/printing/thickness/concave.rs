@@ -11,15 +11,16 @@ use super::prepared::{Prepared, TILT};
 const TOUCHING: f64 = 1e-9;
 
 impl Prepared<'_> {
-    /// The shortest chord between two faces, if it is thinner than `limit`, lies in the material, and neither end can
+    /// The shortest chord between a concave edge of `f` and face `h`, if it is thinner than `limit`, lies in the material, and neither end can
     /// shorten it much by sliding along the surface: by at most the sine of [`TILT`] per length.
     pub(super) fn least_concave(&self, [f, h]: [u32; 2], limit: f64, steps: &mut u64) -> Least {
         if self.share_a_vertex(f, h) {
             return Least::Nothing;
         }
-        let [p, q] = nearest_points(self.corners(f), self.corners(h));
+        let Some([p, q]) = self.nearest_points(f, h) else { return Least::Nothing };
         let length = p.distance(q);
-        if length >= limit || length == 0.0 {
+        // A shorter chord depends on the rounding of its ends.
+        if length >= limit || length <= self.rounding {
             return Least::Nothing;
         }
         *steps = steps.saturating_sub(16);
@@ -39,6 +40,24 @@ impl Prepared<'_> {
         }
         let chord = Chord { points: [p, q], thickness, inside: (first.inner + second.inner) / 2.0 };
         if *steps == 0 { Least::Undecided(chord) } else { Least::Found(chord) }
+    }
+
+    /// The sharp concave edges of a face.
+    pub(super) fn concave_edges(&self, f: u32) -> impl Iterator<Item = [DVec3; 2]> {
+        let (corners, mask) = (self.corners(f), self.concave[f as usize]);
+        (0..3).filter(move |i| mask >> i & 1 == 1).map(move |i| [corners[i], corners[(i + 1) % 3]])
+    }
+
+    /// The nearest points of the sharp concave edges of face `f` and of face `h`, which don't intersect: at a corner, or
+    /// at two edges.
+    fn nearest_points(&self, f: u32, h: u32) -> Option<[DVec3; 2]> {
+        let h = self.corners(h);
+        let between = |edge: [DVec3; 2]| {
+            let sides = (0..3).map(move |j| nearest_on_edges(edge, [h[j], h[(j + 1) % 3]]));
+            sides.chain(edge.map(|p| [p, nearest_on_triangle(p, h)]))
+        };
+        let distance = |pair: &[DVec3; 2]| pair[0].distance_squared(pair[1]);
+        self.concave_edges(f).flat_map(between).min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
     /// Whether no face at `p` faces a chord in direction `u` much better than face `f`. The other faces at the root of a
@@ -137,24 +156,6 @@ fn longest_side([a, b, c]: [DVec3; 3]) -> f64 {
 fn is_on_edge(p: DVec3, corners: [DVec3; 3], i: usize) -> bool {
     let (a, b) = (corners[i], corners[(i + 1) % 3]);
     (b - a).cross(p - a).length() <= TOUCHING * longest_side(corners) * (b - a).length()
-}
-
-/// The nearest points of two triangles that don't intersect: at a corner of one, or at two edges.
-fn nearest_points(f: [DVec3; 3], h: [DVec3; 3]) -> [DVec3; 2] {
-    let mut best = [f[0], h[0]];
-    let mut consider = |pair: [DVec3; 2]| {
-        if pair[0].distance_squared(pair[1]) < best[0].distance_squared(best[1]) {
-            best = pair;
-        }
-    };
-    f.into_iter().for_each(|p| consider([p, nearest_on_triangle(p, h)]));
-    h.into_iter().for_each(|q| consider([nearest_on_triangle(q, f), q]));
-    for i in 0..3 {
-        for j in 0..3 {
-            consider(nearest_on_edges([f[i], f[(i + 1) % 3]], [h[j], h[(j + 1) % 3]]));
-        }
-    }
-    best
 }
 
 /// The nearest points of two segments (Ericson 2005, "Real-Time Collision Detection", section 5.1.9).

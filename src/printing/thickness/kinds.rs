@@ -166,7 +166,7 @@ impl Walker<'_> {
             let moved = (centre - at.centre).normalize_or(way);
             let across = (at.across - moved * at.across.dot(moved)).normalize_or(at.across);
             step = if moved.dot(way) > 0.98 { length * 1.5 } else { length };
-            step = step.clamp(SHORTEST * at.width * 1.5, 8.0 * start.width);
+            step = step.min(8.0 * start.width).max(SHORTEST * at.width * 1.5);
             (at, way) = (Middle { centre, across, width }, moved);
         }
         End::Far

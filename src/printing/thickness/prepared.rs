@@ -25,12 +25,12 @@ const FLAT: f64 = 2.4e-7;
 /// Like [`FLAT`], as a fraction of the face's longest edge.
 const NEEDLE: f64 = 1e-9;
 
-/// Summary of a node's faces: the range of their normals, and the widest cone of a concave feature.
+/// Summary of a node's faces: the range of their normals, and the sharpest concave edge.
 #[derive(Clone, Copy)]
 pub(super) struct Below {
     low: Vec3A,
     high: Vec3A,
-    /// Largest angle in radians between a face's normal and a direction in which a concave feature of the face points.
+    /// Largest angle in radians between the normals at a sharp concave edge.
     pub spread: f32,
 }
 
@@ -54,12 +54,16 @@ pub(super) struct Prepared<'a> {
     /// Factor by which the positions were multiplied: a power of two.
     pub scale: f64,
     pub tree: Tree,
+    /// The rounding of the largest coordinate in f32.
+    pub rounding: f64,
     /// Unit normal of each face; zero for a face without a reliable normal.
     pub normals: Vec<DVec3>,
     pub below: Vec<Below>,
     pub stars: Stars,
-    /// For each face the angle of its concave cone ([`Below::spread`]); 0 for a face without a sharp concave edge.
+    /// For each face the largest angle at its sharp concave edges ([`Below::spread`]); 0 for a face without one.
     pub spread: Vec<f32>,
+    /// For each face a bit for each edge, set if the edge is sharp and concave.
+    pub concave: Vec<u8>,
 }
 
 impl<'a> Prepared<'a> {
@@ -77,8 +81,18 @@ impl<'a> Prepared<'a> {
             (0..own.faces.len()).into_par_iter().map(|f| reliable_normal(own.corners(f), largest)).collect();
         let stars = Stars::new(own.positions.len(), &own.faces);
         let tree = Tree::new(&own.positions, &own.faces);
-        let mut prepared = Self { surface: own, scale, tree, normals, below: Vec::new(), stars, spread: Vec::new() };
-        prepared.spread = prepared.spreads();
+        let mut prepared = Self {
+            surface: own,
+            scale,
+            tree,
+            rounding: FLAT * largest,
+            normals,
+            below: Vec::new(),
+            stars,
+            spread: Vec::new(),
+            concave: Vec::new(),
+        };
+        prepared.mark_concave();
         prepared.below = prepared.summaries();
         prepared
     }
@@ -127,34 +141,26 @@ impl<'a> Prepared<'a> {
         found.map(|(fraction, face)| (fraction * longest, face))
     }
 
-    /// The concave cone of each face. A vertex counts as a sharp concave feature if one of its edges is sharp.
-    fn spreads(&self) -> Vec<f32> {
+    /// Finds the sharp concave edges, and the angle at them.
+    fn mark_concave(&mut self) {
         let faces = &self.surface.faces;
-        let mut is_sharp = vec![false; self.surface.positions.len()];
-        let edges = Edges::new(faces);
-        for half_edges in edges.iter() {
-            let [h, k] = match *half_edges {
-                [h, k] => [h, k],
-                _ => continue,
-            };
+        self.spread = vec![0.0; faces.len()];
+        self.concave = vec![0; faces.len()];
+        for half_edges in Edges::new(faces).iter() {
+            let &[h, k] = half_edges else { continue };
             let (n, m) = (self.normal(h / 3), self.normal(k / 3));
-            let [a, b] = Edges::ends(faces, h);
-            let apex = Edges::opposite(faces, k);
-            let [from, apex] = [a, apex].map(|v| self.surface.positions[v as usize]);
+            let [from, apex] =
+                [Edges::ends(faces, h)[0], Edges::opposite(faces, k)].map(|v| self.surface.positions[v as usize]);
             if n.dot(m) < SHARP && n != DVec3::ZERO && m != DVec3::ZERO && n.dot(apex - from) > 0.0 {
-                is_sharp[a as usize] = true;
-                is_sharp[b as usize] = true;
+                #[expect(clippy::cast_possible_truncation, reason = "the slack covers the rounding")]
+                let angle = n.dot(m).clamp(-1.0, 1.0).acos() as f32;
+                for half_edge in [h, k] {
+                    let f = half_edge as usize / 3;
+                    self.concave[f] |= 1 << (half_edge % 3);
+                    self.spread[f] = self.spread[f].max(angle);
+                }
             }
         }
-        let spread = |f: usize| {
-            let own = self.normals[f];
-            let sharp = faces[f].iter().filter(|&&v| is_sharp[v as usize]);
-            let around = sharp.flat_map(|&v| self.stars.of(v));
-            let least = around.map(|&k| own.dot(self.normal(k))).fold(f64::INFINITY, f64::min);
-            #[expect(clippy::cast_possible_truncation, reason = "the slack covers the rounding")]
-            if least <= 1.0 && own != DVec3::ZERO { least.clamp(-1.0, 1.0).acos().max(1e-3) as f32 } else { 0.0 }
-        };
-        (0..faces.len()).into_par_iter().map(spread).collect()
     }
 
     fn summaries(&self) -> Vec<Below> {

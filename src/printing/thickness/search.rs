@@ -85,7 +85,7 @@ impl Query<'_> {
         let corners = self.prepared.corners(self.face);
         let (bound, frame) = (self.bound(), self.prepared.tree.frame);
         if self.is_concave {
-            let bounds = Box3::of(corners);
+            let bounds = Box3::of(self.prepared.concave_edges(self.face).flatten());
             let [low, high] = [bounds.min - bound, bounds.max + bound].map(|p| vec3a(frame.to_tree(p)));
             return Reach::Box { low, high };
         }
@@ -102,7 +102,8 @@ impl Query<'_> {
     fn may_be_opposed(&self, below: &Below) -> bool {
         #[expect(clippy::cast_possible_truncation, reason = "the slack covers the rounding")]
         let most = if self.is_concave {
-            let angle = self.prepared.spread[self.face as usize] + below.spread + 2.0 * TILT as f32;
+            // At each end, the better one of the two faces lies within half of the angle at the edge.
+            let angle = (self.prepared.spread[self.face as usize] + below.spread) / 2.0 + 2.0 * TILT as f32;
             -angle.min(std::f32::consts::PI).cos()
         } else {
             OPPOSED as f32
@@ -206,12 +207,13 @@ impl Prepared<'_> {
         self.blocker([middle, end], steps, |_| false).is_none()
     }
 
-    /// Searches all faces given, and returns what was found for each, in the same order.
+    /// Searches all faces given, and returns what was found for each, in the same order. With the walls already known,
+    /// searches for thinner places at concave edges; otherwise for perpendicular chords.
     fn search(
         &self,
         faces: &[u32],
         limit: f64,
-        is_concave: bool,
+        known: Option<&[Thinnest]>,
         context: &Context<'_>,
     ) -> Result<Vec<Thinnest>, Cancelled> {
         let mut found = vec![Thinnest::default(); faces.len()];
@@ -226,7 +228,8 @@ impl Prepared<'_> {
                     .par_iter()
                     .map(|&i| {
                         let (face, normal) = (faces[i], vec3a(self.normal(faces[i])));
-                        let found = Thinnest::default();
+                        let wall = known.and_then(|known| known[face as usize].wall);
+                        let (found, is_concave) = (Thinnest { wall, ..Thinnest::default() }, known.is_some());
                         let mut query = Query { prepared: self, face, normal, limit, found, is_concave, steps: budget };
                         query.run();
                         (query.found, budget - query.steps)
@@ -252,7 +255,8 @@ impl Prepared<'_> {
         let mut all = vec![Thinnest::default(); self.len()];
         let concave: Vec<u32> = measured.iter().copied().filter(|&f| self.spread[f as usize] > 0.0).collect();
         for (faces, is_concave) in [(measured, false), (concave, true)] {
-            for (&f, found) in faces.iter().zip(self.search(&faces, limit, is_concave, context)?) {
+            let found = self.search(&faces, limit, is_concave.then_some(&all[..]), context)?;
+            for (&f, found) in faces.iter().zip(found) {
                 all[f as usize].merge(&found);
                 for (other, chord, is_tip) in [(found.wall, false), (found.tip, true)]
                     .into_iter()
