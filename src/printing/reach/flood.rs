@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 use super::{Fit, Reach};
 use crate::mesh::UnionFind;
 
-/// How much longer than the shortest way through undecided leaves a way may be to be split in the same round, in leaves.
+/// How much longer than the shortest way through undecided leaves a way may be, in leaves,
+/// to be split in the same round.
 const EXTRA_HOPS: u32 = 3;
 
 /// The leaves that the ball reaches, through open leaves alone or through undecided ones too.

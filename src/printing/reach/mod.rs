@@ -88,8 +88,20 @@ struct Pending {
     node: u32,
     /// The node's lowest cell at its level.
     cell: [u32; 3],
-    /// A face near the parent's centre.
+    /// A face near the parent's centre, and a bound of the parent's clearance.
     near: u32,
+    parent: Clearance,
+}
+
+/// What is known of the distance of a node's centre from the nearest face.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Clearance {
+    /// At least the radius.
+    Wide,
+    /// Less than the radius.
+    Narrow,
+    /// Nothing.
+    Unknown,
 }
 
 /// The octree of the air that a ball can reach.
@@ -214,14 +226,14 @@ impl Reach {
         max_nodes: usize,
         context: &Context<'_>,
     ) -> Result<bool, Cancelled> {
-        let mut pending = vec![Pending { node: 0, cell: [0; 3], near: 0 }];
+        let mut pending = vec![unknown(0, [0; 3])];
         for level in 0..=self.depth {
             let mut next = Vec::new();
             for batch in pending.chunks(BATCH) {
                 context.check()?;
-                let found: Vec<(Fit, u32)> =
+                let found: Vec<(Fit, u32, Clearance)> =
                     batch.par_iter().map(|pending| self.fit(tree, corners, level, *pending)).collect();
-                for (&Pending { node, cell, .. }, (fit, near)) in batch.iter().zip(found) {
+                for (&Pending { node, cell, .. }, (fit, near, parent)) in batch.iter().zip(found) {
                     self.nodes[node as usize].fit = fit;
                     if fit != Fit::Undecided || level == self.depth {
                         self.leaves.push((node, level, cell));
@@ -230,7 +242,7 @@ impl Reach {
                     if self.nodes.len() + 8 > max_nodes {
                         return Ok(false);
                     }
-                    next.extend(self.divide(node, cell).map(|(node, cell)| Pending { node, cell, near }));
+                    next.extend(self.divide(node, cell).map(|(node, cell)| Pending { node, cell, near, parent }));
                 }
             }
             pending = next;
@@ -246,14 +258,18 @@ impl Reach {
         (0..8u32).map(move |child| (children + child, [0, 1, 2].map(|axis| 2 * cell[axis] + (child >> axis & 1))))
     }
 
-    /// Whether the ball fits in a node, and a face near the node.
+    /// Whether the ball fits in a node, a face near the node, and the clearance at the node's centre.
+    ///
+    /// The centres of a node and of its child are half of the node's half diagonal apart, which is the child's half
+    /// diagonal. So the children of a node with a wide clearance are not blocked, and those of one with a narrow
+    /// clearance are not open. At the finest level this answers most nodes without a search.
     fn fit(
         &self,
         tree: &Tree,
         corners: &impl Fn(u32) -> [DVec3; 3],
         level: u32,
-        Pending { cell, near, .. }: Pending,
-    ) -> (Fit, u32) {
+        Pending { cell, near, parent, .. }: Pending,
+    ) -> (Fit, u32, Clearance) {
         let size = self.size(level);
         let centre = self.low + (DVec3::from(cell.map(f64::from)) + 0.5) * size;
         let half_diagonal = size * 0.5 * 3f64.sqrt();
@@ -264,16 +280,23 @@ impl Reach {
             _ => Fit::Undecided,
         };
         let first = nearest_on_triangle(centre, corners(near)).distance(centre);
-        if of(first) == Fit::Blocked {
-            return (Fit::Blocked, near);
+        let is_last = level >= self.depth;
+        let known = match (of(first), parent) {
+            (Fit::Blocked, _) => Some(Fit::Blocked),
+            (Fit::Undecided, Clearance::Wide) if is_last => Some(Fit::Undecided),
+            _ => None,
+        };
+        if let Some(fit) = known {
+            return (fit, near, Clearance::Unknown);
         }
-        // Where a face is known to be too near for an open node, it only matters whether one blocks the node.
-        let bound = if of(first) == Fit::Undecided { radius - half_diagonal } else { radius + half_diagonal };
+        let bound = match (of(first), parent) {
+            (Fit::Undecided, _) | (_, Clearance::Narrow) if is_last => radius - half_diagonal,
+            _ => first.min(radius + half_diagonal),
+        };
         let mut steps = u64::MAX;
-        match tree.nearest(centre, bound, &mut steps, corners) {
-            Some(found) => (of(found.distance), found.face),
-            None => (of(bound), near),
-        }
+        let found = tree.nearest(centre, bound, &mut steps, corners);
+        let (distance, face) = found.map_or((bound, near), |found| (found.distance, found.face));
+        (of(distance), face, if distance < radius { Clearance::Narrow } else { Clearance::Wide })
     }
 
     fn size(&self, level: u32) -> f64 {
@@ -305,7 +328,7 @@ impl Reach {
                 }
                 let found: Vec<Fit> = children
                     .par_iter()
-                    .map(|&(node, level, cell)| self.fit(tree, corners, level, Pending { node, cell, near: 0 }).0)
+                    .map(|&(node, level, cell)| self.fit(tree, corners, level, unknown(node, cell)).0)
                     .collect();
                 for (&(node, ..), fit) in children.iter().zip(found) {
                     self.nodes[node as usize].fit = fit;
@@ -394,6 +417,11 @@ impl Node {
     const fn undecided() -> Self {
         Self { children: LEAF, fit: Fit::Undecided, reached: Reached::Blocked }
     }
+}
+
+/// A node whose parent is not evaluated.
+fn unknown(node: u32, cell: [u32; 3]) -> Pending {
+    Pending { node, cell, near: 0, parent: Clearance::Unknown }
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "nodes are limited to fewer than 2^32")]

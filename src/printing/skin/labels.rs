@@ -19,6 +19,8 @@ const SLIT_DEPTH: f64 = 4.0;
 const EVIDENCE_WEIGHT: f64 = 4.0;
 /// Least share of a cell's area with evidence of either kind for the cell to be cut.
 const MIN_SHARE: f64 = 1e-6;
+/// Least share of a cell's area, times the weight of its evidence, for the whole cell to be outside air.
+const MIN_WEIGHTED_SHARE: f64 = 0.05;
 /// Integer capacity of an edge as long as the model's diagonal.
 const SCALE: f64 = (1u64 << 40) as f64;
 
@@ -57,6 +59,8 @@ struct Areas {
     all: f64,
     outer: f64,
     hidden: f64,
+    /// The area with evidence of outside air, times its weight.
+    weighted: f64,
 }
 
 /// The state of a cell.
@@ -121,10 +125,12 @@ impl<'a> Labels<'a> {
         let mut side_of: Vec<u32> = Vec::new();
         for side in (0u32..).take(self.outer.len()).filter(|&side| self.is_cut(side)) {
             let share = self.sides.area_vector(side / 2).length() / 2.0 / diameter * unit;
-            let weight = match self.evidence[side as usize] {
-                Evidence::Outer => share * EVIDENCE_WEIGHT,
-                Evidence::Hidden => -share * EVIDENCE_WEIGHT,
-                Evidence::None => -share / SLIT_DEPTH,
+            let [weight, behind] = [side, side ^ 1].map(|side| self.evidence[side as usize].weight());
+            let weight = match weight {
+                // A facet that a ball from outside touches on one side alone is not a sheet.
+                0.0 if behind == 1.0 => -share * EVIDENCE_WEIGHT,
+                0.0 => -share / SLIT_DEPTH,
+                weight => share * EVIDENCE_WEIGHT * weight,
             };
             node[side as usize] = index(side_of.len());
             side_of.push(side);
@@ -153,17 +159,18 @@ fn states(sides: &FacetSides, cells: &SideCells, evidence: &[Evidence]) -> Vec<C
     for (side, &cell) in (0u32..).zip(&cells.of_side) {
         let (areas, area) = (&mut areas[cell as usize], sides.area_vector(side / 2).length());
         areas.all += area;
-        match evidence[side as usize] {
-            Evidence::Outer => areas.outer += area,
-            Evidence::Hidden => areas.hidden += area,
-            Evidence::None => {}
-        }
+        let weight = evidence[side as usize].weight();
+        areas.outer += if weight > 0.0 { area } else { 0.0 };
+        areas.weighted += area * weight.max(0.0);
+        areas.hidden += if weight < 0.0 { area } else { 0.0 };
     }
     let state = |(areas, &has_boundary): (&Areas, &bool)| {
         let [outer, hidden] = [areas.outer, areas.hidden].map(|area| area > MIN_SHARE * areas.all);
         match (outer, hidden) {
             (true, true) => CellState::Cut,
             (true, false) if has_boundary && areas.outer < (1.0 - MIN_SHARE) * areas.all => CellState::Cut,
+            // A few facets behind pinholes say nothing about the slit around them.
+            (true, false) if areas.weighted < MIN_WEIGHTED_SHARE * areas.all => CellState::Unknown,
             (true, false) => CellState::Outer,
             (false, true) => CellState::Hidden,
             (false, false) => CellState::Unknown,

@@ -96,9 +96,10 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
     if !resolve(&mut skin, context)? {
         return Err(SkinError::Intersecting);
     }
-    if options.islands != Islands::Keep {
-        accounting.drop(&drop_small(&mut skin, options.min_part_volume, context)?, DropReason::Island);
-    }
+    let min_volume = if options.islands == Islands::Keep { 0.0 } else { options.min_part_volume };
+    let [islands, remains] = drop_small(&mut skin, min_volume);
+    accounting.drop(&islands, DropReason::Island);
+    accounting.drop(&remains, DropReason::Sheet);
     let kept_exactly_pct = kept_exactly_pct(&skin, surface);
     let dropped = accounting.pieces(surface);
     for source in skin.source.iter_mut().filter(|source| !is_generated(**source)) {
