@@ -58,6 +58,7 @@ if command -v npm >/dev/null 2>&1 || install_packages nodejs npm; then
 else
     say "## npm is missing: there is no npm package ##"
 fi
+python3 -c 'import venv, ensurepip' 2>/dev/null || install_packages python3 python3-venv || { say "python3 with venv is missing"; exit 1; }
 venv=$target/dist-venv
 [ -f "$venv/is-installed" ] || {
     rm -rf "$venv"
