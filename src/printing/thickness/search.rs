@@ -251,6 +251,8 @@ impl Prepared<'_> {
 
     /// The thinnest places of each face below `limit` (in the scaled unit).
     pub(super) fn thinnest(&self, limit: f64, context: &Context<'_>) -> Result<Vec<Thinnest>, Cancelled> {
+        // No chord is longer, and the search needs a finite limit.
+        let limit = limit.min(2.0 * self.surface.bounds().diagonal());
         let measured: Vec<u32> = (0u32..).take(self.len()).filter(|&f| self.normal(f) != DVec3::ZERO).collect();
         let mut all = vec![Thinnest::default(); self.len()];
         let concave: Vec<u32> = measured.iter().copied().filter(|&f| self.spread[f as usize] > 0.0).collect();

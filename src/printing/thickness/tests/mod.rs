@@ -198,3 +198,29 @@ fn one_thin_spot_of_a_hollow_sphere_is_found() {
     let found = least(&shell, 1.0, Side::Material).unwrap();
     assert!((found / (2.0 - e) - 1.0).abs() < 0.02, "{found} {}", 2.0 - e);
 }
+
+#[test]
+fn without_a_limit_the_wall_of_every_face_is_found() {
+    let plate = cuboid([4.0, 3.0, 2.0]);
+    for below in [f64::INFINITY, 1e300] {
+        let found = search(&plate, below, Side::Material);
+        assert_eq!(found.walls.iter().map(|pair| pair.thickness).fold(9.0, f64::min), 2.0);
+        assert_eq!(found.walls.len(), 12);
+    }
+    for below in [0.0, -1.0] {
+        assert!(search(&plate, below, Side::Material).walls.is_empty());
+    }
+}
+
+#[test]
+fn degenerate_and_empty_surfaces_have_no_walls() {
+    let empty = Surface::default();
+    assert!(search(&empty, 1.0, Side::Material).walls.is_empty());
+    let flat = surface(vec![DVec3::ZERO, DVec3::X, DVec3::X * 2.0], vec![[0, 1, 2], [0, 2, 1], [0, 0, 1]]);
+    assert!(search(&flat, 1.0, Side::Air).walls.is_empty());
+    let found = with_context(|context| thin_features(&flat, 1.0, Side::Material, context)).unwrap();
+    assert!(found.regions.is_empty());
+    with_context(|context| thickness_field(&flat, Side::Material, context)).unwrap();
+    with_context(|context| thickness_field(&empty, Side::Material, context)).unwrap();
+    with_context(|context| least_thickness(&empty, Side::Material, context)).unwrap();
+}
