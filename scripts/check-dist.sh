@@ -40,6 +40,8 @@ listed=$(cut -d ' ' -f 3 "$dist/SHA256SUMS" | sort)
 say "an empty Debian root ($suite)"
 mmdebstrap --quiet --variant=minbase --hook-dir=/usr/share/mmdebstrap/hooks/maybe-merged-usr --include=usr-is-merged \
     "$suite" "$root" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "mmdebstrap"; }
+# The root is thrown away, so dpkg need not wait for the disk.
+echo force-unsafe-io > "$root/etc/dpkg/dpkg.cfg.d/unsafe-io"
 for mounted in proc dev dev/pts; do
     mount --bind "/$mounted" "$root/$mounted"
 done
