@@ -26,7 +26,7 @@ pub enum Evidence {
     Outer,
     /// A ball that fits, but cannot come from outside, touches the side.
     Hidden,
-    /// No ball touches the side, but the centre of one from outside is in sight straight ahead, at most a diameter away.
+    /// No ball touches the side, but the centre of one from outside is in sight straight ahead, within a diameter.
     SeesOuter,
     /// No ball touches the side, but the centre of one that cannot come from outside is in sight.
     SeesHidden,

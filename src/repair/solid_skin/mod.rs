@@ -3,18 +3,24 @@
 //! [`outer_skin`] finds the faces that bound the outside air. Here their openings are closed with patches, overlaps are
 //! united, and islands are kept, dropped or attached. Faces that nothing crosses keep their vertices bit for bit.
 
+mod attach;
 mod close;
 mod islands;
 
 use crate::context::{Cancelled, Context};
 use crate::math::Precision;
 use crate::mesh::{Surface, is_generated};
+pub use attach::Attached;
+use attach::attach;
 pub use close::SealedPlace;
 use close::{Closed, close, resolve};
 use glam::DVec3;
 use islands::drop_small;
 
 use crate::printing::skin::{DropReason, DroppedPiece, OuterSkin, OuterSkinError, kept_exactly_pct, outer_skin};
+
+/// Diameter of a strut, as a share of the diagonal.
+const STRUT: f64 = 0.01;
 
 /// What happens to parts that do not touch the largest part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -37,8 +43,8 @@ pub struct SkinOptions {
     pub islands: Islands,
     /// The least volume of a part, in cubic units.
     pub min_part_volume: f64,
-    /// Closed cavities of at least this volume stay air, in cubic units. None fills all.
-    pub keep_cavities_over: Option<f64>,
+    /// The diameter of the struts that attach islands, in the model's unit. None takes 1 % of the diagonal.
+    pub strut_diameter: Option<f64>,
     /// The precision of the output file.
     pub precision: Precision,
 }
@@ -57,6 +63,8 @@ pub struct SkinResult {
     pub filled_volume: f64,
     /// The dropped pieces.
     pub dropped: Vec<DroppedPiece>,
+    /// The struts that join islands to the largest part.
+    pub attached: Vec<Attached>,
     /// The share of the result's area in faces of the input that are unchanged, in percent.
     pub kept_exactly_pct: f64,
 }
@@ -81,8 +89,8 @@ pub enum SkinError {
 /// Computes the solid skin of a model: the boundary of all that a ball with the seal's diameter cannot reach from
 /// outside, with the input's faces where they bound it.
 ///
-/// The surface should be welded; it may be open, intersect itself and have any orientation. Openings of at least the
-/// seal are never closed. Crevices stay, unless the space behind them must be cut off anyway.
+/// The surface should be welded; it may be open, intersect itself and have any orientation. Openings that a
+/// ball of the seal's diameter passes stay open. Each patch states its width. Crevices stay, unless the space behind them must be cut off anyway.
 ///
 /// # Errors
 /// [`SkinError`]: nothing is enclosed, the faces cannot be arranged, or the work was cancelled.
@@ -100,6 +108,12 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
     let [islands, remains] = drop_small(&mut skin, min_volume);
     accounting.drop(&islands, DropReason::Island);
     accounting.drop(&remains, DropReason::Sheet);
+    let attached = if options.islands == Islands::Attach {
+        let diameter = options.strut_diameter.unwrap_or(STRUT * surface.bounds().diagonal());
+        attach(&mut skin, diameter, options.precision, context)?
+    } else {
+        Vec::new()
+    };
     let kept_exactly_pct = kept_exactly_pct(&skin, surface);
     let dropped = accounting.pieces(surface);
     for source in skin.source.iter_mut().filter(|source| !is_generated(**source)) {
@@ -107,7 +121,7 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
     }
     let centre = surface.bounds().centre();
     let filled_volume = signed_volume(&skin, centre) - signed_volume(surface, centre);
-    Ok(SkinResult { surface: skin, seal, sealed, filled_volume, dropped, kept_exactly_pct })
+    Ok(SkinResult { surface: skin, seal, sealed, filled_volume, dropped, attached, kept_exactly_pct })
 }
 
 /// The signed volume between the faces and a point.
