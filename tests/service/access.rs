@@ -20,6 +20,7 @@ on_each_store! {
     a_key_is_found_by_its_secret_until_it_expires_or_is_revoked,
     a_token_is_invalid_without_the_key_that_created_it,
     tenants_take_turns_however_many_jobs_one_of_them_has,
+    a_tenants_retries_take_turns_with_another_tenants_new_jobs,
     no_more_of_a_tenants_jobs_run_than_may,
     lists_counts_and_positions_are_a_tenants_own,
     a_change_of_a_tenant_keeps_the_settings_that_it_does_not_name,
@@ -188,6 +189,29 @@ async fn tenants_take_turns_however_many_jobs_one_of_them_has(bench: Bench) {
     }
     assert_eq!(running.iter().filter(|tenant| *tenant == "calm").count(), 2);
     assert_eq!(running[..4].iter().filter(|tenant| *tenant == "busy").count(), 2);
+}
+
+async fn a_tenants_retries_take_turns_with_another_tenants_new_jobs(bench: Bench) {
+    // Every job of one tenant was claimed once and released.
+    let mut leases = Vec::new();
+    for _ in 0..3 {
+        bench.submit_of("retried").await;
+        leases.push(bench.claim().await.expect("a job").lease);
+    }
+    for lease in leases {
+        bench.store.release(&lease).await.expect("held");
+    }
+    for _ in 0..3 {
+        bench.submit_of("new").await;
+    }
+    let mut served = Vec::new();
+    for _ in 0..6 {
+        bench.advance(Duration::from_millis(5));
+        let claim = bench.claim().await.expect("a job");
+        served.push(claim.job.tenant.clone());
+        bench.store.fail(&claim.lease, Bench::failure(meshmend::jobs::FailureKind::Final)).await.expect("noted");
+    }
+    assert_eq!(served, ["new", "retried", "new", "retried", "new", "retried"]);
 }
 
 async fn no_more_of_a_tenants_jobs_run_than_may(bench: Bench) {

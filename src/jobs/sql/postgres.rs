@@ -112,7 +112,7 @@ impl Dialect for Postgres {
          turns AS ( \
              SELECT tenant, \
                     (SELECT count(*) FROM jobs WHERE status = 'running' AND jobs.tenant = waiting.tenant) AS running, \
-                    (SELECT max(started_at) FROM jobs WHERE jobs.tenant = waiting.tenant) AS served, \
+                    (SELECT max(claimed_at) FROM jobs WHERE jobs.tenant = waiting.tenant) AS served, \
                     coalesce((SELECT max_running FROM tenants WHERE name = waiting.tenant), $5) AS most, \
                     (SELECT id FROM jobs WHERE status = 'queued' AND jobs.tenant = waiting.tenant AND run_at <= meshmend_now($3) \
                      ORDER BY run_at, id LIMIT 1) AS next \
@@ -121,7 +121,7 @@ impl Dialect for Postgres {
              SELECT tenant FROM turns WHERE next IS NOT NULL AND running < most ORDER BY running, served NULLS FIRST, next) \
          UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = $1, lease_token = $2, \
              lease_expires_at = meshmend_now($3) + $4, started_at = coalesce(started_at, meshmend_now($3)), \
-             progress = NULL, version = version + 1 \
+             claimed_at = meshmend_now($3), progress = NULL, version = version + 1 \
          WHERE id = (SELECT free.id FROM turn CROSS JOIN LATERAL ( \
                          SELECT id FROM jobs WHERE status = 'queued' AND jobs.tenant = turn.tenant AND run_at <= meshmend_now($3) \
                          ORDER BY run_at, id LIMIT 1 FOR UPDATE SKIP LOCKED) AS free LIMIT 1)",

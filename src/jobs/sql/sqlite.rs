@@ -146,7 +146,7 @@ impl Dialect for Sqlite {
     /// SQLite would choose an index by status and sort all queued jobs.
     const CLAIM: &'static str = concat!(
         "UPDATE jobs SET status = 'running', attempt = attempt + 1, worker = $1, lease_token = $2, lease_expires_at = $3 + $4, \
-             started_at = coalesce(started_at, $3), progress = NULL, version = version + 1 \
+             started_at = coalesce(started_at, $3), claimed_at = $3, progress = NULL, version = version + 1 \
          WHERE id = ( \
              WITH RECURSIVE waiting (tenant) AS ( \
                  SELECT min(tenant) FROM jobs INDEXED BY jobs_due WHERE status = 'queued' \
@@ -155,7 +155,7 @@ impl Dialect for Sqlite {
                  FROM waiting WHERE tenant IS NOT NULL), \
              turns AS ( \
                  SELECT (SELECT count(*) FROM jobs WHERE status = 'running' AND jobs.tenant = waiting.tenant) AS running, \
-                        (SELECT max(started_at) FROM jobs WHERE jobs.tenant = waiting.tenant) AS served, \
+                        (SELECT max(claimed_at) FROM jobs WHERE jobs.tenant = waiting.tenant) AS served, \
                         coalesce((SELECT max_running FROM tenants WHERE name = waiting.tenant), $5) AS most, \
                         (SELECT id FROM jobs INDEXED BY jobs_due WHERE status = 'queued' AND jobs.tenant = waiting.tenant AND run_at <= $3 \
                          ORDER BY run_at, id LIMIT 1) AS next \
