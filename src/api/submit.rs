@@ -259,10 +259,13 @@ impl PendingJob {
 async fn record(store: &dyn JobStore, new: NewJob) -> Result<Job, Rejection> {
     let id = new.id;
     match store.submit(new).await {
-        // The connection may have broken after the insert was committed.
+        // The connection may have broken after the insert was committed, or before: the database may still execute it.
         Err(error) if error.is_transient() => match store.get(id).await {
             Ok(Some(job)) => Ok(job),
-            found => Err(Rejection { problem: error.into(), is_certain: found.is_ok() }),
+            found => {
+                let is_certain = found.is_ok() && !error.may_take_effect();
+                Err(Rejection { problem: error.into(), is_certain })
+            }
         },
         submitted => submitted.map_err(|error| Rejection { problem: error.into(), is_certain: true }),
     }

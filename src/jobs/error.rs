@@ -59,6 +59,13 @@ impl StoreError {
         }
     }
 
+    /// Whether the failed request may yet take effect: the connection broke while the database may still execute it.
+    #[must_use]
+    pub fn may_take_effect(&self) -> bool {
+        use sqlx::Error as E;
+        matches!(self, Self::Database(E::Io(_) | E::Tls(_) | E::Protocol(_) | E::WorkerCrashed))
+    }
+
     /// Whether the database's disk is full.
     #[must_use]
     pub fn is_full(&self) -> bool {
@@ -165,5 +172,18 @@ fn open_failure(error: &sqlx::Error) -> OpenFailure {
             _ => OpenFailure::Other,
         },
         _ => OpenFailure::Other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_on_a_broken_connection_may_yet_take_effect_and_an_unsent_one_may_not() {
+        let may_take_effect = |error: sqlx::Error| StoreError::from(error).may_take_effect();
+        assert!(may_take_effect(io::Error::from(io::ErrorKind::ConnectionReset).into()));
+        assert!(!may_take_effect(sqlx::Error::PoolTimedOut));
+        assert!(!StoreError::LeaseLost.may_take_effect());
     }
 }
