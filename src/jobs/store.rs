@@ -183,7 +183,8 @@ pub trait QueueStore: Send + Sync {
     /// [`StoreError::LeaseLost`] when the lease is no longer this worker's; nothing was changed.
     async fn fail(&self, held: &Lease, failure: Failure) -> Result<Job, StoreError>;
 
-    /// Releases a claimed job unfinished and does not count the attempt, as at a shutdown.
+    /// Releases a claimed job unfinished and does not count the attempt, as at a shutdown. If an earlier write of this worker ended the
+    /// attempt and the response was lost, that end stands.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is no longer this worker's; nothing was changed.

@@ -255,6 +255,7 @@ async fn a_completion_whose_response_was_lost_may_be_repeated(bench: Bench) {
     let completion = Completion { report: Bench::report(), artifacts: Artifacts::new() };
     let done = bench.store.complete(&second, completion.clone()).await.expect("ended");
     assert_eq!(bench.store.complete(&second, completion.clone()).await.expect("ended before"), done);
+    bench.store.release(&second).await.expect("the end stands, and the worker keeps its files");
     assert_eq!(bench.get(job.id).await.version, done.version, "nothing was written twice");
     let late = bench.store.complete(&first, completion).await;
     assert!(matches!(late, Err(StoreError::LeaseLost)), "{late:?}");

@@ -128,7 +128,10 @@ impl<D: Dialect> QueueStore for SqlStore<D> {
             sql("UPDATE jobs SET status = 'queued', attempt = attempt - 1, progress = NULL, worker = NULL, \
              lease_token = NULL, lease_expires_at = NULL, version = version + 1 \
              WHERE id = $1 AND attempt = $2 AND lease_token = $3 AND status = 'running'");
-        self.fenced(statement, held).await?;
+        match self.fenced(statement, held).await {
+            Err(StoreError::LeaseLost) => return self.ended_by(held).await.map(drop),
+            released => released?,
+        }
         self.notify_job(held.id);
         self.notify_work();
         Ok(())
