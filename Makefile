@@ -7,7 +7,7 @@ VERSION = $(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 
 .PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
 	check-page test-browser screenshots clients check-clients test-clients test-generators docs \
-	pictures packed dist check-dist image check-image deploy-tools
+	pictures packed dist check-dist image check-image deploy-tools simulate check-model
 
 ## Install what is missing, build, and serve on 127.0.0.1:8080 with SQLite and a local folder. Uses an installed meshmend of this version
 ## instead of a build; `make serve BUILD=1` always builds.
@@ -128,6 +128,15 @@ check-image:
 ## Jobs per second through the whole service.
 bench:
 	cargo bench --locked --bench jobs_per_second
+
+## The queue's protocol on a simulated fleet: 100,000 histories, about a minute of one core (opt-level 1). FLEET_SEED and FLEET_HISTORIES choose others.
+simulate:
+	FLEET_HISTORIES=$${FLEET_HISTORIES:-100000} FLEET_STORE_HISTORIES=$${FLEET_STORE_HISTORIES:-200} \
+		cargo test --locked --features failpoints --test fleet -- simulation stores
+
+## The queue's model with Spin, with all guards and without each.
+check-model:
+	@sh scripts/check-model.sh
 
 ## A Blender for tier 3: one on PATH, the distribution's package, or bpy in a private environment.
 blender:
