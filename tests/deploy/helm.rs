@@ -2,25 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::io::Write;
-use std::path::PathBuf;
 use std::process::{Command, Output};
 
 use serde_json::{Map, Value, json};
 
 use crate::support::manifests::objects;
 use crate::support::source::{root, text, yaml};
+use crate::support::tools::tool;
 
 const CHART: &str = "deploy/helm/meshmend";
-
-/// A program of the environment that scripts/install-deploy-tools.sh makes; prints a note if there is none.
-fn tool(name: &str) -> Option<PathBuf> {
-    let tool = root().join(".venv-deploy/bin").join(name);
-    if tool.exists() {
-        return Some(tool);
-    }
-    let _ = writeln!(std::io::stderr(), "SKIPPED: {name} is missing; scripts/install-deploy-tools.sh installs it");
-    None
-}
 
 /// Renders the chart as a release with these values.
 fn render(release: &str, values: &Value) -> Option<Output> {

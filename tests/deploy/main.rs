@@ -22,3 +22,4 @@ mod metrics;
 mod settings;
 mod support;
 mod unit;
+mod workflows;

@@ -6,3 +6,4 @@ pub mod image;
 pub mod manifests;
 pub mod program;
 pub mod source;
+pub mod tools;
