@@ -150,7 +150,7 @@ impl<'a> Growths<'a> {
     }
 
     /// The growth of a face at a point: `wanted`, or less where the gap in front would become too narrow.
-    fn limit(&self, point: DVec3, face: u32, wanted: f64) -> f64 {
+    pub fn limit(&self, point: DVec3, face: u32, wanted: f64) -> f64 {
         if self.kept[face as usize] {
             return 0.0;
         }

@@ -24,7 +24,7 @@ use super::refine::Refined;
 use super::walls::{NOISE, trusted_normal};
 
 /// Cosine of the angle up to which faces at an edge are one smooth surface, on which the growth fades out.
-const SMOOTH: f64 = 0.866_025_403_784_438_6;
+pub const SMOOTH: f64 = 0.866_025_403_784_438_6;
 /// Cosine of the angle between thin faces up to which their tops meet in a mitre.
 const MITRED: f64 = -0.3;
 /// Cosine of the angle up to which pieces count as coplanar: 8 degrees.
@@ -42,6 +42,8 @@ pub struct Layered {
     pub surface: Surface,
     /// For each face that is a top, its piece.
     pub piece: Vec<Option<u32>>,
+    /// For each face, the face of the surface that its piece belongs to.
+    pub parent: Vec<u32>,
 }
 
 /// Puts a layer on a refined surface. Faces of the layer get the source of their piece plus `added`.
@@ -58,11 +60,14 @@ pub fn layered(
     let tops = Tops::new(refined, precision, context)?;
     let mut builder = Builder::new(refined);
     let mut piece: Vec<Option<u32>> = Vec::new();
+    let mut parent: Vec<u32> = Vec::new();
     for face in 0..index(refined.faces.len()) {
-        let carrier = source[refined.parent[face as usize] as usize];
+        let own = refined.parent[face as usize];
+        let carrier = source[own as usize];
         let Some(top) = tops.of_face(face) else {
             builder.surface.faces.push(refined.faces[face as usize]);
             builder.surface.source.push(carrier);
+            parent.push(own);
             continue;
         };
         let carrier = carrier % added + added;
@@ -76,11 +81,12 @@ pub fn layered(
                 builder.push_wall([u, v], [ids[k], ids[(k + 1) % 3]], carrier);
             }
         }
+        parent.resize(builder.surface.faces.len(), own);
     }
     let mut surface = builder.surface;
     surface.drop_unreferenced();
     piece.resize(surface.faces.len(), None);
-    Ok(Layered { surface, piece })
+    Ok(Layered { surface, piece, parent })
 }
 
 /// The tops of the pieces.
@@ -93,10 +99,7 @@ struct Tops<'a> {
 
 impl<'a> Tops<'a> {
     fn new(refined: &'a Refined, precision: Precision, context: &Context<'_>) -> Result<Self, Cancelled> {
-        let largest = refined.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
-        let normals: Vec<DVec3> = (0..index(refined.faces.len()))
-            .map(|face| trusted_normal(refined.corners(face), NOISE * largest))
-            .collect();
+        let normals = trusted_normals(refined);
         let stars = Stars::new(refined.positions.len(), &refined.faces);
         let mut growing: Vec<u32> = refined.growth.iter().filter(|(_, g)| **g > 0.0).map(|(&(v, _), _)| v).collect();
         growing.sort_unstable();
@@ -194,6 +197,12 @@ impl<'a> Tops<'a> {
         let or_base = |face: u32, v: u32| place(face, v).unwrap_or(self.refined.positions[v as usize]);
         or_base(face, u) == or_base(other, u) && or_base(face, v) == or_base(other, v)
     }
+}
+
+/// The normals of the pieces; zero where rounding decides them.
+pub fn trusted_normals(refined: &Refined) -> Vec<DVec3> {
+    let largest = refined.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
+    (0..index(refined.faces.len())).map(|face| trusted_normal(refined.corners(face), NOISE * largest)).collect()
 }
 
 /// A vertex with the pieces around it.

@@ -12,6 +12,7 @@ mod places;
 mod refine;
 mod rounds;
 mod sides;
+mod spread;
 mod unite;
 mod walls;
 

@@ -12,11 +12,20 @@ use super::layer::layered;
 use super::places::Places;
 use super::refine::Refined;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
-use super::walls::{Opposed, Side, Walls};
+use super::walls::{Opposed, Walls};
 use super::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 3;
+/// The most times that the rounds start again without the places that stay thin.
+const MAX_RESTARTS: usize = 2;
+/// The factor on the least thickness of a place below which the place counts as worse than before.
+const MAX_THINNER: f64 = 0.98;
+/// The largest distance from the input, as a share of the least wall: a wall grows on one side by its thickness at most,
+/// and a mitre is longer.
+const MAX_DEVIATION: f64 = 1.5;
+/// The share of a place's area that may stay thin.
+const MAX_LEFT: f64 = 0.5;
 /// The most unions of a round. More than one is needed only where a promise is broken.
 const MAX_UNIONS: usize = 12;
 /// The most times that tops are raised before a union.
@@ -55,19 +64,78 @@ impl<'a> Rounds<'a> {
         let places = Places::new(input, &thin_before);
         let taken_back = vec![None; places.count as usize];
         let mut rounds = Self { settings, input, union, context, topology: Topology::of(input), places, taken_back };
+        let mut best = rounds.grown(&thin_before)?;
+        // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
+        for number in 0..=MAX_RESTARTS {
+            let mut failed = rounds.failed(&best, &thin_before);
+            if failed.is_empty() {
+                break;
+            }
+            if number == MAX_RESTARTS {
+                failed = (0..rounds.places.count).filter(|&p| rounds.taken_back[p as usize].is_none()).collect();
+            }
+            failed.iter().for_each(|&place| rounds.taken_back[place as usize] = Some(Broken::Rounds));
+            best = rounds.grown(&thin_before)?;
+        }
+        Ok(rounds.finish(best.surface, &thin_before, &best.thin))
+    }
+
+    /// The rounds from the input on; the result with the least thin area.
+    fn grown(&mut self, thin_before: &[Vec<Opposed>]) -> Result<Grown, ThickeningError> {
+        let settings = self.settings;
         // Faces carry the index of the input's face; added faces carry it plus the number of faces.
-        let mut surface = input.clone();
-        surface.source = (0..rounds.faces()).collect();
-        let mut thin = thin_before.clone();
+        let mut surface = self.input.clone();
+        surface.source = (0..self.faces()).collect();
+        let mut thin = thin_before.to_vec();
+        let mut best = Grown { area: thin_area(&surface, &thin), surface: surface.clone(), thin: thin.clone() };
         for number in 0..MAX_ROUNDS {
             if thin.iter().all(Vec::is_empty) {
                 break;
             }
-            let Some(next) = rounds.round(&surface, number)? else { break };
+            let Some(next) = self.round(&surface, number)? else { break };
             surface = next;
-            thin = thin_of(&surface, settings.min_wall, context)?;
+            thin = thin_of(&surface, settings.min_wall, self.context)?;
+            let area = thin_area(&surface, &thin);
+            if area >= best.area || self.deviation(&surface) > MAX_DEVIATION * settings.min_wall {
+                break;
+            }
+            best = Grown { area, surface: surface.clone(), thin: thin.clone() };
         }
-        Ok(rounds.finish(surface, &thin_before, &thin))
+        Ok(best)
+    }
+
+    /// The largest distance of the added faces of a result from the input.
+    fn deviation(&self, surface: &Surface) -> f64 {
+        let added: Vec<u32> = (0u32..)
+            .zip(&surface.source)
+            .filter(|(_, source)| **source >= self.faces())
+            .map(|(face, _)| face)
+            .collect();
+        deviation(self.input, surface, &added)
+    }
+
+    /// The places that are not yet taken back, and of which much stays thin or a wall got thinner.
+    fn failed(&self, grown: &Grown, before: &[Vec<Opposed>]) -> Vec<u32> {
+        let none = [PlaceMeasure { area: 0.0, least: f64::INFINITY }; 2];
+        let mut measures = vec![none; self.places.count as usize];
+        for (face, walls) in before.iter().enumerate() {
+            if let (Some(wall), Some(place)) = (walls.first(), self.places.of_face[face]) {
+                measures[place as usize][0].add(self.input.area_vector(face).length(), wall.thickness);
+            }
+        }
+        for (face, walls) in grown.thin.iter().enumerate() {
+            let Some(wall) = walls.first() else { continue };
+            let opposite = || self.place_of(&grown.surface, wall.face as usize);
+            if let Some(place) = self.place_of(&grown.surface, face).or_else(opposite) {
+                measures[place as usize][1].add(grown.surface.area_vector(face).length(), wall.thickness);
+            }
+        }
+        let is_failed = |&place: &u32| {
+            let [before, after] = measures[place as usize];
+            let is_worse = after.area > MAX_LEFT * before.area || after.least < MAX_THINNER * before.least;
+            self.taken_back[place as usize].is_none() && is_worse
+        };
+        (0..self.places.count).filter(is_failed).collect()
     }
 
     fn faces(&self) -> u32 {
@@ -86,6 +154,7 @@ impl<'a> Rounds<'a> {
         let least = if number == 0 { 0.0 } else { LEAST_STEP * self.settings.min_wall };
         let growths = Growths::new(surface, self.settings, least, may_grow, self.context)?;
         let mut refined = Refined::new(surface, &growths, self.settings.precision, self.context)?;
+        refined.spread(&growths);
         let mut thin: Option<Vec<u32>> = None;
         for _ in 0..MAX_RAISES {
             let still = self.raise(surface, &mut refined, &growths, thin.as_deref())?;
@@ -94,6 +163,7 @@ impl<'a> Rounds<'a> {
             }
             thin = Some(still);
         }
+        refined.spread(&growths);
         let all: Vec<u32> = (0..self.places.count).filter(|&place| self.taken_back[place as usize].is_none()).collect();
         let mut attempt = Attempt { rounds: self, surface, place: &place, refined: &refined, unions: 0 };
         if let Some(Ok(whole)) = attempt.union_of(&all)? {
@@ -126,13 +196,17 @@ impl<'a> Rounds<'a> {
         let more: Vec<f64> = tops
             .par_iter()
             .map(|&(face, piece)| {
-                let thin = walls.of_face(face, limit, Side::Material, 1);
-                thin.first().map_or(0.0, |wall| {
+                let known = growths.witnesses(layered.parent[face as usize]);
+                let is_known = |other: u32| {
+                    let parent = layered.parent[other as usize];
+                    known.iter().any(|witness| witness.wall.face == parent)
+                };
+                walls.nearest_wall(face, limit, is_known).map_or(0.0, |wall| {
                     let grows_opposite = layered.piece[wall.face as usize].is_some();
                     let centre = refined.corners(piece).into_iter().sum::<DVec3>() / 3.0;
                     let growth = (0..3).map(|k| refined.corner_growth(piece, k)).fold(0.0, f64::max);
                     let place = (centre, refined.parent[piece as usize], growth);
-                    growths.additional(&walls, (face, wall), grows_opposite, place)
+                    growths.additional(&walls, (face, &wall), grows_opposite, place)
                 })
             })
             .collect();
@@ -214,9 +288,32 @@ impl<'a> Rounds<'a> {
         match self.taken_back[place as usize] {
             Some(Broken::Topology) => ThinReason::Topology,
             Some(Broken::Union) => ThinReason::Union,
-            None => ThinReason::Rounds,
+            Some(Broken::Rounds) | None => ThinReason::Rounds,
         }
     }
+}
+
+/// The thin area and the least thickness of a place.
+#[derive(Clone, Copy)]
+struct PlaceMeasure {
+    area: f64,
+    least: f64,
+}
+
+impl PlaceMeasure {
+    fn add(&mut self, area: f64, thickness: f64) {
+        self.area += area;
+        self.least = self.least.min(thickness);
+    }
+}
+
+/// The result of some rounds.
+struct Grown {
+    surface: Surface,
+    /// For each face, its thin walls.
+    thin: Vec<Vec<Opposed>>,
+    /// Twice the area of the thin faces.
+    area: f64,
 }
 
 /// The unions that a round tries.
@@ -279,6 +376,12 @@ impl Attempt<'_, '_> {
 /// The walls of a surface that are thinner than `min_wall`.
 fn thin_of(surface: &Surface, min_wall: f64, context: &Context<'_>) -> Result<Vec<Vec<Opposed>>, Cancelled> {
     thin_walls(&Walls::new(surface), surface, min_wall * (1.0 - RESOLUTION), context)
+}
+
+/// Twice the area of the faces with a thin wall.
+fn thin_area(surface: &Surface, thin: &[Vec<Opposed>]) -> f64 {
+    let is_thin = |face: &usize| !thin[*face].is_empty();
+    (0..thin.len()).filter(is_thin).map(|face| surface.area_vector(face).length()).sum()
 }
 
 /// The enclosed volume, relative to the centre of the box.

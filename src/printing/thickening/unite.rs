@@ -26,6 +26,8 @@ pub enum Broken {
     Union,
     /// Parts, cavities or handles changed.
     Topology,
+    /// The place stayed thin.
+    Rounds,
 }
 
 /// The number of parts, and the Euler characteristic.

@@ -6,6 +6,7 @@
 use crate::math::{Box3, Tree, hit, nearest_on_segment, nearest_on_triangle};
 use crate::mesh::Surface;
 use glam::DVec3;
+use smallvec::SmallVec;
 
 /// The largest dot product of the normals of opposed faces: -cos(36.9 degrees). Wedges above that angle are edges.
 const OPPOSED: f64 = -0.8;
@@ -72,6 +73,11 @@ impl<'a> Walls<'a> {
 
     /// The `most` faces opposed to a face, nearer than `limit`, nearest first. Blocked segments are left out.
     pub fn of_face(&self, face: u32, limit: f64, side: Side, most: usize) -> Vec<Opposed> {
+        self.nearest_unblocked(face, self.aligned(face, limit, side), most)
+    }
+
+    /// The faces opposed to a face, nearer than `limit`, also behind others.
+    fn aligned(&self, face: u32, limit: f64, side: Side) -> Vec<Opposed> {
         let own = self.corners(face);
         let mut found = self.candidates(Box3::of(own), face, limit, side);
         found.retain_mut(|other| {
@@ -83,7 +89,7 @@ impl<'a> Walls<'a> {
             other.set([from, to], self.factor(face, other.face));
             other.thickness < limit && self.is_aligned(face, other, side)
         });
-        self.nearest_unblocked(face, found, most)
+        found
     }
 
     /// As [`Walls::of_face`], for a point of a face.
@@ -95,6 +101,16 @@ impl<'a> Walls<'a> {
             other.thickness < limit && self.is_aligned(face, other, side)
         });
         self.nearest_unblocked(face, found, most)
+    }
+
+    /// As [`Walls::of_face`] for the nearest wall through material, but faces may block the segment to an opposed face for
+    /// which `is_known` holds.
+    pub fn nearest_wall(&self, face: u32, limit: f64, is_known: impl Fn(u32) -> bool) -> Option<Opposed> {
+        let mut found = self.aligned(face, limit, Side::Material);
+        found.sort_by(|a, b| a.thickness.total_cmp(&b.thickness).then(a.face.cmp(&b.face)));
+        found
+            .into_iter()
+            .find(|other| other.distance <= self.contact || is_known(other.face) || self.is_clear(face, other))
     }
 
     /// The share of a step from a point at which it first meets a face other than `own`.
@@ -153,13 +169,38 @@ impl<'a> Walls<'a> {
         let [from, to] = other.points;
         let sign = if side == Side::Material { 1.0 } else { -1.0 };
         if other.distance <= self.contact {
-            // The faces share the edge or the vertex of a wedge: the sides of their centres decide.
-            let centre = |f: u32| self.corners(f).into_iter().sum::<DVec3>() / 3.0;
-            let step = (centre(other.face) - centre(face)) * sign;
-            return step.dot(self.normal(face)) < 0.0 && step.dot(self.normal(other.face)) > 0.0;
+            return self.is_wedge(face, other.face, from.midpoint(to), sign);
         }
         let step = (to - from) * (sign / other.distance);
         step.dot(self.normal(face)) <= -ALIGNED && step.dot(self.normal(other.face)) >= ALIGNED
+    }
+
+    /// Whether two faces that touch at a point enclose a wedge there: unit steps from the point into both faces end
+    /// opposite each other, with nothing between them. `sign` is negative for a wedge of air.
+    fn is_wedge(&self, face: u32, other: u32, point: DVec3, sign: f64) -> bool {
+        let [own, opposite] = [face, other].map(|f| self.corners(f));
+        let shared: SmallVec<[DVec3; 3]> = own
+            .into_iter()
+            .filter(|&p| p.distance(nearest_on_triangle(p, opposite)) <= self.contact)
+            .chain(opposite.into_iter().filter(|&p| p.distance(nearest_on_triangle(p, own)) <= self.contact))
+            .collect();
+        let far = shared.iter().copied().max_by(|a, b| a.distance(point).total_cmp(&b.distance(point)));
+        // Along a common edge only the steps across it count.
+        let along = far.map_or(DVec3::ZERO, |far| far - point);
+        let along = if along.length() > 2.0 * self.contact { along.normalize() } else { DVec3::ZERO };
+        let [a, b] = [own, opposite].map(|corners| {
+            let step = corners.into_iter().sum::<DVec3>() / 3.0 - point;
+            step - along * step.dot(along)
+        });
+        let reach = a.length().min(b.length()) / 2.0;
+        let [from, to] = [a, b].map(|step| point + step.normalize_or_zero() * reach);
+        let distance = from.distance(to);
+        if distance <= 0.0 {
+            return false;
+        }
+        let step = (to - from) * (sign / distance);
+        let is_opposed = step.dot(self.normal(face)) <= -ALIGNED && step.dot(self.normal(other)) >= ALIGNED;
+        is_opposed && self.is_clear(face, &Opposed { face: other, points: [from, to], distance, thickness: distance })
     }
 
     fn nearest_unblocked(&self, face: u32, mut found: Vec<Opposed>, most: usize) -> Vec<Opposed> {
