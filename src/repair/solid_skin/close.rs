@@ -29,6 +29,8 @@ pub struct Closed {
     pub sealed: Vec<SealedPlace>,
     /// Faces of the surface with air on both sides, or around openings that could not be closed.
     pub sheets: Vec<u32>,
+    /// The share of the area in such faces, in percent.
+    pub open_pct: f64,
 }
 
 /// Closes the openings of an outer surface. Parts that cannot be closed are dropped and listed.
@@ -37,19 +39,23 @@ pub fn close(mut surface: Surface, precision: Precision, context: &Context<'_>) 
     FillHoles { precision, ..FillHoles::default() }.apply(&mut surface, context)?;
     let sealed = sealed_places(&surface, before);
     let edges = Edges::new(&surface.faces);
-    let mut sheets = Vec::new();
+    let (mut sheets, mut open_area, mut area) = (Vec::new(), 0.0, 0.0);
     if ClosedSurface::new(&surface, &edges).is_err() {
         let parts = Parts::new(&surface, &edges);
         let is_open: Vec<bool> = balanced(&surface, &edges, &parts).into_iter().map(|balanced| !balanced).collect();
         for (face, &part) in parts.of_face.iter().enumerate() {
+            let of_face = surface.area_vector(face).length();
+            area += of_face;
             if part == Parts::NONE || is_open[part as usize] {
                 sheets.push(surface.source[face]);
+                open_area += of_face;
             }
         }
         sheets.retain(|&source| !is_generated(source));
         parts.remove(&is_open, &mut surface);
     }
-    Ok(Closed { surface, sealed, sheets })
+    let open_pct = if area > 0.0 { 100.0 * open_area / area } else { 0.0 };
+    Ok(Closed { surface, sealed, sheets, open_pct })
 }
 
 /// For each part whether each of its edges is used equally often in both directions.

@@ -22,6 +22,11 @@ use crate::printing::skin::{DropReason, DroppedPiece, OuterSkin, OuterSkinError,
 /// Diameter of a strut, as a share of the diagonal.
 const STRUT: f64 = 0.01;
 
+/// The widest patch, in seals. A ball that passes an opening has more room than the flat patch across it shows.
+const MAX_WIDTH: f64 = 2.0;
+/// The largest share of the outer surface's area in parts that could not be closed, in percent.
+const MAX_OPEN_PCT: f64 = 5.0;
+
 /// What happens to parts that do not touch the largest part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Islands {
@@ -78,6 +83,17 @@ pub enum SkinError {
     /// Nothing is enclosed at this seal.
     #[error("the surface encloses nothing: air reaches both sides of every face through openings wider than {0}")]
     Empty(f64),
+    /// Some openings could not be closed.
+    #[error("openings around {0:.1} % of the outer surface could not be closed")]
+    Open(f64),
+    /// A patch is wider than the seal allows.
+    #[error("an opening {width} wide would have to be closed, wider than the seal of {seal}")]
+    Wide {
+        /// The opening's width, in the model's unit.
+        width: f64,
+        /// The seal, in the model's unit.
+        seal: f64,
+    },
     /// The faces still intersect.
     #[error("the outer surface still intersects itself after its openings were closed")]
     Intersecting,
@@ -89,17 +105,25 @@ pub enum SkinError {
 /// Computes the solid skin of a model: the boundary of all that a ball with the seal's diameter cannot reach from
 /// outside, with the input's faces where they bound it.
 ///
-/// The surface should be welded; it may be open, intersect itself and have any orientation. Openings that a
-/// ball of the seal's diameter passes stay open. Each patch states its width. Crevices stay, unless the space behind them must be cut off anyway.
+/// The surface should be welded; it may be open, intersect itself and have any orientation. Openings that a ball of the
+/// seal's diameter passes stay open: a patch of more than twice that width is an error. Crevices stay, unless the space
+/// behind them must be cut off anyway.
 ///
 /// # Errors
 /// [`SkinError`]: nothing is enclosed, the faces cannot be arranged, or the work was cancelled.
 pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_>) -> Result<SkinResult, SkinError> {
     let OuterSkin { surface: open, seal, mut accounting } = outer_skin(surface, options.seal, context)?;
-    let Closed { surface: mut skin, sealed, sheets } = close(open, options.precision, context)?;
-    accounting.drop(&sheets, DropReason::Sheet);
-    if skin.faces.is_empty() {
+    if open.faces.is_empty() {
         return Err(SkinError::Empty(seal));
+    }
+    let Closed { surface: mut skin, sealed, sheets, open_pct } = close(open, options.precision, context)?;
+    accounting.drop(&sheets, DropReason::Sheet);
+    if skin.faces.is_empty() || open_pct > MAX_OPEN_PCT {
+        return Err(SkinError::Open(open_pct));
+    }
+    let width = sealed.iter().map(|place| place.width).fold(0.0, f64::max);
+    if width > MAX_WIDTH * seal {
+        return Err(SkinError::Wide { width, seal });
     }
     if !resolve(&mut skin, context)? {
         return Err(SkinError::Intersecting);
