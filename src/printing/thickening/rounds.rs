@@ -18,7 +18,7 @@ use super::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError,
 /// The most rounds.
 const MAX_ROUNDS: usize = 3;
 /// The most times that the rounds start again without the places that stay thin.
-const MAX_RESTARTS: usize = 2;
+const MAX_RESTARTS: usize = 4;
 /// The factor on the least thickness of a place below which the place counts as worse than before.
 const MAX_THINNER: f64 = 0.98;
 /// The largest distance from the input, as a share of the least wall: a wall grows on one side by its thickness at most,
@@ -45,6 +45,8 @@ pub struct Rounds<'a> {
     topology: Topology,
     /// The places of the input.
     places: Places,
+    /// The thin faces of the input, and a tree over them.
+    thin_faces: (Vec<u32>, Tree),
     /// For each place, why its layer was taken back.
     taken_back: Vec<Option<Broken>>,
 }
@@ -63,7 +65,11 @@ impl<'a> Rounds<'a> {
         let thin_before = thin_of(input, settings.min_wall, context)?;
         let places = Places::new(input, &thin_before);
         let taken_back = vec![None; places.count as usize];
-        let mut rounds = Self { settings, input, union, context, topology: Topology::of(input), places, taken_back };
+        let thin_faces: Vec<u32> = (0u32..).zip(&thin_before).filter(|(_, w)| !w.is_empty()).map(|(f, _)| f).collect();
+        let corners: Vec<[u32; 3]> = thin_faces.iter().map(|&face| input.faces[face as usize]).collect();
+        let thin_faces = (thin_faces, Tree::new(&input.positions, &corners));
+        let topology = Topology::of(input);
+        let mut rounds = Self { settings, input, union, context, topology, places, thin_faces, taken_back };
         let mut best = rounds.grown(&thin_before)?;
         // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
         for number in 0..=MAX_RESTARTS {
@@ -96,12 +102,42 @@ impl<'a> Rounds<'a> {
             surface = next;
             thin = thin_of(&surface, settings.min_wall, self.context)?;
             let area = thin_area(&surface, &thin);
-            if area >= best.area || self.deviation(&surface) > MAX_DEVIATION * settings.min_wall {
+            // The first round is judged place by place.
+            let is_better = number == 0 || area < best.area && !self.is_thinner_somewhere(&surface, &thin, &best);
+            if !is_better || self.deviation(&surface) > MAX_DEVIATION * settings.min_wall {
                 break;
             }
             best = Grown { area, surface: surface.clone(), thin: thin.clone() };
         }
         Ok(best)
+    }
+
+    /// Whether a place has a thinner wall than in an earlier result.
+    fn is_thinner_somewhere(&self, surface: &Surface, thin: &[Vec<Opposed>], earlier: &Grown) -> bool {
+        let [now, before] = [self.measures(surface, thin), self.measures(&earlier.surface, &earlier.thin)];
+        now.iter().zip(before).any(|(now, before)| now.least < MAX_THINNER * before.least.min(self.settings.min_wall))
+    }
+
+    /// The thin area and the least thickness of each place. A thin face of no place counts for the nearest one.
+    fn measures(&self, surface: &Surface, thin: &[Vec<Opposed>]) -> Vec<PlaceMeasure> {
+        let none = PlaceMeasure { area: 0.0, least: f64::INFINITY };
+        let mut measures = vec![none; self.places.count as usize];
+        for (face, walls) in thin.iter().enumerate() {
+            let Some(wall) = walls.first() else { continue };
+            let place = self.place_of(surface, face).or_else(|| self.place_near(wall.points[0]));
+            if let Some(place) = place {
+                measures[place as usize].add(surface.area_vector(face).length(), wall.thickness);
+            }
+        }
+        measures
+    }
+
+    /// The place whose thin face in the input is nearest to a point.
+    fn place_near(&self, point: DVec3) -> Option<u32> {
+        let (faces, tree) = &self.thin_faces;
+        let corners = |face: u32| self.input.corners(faces[face as usize] as usize);
+        let nearest = tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners)?;
+        self.places.of_face[faces[nearest.face as usize] as usize]
     }
 
     /// The largest distance of the added faces of a result from the input.
@@ -116,24 +152,16 @@ impl<'a> Rounds<'a> {
 
     /// The places that are not yet taken back, and of which much stays thin or a wall got thinner.
     fn failed(&self, grown: &Grown, before: &[Vec<Opposed>]) -> Vec<u32> {
-        let none = [PlaceMeasure { area: 0.0, least: f64::INFINITY }; 2];
-        let mut measures = vec![none; self.places.count as usize];
-        for (face, walls) in before.iter().enumerate() {
-            if let (Some(wall), Some(place)) = (walls.first(), self.places.of_face[face]) {
-                measures[place as usize][0].add(self.input.area_vector(face).length(), wall.thickness);
-            }
-        }
-        for (face, walls) in grown.thin.iter().enumerate() {
-            let Some(wall) = walls.first() else { continue };
-            let opposite = || self.place_of(&grown.surface, wall.face as usize);
-            if let Some(place) = self.place_of(&grown.surface, face).or_else(opposite) {
-                measures[place as usize][1].add(grown.surface.area_vector(face).length(), wall.thickness);
-            }
-        }
+        let mut unmarked = self.input.clone();
+        unmarked.source = (0..self.faces()).collect();
+        let before = self.measures(&unmarked, before);
+        let after = self.measures(&grown.surface, &grown.thin);
         let is_failed = |&place: &u32| {
-            let [before, after] = measures[place as usize];
-            let is_worse = after.area > MAX_LEFT * before.area || after.least < MAX_THINNER * before.least;
-            self.taken_back[place as usize].is_none() && is_worse
+            let [before, after] = [&before, &after].map(|measures| measures[place as usize]);
+            let is_worse = after.area > MAX_LEFT * before.area
+                || after.least < MAX_THINNER * before.least.min(self.settings.min_wall);
+            let is_near = after.least >= MAX_THINNER * self.settings.min_wall;
+            self.taken_back[place as usize].is_none() && is_worse && !is_near
         };
         (0..self.places.count).filter(is_failed).collect()
     }
@@ -233,7 +261,7 @@ impl<'a> Rounds<'a> {
         let mut extra: Vec<ThickenedPlace> = Vec::new();
         for (face, walls) in after.iter().enumerate() {
             let Some(wall) = walls.first() else { continue };
-            match self.place_of(&surface, face) {
+            match self.place_of(&surface, face).or_else(|| self.place_near(wall.points[0])) {
                 Some(number) => {
                     let place = &mut places[number as usize];
                     place.least_after = place.least_after.min(wall.thickness);
