@@ -109,7 +109,7 @@ impl<'a> Growths<'a> {
 
     /// The growth that a point of a face needs.
     pub fn at(&self, point: DVec3, face: u32) -> f64 {
-        let opposed = self.walls.of_point(point, face, self.min_wall(), Side::Material, MAX_AT_POINT);
+        let opposed = self.walls.of_point((point, face), self.min_wall(), Side::Material, MAX_AT_POINT);
         opposed.iter().map(|wall| self.of_wall(face, wall)).fold(0.0, f64::max)
     }
 
@@ -155,7 +155,7 @@ impl<'a> Growths<'a> {
             return 0.0;
         }
         let reach = 2.0 * wanted + self.min_gap();
-        let gaps = self.walls.of_point(point, face, reach, Side::Air, MAX_AT_POINT);
+        let gaps = self.walls.of_point((point, face), reach, Side::Air, MAX_AT_POINT);
         let room = |gap: &Opposed| {
             let room = (gap.distance - self.min_gap()).max(0.0);
             let is_shared = self.is_thin(gap.face) && !self.kept[gap.face as usize];

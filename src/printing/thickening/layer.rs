@@ -108,7 +108,7 @@ impl<'a> Tops<'a> {
         let mut tops = Self { refined, places: Vec::new(), half_edges: FxHashMap::default() };
         for _ in 0..MAX_PLAIN_ROUNDS {
             context.check()?;
-            tops.place(&growing, &normals, &stars, &is_plain, precision);
+            tops.place(&growing, (&normals, &stars), &is_plain, precision);
             let turned: Vec<u32> =
                 (0..index(refined.faces.len())).filter(|&face| tops.is_turned(face, &normals)).collect();
             let mut is_new = false;
@@ -132,7 +132,13 @@ impl<'a> Tops<'a> {
     }
 
     /// Places the corners of all tops.
-    fn place(&mut self, growing: &[u32], normals: &[DVec3], stars: &Stars, is_plain: &[bool], precision: Precision) {
+    fn place(
+        &mut self,
+        growing: &[u32],
+        (normals, stars): (&[DVec3], &Stars),
+        is_plain: &[bool],
+        precision: Precision,
+    ) {
         let refined = self.refined;
         let offsets: Vec<SmallVec<[(u32, DVec3); 8]>> = growing
             .par_iter()

@@ -344,6 +344,9 @@ struct Grown {
     area: f64,
 }
 
+/// The places whose layers can be united, and those whose layers cannot, with the reason.
+type Tried = (Vec<u32>, Vec<(u32, Broken)>);
+
 /// The unions that a round tries.
 struct Attempt<'a, 'b> {
     rounds: &'a Rounds<'b>,
@@ -372,7 +375,7 @@ impl Attempt<'_, '_> {
     }
 
     /// The places whose layers can be united together, and those that cannot, with the reason. By halving.
-    fn largest_good(&mut self, all: &[u32]) -> Result<(Vec<u32>, Vec<(u32, Broken)>), Cancelled> {
+    fn largest_good(&mut self, all: &[u32]) -> Result<Tried, Cancelled> {
         let (mut good, mut broken): (Vec<u32>, Vec<(u32, Broken)>) = (Vec::new(), Vec::new());
         let mut open: Vec<Vec<u32>> = vec![all.to_vec()];
         let mut is_first = true;

@@ -93,7 +93,7 @@ impl<'a> Walls<'a> {
     }
 
     /// As [`Walls::of_face`], for a point of a face.
-    pub fn of_point(&self, point: DVec3, face: u32, limit: f64, side: Side, most: usize) -> Vec<Opposed> {
+    pub fn of_point(&self, (point, face): (DVec3, u32), limit: f64, side: Side, most: usize) -> Vec<Opposed> {
         let mut found = self.candidates(Box3::of([point]), face, limit, side);
         found.retain_mut(|other| {
             let to = nearest_on_triangle(point, self.corners(other.face));
