@@ -1,5 +1,5 @@
 import { type JobEvent, events, follow, hasEnded } from "./events.js";
-import { type Server, askJson, at } from "./http.js";
+import { type Server, ask, askJson, at } from "./http.js";
 import {
   type NewJob,
   type Notes,
@@ -10,6 +10,7 @@ import {
   getJob,
   listJobs,
   newKey,
+  profiles,
   submit,
   submitFiles,
 } from "./jobs.js";
@@ -24,6 +25,8 @@ import type {
   Job,
   JobOptions,
   NewBrowserToken,
+  ProcessLimits,
+  ProcessProfile,
   ProgressEvent,
   RepairOptions,
   RepairedJob,
@@ -184,6 +187,21 @@ export class Client implements Server {
 
   capabilities(how: Call = {}): Promise<Capabilities> {
     return this.#retry(() => capabilities(this, how.signal), how);
+  }
+
+  /** Lists the built-in process profiles, then your own. */
+  profiles(how: Call = {}): Promise<ProcessProfile[]> {
+    return this.#retry(() => profiles(this, how.signal), how);
+  }
+
+  /** Creates or replaces a process profile of your own. */
+  setProfile(name: string, limits: ProcessLimits, how: Call = {}): Promise<ProcessProfile> {
+    return this.#retry(() => askJson(this, at("/v1/profiles/{name}", { name }), { method: "PUT", json: limits, signal: how.signal }), how);
+  }
+
+  /** Deletes a process profile of your own. */
+  async deleteProfile(name: string, how: Call = {}): Promise<void> {
+    await this.#retry(() => ask(this, at("/v1/profiles/{name}", { name }), { method: "DELETE", signal: how.signal }), how);
   }
 
   /** Creates a token for your web page. The token gives access only to the jobs that it created. */

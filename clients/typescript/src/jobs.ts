@@ -1,10 +1,15 @@
 import { type Server, ask, askJson, at, query } from "./http.js";
 import { DamagedDownload, Problem } from "./problem.js";
 import { retryWithBackoff } from "./retry.js";
-import type { Artifact, Capabilities, Job, JobPage, Options, Readiness, Source, Status } from "./shapes.js";
+import type { Artifact, Capabilities, Job, JobPage, Options, ProcessProfile, ProcessProfiles, Readiness, Source, Status } from "./shapes.js";
 
 export function capabilities(server: Server, signal?: AbortSignal): Promise<Capabilities> {
   return askJson(server, at("/v1/capabilities"), { signal });
+}
+
+/** Lists the built-in process profiles, then those of the key's tenant. */
+export async function profiles(server: Server, signal?: AbortSignal): Promise<ProcessProfile[]> {
+  return (await askJson<ProcessProfiles>(server, at("/v1/profiles"), { signal })).profiles;
 }
 
 /** Additional fields of a submission. */

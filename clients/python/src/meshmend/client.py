@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from types import TracebackType
 from typing import Any, TypeAlias, cast
+from urllib.parse import quote
 
 import httpx
 
@@ -213,6 +214,29 @@ class Client:
             lambda _: self.server.json("GET", "/v1/capabilities"), self._deadline(timeout)
         )
         return found
+
+    def profiles(self, *, timeout: float | None = None) -> Sequence[shapes.ProcessProfile]:
+        """Lists the built-in process profiles, then your own."""
+        found: shapes.ProcessProfiles = retry_with_backoff(
+            lambda _: self.server.json("GET", "/v1/profiles"), self._deadline(timeout)
+        )
+        return found["profiles"]
+
+    def set_profile(
+        self, name: str, limits: shapes.ProcessLimits, *, timeout: float | None = None
+    ) -> shapes.ProcessProfile:
+        """Creates or replaces a process profile of your own."""
+        stored: shapes.ProcessProfile = retry_with_backoff(
+            lambda _: self.server.json("PUT", f"/v1/profiles/{quote(name, safe='')}", json=limits),
+            self._deadline(timeout),
+        )
+        return stored
+
+    def delete_profile(self, name: str, *, timeout: float | None = None) -> None:
+        """Deletes a process profile of your own."""
+        retry_with_backoff(
+            lambda _: self.server.ask("DELETE", f"/v1/profiles/{quote(name, safe='')}"), self._deadline(timeout)
+        )
 
     def browser_token(self, asked: shapes.NewBrowserToken, *, timeout: float | None = None) -> shapes.BrowserToken:
         """Creates a token for your web page. The token gives access only to the jobs that it created."""
