@@ -88,6 +88,11 @@ export function thinWall() {
   return stl([...box([0, 0, 0], [40, 30, 3]), ...box([5, 5, 2], [0.5, 20, 25])]);
 }
 
+/** A plate of 6 by 6 by 0.2 mm: a valid solid that is too thin and too small for most processes. */
+export function plate() {
+  return stl(box([0, 0, 0], [6, 6, 0.2]));
+}
+
 /** An open sheet, which repair makes solid only on request. */
 export function sheet() {
   const n = 20;

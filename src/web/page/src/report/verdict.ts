@@ -8,11 +8,11 @@ export type Property = Verdict["proven"][number];
 export interface Claims {
   tone: "good" | "fair" | "bad";
   /** The key of the title among the texts for outcomes. */
-  title: Outcome | "flagged" | "failed" | "canceled" | "expired";
+  title: Outcome | "not_print_ready" | "flagged" | "failed" | "canceled" | "expired";
   isPrintable: boolean;
   /** The verified properties of a printable file; otherwise empty. */
   proven: Property[];
-  /** Whether the job has no model because a printable one was required. */
+  /** Whether the job has no model because its result does not meet the option `require`. */
   isRefused: boolean;
   model: Artifact | null;
   /** The uploaded file, if the repair did not improve it. */
@@ -24,16 +24,19 @@ export function isPrintable(outcome: Outcome | null): boolean {
   return outcome === "repaired" || outcome === "already_printable" || outcome === "printable";
 }
 
+/** The codes of jobs whose result does not meet the option `require`. */
+const REFUSALS = ["not_printable", "not_print_ready"];
+
 /** Derives the claims about a job's model from the verdict in its report. */
 export function claimsOf(job: Job): Claims {
   const report = job.report?.mode === "repair" ? job.report : null;
   // Reports of earlier versions have no verdict, so nothing is claimed.
   const verdict: Partial<Verdict> | undefined = report?.verdict;
   const isGood = job.status === "succeeded" && (verdict?.printable ?? isPrintable(job.outcome));
-  const isRefused = job.problem?.code === "not_printable";
+  const isRefused = REFUSALS.includes(job.problem?.code ?? "");
   return {
     tone: isGood ? "good" : job.status === "failed" ? "bad" : "fair",
-    title: titleOf(job, isRefused, verdict?.passes ?? false),
+    title: titleOf(job, verdict?.passes ?? false),
     isPrintable: isGood,
     proven: isGood ? (verdict?.proven ?? []) : [],
     isRefused,
@@ -42,8 +45,8 @@ export function claimsOf(job: Job): Claims {
   };
 }
 
-function titleOf({ status, outcome }: Job, isRefused: boolean, passes: boolean): Claims["title"] {
-  if (status === "failed") return isRefused ? "not_printable" : "failed";
+function titleOf({ status, outcome, problem }: Job, passes: boolean): Claims["title"] {
+  if (status === "failed") return problem?.code === "not_printable" || problem?.code === "not_print_ready" ? problem.code : "failed";
   if (status !== "succeeded" || !outcome) return status === "canceled" ? "canceled" : "expired";
   return outcome === "partially_repaired" && passes ? "flagged" : outcome;
 }

@@ -1,4 +1,5 @@
 import { type Job, type NewJob, type Options, type ProgressEvent, Problem, announce, cancelJob, follow, getJob, send, standing, submitWithRetry } from "meshmend-client";
+import { firstOptions } from "./profiles";
 import { lockIfUnauthorized, server } from "./server";
 import { Store } from "./store";
 
@@ -45,7 +46,7 @@ export function find(id: number): FileItem | undefined {
 
 export function add(files: readonly File[]): void {
   if (files.length === 0) return;
-  const added = files.map((file) => newItem(file.name, file.size, file));
+  const added = files.map((file) => ({ ...newItem(file.name, file.size, file), options: firstOptions() }));
   items.change((all) => [...all, ...added]);
   selected.set(added[0]!.id);
   startUploads();

@@ -12,12 +12,14 @@ export interface Settings {
   /** The printer by name, and the build volume in millimetres. */
   printer: string;
   room: [number, number, number];
+  /** The name of the printing process to check new models against; empty for none. */
+  process: string;
 }
 
 const NAME = "meshmend.settings";
 
 function load(): Settings {
-  const first: Settings = { language: firstSupported(navigator.languages), theme: "auto", unit: "mm", printer: "", room: [220, 220, 250] };
+  const first: Settings = { language: firstSupported(navigator.languages), theme: "auto", unit: "mm", printer: "", room: [220, 220, 250], process: "" };
   try {
     return { ...first, ...(JSON.parse(localStorage.getItem(NAME) ?? "{}") as Partial<Settings>) };
   } catch {

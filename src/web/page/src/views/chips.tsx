@@ -13,6 +13,6 @@ export function StatusChip({ job }: { job: Job }) {
   const { words } = usePageWords();
   if (job.status === "succeeded" && job.outcome) return <OutcomeChip outcome={job.outcome} />;
   const tone = job.status === "failed" ? "bad" : job.status === "running" || job.status === "queued" ? "busy" : "";
-  const text = job.problem?.code === "not_printable" ? words.outcomes["not_printable"] : words.statuses[job.status];
+  const text = (job.problem && words.outcomes[job.problem.code]) ?? words.statuses[job.status];
   return <span class={`chip ${tone}`}>{text}</span>;
 }

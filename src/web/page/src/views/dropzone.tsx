@@ -1,12 +1,16 @@
 import type { Capabilities } from "meshmend-client";
 import { brokenSample } from "../sample";
+import { choose, settings } from "../state/settings";
 import { usePageWords } from "../words/page-locale";
 import { ChooseFiles } from "./choose-files";
 import { Icon } from "./icons";
+import { ProcessSelect } from "./process-select";
+import { useStore } from "./use-store";
 
 /** The start view: a short description and the drop zone. */
 export function Dropzone({ can, over, take }: { can: Capabilities | null; over: boolean; take: (files: File[]) => void }) {
   const { words, figures } = usePageWords();
+  const { process } = useStore(settings);
   const limits = can?.limits;
   const formats = can?.input_formats.map((format) => format.toUpperCase()).join(", ") ?? "";
   return (
@@ -22,6 +26,7 @@ export function Dropzone({ can, over, take }: { can: Capabilities | null; over: 
           <Icon name="sparkle" size={16} /> {words.trySample}
         </button>
       </div>
+      <ProcessSelect value={process} set={(process) => choose({ process })} label={words.checkProcess} />
       <p class="limits">{limits ? words.accepts(formats, figures.bytes(limits.max_bytes), figures.count(limits.max_file_faces)) : "\u00a0"}</p>
       <p class="limits">{words.privacy}</p>
     </section>

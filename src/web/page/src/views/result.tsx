@@ -9,6 +9,7 @@ import { Numbers } from "./numbers";
 import { Objects } from "./objects";
 import { Printing } from "./printing";
 import { ProblemNote } from "./problem-note";
+import { ProcessCheck } from "./process-check";
 import { Share } from "./share";
 import { Thickness } from "./thickness";
 import { UnitAndSize } from "./unit-and-size";
@@ -68,6 +69,7 @@ export function Result({ job, file, can }: { job: Job; file: File | null; can: C
           <Printing job={job} shown={shown} />
         </div>
       </div>
+      <ProcessCheck key={job.id} job={job} shown={shown} retry={retry} />
       {report?.objects && report.objects.length > 1 && <Objects objects={report.objects} />}
       {report && <Numbers report={report} />}
     </article>

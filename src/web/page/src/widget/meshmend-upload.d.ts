@@ -8,6 +8,8 @@ export type Point = [number, number, number];
 export interface Metrics {
   /** Whether the model is closed, consistent and free of intersections: the outcome is `already_printable` or `repaired`. */
   printable: boolean;
+  /** Whether the model meets every rule of the process; null without the option `process`. */
+  printReady: boolean | null;
   /** The unit of the file's numbers, such as `mm` or `in`, and its source. `assumed` is a guess that a person should check. */
   unit: string;
   unitSource: "declared" | "file" | "assumed";

@@ -19,6 +19,7 @@ export function metricsOf(job: Job): Metrics | null {
   const box = inspection.bounding_box;
   return {
     printable: isPrintable,
+    printReady: report?.verdict?.print_ready ?? null,
     unit: print.unit,
     unitSource: print.unit_source,
     sizeMm: scaled(print.size_mm, 1),

@@ -1,7 +1,9 @@
 import { useState } from "preact/hooks";
 import type { Capabilities, Job, Options } from "meshmend-client";
+import { readinessOf } from "../report/print-ready";
 import type { Unit } from "../units";
 import { Facts } from "../views/facts";
+import { PrintReady } from "../views/print-ready";
 import { ProblemNote } from "../views/problem-note";
 import { Thickness } from "../views/thickness";
 import { UnitAndSize } from "../views/unit-and-size";
@@ -20,6 +22,7 @@ export function Outcome({ session, job, can, unit }: { session: Session; job: Jo
   const { words } = useWords();
   const server = session.server;
   const report = job.report?.mode === "repair" ? job.report : null;
+  const readiness = readinessOf(job);
   const [viewer, setViewer] = useState<Viewer | null>(null);
   const retry = (options: Options): void => session.again(options);
   const hasThickness = report !== null && session.isFree("thickness") && session.isFree("open_sheets");
@@ -34,6 +37,7 @@ export function Outcome({ session, job, can, unit }: { session: Session; job: Jo
             </Verdict>
           </div>
           {job.problem && <ProblemNote problem={job.problem} />}
+          {readiness && <PrintReady job={job} readiness={readiness} heading="h3" retry={session.isFree("process") ? retry : undefined} />}
           {hasThickness && <Thickness job={job} report={report} viewer={viewer} retry={retry} heading="h3" />}
           <WhatToDo job={job} can={can} retry={retry} />
           {report && session.isFree("unit") && session.isFree("scale_to") && (

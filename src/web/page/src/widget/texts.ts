@@ -30,6 +30,7 @@ const en = {
     unavailable: "The upload service is busy. Try again in a moment.",
     unrepairable: "The model could not be repaired.",
     not_printable: "The model is not printable, and the repair could not make it printable.",
+    not_print_ready: "The model breaks rules of the printing process. The table lists them.",
     canceled: "Cancelled.",
   } as Record<string, string>,
 };
@@ -63,6 +64,7 @@ const de: Texts = {
     unavailable: "Der Dienst ist ausgelastet. Bitte versuchen Sie es gleich erneut.",
     unrepairable: "Das Modell konnte nicht repariert werden.",
     not_printable: "Das Modell ist nicht druckbar und ließ sich nicht druckbar machen.",
+    not_print_ready: "Das Modell verletzt Regeln des Druckverfahrens. Die Tabelle nennt sie.",
     canceled: "Abgebrochen.",
   },
 };
