@@ -19,7 +19,7 @@ async fn health_capabilities_metrics_and_documentation_answer() {
     let available: Vec<_> = can["tiers"].as_array().expect("tiers").iter().map(|tier| &tier["available"]).collect();
     assert_eq!(available, [true, true, false]);
     assert!(can["tiers"][2]["detail"].as_str().is_some_and(|text| text.contains("/nonexistent/blender")), "{can}");
-    assert_eq!(can["presets"].as_array().map(Vec::len), Some(7));
+    assert_eq!(can["presets"].as_array().map(Vec::len), Some(8));
     assert_eq!(can["input_formats"], json!(["stl", "obj", "ply", "off", "mesh", "glb", "3mf", "zip"]));
 
     let id = api.submit(files::broken_box(), json!({"max_tier": 1})).await;
