@@ -315,6 +315,56 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/profiles": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List process profiles.
+         * @description Lists the built-in profiles with the sources of each limit, then your own. The option `process` of a job names one of them.
+         */
+        get: operations["list_profiles"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/v1/profiles/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get a process profile.
+         * @description A built-in profile is also found by its aliases, such as `sls`. Your own profiles have an entity tag.
+         */
+        get: operations["get_profile"];
+        /**
+         * Create or replace a process profile of your own.
+         * @description The body holds the limits that differ from those of the built-in profile in `based_on`. Jobs that name the profile use its
+         *     limits at the time of their submission: a later change does not affect queued jobs. Requires the scope `jobs:write`; browser tokens
+         *     can't change profiles.
+         */
+        put: operations["put_profile"];
+        post?: never;
+        /**
+         * Delete a process profile of your own.
+         * @description Jobs that were submitted with the profile keep its limits. Requires the scope `jobs:write`; browser tokens can't delete profiles.
+         */
+        delete: operations["delete_profile"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/tenants": {
         parameters: {
             query?: never;
@@ -699,6 +749,14 @@ export interface components {
              * @default true
              */
             pictures?: boolean;
+            /**
+             * @description Printing process to check each file against, such as `fdm-0.4` or `sls-pa12`. The report's `print_ready` has the
+             *     result for each rule.
+             * @default null
+             */
+            process?: string | null;
+            /** @default null */
+            process_limits?: components["schemas"]["ProcessLimits"] | null;
             /** @default null */
             scale_to?: components["schemas"]["Unit"] | null;
             /**
@@ -826,6 +884,11 @@ export interface components {
             outward: components["schemas"]["Answer"];
         };
         /**
+         * @description Where a limit comes from.
+         * @enum {string}
+         */
+        Basis: "sourced" | "derived" | "judgement" | "requested";
+        /**
          * @description Spacing of histogram bins.
          * @enum {string}
          */
@@ -862,6 +925,15 @@ export interface components {
             scopes: components["schemas"]["Scope"][];
             /** @description The secret, to be sent as `Authorization: Bearer`. This response alone shows it. */
             token: string;
+        };
+        /** @description The build volume of a machine. */
+        BuildVolume: {
+            /** @description Where the size comes from. */
+            basis: components["schemas"]["Basis"];
+            /** @description Side lengths along x, y and z. */
+            size: number[];
+            /** @description Titles of the sources. */
+            sources?: string[];
         };
         /** @description A repair result that was judged. */
         Candidate: {
@@ -1204,6 +1276,23 @@ export interface components {
             /** @description Whether vertices are numbered 1, 2, 3 and so on; absent if the format has no vertex numbers. */
             vertices_contiguous?: boolean | null;
         };
+        /** @description The holes that a cavity needs, so that powder or resin can leave it. */
+        EscapeHoles: {
+            /** @description Where the rule comes from. */
+            basis: components["schemas"]["Basis"];
+            /**
+             * Format: int32
+             * @description Least number of holes per cavity.
+             */
+            count: number;
+            /**
+             * Format: double
+             * @description Least diameter.
+             */
+            diameter_mm: number;
+            /** @description Titles of the sources. */
+            sources?: string[];
+        };
         /** @description An error in one field of a request. */
         FieldError: {
             /** @description The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`. */
@@ -1226,6 +1315,7 @@ export interface components {
             inspection: components["schemas"]["Inspection"];
             /** @description Name of the file in the request. */
             name: string;
+            print_ready?: components["schemas"]["PrintReadiness"] | null;
             /** @description Whether the file is printable as it is; `null` if its inspection level does not decide. */
             printable?: boolean | null;
             /** @description SHA-256 of the file, in hexadecimal; absent if unknown. */
@@ -1382,6 +1472,16 @@ export interface components {
              */
             version: number;
         };
+        /**
+         * @description The treatment of the space inside a model.
+         * @enum {string}
+         */
+        Interior: "auto" | "keep" | "fill";
+        /**
+         * @description The treatment of small separate solids.
+         * @enum {string}
+         */
+        Islands: "auto" | "keep" | "drop" | "attach";
         /** @description A job. */
         Job: {
             /** @description The files to download, by name. */
@@ -1497,6 +1597,23 @@ export interface components {
          * @enum {string}
          */
         Level: "none" | "basic" | "full";
+        /** @description A limit of a process. */
+        Limit: {
+            /** @description Where the limit comes from. */
+            basis: components["schemas"]["Basis"];
+            /**
+             * Format: double
+             * @description The limit that a model must keep. Beyond it, some print services refuse the model.
+             */
+            limit: number;
+            /**
+             * Format: double
+             * @description The most tolerant limit that a source states. Beyond it, no print service is known to accept the model.
+             */
+            minimum: number;
+            /** @description Titles of the sources. */
+            sources?: string[];
+        };
         /** @description A part absent from the result without a reason. */
         LostPart: {
             /**
@@ -1823,7 +1940,7 @@ export interface components {
          * @description Work that was left out because the deadline left no time for it.
          * @enum {string}
          */
-        OmittedSection: "input_verification" | "input_details" | "repair" | "verification" | "attributes" | "result_details" | "surface_changes";
+        OmittedSection: "input_verification" | "input_details" | "repair" | "verification" | "attributes" | "result_details" | "surface_changes" | "print_readiness";
         /**
          * @description The treatment of open sheets: parts that enclose nothing, such as terrain or a single wall.
          * @enum {string}
@@ -1846,7 +1963,7 @@ export interface components {
             value: string;
         };
         /** @description The options of a repair. Every field has a default. */
-        Options: {
+        Options: components["schemas"]["PrintOptions"] & {
             /** @default null */
             category?: components["schemas"]["Category"] | null;
             /**
@@ -2263,7 +2380,7 @@ export interface components {
          * @description A named repair plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them").
          * @enum {string}
          */
-        Preset: "auto" | "basic-cleanup" | "fill-holes" | "full-repair" | "conservative-repair" | "manifold-repair" | "blender-remesh";
+        Preset: "auto" | "basic-cleanup" | "fill-holes" | "full-repair" | "conservative-repair" | "manifold-repair" | "blender-remesh" | "generated";
         /** @description Measures for printing. Lengths, areas and volumes are in the model's unit unless stated otherwise. */
         PrintMeasures: {
             /**
@@ -2297,6 +2414,88 @@ export interface components {
              */
             volume?: number | null;
         };
+        /** @description The options of a repair that prepare the model for a printing process. */
+        PrintOptions: {
+            /**
+             * @description Treatment of the space inside a model. `auto` fills it if the model is a double shell, as generators of 3D models make them.
+             * @default auto
+             */
+            interior?: components["schemas"]["Interior"];
+            /**
+             * @description Treatment of separate solids that are smaller than the process allows, or than 0.01 % of the whole without a process.
+             * @default auto
+             */
+            islands?: components["schemas"]["Islands"];
+            /**
+             * Format: double
+             * @description Least wall thickness in millimetres. Thinner walls are thickened; all other surface stays. Default: walls keep their thickness.
+             * @default null
+             */
+            min_wall?: number | null;
+            /**
+             * @description Printing process to check the result against, such as `fdm-0.4` or `sls-pa12`. `GET /v1/profiles` and `meshmend profiles` list all
+             *     names. The report's `print_ready` has the result for each rule.
+             * @default null
+             */
+            process?: string | null;
+            /** @default null */
+            process_limits?: components["schemas"]["ProcessLimits"] | null;
+            /**
+             * Format: double
+             * @description Widest opening, in millimetres, that is sealed when the interior is filled. Default: it follows from the model.
+             * @default null
+             */
+            seal_mm?: number | null;
+            /**
+             * Format: double
+             * @description Height of the result in millimetres, along the file's up axis. The model is scaled evenly before the repair.
+             * @default null
+             */
+            target_height_mm?: number | null;
+            /**
+             * Format: double
+             * @description Longest side of the result's bounding box, in millimetres. The model is scaled evenly before the repair.
+             * @default null
+             */
+            target_longest_mm?: number | null;
+            /**
+             * @description Whether thin walls are thickened to the limit of the process. The option needs `process`; `min_wall` overrides the limit.
+             * @default false
+             */
+            thicken_to_process?: boolean;
+            /**
+             * Format: double
+             * @description Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process.
+             * @default null
+             */
+            vent_diameter_mm?: number | null;
+            /**
+             * @description Treatment of sealed cavities.
+             * @default keep
+             */
+            voids?: components["schemas"]["Voids"];
+            /**
+             * @description Side on which thin walls grow.
+             * @default both
+             */
+            wall_growth?: components["schemas"]["WallGrowth"];
+        };
+        /** @description Whether a file meets the rules of a process. */
+        PrintReadiness: {
+            /** @description Name of the profile. */
+            process: string;
+            /** @description Whether the file passes every rule. A rule that could not be decided counts as not passed. */
+            ready: boolean;
+            /** @description The result for each rule of the profile. */
+            rules: components["schemas"]["RuleResult"][];
+            /** @description The profile's title. */
+            title: string;
+        };
+        /**
+         * @description A rule of a process profile. Lengths are in millimetres, volumes in mm³.
+         * @enum {string}
+         */
+        PrintRule: "solid" | "supported_wall" | "free_wall" | "wire" | "pin" | "embossed_detail" | "hole" | "gap" | "clearance" | "engraved_detail" | "part_volume" | "escape_holes" | "build_volume" | "face_count" | "file_size" | "unit";
         /** @description An error response in the format of RFC 9457, `application/problem+json`. */
         Problem: {
             /** @description The error code, for programs. */
@@ -2323,7 +2522,7 @@ export interface components {
          * @description The code of a failed request, for programs.
          * @enum {string}
          */
-        ProblemCode: "unauthorized" | "forbidden" | "origin_not_allowed" | "rate_limited" | "route_not_found" | "method_not_allowed" | "invalid_request" | "invalid_options" | "missing_file" | "payload_too_large" | "too_many_files" | "unsupported_media_type" | "unsupported_model" | "upload_timeout" | "upload_interrupted" | "upload_not_found" | "upload_missing" | "upload_used" | "job_not_found" | "job_deleted" | "job_expired" | "job_finished" | "artifact_not_found" | "not_drawn_yet" | "range_not_satisfiable" | "idempotency_key_in_use" | "idempotency_key_reused" | "webhook_not_found" | "webhook_disabled" | "too_many_webhooks" | "key_not_found" | "tenant_not_found" | "queue_full" | "storage_full" | "unavailable" | "internal";
+        ProblemCode: "unauthorized" | "forbidden" | "origin_not_allowed" | "rate_limited" | "route_not_found" | "method_not_allowed" | "invalid_request" | "invalid_options" | "missing_file" | "payload_too_large" | "too_many_files" | "unsupported_media_type" | "unsupported_model" | "upload_timeout" | "upload_interrupted" | "upload_not_found" | "upload_missing" | "upload_used" | "job_not_found" | "job_deleted" | "job_expired" | "job_finished" | "artifact_not_found" | "not_drawn_yet" | "range_not_satisfiable" | "idempotency_key_in_use" | "idempotency_key_reused" | "webhook_not_found" | "webhook_disabled" | "too_many_webhooks" | "profile_not_found" | "too_many_profiles" | "precondition_failed" | "key_not_found" | "tenant_not_found" | "queue_full" | "storage_full" | "unavailable" | "internal";
         /** @description An error code with its meaning, for the documentation. */
         ProblemDoc: {
             /** @description What the caller should do. */
@@ -2342,7 +2541,164 @@ export interface components {
          * @description The code of a failed job's problem, for programs.
          * @enum {string}
          */
-        ProblemKind: "bad_input" | "bad_output" | "not_printable" | "deadline_exceeded" | "out_of_memory" | "cpu_limit" | "file_limit" | "crashed" | "worker_lost" | "internal";
+        ProblemKind: "bad_input" | "bad_output" | "not_printable" | "not_print_ready" | "deadline_exceeded" | "out_of_memory" | "cpu_limit" | "file_limit" | "crashed" | "worker_lost" | "internal";
+        /** @description Limits that replace those of a profile. Absent limits stay as the profile has them. */
+        ProcessLimits: {
+            /**
+             * @description Name of the profile that the limits change. Default: the profile that the option `process` names.
+             * @default null
+             */
+            based_on?: string | null;
+            /**
+             * @description Side lengths of the build volume along x, y and z.
+             * @default null
+             */
+            build_volume_mm?: [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Format: double
+             * @description See `clearance_mm` of a profile.
+             * @default null
+             */
+            clearance_mm?: number | null;
+            /**
+             * Format: double
+             * @description See `embossed_mm` of a profile.
+             * @default null
+             */
+            embossed_mm?: number | null;
+            /**
+             * Format: double
+             * @description See `engraved_mm` of a profile.
+             * @default null
+             */
+            engraved_mm?: number | null;
+            /**
+             * Format: int32
+             * @description Least number of escape holes per cavity. 0 lets cavities stay closed.
+             * @default null
+             */
+            escape_hole_count?: number | null;
+            /**
+             * Format: double
+             * @description Least diameter of an escape hole. 0 lets cavities stay closed.
+             * @default null
+             */
+            escape_hole_mm?: number | null;
+            /**
+             * Format: double
+             * @description See `free_wall_mm` of a profile.
+             * @default null
+             */
+            free_wall_mm?: number | null;
+            /**
+             * Format: double
+             * @description See `gap_mm` of a profile.
+             * @default null
+             */
+            gap_mm?: number | null;
+            /**
+             * Format: double
+             * @description See `hole_mm` of a profile.
+             * @default null
+             */
+            hole_mm?: number | null;
+            /**
+             * Format: int64
+             * @description Largest file that the print service accepts, in bytes.
+             * @default null
+             */
+            max_bytes?: number | null;
+            /**
+             * Format: int64
+             * @description Most faces that the print service accepts.
+             * @default null
+             */
+            max_faces?: number | null;
+            /**
+             * Format: double
+             * @description See `part_volume_mm3` of a profile.
+             * @default null
+             */
+            part_volume_mm3?: number | null;
+            /**
+             * Format: double
+             * @description See `pin_mm` of a profile.
+             * @default null
+             */
+            pin_mm?: number | null;
+            /**
+             * Format: double
+             * @description See `supported_wall_mm` of a profile.
+             * @default null
+             */
+            supported_wall_mm?: number | null;
+            /**
+             * @description Title for people.
+             * @default null
+             */
+            title?: string | null;
+            /**
+             * Format: double
+             * @description See `wire_mm` of a profile.
+             * @default null
+             */
+            wire_mm?: number | null;
+        };
+        /** @description A process profile: a built-in one, or one of your own. */
+        ProcessProfile: {
+            /** @description Whether the program brings the profile along. Every other profile is your own. */
+            built_in: boolean;
+            limits: components["schemas"]["ProcessLimits"] | null;
+            /** @description The profile with every limit. */
+            profile: components["schemas"]["Profile"];
+            /**
+             * Format: date-time
+             * @description When the limits were last changed; null for a built-in profile.
+             */
+            updated_at: string | null;
+        };
+        /** @description The process profiles. */
+        ProcessProfiles: {
+            /** @description The built-in profiles, then your own, sorted by name. */
+            profiles: components["schemas"]["ProcessProfile"][];
+        };
+        /** @description The limits of one printing process. All lengths are in millimetres. */
+        Profile: {
+            /** @description Other names that the option `process` accepts. */
+            aliases?: string[];
+            build_volume_mm?: components["schemas"]["BuildVolume"] | null;
+            /** @description Narrowest gap between two separate solids. */
+            clearance_mm: components["schemas"]["Limit"];
+            /** @description Narrowest embossed detail. */
+            embossed_mm: components["schemas"]["Limit"];
+            /** @description Narrowest engraved detail. */
+            engraved_mm: components["schemas"]["Limit"];
+            escape_holes?: components["schemas"]["EscapeHoles"] | null;
+            /** @description Thinnest wall that is held on at most one side. */
+            free_wall_mm: components["schemas"]["Limit"];
+            /** @description Narrowest gap between two surfaces of one solid, such as a slot. */
+            gap_mm: components["schemas"]["Limit"];
+            /** @description Narrowest hole. */
+            hole_mm: components["schemas"]["Limit"];
+            max_bytes?: components["schemas"]["Limit"] | null;
+            max_faces?: components["schemas"]["Limit"] | null;
+            /** @description Name of the profile, as in the option `process`. */
+            name: string;
+            /** @description Smallest volume of a separate solid, in mm³. */
+            part_volume_mm3: components["schemas"]["Limit"];
+            /** @description Thinnest pin: a bar that is held at one end. */
+            pin_mm: components["schemas"]["Limit"];
+            /** @description Thinnest wall that is held on two or more sides. */
+            supported_wall_mm: components["schemas"]["Limit"];
+            /** @description Title for people. */
+            title: string;
+            /** @description Thinnest wire: a bar that is held at both ends. */
+            wire_mm: components["schemas"]["Limit"];
+        };
         /** @description The progress of a job. */
         Progress: {
             /**
@@ -2411,6 +2767,7 @@ export interface components {
              * @description Number of connected parts.
              */
             parts: number;
+            print_ready: components["schemas"]["PrintReadiness"] | null;
             /** @description Whether the file is printable; null if the inspection could not decide. */
             printable?: boolean | null;
             /** @description Codes of the red flags, each once. */
@@ -2527,6 +2884,7 @@ export interface components {
             part_accounting?: components["schemas"]["PartAccounting"] | null;
             /** @description The repair plan, and the reason for it. */
             plan: components["schemas"]["Plan"];
+            print_ready?: components["schemas"]["PrintReadiness"] | null;
             /** @description Signs that the repair damaged the model, for the chosen result. */
             red_flags: components["schemas"]["RedFlag"][];
             /** @description The steps that were run or skipped, in order. */
@@ -2551,7 +2909,54 @@ export interface components {
          * @description The result that a repair must reach to succeed.
          * @enum {string}
          */
-        Require: "any" | "printable";
+        Require: "any" | "printable" | "print_ready";
+        /**
+         * @description Whether a file passes a rule.
+         * @enum {string}
+         */
+        RuleOutcome: "pass" | "fail" | "undecided";
+        /** @description A place where a file breaks a rule. */
+        RulePlace: {
+            /**
+             * Format: double
+             * @description Area of the thin surface, in mm²; absent for rules that do not concern surface.
+             */
+            area_mm2?: number | null;
+            /** @description A point of the feature, in the file's unit. */
+            at: number[];
+            /**
+             * Format: double
+             * @description The measured value, in the rule's own unit.
+             */
+            value: number;
+        };
+        /** @description The result for one rule. */
+        RuleResult: {
+            /**
+             * Format: int64
+             * @description Number of features that break the rule.
+             */
+            count: number;
+            /**
+             * Format: double
+             * @description The profile's limit, in the rule's own unit; absent if the rule has no number.
+             */
+            limit?: number | null;
+            /**
+             * Format: double
+             * @description The measured value that is nearest to the limit or farthest beyond it; absent if there is none.
+             */
+            measured?: number | null;
+            /** @description Features that break the rule, the worst first; at most 20. */
+            places?: components["schemas"]["RulePlace"][];
+            /** @description What to do about a failure, in words; absent if the file passes. */
+            remedy?: string | null;
+            /** @description Whether the file passes. */
+            result: components["schemas"]["RuleOutcome"];
+            /** @description The rule. */
+            rule: components["schemas"]["PrintRule"];
+            severity?: components["schemas"]["Severity"] | null;
+        };
         /**
          * @description What to do where the kernel can't provide every protection.
          * @enum {string}
@@ -2657,6 +3062,11 @@ export interface components {
             /** @description Distances of each mesh, in the order of the files. */
             of_mesh: components["schemas"]["MeshSpacing"][];
         };
+        /**
+         * @description How serious it is that a file breaks a rule.
+         * @enum {string}
+         */
+        Severity: "refused_by_some" | "beyond_all";
         /** @description One edge-connected part of a mesh. */
         Shell: {
             /**
@@ -3254,11 +3664,18 @@ export interface components {
             file: components["schemas"]["OfferedFile"];
             /** @description Whether the file's mesh passes every check of `meshmend inspect`. With a red flag, a mesh may pass without being `printable`. */
             passes: boolean;
+            /** @description Whether the file is printable and meets every rule of the process. Missing without the option `process`. */
+            print_ready?: boolean | null;
             /** @description Whether the file can be printed as it is: the outcome is `already_printable` or `repaired`. */
             printable: boolean;
             /** @description Properties that were verified on the file's own bytes. */
             proven: components["schemas"]["Property"][];
         };
+        /**
+         * @description The treatment of sealed cavities.
+         * @enum {string}
+         */
+        Voids: "keep" | "fill" | "vent";
         /** @description Enclosed volume, computed by the divergence theorem. */
         Volume: {
             /** @description Whether the mesh is closed and consistently oriented. Otherwise the value has little meaning. */
@@ -3269,6 +3686,11 @@ export interface components {
              */
             value: number;
         };
+        /**
+         * @description The side on which thin walls grow.
+         * @enum {string}
+         */
+        WallGrowth: "both" | "outward" | "inward";
         /** @description A result file in a webhook message. */
         WebhookArtifact: {
             /**
@@ -3418,6 +3840,8 @@ export interface components {
                 [key: string]: string;
             };
             outcome?: components["schemas"]["JobOutcome"] | null;
+            /** @description Whether the returned file, or every file of an analysis, meets the rules of the process; null without the option `process`. */
+            print_ready?: boolean | null;
             /** @description Whether the offered file, or every file of an analysis, is printable; null if unknown. */
             printable?: boolean | null;
             problem?: components["schemas"]["WebhookProblem"] | null;
@@ -3485,10 +3909,12 @@ export type ArtifactLink = components['schemas']['ArtifactLink'];
 export type Assumption = components['schemas']['Assumption'];
 export type AssumptionKind = components['schemas']['AssumptionKind'];
 export type Attributes = components['schemas']['Attributes'];
+export type Basis = components['schemas']['Basis'];
 export type BinSpacing = components['schemas']['BinSpacing'];
 export type BoundingBox = components['schemas']['BoundingBox'];
 export type BrowserScope = components['schemas']['BrowserScope'];
 export type BrowserToken = components['schemas']['BrowserToken'];
+export type BuildVolume = components['schemas']['BuildVolume'];
 export type Candidate = components['schemas']['Candidate'];
 export type Capabilities = components['schemas']['Capabilities'];
 export type Category = components['schemas']['Category'];
@@ -3506,6 +3932,7 @@ export type Deviation = components['schemas']['Deviation'];
 export type Distribution = components['schemas']['Distribution'];
 export type EdgeAngles = components['schemas']['EdgeAngles'];
 export type Elements = components['schemas']['Elements'];
+export type EscapeHoles = components['schemas']['EscapeHoles'];
 export type FieldError = components['schemas']['FieldError'];
 export type FileAnalysis = components['schemas']['FileAnalysis'];
 export type FileSummary = components['schemas']['FileSummary'];
@@ -3517,6 +3944,8 @@ export type Input = components['schemas']['Input'];
 export type InputUnit = components['schemas']['InputUnit'];
 export type InspectOptions = components['schemas']['InspectOptions'];
 export type Inspection = components['schemas']['Inspection'];
+export type Interior = components['schemas']['Interior'];
+export type Islands = components['schemas']['Islands'];
 export type Job = components['schemas']['Job'];
 export type JobEvent = components['schemas']['JobEvent'];
 export type JobFile = components['schemas']['JobFile'];
@@ -3527,6 +3956,7 @@ export type JobProblem = components['schemas']['JobProblem'];
 export type JobReport = components['schemas']['JobReport'];
 export type LengthUnit = components['schemas']['LengthUnit'];
 export type Level = components['schemas']['Level'];
+export type Limit = components['schemas']['Limit'];
 export type LostPart = components['schemas']['LostPart'];
 export type Measures = components['schemas']['Measures'];
 export type Meeting = components['schemas']['Meeting'];
@@ -3560,10 +3990,17 @@ export type Plan = components['schemas']['Plan'];
 export type PlannedAction = components['schemas']['PlannedAction'];
 export type Preset = components['schemas']['Preset'];
 export type PrintMeasures = components['schemas']['PrintMeasures'];
+export type PrintOptions = components['schemas']['PrintOptions'];
+export type PrintReadiness = components['schemas']['PrintReadiness'];
+export type PrintRule = components['schemas']['PrintRule'];
 export type Problem = components['schemas']['Problem'];
 export type ProblemCode = components['schemas']['ProblemCode'];
 export type ProblemDoc = components['schemas']['ProblemDoc'];
 export type ProblemKind = components['schemas']['ProblemKind'];
+export type ProcessLimits = components['schemas']['ProcessLimits'];
+export type ProcessProfile = components['schemas']['ProcessProfile'];
+export type ProcessProfiles = components['schemas']['ProcessProfiles'];
+export type Profile = components['schemas']['Profile'];
 export type Progress = components['schemas']['Progress'];
 export type Property = components['schemas']['Property'];
 export type Protection = components['schemas']['Protection'];
@@ -3578,6 +4015,9 @@ export type RepairJobOptions = components['schemas']['RepairJobOptions'];
 export type RepairReport = components['schemas']['RepairReport'];
 export type Report = components['schemas']['Report'];
 export type Require = components['schemas']['Require'];
+export type RuleOutcome = components['schemas']['RuleOutcome'];
+export type RulePlace = components['schemas']['RulePlace'];
+export type RuleResult = components['schemas']['RuleResult'];
 export type SandboxMode = components['schemas']['SandboxMode'];
 export type SandboxStatus = components['schemas']['SandboxStatus'];
 export type Scope = components['schemas']['Scope'];
@@ -3585,6 +4025,7 @@ export type SelfIntersections = components['schemas']['SelfIntersections'];
 export type SetIntersections = components['schemas']['SetIntersections'];
 export type SetReport = components['schemas']['SetReport'];
 export type SetSpacing = components['schemas']['SetSpacing'];
+export type Severity = components['schemas']['Severity'];
 export type Shell = components['schemas']['Shell'];
 export type Shells = components['schemas']['Shells'];
 export type Side = components['schemas']['Side'];
@@ -3620,7 +4061,9 @@ export type UploadLimits = components['schemas']['UploadLimits'];
 export type UploadPut = components['schemas']['UploadPut'];
 export type UploadRequest = components['schemas']['UploadRequest'];
 export type Verdict = components['schemas']['Verdict'];
+export type Voids = components['schemas']['Voids'];
 export type Volume = components['schemas']['Volume'];
+export type WallGrowth = components['schemas']['WallGrowth'];
 export type WebhookArtifact = components['schemas']['WebhookArtifact'];
 export type WebhookDeliveries = components['schemas']['WebhookDeliveries'];
 export type WebhookDelivery = components['schemas']['WebhookDelivery'];
@@ -4239,6 +4682,33 @@ export interface operations {
                  *     `change.png`, `change.glb` and `change.ply`. The first request for one of them draws all.
                  */
                 pictures?: boolean;
+                /**
+                 * @description Printing process to check the result against, such as `fdm-0.4` or `sls-pa12`. `GET /v1/profiles` and `meshmend profiles` list all
+                 *     names. The report's `print_ready` has the result for each rule.
+                 */
+                process?: string;
+                /** @description Limits that replace those of the process's profile. Absent limits stay as they are. */
+                process_limits?: string;
+                /** @description Least wall thickness in millimetres. Thinner walls are thickened; all other surface stays. Default: walls keep their thickness. */
+                min_wall?: number;
+                /** @description Whether thin walls are thickened to the limit of the process. The option needs `process`; `min_wall` overrides the limit. */
+                thicken_to_process?: boolean;
+                /** @description Side on which thin walls grow. */
+                wall_growth?: components["schemas"]["WallGrowth"];
+                /** @description Treatment of the space inside a model. `auto` fills it if the model is a double shell, as generators of 3D models make them. */
+                interior?: components["schemas"]["Interior"];
+                /** @description Widest opening, in millimetres, that is sealed when the interior is filled. Default: it follows from the model. */
+                seal_mm?: number;
+                /** @description Treatment of separate solids that are smaller than the process allows, or than 0.01 % of the whole without a process. */
+                islands?: components["schemas"]["Islands"];
+                /** @description Treatment of sealed cavities. */
+                voids?: components["schemas"]["Voids"];
+                /** @description Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process. */
+                vent_diameter_mm?: number;
+                /** @description Height of the result in millimetres, along the file's up axis. The model is scaled evenly before the repair. */
+                target_height_mm?: number;
+                /** @description Longest side of the result's bounding box, in millimetres. The model is scaled evenly before the repair. */
+                target_longest_mm?: number;
                 /** @description How thoroughly the mesh is inspected. */
                 level?: components["schemas"]["Level"];
                 /** @description Largest number of places that the report lists for each kind of defect, from 0 to 1000. */
@@ -5277,6 +5747,409 @@ export interface operations {
             };
             /** @description API key not found */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Internal error */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_profiles: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The profiles */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProcessProfiles"];
+                };
+            };
+            /** @description The API key is missing or invalid */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page's origin is not allowed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Internal error */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_profile: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description The ETag of an earlier response. If your profile has not changed, the response is 304 */
+                "If-None-Match"?: string;
+            };
+            path: {
+                /** @description The profile's name */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The profile */
+            200: {
+                headers: {
+                    /** @description The version of your own profile */
+                    ETag?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProcessProfile"];
+                };
+            };
+            /** @description The profile is unchanged */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The path is malformed */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The API key is missing or invalid */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page's origin is not allowed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Profile not found */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Internal error */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    put_profile: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description The ETag of the profile to replace. If the profile has changed since or was deleted, the response is 412 */
+                "If-Match"?: string;
+                /** @description `*` creates the profile only. If there is one, the response is 412 */
+                "If-None-Match"?: string;
+            };
+            path: {
+                /** @description The profile's name: 1 to 63 lower-case letters, digits, hyphens, underscores and dots. Names and aliases of built-in profiles are taken */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ProcessLimits"];
+            };
+        };
+        responses: {
+            /** @description The replaced profile */
+            200: {
+                headers: {
+                    /** @description The profile's version */
+                    ETag?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProcessProfile"];
+                };
+            };
+            /** @description The created profile */
+            201: {
+                headers: {
+                    /** @description The profile's version */
+                    ETag?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProcessProfile"];
+                };
+            };
+            /** @description The body or the path is malformed */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The API key is missing or invalid */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page's origin is not allowed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body timed out */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The maximum number of profiles exists */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The profile does not match the precondition */
+            412: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The name is not allowed, or a limit is out of range */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests */
+            429: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Internal error */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The database is unavailable */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    delete_profile: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description The ETag of the profile to delete. If the profile has changed since, the response is 412 */
+                "If-Match"?: string;
+            };
+            path: {
+                /** @description The profile's name */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The profile was deleted */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The path is malformed */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The API key is missing or invalid */
+            401: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key lacks a scope, or the page's origin is not allowed */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description You have no profile of this name */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The profile does not match the precondition */
+            412: {
                 headers: {
                     [name: string]: unknown;
                 };

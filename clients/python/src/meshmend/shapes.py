@@ -54,6 +54,10 @@ class Attributes(TypedDict):
     """
 
 
+Basis: TypeAlias = Literal['sourced', 'derived', 'judgement', 'requested']
+"""Where a limit comes from."""
+
+
 BinSpacing: TypeAlias = Literal['linear', 'geometric']
 """Spacing of histogram bins."""
 
@@ -69,6 +73,17 @@ class BoundingBox(TypedDict):
 
 BrowserScope: TypeAlias = Literal['jobs:read', 'jobs:write']
 """A scope of a browser token."""
+
+
+class BuildVolume(TypedDict, closed=True):
+    """The build volume of a machine."""
+
+    basis: Basis
+    """Where the size comes from."""
+    size: list[float]
+    """Side lengths along x, y and z."""
+    sources: NotRequired[list[str]]
+    """Titles of the sources."""
 
 
 Category: TypeAlias = Literal['clean', 'holes', 'many_small_holes', 'non_manifold', 'self_intersecting', 'fragmented', 'multiple_components', 'orientation', 'degenerate', 'open_sheet', 'complex']
@@ -160,6 +175,19 @@ class Elements(TypedDict):
     """Whether vertices are numbered 1, 2, 3 and so on; absent if the format has no vertex numbers."""
 
 
+class EscapeHoles(TypedDict, closed=True):
+    """The holes that a cavity needs, so that powder or resin can leave it."""
+
+    basis: Basis
+    """Where the rule comes from."""
+    count: int
+    """Least number of holes per cavity."""
+    diameter_mm: float
+    """Least diameter."""
+    sources: NotRequired[list[str]]
+    """Titles of the sources."""
+
+
 class FieldError(TypedDict):
     """An error in one field of a request."""
 
@@ -203,6 +231,14 @@ HoleFilling: TypeAlias = Literal['auto', 'smooth', 'planar', 'sharp']
 """How the triangles that fill a hole are chosen."""
 
 
+Interior: TypeAlias = Literal['auto', 'keep', 'fill']
+"""The treatment of the space inside a model."""
+
+
+Islands: TypeAlias = Literal['auto', 'keep', 'drop', 'attach']
+"""The treatment of small separate solids."""
+
+
 JobEvent: TypeAlias = Literal['job.succeeded', 'job.failed', 'job.canceled']
 """An event that endpoints can subscribe to."""
 
@@ -217,6 +253,19 @@ JobOutcome: TypeAlias = Literal['already_printable', 'repaired', 'partially_repa
 
 Level: TypeAlias = Literal['none', 'basic', 'full']
 """How thoroughly a mesh is inspected, modelled on the levels of Parasolid's `PK_check_mesh_*`."""
+
+
+class Limit(TypedDict, closed=True):
+    """A limit of a process."""
+
+    basis: Basis
+    """Where the limit comes from."""
+    limit: float
+    """The limit that a model must keep. Beyond it, some print services refuse the model."""
+    minimum: float
+    """The most tolerant limit that a source states. Beyond it, no print service is known to accept the model."""
+    sources: NotRequired[list[str]]
+    """Titles of the sources."""
 
 
 class LostPart(TypedDict):
@@ -309,7 +358,7 @@ OfferedFile: TypeAlias = Literal['model', 'original', 'none']
 """The file that a repair returns."""
 
 
-OmittedSection: TypeAlias = Literal['input_verification', 'input_details', 'repair', 'verification', 'attributes', 'result_details', 'surface_changes']
+OmittedSection: TypeAlias = Literal['input_verification', 'input_details', 'repair', 'verification', 'attributes', 'result_details', 'surface_changes', 'print_readiness']
 """Work that was left out because the deadline left no time for it."""
 
 
@@ -388,11 +437,15 @@ class PlannedAction(TypedDict):
     """The operators in order. Empty for tier 3, for validation and in an abridged report."""
 
 
-Preset: TypeAlias = Literal['auto', 'basic-cleanup', 'fill-holes', 'full-repair', 'conservative-repair', 'manifold-repair', 'blender-remesh']
+Preset: TypeAlias = Literal['auto', 'basic-cleanup', 'fill-holes', 'full-repair', 'conservative-repair', 'manifold-repair', 'blender-remesh', 'generated']
 """A named repair plan, after the MeshPrep repair strategy guide ("Filter Scripts & When to Use Them")."""
 
 
-ProblemCode: TypeAlias = Literal['unauthorized', 'forbidden', 'origin_not_allowed', 'rate_limited', 'route_not_found', 'method_not_allowed', 'invalid_request', 'invalid_options', 'missing_file', 'payload_too_large', 'too_many_files', 'unsupported_media_type', 'unsupported_model', 'upload_timeout', 'upload_interrupted', 'upload_not_found', 'upload_missing', 'upload_used', 'job_not_found', 'job_deleted', 'job_expired', 'job_finished', 'artifact_not_found', 'not_drawn_yet', 'range_not_satisfiable', 'idempotency_key_in_use', 'idempotency_key_reused', 'webhook_not_found', 'webhook_disabled', 'too_many_webhooks', 'key_not_found', 'tenant_not_found', 'queue_full', 'storage_full', 'unavailable', 'internal']
+PrintRule: TypeAlias = Literal['solid', 'supported_wall', 'free_wall', 'wire', 'pin', 'embossed_detail', 'hole', 'gap', 'clearance', 'engraved_detail', 'part_volume', 'escape_holes', 'build_volume', 'face_count', 'file_size', 'unit']
+"""A rule of a process profile. Lengths are in millimetres, volumes in mm³."""
+
+
+ProblemCode: TypeAlias = Literal['unauthorized', 'forbidden', 'origin_not_allowed', 'rate_limited', 'route_not_found', 'method_not_allowed', 'invalid_request', 'invalid_options', 'missing_file', 'payload_too_large', 'too_many_files', 'unsupported_media_type', 'unsupported_model', 'upload_timeout', 'upload_interrupted', 'upload_not_found', 'upload_missing', 'upload_used', 'job_not_found', 'job_deleted', 'job_expired', 'job_finished', 'artifact_not_found', 'not_drawn_yet', 'range_not_satisfiable', 'idempotency_key_in_use', 'idempotency_key_reused', 'webhook_not_found', 'webhook_disabled', 'too_many_webhooks', 'profile_not_found', 'too_many_profiles', 'precondition_failed', 'key_not_found', 'tenant_not_found', 'queue_full', 'storage_full', 'unavailable', 'internal']
 """The code of a failed request, for programs."""
 
 
@@ -409,8 +462,82 @@ class ProblemDoc(TypedDict):
     """The title: a short description of the error."""
 
 
-ProblemKind: TypeAlias = Literal['bad_input', 'bad_output', 'not_printable', 'deadline_exceeded', 'out_of_memory', 'cpu_limit', 'file_limit', 'crashed', 'worker_lost', 'internal']
+ProblemKind: TypeAlias = Literal['bad_input', 'bad_output', 'not_printable', 'not_print_ready', 'deadline_exceeded', 'out_of_memory', 'cpu_limit', 'file_limit', 'crashed', 'worker_lost', 'internal']
 """The code of a failed job's problem, for programs."""
+
+
+class ProcessLimits(TypedDict, closed=True):
+    """Limits that replace those of a profile. Absent limits stay as the profile has them."""
+
+    based_on: NotRequired[str | None]
+    """Name of the profile that the limits change. Default: the profile that the option `process` names."""
+    build_volume_mm: NotRequired[tuple[float, float, float] | None]
+    """Side lengths of the build volume along x, y and z."""
+    clearance_mm: NotRequired[float | None]
+    """See `clearance_mm` of a profile."""
+    embossed_mm: NotRequired[float | None]
+    """See `embossed_mm` of a profile."""
+    engraved_mm: NotRequired[float | None]
+    """See `engraved_mm` of a profile."""
+    escape_hole_count: NotRequired[int | None]
+    """Least number of escape holes per cavity. 0 lets cavities stay closed."""
+    escape_hole_mm: NotRequired[float | None]
+    """Least diameter of an escape hole. 0 lets cavities stay closed."""
+    free_wall_mm: NotRequired[float | None]
+    """See `free_wall_mm` of a profile."""
+    gap_mm: NotRequired[float | None]
+    """See `gap_mm` of a profile."""
+    hole_mm: NotRequired[float | None]
+    """See `hole_mm` of a profile."""
+    max_bytes: NotRequired[int | None]
+    """Largest file that the print service accepts, in bytes."""
+    max_faces: NotRequired[int | None]
+    """Most faces that the print service accepts."""
+    part_volume_mm3: NotRequired[float | None]
+    """See `part_volume_mm3` of a profile."""
+    pin_mm: NotRequired[float | None]
+    """See `pin_mm` of a profile."""
+    supported_wall_mm: NotRequired[float | None]
+    """See `supported_wall_mm` of a profile."""
+    title: NotRequired[str | None]
+    """Title for people."""
+    wire_mm: NotRequired[float | None]
+    """See `wire_mm` of a profile."""
+
+
+class Profile(TypedDict, closed=True):
+    """The limits of one printing process. All lengths are in millimetres."""
+
+    aliases: NotRequired[list[str]]
+    """Other names that the option `process` accepts."""
+    build_volume_mm: NotRequired[BuildVolume | None]
+    clearance_mm: Limit
+    """Narrowest gap between two separate solids."""
+    embossed_mm: Limit
+    """Narrowest embossed detail."""
+    engraved_mm: Limit
+    """Narrowest engraved detail."""
+    escape_holes: NotRequired[EscapeHoles | None]
+    free_wall_mm: Limit
+    """Thinnest wall that is held on at most one side."""
+    gap_mm: Limit
+    """Narrowest gap between two surfaces of one solid, such as a slot."""
+    hole_mm: Limit
+    """Narrowest hole."""
+    max_bytes: NotRequired[Limit | None]
+    max_faces: NotRequired[Limit | None]
+    name: str
+    """Name of the profile, as in the option `process`."""
+    part_volume_mm3: Limit
+    """Smallest volume of a separate solid, in mm³."""
+    pin_mm: Limit
+    """Thinnest pin: a bar that is held at one end."""
+    supported_wall_mm: Limit
+    """Thinnest wall that is held on two or more sides."""
+    title: str
+    """Title for people."""
+    wire_mm: Limit
+    """Thinnest wire: a bar that is held at both ends."""
 
 
 Property: TypeAlias = Literal['closed', 'manifold', 'outward', 'no_intersections']
@@ -471,8 +598,23 @@ class RemesherInfo(TypedDict):
     """The program's version, such as `3.4.1`."""
 
 
-Require: TypeAlias = Literal['any', 'printable']
+Require: TypeAlias = Literal['any', 'printable', 'print_ready']
 """The result that a repair must reach to succeed."""
+
+
+RuleOutcome: TypeAlias = Literal['pass', 'fail', 'undecided']
+"""Whether a file passes a rule."""
+
+
+class RulePlace(TypedDict):
+    """A place where a file breaks a rule."""
+
+    area_mm2: NotRequired[float | None]
+    """Area of the thin surface, in mm²; absent for rules that do not concern surface."""
+    at: list[float]
+    """A point of the feature, in the file's unit."""
+    value: float
+    """The measured value, in the rule's own unit."""
 
 
 SandboxMode: TypeAlias = Literal['auto', 'require', 'off']
@@ -533,6 +675,10 @@ class SetIntersections(TypedDict):
     """Whether every pair of meshes was counted completely. If not, the total is a lower bound."""
     total: int
     """Number of intersecting face pairs over all pairs of meshes."""
+
+
+Severity: TypeAlias = Literal['refused_by_some', 'beyond_all']
+"""How serious it is that a file breaks a rule."""
 
 
 Side: TypeAlias = Literal['exterior', 'interior', 'mixed']
@@ -830,10 +976,16 @@ class Verdict(TypedDict):
     """The file that is returned."""
     passes: bool
     """Whether the file's mesh passes every check of `meshmend inspect`. With a red flag, a mesh may pass without being `printable`."""
+    print_ready: NotRequired[bool | None]
+    """Whether the file is printable and meets every rule of the process. Missing without the option `process`."""
     printable: bool
     """Whether the file can be printed as it is: the outcome is `already_printable` or `repaired`."""
     proven: list[Property]
     """Properties that were verified on the file's own bytes."""
+
+
+Voids: TypeAlias = Literal['keep', 'fill', 'vent']
+"""The treatment of sealed cavities."""
 
 
 class Volume(TypedDict):
@@ -843,6 +995,10 @@ class Volume(TypedDict):
     """Whether the mesh is closed and consistently oriented. Otherwise the value has little meaning."""
     value: float
     """Signed volume in cubic model units; negative for a mesh turned inside out."""
+
+
+WallGrowth: TypeAlias = Literal['both', 'outward', 'inward']
+"""The side on which thin walls grow."""
 
 
 class WebhookArtifact(TypedDict):
@@ -1292,59 +1448,6 @@ class NewApiKey(TypedDict, closed=True):
     """The key's tenant: 1 to 63 lower-case letters, digits and hyphens. A tenant's first key creates the tenant."""
 
 
-Options = TypedDict(
-    'Options',
-    {
-        'category': NotRequired[Category | None],
-        'deadline_s': NotRequired[float],
-        'degenerate_tolerance': NotRequired[float],
-        'fair_patches': NotRequired[bool],
-        'hole_filling': NotRequired[HoleFilling],
-        'max_bounding_box_change_pct': NotRequired[float],
-        'max_deviation': NotRequired[float | None],
-        'max_error': NotRequired[float | None],
-        'max_face_loss_pct': NotRequired[float],
-        'max_faces': NotRequired[int | None],
-        'max_hole_edges': NotRequired[int],
-        'max_hole_size': NotRequired[float],
-        'max_holes': NotRequired[int],
-        'max_remesh_faces': NotRequired[int],
-        'max_surface_added_pct': NotRequired[float],
-        'max_surface_lost_pct': NotRequired[float],
-        'max_tier': NotRequired[int],
-        'max_vertex_loss_pct': NotRequired[float],
-        'max_volume_change_pct': NotRequired[float],
-        'merge': NotRequired[Merge],
-        'merge_distance': NotRequired[float | None],
-        'min_part_volume_pct': NotRequired[float],
-        'nested': NotRequired[Nested],
-        'open_sheets': NotRequired[OpenSheets],
-        'output': NotRequired[OutputFormat],
-        'overlap_angle_deg': NotRequired[float | None],
-        'overlaps': NotRequired[Overlaps],
-        'pictures': NotRequired[bool],
-        'preset': NotRequired[Preset],
-        'refine_patches': NotRequired[bool],
-        'require': NotRequired[Require],
-        'scale_to': NotRequired[Unit | None],
-        'sew_ratio': NotRequired[float | None],
-        'stitch_distance': NotRequired[float | None],
-        'stitch_epsilon': NotRequired[float],
-        'stitch_position': NotRequired[StitchPosition],
-        'stitch_threshold': NotRequired[float | None],
-        'thickness': NotRequired[float | None],
-        'twist_angle_deg': NotRequired[float],
-        'unit': NotRequired[Unit | None],
-        'voxel_resolution': NotRequired[int],
-        'voxel_size': NotRequired[float | None],
-        'weld_tolerance': NotRequired[float],
-        'winding_rule': NotRequired[WindingRuleChoice],
-        'with': NotRequired[list[Operator]],
-        'without': NotRequired[list[Operator]],
-    },
-)
-
-
 class Overhang(TypedDict):
     """Downward-facing surface that may need support."""
 
@@ -1414,6 +1517,37 @@ class PrintMeasures(TypedDict):
     """Enclosed volume; `null` if the mesh is not closed and consistently oriented. Overlapping parts count twice."""
 
 
+class PrintOptions(TypedDict):
+    """The options of a repair that prepare the model for a printing process."""
+
+    interior: NotRequired[Interior]
+    """Treatment of the space inside a model. `auto` fills it if the model is a double shell, as generators of 3D models make them."""
+    islands: NotRequired[Islands]
+    """Treatment of separate solids that are smaller than the process allows, or than 0.01 % of the whole without a process."""
+    min_wall: NotRequired[float | None]
+    """Least wall thickness in millimetres. Thinner walls are thickened; all other surface stays. Default: walls keep their thickness."""
+    process: NotRequired[str | None]
+    """
+    Printing process to check the result against, such as `fdm-0.4` or `sls-pa12`. `GET /v1/profiles` and `meshmend profiles` list all
+    names. The report's `print_ready` has the result for each rule.
+    """
+    process_limits: NotRequired[ProcessLimits | None]
+    seal_mm: NotRequired[float | None]
+    """Widest opening, in millimetres, that is sealed when the interior is filled. Default: it follows from the model."""
+    target_height_mm: NotRequired[float | None]
+    """Height of the result in millimetres, along the file's up axis. The model is scaled evenly before the repair."""
+    target_longest_mm: NotRequired[float | None]
+    """Longest side of the result's bounding box, in millimetres. The model is scaled evenly before the repair."""
+    thicken_to_process: NotRequired[bool]
+    """Whether thin walls are thickened to the limit of the process. The option needs `process`; `min_wall` overrides the limit."""
+    vent_diameter_mm: NotRequired[float | None]
+    """Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process."""
+    voids: NotRequired[Voids]
+    """Treatment of sealed cavities."""
+    wall_growth: NotRequired[WallGrowth]
+    """Side on which thin walls grow."""
+
+
 class Problem(TypedDict):
     """An error response in the format of RFC 9457, `application/problem+json`."""
 
@@ -1435,6 +1569,25 @@ class Problem(TypedDict):
     """The path of the code's documentation."""
 
 
+class ProcessProfile(TypedDict):
+    """A process profile: a built-in one, or one of your own."""
+
+    built_in: bool
+    """Whether the program brings the profile along. Every other profile is your own."""
+    limits: ProcessLimits | None
+    profile: Profile
+    """The profile with every limit."""
+    updated_at: str | None
+    """When the limits were last changed; null for a built-in profile."""
+
+
+class ProcessProfiles(TypedDict):
+    """The process profiles."""
+
+    profiles: list[ProcessProfile]
+    """The built-in profiles, then your own, sorted by name."""
+
+
 class Progress(TypedDict):
     """The progress of a job."""
 
@@ -1445,36 +1598,6 @@ class Progress(TypedDict):
     stage: Stage | None
     tier: int | None
     """The tier that is running, 1 to 3."""
-
-
-class Quote(TypedDict):
-    """
-    The figures from which a shop prices a model: those of the offered file, or of an analysed file. Lengths are in millimetres
-    whatever the file's unit.
-    """
-
-    area_mm2: float
-    """Surface area, in mm²."""
-    assumptions: list[AssumptionKind]
-    """Kinds of the assumptions on which the result depends, each once."""
-    faces: int
-    """Number of faces."""
-    parts: int
-    """Number of connected parts."""
-    printable: NotRequired[bool | None]
-    """Whether the file is printable; null if the inspection could not decide."""
-    red_flags: list[RedFlagCode]
-    """Codes of the red flags, each once."""
-    size_mm: list[float] | None
-    """Side lengths of the bounding box, in mm; null for a file without faces."""
-    thinnest_wall_mm: float | None
-    """Thinnest wall found, in mm; null if none was measured."""
-    unit: Unit
-    """The unit of the file's lengths."""
-    unit_source: UnitSource
-    """The source of the unit."""
-    volume_mm3: float | None
-    """Enclosed volume, in mm³; null if the mesh encloses no volume."""
 
 
 class RedFlag(TypedDict):
@@ -1492,10 +1615,24 @@ class RedFlag(TypedDict):
     """The measured value."""
 
 
-class RepairJobOptions(Options):
-    """Repair one model."""
+class RuleResult(TypedDict):
+    """The result for one rule."""
 
-    mode: Literal['repair']
+    count: int
+    """Number of features that break the rule."""
+    limit: NotRequired[float | None]
+    """The profile's limit, in the rule's own unit; absent if the rule has no number."""
+    measured: NotRequired[float | None]
+    """The measured value that is nearest to the limit or farthest beyond it; absent if there is none."""
+    places: NotRequired[list[RulePlace]]
+    """Features that break the rule, the worst first; at most 20."""
+    remedy: NotRequired[str | None]
+    """What to do about a failure, in words; absent if the file passes."""
+    result: RuleOutcome
+    """Whether the file passes."""
+    rule: PrintRule
+    """The rule."""
+    severity: NotRequired[Severity | None]
 
 
 class SetSpacing(TypedDict):
@@ -1656,6 +1793,8 @@ class WebhookJob(TypedDict):
     metadata: dict[str, str]
     """Your metadata, unchanged."""
     outcome: NotRequired[JobOutcome | None]
+    print_ready: NotRequired[bool | None]
+    """Whether the returned file, or every file of an analysis, meets the rules of the process; null without the option `process`."""
     printable: NotRequired[bool | None]
     """Whether the offered file, or every file of an analysis, is printable; null if unknown."""
     problem: NotRequired[WebhookProblem | None]
@@ -1688,6 +1827,12 @@ class AnalyzeOptions(InspectOptions):
     Whether to provide pictures of the defects: `defects.png`, `defects.glb` and `defects.ply` for the first file,
     `2-defects.png` and so on for the others. The first request for one of them renders all.
     """
+    process: NotRequired[str | None]
+    """
+    Printing process to check each file against, such as `fdm-0.4` or `sls-pa12`. The report's `print_ready` has the
+    result for each rule.
+    """
+    process_limits: NotRequired[ProcessLimits | None]
     scale_to: NotRequired[Unit | None]
     spacing: NotRequired[bool]
     """Whether to measure the distance from each vertex to the nearest surface of another file."""
@@ -1708,32 +1853,6 @@ class Candidate(TypedDict):
     """The red flags of the result."""
     strategy: int | None
     """Index of the strategy that made the result; null for the input itself."""
-
-
-class Capabilities(TypedDict):
-    """What this service supports."""
-
-    default_analyze_options: AnalyzeOptions
-    """Every analysis option with its default."""
-    default_options: Options
-    """Every repair option with its default."""
-    engine: str
-    """Name and version of the engine."""
-    input_formats: list[Format]
-    """Supported input formats."""
-    levels: list[Level]
-    """Analysis levels."""
-    limits: UploadLimits
-    """Limits on uploads."""
-    modes: list[Mode]
-    """Job modes."""
-    output_formats: list[Format]
-    """Supported output formats."""
-    presets: list[Preset]
-    """Repair presets."""
-    sandbox: NotRequired[SandboxStatus | None]
-    tiers: list[TierStatus]
-    """The repair tiers and their availability."""
 
 
 class Changes(TypedDict):
@@ -1828,6 +1947,71 @@ class Inspection(Measures, Characteristics):
     """Version of this structure."""
 
 
+Options = TypedDict(
+    'Options',
+    {
+        'interior': NotRequired[Interior],
+        'islands': NotRequired[Islands],
+        'min_wall': NotRequired[float | None],
+        'process': NotRequired[str | None],
+        'process_limits': NotRequired[ProcessLimits | None],
+        'seal_mm': NotRequired[float | None],
+        'target_height_mm': NotRequired[float | None],
+        'target_longest_mm': NotRequired[float | None],
+        'thicken_to_process': NotRequired[bool],
+        'vent_diameter_mm': NotRequired[float | None],
+        'voids': NotRequired[Voids],
+        'wall_growth': NotRequired[WallGrowth],
+        'category': NotRequired[Category | None],
+        'deadline_s': NotRequired[float],
+        'degenerate_tolerance': NotRequired[float],
+        'fair_patches': NotRequired[bool],
+        'hole_filling': NotRequired[HoleFilling],
+        'max_bounding_box_change_pct': NotRequired[float],
+        'max_deviation': NotRequired[float | None],
+        'max_error': NotRequired[float | None],
+        'max_face_loss_pct': NotRequired[float],
+        'max_faces': NotRequired[int | None],
+        'max_hole_edges': NotRequired[int],
+        'max_hole_size': NotRequired[float],
+        'max_holes': NotRequired[int],
+        'max_remesh_faces': NotRequired[int],
+        'max_surface_added_pct': NotRequired[float],
+        'max_surface_lost_pct': NotRequired[float],
+        'max_tier': NotRequired[int],
+        'max_vertex_loss_pct': NotRequired[float],
+        'max_volume_change_pct': NotRequired[float],
+        'merge': NotRequired[Merge],
+        'merge_distance': NotRequired[float | None],
+        'min_part_volume_pct': NotRequired[float],
+        'nested': NotRequired[Nested],
+        'open_sheets': NotRequired[OpenSheets],
+        'output': NotRequired[OutputFormat],
+        'overlap_angle_deg': NotRequired[float | None],
+        'overlaps': NotRequired[Overlaps],
+        'pictures': NotRequired[bool],
+        'preset': NotRequired[Preset],
+        'refine_patches': NotRequired[bool],
+        'require': NotRequired[Require],
+        'scale_to': NotRequired[Unit | None],
+        'sew_ratio': NotRequired[float | None],
+        'stitch_distance': NotRequired[float | None],
+        'stitch_epsilon': NotRequired[float],
+        'stitch_position': NotRequired[StitchPosition],
+        'stitch_threshold': NotRequired[float | None],
+        'thickness': NotRequired[float | None],
+        'twist_angle_deg': NotRequired[float],
+        'unit': NotRequired[Unit | None],
+        'voxel_resolution': NotRequired[int],
+        'voxel_size': NotRequired[float | None],
+        'weld_tolerance': NotRequired[float],
+        'winding_rule': NotRequired[WindingRuleChoice],
+        'with': NotRequired[list[Operator]],
+        'without': NotRequired[list[Operator]],
+    },
+)
+
+
 class Plan(TypedDict):
     """A repair plan: derived from the inspection and the options, and then run."""
 
@@ -1839,6 +2023,56 @@ class Plan(TypedDict):
     """The reason for the preset."""
     strategies: list[Strategy]
     """The strategies in order. Each starts from the input and runs only if the results before it were not good enough."""
+
+
+class PrintReadiness(TypedDict):
+    """Whether a file meets the rules of a process."""
+
+    process: str
+    """Name of the profile."""
+    ready: bool
+    """Whether the file passes every rule. A rule that could not be decided counts as not passed."""
+    rules: list[RuleResult]
+    """The result for each rule of the profile."""
+    title: str
+    """The profile's title."""
+
+
+class Quote(TypedDict):
+    """
+    The figures from which a shop prices a model: those of the offered file, or of an analysed file. Lengths are in millimetres
+    whatever the file's unit.
+    """
+
+    area_mm2: float
+    """Surface area, in mm²."""
+    assumptions: list[AssumptionKind]
+    """Kinds of the assumptions on which the result depends, each once."""
+    faces: int
+    """Number of faces."""
+    parts: int
+    """Number of connected parts."""
+    print_ready: PrintReadiness | None
+    printable: NotRequired[bool | None]
+    """Whether the file is printable; null if the inspection could not decide."""
+    red_flags: list[RedFlagCode]
+    """Codes of the red flags, each once."""
+    size_mm: list[float] | None
+    """Side lengths of the bounding box, in mm; null for a file without faces."""
+    thinnest_wall_mm: float | None
+    """Thinnest wall found, in mm; null if none was measured."""
+    unit: Unit
+    """The unit of the file's lengths."""
+    unit_source: UnitSource
+    """The source of the unit."""
+    volume_mm3: float | None
+    """Enclosed volume, in mm³; null if the mesh encloses no volume."""
+
+
+class RepairJobOptions(Options):
+    """Repair one model."""
+
+    mode: Literal['repair']
 
 
 class SetReport(TypedDict):
@@ -1854,6 +2088,32 @@ class AnalyzeJobOptions(AnalyzeOptions):
     mode: Literal['analyze']
 
 
+class Capabilities(TypedDict):
+    """What this service supports."""
+
+    default_analyze_options: AnalyzeOptions
+    """Every analysis option with its default."""
+    default_options: Options
+    """Every repair option with its default."""
+    engine: str
+    """Name and version of the engine."""
+    input_formats: list[Format]
+    """Supported input formats."""
+    levels: list[Level]
+    """Analysis levels."""
+    limits: UploadLimits
+    """Limits on uploads."""
+    modes: list[Mode]
+    """Job modes."""
+    output_formats: list[Format]
+    """Supported output formats."""
+    presets: list[Preset]
+    """Repair presets."""
+    sandbox: NotRequired[SandboxStatus | None]
+    tiers: list[TierStatus]
+    """The repair tiers and their availability."""
+
+
 class FileAnalysis(TypedDict):
     """Analysis of one file."""
 
@@ -1867,6 +2127,7 @@ class FileAnalysis(TypedDict):
     """Inspection of the file, of the same structure as `before` and `after` of a repair report."""
     name: str
     """Name of the file in the request."""
+    print_ready: NotRequired[PrintReadiness | None]
     printable: NotRequired[bool | None]
     """Whether the file is printable as it is; `null` if its inspection level does not decide."""
     sha256: NotRequired[str | None]
@@ -1955,6 +2216,7 @@ class Report(TypedDict):
     part_accounting: NotRequired[PartAccounting | None]
     plan: Plan
     """The repair plan, and the reason for it."""
+    print_ready: NotRequired[PrintReadiness | None]
     red_flags: list[RedFlag]
     """Signs that the repair damaged the model, for the chosen result."""
     steps: list[Step]
