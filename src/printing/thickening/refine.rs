@@ -16,7 +16,7 @@ const MAX_PATH: usize = 64;
 /// Pieces whose longest edge is below this share of the least wall are not split.
 const FINEST: f64 = 0.5;
 /// The largest difference between the growth and its linear interpolation, as a share of the least wall.
-const TOLERANCE: f64 = 0.04;
+const TOLERANCE: f64 = 0.015;
 /// The most splits: a constant and a number for each face.
 const MAX_SPLITS: usize = 200_000;
 const MAX_SPLITS_PER_FACE: usize = 2;
@@ -225,16 +225,16 @@ impl Refined {
     fn raise(&mut self, growths: &Growths<'_>) {
         let faces: Vec<u32> = (0..index(self.faces.len())).collect();
         let lacks: Vec<f64> = faces.par_iter().map(|&face| self.lack(face, growths)).collect();
+        // Pieces share corners, so that each corner takes the largest of its pieces' lacks once.
+        let mut most: FxHashMap<(u32, u32), f64> = FxHashMap::default();
         for (face, lack) in faces.into_iter().zip(lacks).filter(|(_, lack)| *lack > 0.0) {
-            self.add(face, lack);
+            for v in self.faces[face as usize] {
+                let at = most.entry((v, self.parent[face as usize])).or_insert(0.0);
+                *at = at.max(lack);
+            }
         }
-    }
-
-    /// Adds to the growth at the corners of a piece.
-    pub fn add(&mut self, face: u32, more: f64) {
-        let parent = self.parent[face as usize];
-        for v in self.faces[face as usize] {
-            *self.growth.entry((v, parent)).or_insert(0.0) += more;
+        for (key, more) in most {
+            *self.growth.entry(key).or_insert(0.0) += more;
         }
     }
 
