@@ -6,6 +6,7 @@
 pub mod cups;
 mod features;
 pub mod fill;
+pub mod hollows;
 pub mod profile;
 pub mod reach;
 pub mod readiness;

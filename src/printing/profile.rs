@@ -46,6 +46,9 @@ pub struct Profile {
     /// Holes through which powder or resin must leave a cavity; absent if a cavity may stay closed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub escape_holes: Option<EscapeHoles>,
+    /// Whether the process prints in liquid resin, so that hollows which open upward fill while they are printed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub checks_cups: bool,
     /// Build volume of a common machine; absent if there is no limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build_volume_mm: Option<BuildVolume>,

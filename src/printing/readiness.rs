@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::features::{Features, find_features};
+use super::hollows::{Cavity, Hollows, ResinCup, Trap, find_hollows};
 use super::profile::{Limit, Profile};
 use super::rules::{PrintRule, RuleOutcome, RulePlace, RuleResult, Severity};
 use super::unit_candidates::units_of_box_in_doubt;
@@ -21,6 +22,13 @@ pub struct PrintReadiness {
     pub ready: bool,
     /// The result for each rule of the profile.
     pub rules: Vec<RuleResult>,
+    /// Sealed cavities, the largest first; at most 20.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cavities: Vec<Cavity>,
+    /// Resin cups in the model's present orientation, the largest first; at most 20. Listed only for processes that print
+    /// in liquid resin.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cups: Vec<ResinCup>,
 }
 
 /// What to do about a model that was scaled to a size of 1 or 2.
@@ -52,7 +60,12 @@ pub fn assess(file: AssessedFile<'_>, profile: &Profile, context: &Context<'_>) 
     let mut rules = vec![solid_rule(file.measures)];
     rules.extend(feature_rules(features.as_ref(), profile));
     rules.push(part_volume_rule(&file, profile, context)?);
-    rules.extend(escape_hole_rule(&file, profile, context)?);
+    let escape_mm = profile.escape_holes.as_ref().map(|holes| holes.diameter_mm);
+    let hollows = match features {
+        Some(_) => find_hollows(file.analysis, escape_mm, profile.checks_cups, context)?,
+        None => None,
+    };
+    rules.extend(escape_hole_rule(hollows.as_ref(), profile));
     rules.extend(build_volume_rule(&file, profile));
     rules.push(unit_rule(&file, profile));
     #[expect(clippy::cast_precision_loss, reason = "counts far below 2^53")]
@@ -62,7 +75,8 @@ pub fn assess(file: AssessedFile<'_>, profile: &Profile, context: &Context<'_>) 
     ];
     rules.extend(counts.into_iter().filter_map(|(rule, limit, value)| Some(at_most(rule, limit.as_ref()?, value))));
     let ready = rules.iter().all(|rule| rule.result == RuleOutcome::Pass);
-    Ok(PrintReadiness { process: profile.name.clone(), title: profile.title.clone(), ready, rules })
+    let Hollows { cavities, cups, .. } = hollows.unwrap_or_default();
+    Ok(PrintReadiness { process: profile.name.clone(), title: profile.title.clone(), ready, rules, cavities, cups })
 }
 
 impl PrintReadiness {
@@ -74,6 +88,8 @@ impl PrintReadiness {
     /// Shortens each list of places to its first `most` items. Keeps all counts.
     pub fn abridge(&mut self, most: usize) {
         self.rules.iter_mut().for_each(|rule| rule.places.truncate(most));
+        self.cavities.truncate(most);
+        self.cups.truncate(most);
     }
 
     /// The result in one sentence.
@@ -174,28 +190,18 @@ fn part_volume_rule(
 
 /// The rule about escape holes; `None` if the process lets cavities stay closed. The measured value is the least
 /// diameter of a ball that can leave a cavity: 0 for a sealed cavity.
-fn escape_hole_rule(
-    file: &AssessedFile<'_>,
-    profile: &Profile,
-    context: &Context<'_>,
-) -> Result<Option<RuleResult>, Cancelled> {
-    let Some(holes) = &profile.escape_holes else { return Ok(None) };
-    if !file.measures.printable() {
-        return Ok(Some(RuleResult::undecided(PrintRule::EscapeHoles, Some(holes.diameter_mm))));
-    }
-    let depths = file.analysis.depths(context)?;
-    if depths.iter().any(Option::is_none) {
-        return Ok(Some(RuleResult::undecided(PrintRule::EscapeHoles, Some(holes.diameter_mm))));
-    }
-    let sealed = file.analysis.solids.iter().zip(depths).filter(|(_, depth)| depth.is_some_and(|depth| depth % 2 == 1));
-    let places: Vec<RulePlace> = sealed
-        .map(|(solid, _)| RulePlace { at: solid.bounds.centre().to_array(), value: 0.0, area_mm2: None })
-        .collect();
-    Ok(Some(if places.is_empty() {
-        RuleResult::pass(PrintRule::EscapeHoles, Some(holes.diameter_mm), None)
-    } else {
-        RuleResult::fail(PrintRule::EscapeHoles, holes.diameter_mm, true, 0.0).at(places)
-    }))
+fn escape_hole_rule(hollows: Option<&Hollows>, profile: &Profile) -> Option<RuleResult> {
+    let limit = profile.escape_holes.as_ref()?.diameter_mm;
+    let rule = PrintRule::EscapeHoles;
+    let Some(hollows) = hollows else { return Some(RuleResult::undecided(rule, Some(limit))) };
+    let place = |trap: &Trap| RulePlace { at: trap.at, value: trap.opening_mm, area_mm2: None };
+    let places: Vec<RulePlace> = hollows.traps.iter().map(place).collect();
+    let least = places.iter().map(|place| place.value).min_by(f64::total_cmp);
+    Some(match least {
+        Some(least) => RuleResult::fail(rule, limit, least == 0.0, least).at(places),
+        None if hollows.is_complete => RuleResult::pass(rule, Some(limit), None),
+        None => RuleResult::undecided(rule, Some(limit)),
+    })
 }
 
 /// The rule about the unit. Measured are the millimetres of the file's unit, the limit those of the likely unit.

@@ -10,7 +10,7 @@ use crate::mesh::Surface;
 
 /// How finely openings are measured: cells per diameter, and how often cells at openings of undecided width are halved.
 const CELLS_PER_DIAMETER: u32 = 4;
-const REFINEMENTS: u32 = 3;
+const REFINEMENTS: u32 = 4;
 /// Smaller balls that are tried for the width of a trap's opening, in diameters of the escape hole.
 const SMALLER: [f64; 2] = [0.5, 0.25];
 /// The most octree nodes for these.

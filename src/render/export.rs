@@ -196,6 +196,7 @@ impl GlbFile {
         let name = match scene.shows {
             Shows::Defects => "defects",
             Shows::Change => "change",
+            Shows::Thickness => "thickness",
         };
         let mut document = json!({
             "asset": { "version": "2.0", "generator": crate::ENGINE },
@@ -289,6 +290,7 @@ fn ply_header(scene: &Scene, body: &PlyBody, own: u64) -> String {
     let property = match scene.shows {
         Shows::Defects => "defect",
         Shows::Change => "provenance",
+        Shows::Thickness => "thickness",
     };
     if scene.shows == Shows::Defects {
         let _ = writeln!(text, "comment legend sound {SOUND}");

@@ -103,6 +103,29 @@ pub fn draw_change(
     Ok(drawings)
 }
 
+/// Names of the drawings of wall thickness.
+pub const THICKNESS: [&str; 3] = ["thickness.png", "thickness.glb", "thickness.ply"];
+
+/// Draws the wall thickness of a solid: `thickness.png`, `thickness.glb` and `thickness.ply`. Parameters as in
+/// [`Scene::of_thickness`].
+///
+/// # Errors
+/// The first [`RenderError`].
+pub fn draw_thickness(
+    soup: &Soup,
+    thickness: &[f32],
+    limit_and_mm: [f64; 2],
+    context: &Context<'_>,
+) -> Result<Vec<Drawing>, RenderError> {
+    let scene = Scene::of_thickness(soup, thickness, limit_and_mm, context)?;
+    let [picture, glb, ply] = THICKNESS;
+    Ok(vec![
+        Drawing { name: picture, bytes: write_picture(&scene, "wall thickness", context)? },
+        Drawing { name: glb, bytes: write_glb(&scene, context)? },
+        Drawing { name: ply, bytes: write_ply(&scene, context)? },
+    ])
+}
+
 fn draw_input(
     marked: Marked<'_>,
     name: &'static str,

@@ -1,5 +1,6 @@
 //! Colours, names and severity order of defect kinds, and the legends of drawings.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use serde::{Serialize, Serializer};
@@ -213,6 +214,8 @@ pub enum Paint {
     Defect(DefectKind),
     /// Surface in a drawing of changes, by provenance.
     Provenance(Provenance),
+    /// Surface in a drawing of wall thickness, by the number of its band, from 0 for the thinnest.
+    Thickness(u8),
 }
 
 impl Paint {
@@ -223,6 +226,7 @@ impl Paint {
             Self::Sound => SOUND,
             Self::Defect(kind) => face_colour(kind),
             Self::Provenance(provenance) => provenance_colour(provenance),
+            Self::Thickness(band) => thickness_colour(band),
         }
     }
 
@@ -233,13 +237,14 @@ impl Paint {
             Self::Sound => "sound".to_owned(),
             Self::Defect(kind) => id(kind),
             Self::Provenance(provenance) => provenance_id(provenance),
+            Self::Thickness(band) => format!("thickness_{band}"),
         }
     }
 
     /// Whether this is sound or kept surface, the majority, of which drawings may show only a sample.
     #[must_use]
     pub fn is_plain(self) -> bool {
-        matches!(self, Self::Sound | Self::Provenance(Provenance::Kept))
+        matches!(self, Self::Sound | Self::Provenance(Provenance::Kept) | Self::Thickness(THICK))
     }
 
     /// Number in files: 0 for sound surface and 1 plus the kind's number for a defect; in a drawing of changes, the
@@ -250,6 +255,7 @@ impl Paint {
             Self::Sound => 0,
             Self::Defect(kind) => 1 + kind as u8,
             Self::Provenance(provenance) => provenance as u8,
+            Self::Thickness(band) => band,
         }
     }
 }
@@ -266,7 +272,7 @@ pub struct LegendEntry {
     /// The defect kind or provenance, by its name in reports.
     pub kind: Paint,
     /// Display name.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Colour, as `#RRGGBB` in JSON.
     pub colour: Colour,
     /// Number of defects of this kind, or of faces with this provenance.
@@ -285,7 +291,7 @@ pub fn legend(findings: &Findings) -> Vec<LegendEntry> {
             let count = findings.count(kind);
             LegendEntry {
                 kind: Paint::Defect(kind),
-                name: in_words(kind, count),
+                name: in_words(kind, count).into(),
                 colour: colour(kind),
                 count,
                 area: None,
@@ -306,13 +312,59 @@ pub fn legend_of_change(shares: &SurfaceShares) -> Vec<LegendEntry> {
         };
         LegendEntry {
             kind: Paint::Provenance(provenance),
-            name,
+            name: name.into(),
             colour: provenance_colour(provenance),
             count: share.faces,
             area: Some(share.area),
         }
     };
     Provenance::ALL.map(entry).to_vec()
+}
+
+/// Limits between the bands of wall thickness, as multiples of the least wall that a process accepts.
+pub const BANDS: [f64; 7] = [0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 4.0];
+/// Number of the last band: walls that are much thicker than the limit, and surface that is part of no wall.
+#[expect(clippy::cast_possible_truncation, reason = "7")]
+pub const THICK: u8 = BANDS.len() as u8;
+
+/// Colours of the bands: dark red below the limit, then yellow, then greys.
+fn thickness_colour(band: u8) -> Colour {
+    const COLOURS: [[u8; 3]; 8] = [
+        [0x67, 0x00, 0x1f],
+        [0xa5, 0x0f, 0x15],
+        [0xde, 0x2d, 0x26],
+        [0xfb, 0x6a, 0x4a],
+        [0xfe, 0xd9, 0x76],
+        [0xb8, 0xd8, 0xe8],
+        [0xc8, 0xcd, 0xd2],
+        [0xdd, 0xdd, 0xdd],
+    ];
+    Colour(COLOURS[usize::from(band.min(THICK))])
+}
+
+/// The band of a wall thickness, given as a multiple of the limit.
+#[must_use]
+pub fn thickness_band(multiple: f64) -> u8 {
+    #[expect(clippy::cast_possible_truncation, reason = "at most 7")]
+    let band = BANDS.iter().filter(|&&limit| multiple >= limit).count() as u8;
+    if multiple.is_nan() { THICK } else { band }
+}
+
+/// Legend of wall thickness. `faces` has the number of faces and their area for each band; `limit_mm` is the least wall
+/// that the process accepts.
+#[must_use]
+pub fn legend_of_thickness(faces: &[(u64, f64); 8], limit_mm: f64) -> Vec<LegendEntry> {
+    let entry = |(band, &(count, area)): (u8, &(u64, f64))| {
+        let at = |band: u8| BANDS[usize::from(band)] * limit_mm;
+        let name = match band {
+            0 => format!("faces with walls under {:.3} mm", at(0)),
+            THICK => format!("faces with walls of {:.3} mm or more, or none", at(THICK - 1)),
+            band => format!("faces with walls from {:.3} to {:.3} mm", at(band - 1), at(band)),
+        };
+        let kind = Paint::Thickness(band);
+        LegendEntry { kind, name: name.into(), colour: kind.colour(), count, area: Some(area) }
+    };
+    (0u8..).zip(faces).map(entry).collect()
 }
 
 #[cfg(test)]

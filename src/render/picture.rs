@@ -138,7 +138,7 @@ fn draw_header(canvas: &mut Canvas, scene: &Scene, title: &str, every: usize) {
         {
             ", including removed faces".to_owned()
         }
-        Shows::Change => String::new(),
+        Shows::Change | Shows::Thickness => String::new(),
     };
     let part = if every > 1 { format!(" (1 in {every} drawn)") } else { String::new() };
     let text = format!("{title}: {faces} face{}{part}{suffix}", plural(faces as u64));

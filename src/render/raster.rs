@@ -151,7 +151,7 @@ impl<'a> Faces<'a> {
             (false, _) => paint.colour().mixed(INSIDE, 0.3).lit(0.8 * light),
         };
         let lift = match paint {
-            Paint::Sound => 0.0,
+            Paint::Sound | Paint::Thickness(_) => 0.0,
             Paint::Defect(kind) => self.lifts[kind as usize],
             Paint::Provenance(provenance) => f32::from(provenance as u8) * LIFT,
         };

@@ -5,7 +5,10 @@ use std::collections::hash_map::Entry;
 use glam::DVec3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use super::palette::{BY_SEVERITY, LegendEntry, Paint, Shape, gravest, legend, legend_of_change, shape};
+use super::palette::{
+    BY_SEVERITY, LegendEntry, Paint, Shape, THICK, gravest, legend, legend_of_change, legend_of_thickness, shape,
+    thickness_band,
+};
 use crate::context::Context;
 use crate::inspect::{Defect, DefectKind, Findings, Provenance, SurfaceProvenance};
 use crate::math::{Box3, to_unit_range};
@@ -62,6 +65,8 @@ pub enum Shows {
     Defects,
     /// Changes from one mesh to another.
     Change,
+    /// Wall thickness.
+    Thickness,
 }
 
 /// One straight segment of a defect's line, in the model's unit.
@@ -193,6 +198,35 @@ impl Scene {
         Ok(Self { surface, paint, segments, dots, frame, legend, shows: Shows::Change })
     }
 
+    /// Lays out the wall thickness of a mesh. `thickness` has a value for each face of `soup`, in the model's unit; `limit`
+    /// is the least wall that the process accepts, and `mm` the unit's length in millimetres. O(n log n).
+    ///
+    /// # Errors
+    /// [`RenderError::Cancelled`] on cancellation or timeout.
+    pub fn of_thickness(
+        soup: &Soup,
+        thickness: &[f32],
+        [limit, mm]: [f64; 2],
+        context: &Context<'_>,
+    ) -> Result<Self, RenderError> {
+        let (surface, _) = Surface::from_soup(soup);
+        context.check()?;
+        let mut faces = [(0, 0.0); 8];
+        let paint = surface.source.iter().enumerate().map(|(face, &source)| {
+            let value = thickness.get(source as usize).copied().unwrap_or(f32::INFINITY);
+            let band = thickness_band(f64::from(value) / limit);
+            let (count, area) = &mut faces[usize::from(band)];
+            *count += 1;
+            *area += surface.area_vector(face).length() / 2.0;
+            Paint::Thickness(band)
+        });
+        let paint = paint.collect();
+        let frame = Frame::new(surface.bounds());
+        let legend = legend_of_thickness(&faces, limit * mm);
+        let (segments, dots) = (Vec::new(), Vec::new());
+        Ok(Self { surface, paint, segments, dots, frame, legend, shows: Shows::Thickness })
+    }
+
     /// Adds the line or the dot of one defect.
     fn add_defect(&mut self, kind: DefectKind, defect: &Defect, soup: &Soup) {
         if !defect.line.is_empty() {
@@ -239,6 +273,7 @@ impl Scene {
         let paints: Vec<Paint> = match self.shows {
             Shows::Defects => std::iter::once(Paint::Sound).chain(DefectKind::ALL.map(Paint::Defect)).collect(),
             Shows::Change => Provenance::ALL.map(Paint::Provenance).to_vec(),
+            Shows::Thickness => (0..=THICK).map(Paint::Thickness).collect(),
         };
         let mut groups = vec![Vec::new(); paints.len()];
         for (paint, f) in self.paint.iter().zip(0u32..) {

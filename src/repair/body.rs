@@ -60,7 +60,8 @@ fn is_double_shell(input: &Input<'_>, options: &Options, context: &Context<'_>) 
     if options.preset != Preset::Auto || options.print.interior != Interior::Auto || options.max_tier < 2 {
         return Ok(false);
     }
-    let shell = recognise_double_shell(&input.analysis.surface, context);
+    let analysis = input.analysis;
+    let shell = recognise_double_shell(analysis.unit(), &analysis.surface.faces, analysis.tree(), context);
     Ok(context.unless_late(shell)?.flatten().is_some())
 }
 

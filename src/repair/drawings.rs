@@ -3,14 +3,16 @@
 use std::time::Duration;
 
 use super::judge::inspect_measured;
-use super::options::Options;
+use super::options::{Options, PrintOptions};
 use super::report::{OfferedFile, Report};
 use super::size::settle_size;
 use crate::analyze::{DrawError, subject};
 use crate::context::Context;
 use crate::format::{self, Limits, ReadOptions};
 use crate::inspect::{Analysis, CompareOptions, Original};
-use crate::render::{self, Drawing, Marked, draw_change, draw_remaining, draw_repaired};
+use crate::mesh::Soup;
+use crate::printing::thickness::{Side, thickness_field};
+use crate::render::{self, Drawing, Marked, draw_change, draw_remaining, draw_repaired, draw_thickness};
 
 impl Report {
     /// The names of the drawings that [`draw`] makes of the input and of the returned file.
@@ -23,6 +25,9 @@ impl Report {
         };
         let mut names =
             render::names_of_repair(self.before.measures.faces, offered_file.map(|after| after.measures.faces));
+        if offered_file.is_some() && self.verdict.passes && wall_limit_mm(&self.options.print).is_some() {
+            names.extend(render::THICKNESS);
+        }
         if offered_file.is_some() && !self.verdict.passes {
             names.push(render::REMAINING);
         }
@@ -55,8 +60,10 @@ pub fn draw(
     let draw_both = |after: &Analysis<'_>, repaired: Marked<'_>, is_printable: bool| {
         let mut drawings = draw_repaired(before, Some(repaired), context)?;
         drawings.extend(draw_change(repaired.soup, &original.provenance(after, context)?, context)?);
-        if !is_printable {
-            drawings.push(draw_remaining(repaired, context)?);
+        match wall_limit_mm(&options.print) {
+            _ if !is_printable => drawings.push(draw_remaining(repaired, context)?),
+            Some(limit_mm) => drawings.extend(draw_walls(after, repaired.soup, limit_mm, context)?),
+            None => {}
         }
         Ok(drawings)
     };
@@ -70,4 +77,26 @@ pub fn draw(
             draw_both(&after, Marked { soup: &mesh.soup, findings: &findings }, inspection.measures.printable())
         }
     }
+}
+
+/// The wall thickness, in millimetres, to which a drawing of walls relates; `None` if no option states one.
+fn wall_limit_mm(options: &PrintOptions) -> Option<f64> {
+    let of_process = || Some(options.profile()?.free_wall_mm.limit);
+    options.min_wall.or_else(of_process).filter(|&limit| limit > 0.0)
+}
+
+/// Draws the wall thickness of a printable result. `soup` has the faces of its file.
+fn draw_walls(
+    after: &Analysis<'_>,
+    soup: &Soup,
+    limit_mm: f64,
+    context: &Context<'_>,
+) -> Result<Vec<Drawing>, DrawError> {
+    let field = thickness_field(&after.surface, Side::Material, context)?;
+    let mut of_face = vec![f32::INFINITY; soup.faces.len()];
+    for (&source, &value) in after.surface.source.iter().zip(&field.at_faces) {
+        of_face[source as usize] = value;
+    }
+    let mm = after.subject.unit.map_or(1.0, |unit| unit.used.millimetres());
+    Ok(draw_thickness(soup, &of_face, [limit_mm / mm, mm], context)?)
 }

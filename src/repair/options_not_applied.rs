@@ -35,6 +35,7 @@ enum OperatorRule {
     OpenSheets,
     Thickness,
     Voids,
+    MinWall,
 }
 
 /// The options with their own rules.
@@ -129,8 +130,8 @@ const RULES: &[(&str, Rule)] = {
         ("pictures", Always),
         ("process", Always),
         ("process_limits", Always),
-        ("min_wall", Operators(OperatorRule::Plain, &[O::ThickenWalls], "no wall is thinner")),
-        ("thicken_to_process", Operators(OperatorRule::Plain, &[O::ThickenWalls], "no wall is thinner")),
+        ("min_wall", Operators(OperatorRule::MinWall, &[O::ThickenWalls], "no wall is thinner")),
+        ("thicken_to_process", Operators(OperatorRule::MinWall, &[O::ThickenWalls], "no wall is thinner")),
         ("wall_growth", Operators(OperatorRule::Plain, &[O::ThickenWalls], "no wall was thickened")),
         ("interior", Rule::Special(SpecialRule::Interior)),
         ("seal_mm", Operators(OperatorRule::Plain, &[O::FillInterior], "the interior was not filled")),
@@ -228,7 +229,9 @@ fn asks_for_change(options: &Options, name: &str, by: OperatorRule) -> bool {
         OperatorRule::Voids => options.print.voids != Voids::Keep,
         OperatorRule::WeldTolerance => !is_zero && options.weld_tolerance >= defaults.weld_tolerance,
         OperatorRule::DegenerateTolerance => !is_zero && options.degenerate_tolerance >= defaults.degenerate_tolerance,
-        OperatorRule::Plain | OperatorRule::StitchThreshold | OperatorRule::Thickness => !is_zero,
+        OperatorRule::Plain | OperatorRule::StitchThreshold | OperatorRule::Thickness | OperatorRule::MinWall => {
+            !is_zero
+        }
     }
 }
 
@@ -277,7 +280,11 @@ impl OptionCheck<'_> {
         let with_own_note = self.executed().filter(|executed| is_own(&executed.step) && !executed.has_reuse_note);
         let left = with_own_note.filter_map(|executed| executed.step.note.as_deref()).last();
         if acted {
-            let some_left = left.filter(|_| by == OperatorRule::DegenerateTolerance).map(str::to_owned);
+            let some_left = left
+                .filter(|_| {
+                    matches!(by, OperatorRule::DegenerateTolerance | OperatorRule::MinWall | OperatorRule::Voids)
+                })
+                .map(str::to_owned);
             return self.kept_input().or_else(|| some_left.map(|left| (NotAppliedCause::Limited, left)));
         }
         if let Ending::InputKept { best: None, why } = self.ending {

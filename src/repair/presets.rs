@@ -33,6 +33,7 @@ pub(super) const RECIPES: [Recipe; 7] = {
             preset: Preset::Generated,
             actions: &[
                 BasicCleanup,
+                FixNormals,
                 Action::FillInterior,
                 FixNormals,
                 Action::SelfUnion,
@@ -197,8 +198,8 @@ pub(super) fn remesh_action(action: Action) -> Option<RemeshAction> {
 /// The actions in the order in which a strategy runs them.
 const ORDER: [Action; 20] = [
     Action::BasicCleanup,
-    Action::FillInterior,
     Action::FixNormals,
+    Action::FillInterior,
     Action::Stitch,
     Action::FullRepair,
     Action::ConservativeRepair,

@@ -4,8 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Tree, hit};
-use crate::mesh::Surface;
+use crate::math::{Box3, Tree, hit};
 use crate::printing::reach::{Reach, ReachOptions, Reached};
 
 /// Number of faces sampled, spread evenly over the area.
@@ -48,18 +47,24 @@ struct Sample {
 
 /// Recognises a double shell: most of the surface has a parallel second skin at a median distance below 1 % of the
 /// diagonal, with a void beyond it that no ball of 2.4 % of the diagonal can reach from outside. Vases, boxes with an
-/// opening, tubes and bottles are none. Without thin double walls the answer takes the time of 512 rays.
+/// opening, tubes and bottles are none. Without thin double walls the answer takes the time of 512 rays. `tree` is the tree
+/// of the faces. Lengths of the answer are in the unit of `positions`.
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
-pub fn recognise_double_shell(surface: &Surface, context: &Context<'_>) -> Result<Option<DoubleShell>, Cancelled> {
-    let tree = Tree::new(&surface.positions, &surface.faces);
-    let Some((shell, voids)) = double_walls(&surface.positions, &surface.faces, &tree, context)? else {
+pub fn recognise_double_shell(
+    positions: &[DVec3],
+    faces: &[[u32; 3]],
+    tree: &Tree,
+    context: &Context<'_>,
+) -> Result<Option<DoubleShell>, Cancelled> {
+    let Some((shell, voids)) = double_walls(positions, faces, tree, context)? else {
         return Ok(None);
     };
-    let diameter = OPENING * surface.bounds().diagonal();
+    let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
+    let diameter = OPENING * bounds.diagonal();
     let options = ReachOptions { diameter, cells_per_diameter: 4, refinements: 2, max_nodes: MAX_NODES };
-    let Some(reach) = Reach::new(&surface.positions, &surface.faces, &tree, options, context)? else {
+    let Some(reach) = Reach::new(positions, faces, tree, options, context)? else {
         return Ok(None);
     };
     let (mut hidden, mut open) = (0usize, 0usize);
@@ -82,7 +87,7 @@ pub fn double_walls(
     context: &Context<'_>,
 ) -> Result<Option<(DoubleShell, Vec<DVec3>)>, Cancelled> {
     context.check()?;
-    let diagonal = crate::math::Box3::of(faces.iter().flatten().map(|&v| positions[v as usize])).diagonal();
+    let diagonal = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize])).diagonal();
     let chosen = spread(positions, faces);
     let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
     let samples: Vec<Option<Sample>> = chosen.par_iter().map(|&face| sample(&corners, tree, face, diagonal)).collect();

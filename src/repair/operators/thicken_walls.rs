@@ -3,7 +3,8 @@
 use super::layer_union::LayerUnion;
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
-use crate::printing::thickening::{Growth, PlaceResult, Thickening, ThickeningError, ThinReason};
+use crate::printing::thickening::{Growth, PlaceResult, ThickenedPlace, Thickening, ThickeningError, ThinReason};
+use crate::printing::thickness::{FeatureKind, Side, ThinRegion, rounded_limit, thin_features};
 use crate::repair::options::WallGrowth;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -59,26 +60,45 @@ impl Operation for ThickenWalls {
             Err(ThickeningError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
         };
-        let places = &thickened.places;
-        let left = places.iter().filter_map(|place| match place.result {
-            PlaceResult::Proved => None,
-            PlaceResult::LeftThin(reason) => {
-                let [x, y, z] = place.at.to_array();
-                let wall = place.least_after * self.millimetres;
-                Some(format!("a wall stays {wall:.3} mm thick at ({x:.6}, {y:.6}, {z:.6}): {}", in_words(reason)))
-            }
-        });
-        let left: Vec<String> = left.collect();
-        let changes = Change::list([
-            (ChangeKind::WallsThickened, (places.len() - left.len()) as u64),
-            (ChangeKind::ThinWallsLeft, left.len() as u64),
-            (ChangeKind::FacesAdded, thickened.added_faces.len() as u64),
-        ]);
-        let named = left.into_iter().take(MAX_NAMED).reduce(|all, one| format!("{all}; {one}"));
+        let proved = thickened.places.iter().filter(|place| place.result == PlaceResult::Proved).count();
         if !thickened.added_faces.is_empty() {
             *surface = thickened.surface;
         }
-        Ok(Applied { changes, left: named, ..Applied::default() })
+        // Another measure than that of the thickening decides what is left.
+        let limit = rounded_limit(surface, settings.min_wall);
+        let thin = thin_features(surface, limit, Side::Material, context)?;
+        let left: Vec<&ThinRegion> =
+            thin.regions.iter().filter(|region| region.kind != FeatureKind::SharpEdge).collect();
+        let changes = Change::list([
+            (ChangeKind::WallsThickened, proved as u64),
+            (ChangeKind::ThinWallsLeft, left.len() as u64),
+            (ChangeKind::FacesAdded, thickened.added_faces.len() as u64),
+        ]);
+        let named = left.iter().take(MAX_NAMED).map(|region| self.thin_in_words(region, &thickened.places));
+        let mut named: Vec<String> = named.collect();
+        if left.len() > MAX_NAMED {
+            named.push(format!("{} more places stay thin", left.len() - MAX_NAMED));
+        }
+        if !thin.pairs.is_complete {
+            named.push("some walls could not be measured within the budget".to_owned());
+        }
+        let left = (!named.is_empty()).then(|| named.join("; "));
+        Ok(Applied { changes, left, ..Applied::default() })
+    }
+}
+
+impl ThickenWalls {
+    /// A wall that stays thin, with the reason at the nearest place that the thickening left.
+    fn thin_in_words(&self, region: &ThinRegion, places: &[ThickenedPlace]) -> String {
+        let [x, y, z] = region.at.to_array();
+        let wall = region.least * self.millimetres;
+        let reasons = places.iter().filter_map(|place| match place.result {
+            PlaceResult::LeftThin(reason) => Some((place.at.distance_squared(region.at), reason)),
+            PlaceResult::Proved => None,
+        });
+        let reason = reasons.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, reason)| in_words(reason));
+        let reason = reason.map_or_else(String::new, |reason| format!(": {reason}"));
+        format!("a wall stays {wall:.3} mm thick at ({x:.6}, {y:.6}, {z:.6}){reason}")
     }
 }
 

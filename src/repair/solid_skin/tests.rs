@@ -3,8 +3,9 @@ use std::time::Duration;
 
 use super::*;
 use crate::context::NoProgress;
+use crate::math::Tree;
 use crate::mesh::{ClosedSurface, Edges, Soup};
-use crate::printing::skin::recognise_double_shell;
+use crate::printing::skin::{DoubleShell, recognise_double_shell};
 
 /// A ball of triangles, as an octahedron whose faces are split `level` times.
 fn ball(centre: DVec3, radius: f64, level: u32) -> Vec<[DVec3; 3]> {
@@ -79,7 +80,7 @@ fn a_double_shell_with_pinholes_becomes_the_solid() {
 #[test]
 fn a_closed_double_shell_is_filled_and_recognised() {
     let model = surface(&double_shell(false));
-    let found = with_context(|context| recognise_double_shell(&model, context)).unwrap().unwrap();
+    let found = with_context(|context| recognised(&model, context)).unwrap().unwrap();
     assert!((found.median_wall - 0.012).abs() < 1e-3 && found.void_share > 0.9, "{found:?}");
     let result = skin(&model, SkinOptions { seal: Some(0.1), min_part_volume: 1e-3, ..SkinOptions::default() });
     assert_eq!((result.surface.faces.len(), result.sealed.len()), (2048, 0));
@@ -93,7 +94,7 @@ fn the_skin_of_a_solid_is_the_solid() {
         assert_eq!((result.surface.faces.len(), result.dropped.len()), (model.faces.len(), 0));
         assert_eq!(result.surface.source, model.source);
         assert!(volume(&result.surface) > 0.0 && result.kept_exactly_pct > 99.999_999);
-        assert_eq!(with_context(|context| recognise_double_shell(&model, context)), Ok(None));
+        assert_eq!(with_context(|context| recognised(&model, context)), Ok(None));
     }
 }
 
@@ -138,4 +139,9 @@ fn an_island_is_attached_by_a_strut() {
     let dropped = skin(&model, SkinOptions { islands: Islands::Drop, min_part_volume: 1.0, ..options });
     assert_eq!(dropped.dropped.len(), 1);
     assert_eq!(dropped.dropped[0].reason, DropReason::Island);
+}
+
+/// Whether a model is a double shell.
+fn recognised(model: &Surface, context: &Context<'_>) -> Result<Option<DoubleShell>, Cancelled> {
+    recognise_double_shell(&model.positions, &model.faces, &Tree::new(&model.positions, &model.faces), context)
 }
