@@ -29,6 +29,7 @@ use crate::scene::LengthUnit;
 /// - 6: adds `verdict`, `assumptions`, `options_not_applied`, `steps[].unfixed` and the red flags `surface_invented`,
 ///   `objects_intersect` and `vertex_loss`.
 /// - 7: adds `abridged`, and `operators` of a planned action may be missing.
+/// - 8: renames fields, and adds `print_ready`, `unit_candidates`, `scaled_by` and the assumption `interior_filled`.
 pub const REPORT_VERSION: u32 = 8;
 
 /// The report of one repair.

@@ -182,3 +182,13 @@ fn a_unit_in_doubt_is_reported_with_candidates() {
     let stated = repair_soup(&tiny, &Options { unit: Some(Unit::Millimetre), ..Options::default() }, None);
     assert_eq!(stated.report.unit_candidates, None);
 }
+
+#[test]
+fn a_separate_solid_is_attached_with_a_strut_on_request() {
+    let soup = join(&cube(DVec3::ZERO, 20.0, 2), &cube(DVec3::new(21.0, 5.0, 5.0), 4.0, 2));
+    let attached = run(&soup, PrintOptions { islands: Islands::Attach, ..PrintOptions::default() });
+    assert_outcome(&attached, Outcome::Repaired);
+    assert_eq!(measured_file(&attached.bytes).parts, 1);
+    let added = volume(&attached) - (8000.0 + 64.0);
+    assert!((1.0..10.0).contains(&added), "a strut of 2 mm across 1 mm, not {added} mm³");
+}

@@ -11,11 +11,11 @@ use crate::context::{Cancelled, Context};
 use crate::math::Precision;
 use crate::mesh::{Surface, is_generated};
 pub use attach::Attached;
-use attach::attach;
+pub(in crate::repair) use attach::attach;
 pub use close::SealedPlace;
 use close::{Closed, close, resolve};
 use glam::DVec3;
-use islands::drop_small;
+pub(in crate::repair) use islands::drop_small;
 
 use crate::printing::skin::{DropReason, DroppedPiece, OuterSkin, OuterSkinError, kept_exactly_pct, outer_skin};
 
