@@ -694,7 +694,7 @@ export interface components {
          * @description An action of a plan, which runs one operator or several.
          * @enum {string}
          */
-        Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "full_repair" | "conservative_repair" | "make_manifold" | "clean_and_patch" | "close_sheets" | "self_union" | "perturb" | "simplify" | "drop_small_parts" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
+        Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "full_repair" | "conservative_repair" | "make_manifold" | "clean_and_patch" | "close_sheets" | "self_union" | "perturb" | "simplify" | "drop_small_parts" | "fill_interior" | "treat_islands" | "treat_voids" | "thicken_walls" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
         /** @description Report of one analysis. */
         AnalysisReport: {
             /**
@@ -864,7 +864,7 @@ export interface components {
          * @description The kinds of assumption.
          * @enum {string}
          */
-        AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "methods_agree";
+        AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "interior_filled" | "methods_agree";
         /** @description The four attributes of a mesh as the tool meshalyzer defines them. Some attributes require preceding ones. */
         Attributes: {
             /** @description Whether every edge is shared by two or more faces. Edges with more than two faces are allowed. */
@@ -1322,6 +1322,7 @@ export interface components {
             sha256?: string | null;
             /** @description Unit of all lengths reported for the file. */
             unit: components["schemas"]["LengthUnit"];
+            unit_candidates?: components["schemas"]["UnitCandidates"] | null;
             /** @description Warnings for the sender of the file. */
             warnings: string[];
         };
@@ -1950,7 +1951,7 @@ export interface components {
          * @description A repair operator, by the name that plans, options and reports use.
          * @enum {string}
          */
-        Operator: "round_coordinates" | "remove_collapsed_faces" | "merge_vertices" | "weld" | "remove_duplicates" | "remove_caps" | "remove_slivers" | "orient" | "split_t_junctions" | "sew" | "stitch" | "unfold_foldovers" | "remove_overlapping_neighbours" | "remove_internal_sheets" | "remove_internal_faces" | "cut_non_orientable" | "split_non_manifold" | "detach_fins" | "join_parts" | "fill_holes" | "clean_and_patch" | "thicken_sheets" | "add_base" | "self_union" | "remesh" | "remove_debris" | "perturb" | "drop_small_parts" | "simplify";
+        Operator: "round_coordinates" | "remove_collapsed_faces" | "merge_vertices" | "weld" | "remove_duplicates" | "remove_caps" | "remove_slivers" | "orient" | "split_t_junctions" | "sew" | "stitch" | "unfold_foldovers" | "remove_overlapping_neighbours" | "remove_internal_sheets" | "remove_internal_faces" | "cut_non_orientable" | "split_non_manifold" | "detach_fins" | "join_parts" | "fill_holes" | "clean_and_patch" | "thicken_sheets" | "add_base" | "self_union" | "remesh" | "remove_debris" | "perturb" | "drop_small_parts" | "fill_interior" | "treat_islands" | "fill_voids" | "vent_voids" | "thicken_walls" | "simplify";
         /** @description An option that was set but not followed, or followed only in part. */
         OptionNotApplied: {
             /** @description The kind of reason. */
@@ -2887,12 +2888,18 @@ export interface components {
             print_ready?: components["schemas"]["PrintReadiness"] | null;
             /** @description Signs that the repair damaged the model, for the chosen result. */
             red_flags: components["schemas"]["RedFlag"][];
+            /**
+             * Format: double
+             * @description Factor by which the model was scaled, before any inspection, to the size that the options ask for. Missing without such a request.
+             */
+            scaled_by?: number | null;
             /** @description The steps that were run or skipped, in order. */
             steps: components["schemas"]["Step"][];
             /** @description The outcome as text, with advice if the result is not printable. */
             summary: string;
             /** @description The unit of every length in this report and of the result. */
             unit: components["schemas"]["LengthUnit"];
+            unit_candidates?: components["schemas"]["UnitCandidates"] | null;
             /** @description The claims about the returned file. */
             verdict?: components["schemas"]["Verdict"];
             /** @description Whether `after` was measured on the written bytes, read back and welded by position. */
@@ -3565,6 +3572,85 @@ export interface components {
          * @enum {string}
          */
         Unit: "um" | "mm" | "cm" | "in" | "ft" | "m";
+        /** @description A unit that the file may have. */
+        UnitCandidate: {
+            /** @description The evidence. */
+            reasons: components["schemas"]["UnitReason"][];
+            /**
+             * Format: double
+             * @description The log of its prior and evidence: a candidate with 1 more is e times as likely.
+             */
+            score: number;
+            /** @description The sides of the box in this unit, in millimetres. */
+            size_mm: number[];
+            /** @description The unit. */
+            unit: components["schemas"]["Unit"];
+            /**
+             * Format: double
+             * @description The median wall in this unit, in millimetres.
+             */
+            wall_mm?: number | null;
+        };
+        /** @description The candidates for a file's unit. */
+        UnitCandidates: {
+            likely?: components["schemas"]["Unit"] | null;
+            /** @description Whether the file was scaled to a size of 1 or 2, so that its unit means nothing: ask for a size. */
+            normalised: boolean;
+            /** @description All units, most likely first. */
+            ranked: components["schemas"]["UnitCandidate"][];
+            /** @description The unit to use: the stated one, else millimetres. */
+            taken: components["schemas"]["Unit"];
+        };
+        /** @description A piece of evidence for or against a unit. */
+        UnitReason: {
+            /** @enum {string} */
+            reason: "declared";
+        } | {
+            /** @enum {string} */
+            reason: "stated_by_file";
+        } | {
+            /** @enum {string} */
+            reason: "program";
+        } | {
+            /** @enum {string} */
+            reason: "siblings";
+        } | {
+            /** @description Whether the process prints this size. */
+            is_printed: boolean;
+            /**
+             * Format: double
+             * @description The longest side, in millimetres.
+             */
+            longest_mm: number;
+            /** @enum {string} */
+            reason: "size";
+        } | {
+            /** @description Whether they are as thick as usual walls. */
+            is_usual: boolean;
+            /**
+             * Format: double
+             * @description The median wall, in millimetres.
+             */
+            median_mm: number;
+            /** @enum {string} */
+            reason: "walls";
+        } | {
+            /** @description Lengths that are multiples of 1/32 inch. */
+            imperial: number;
+            /** @description Lengths that are multiples of 0.5 mm. */
+            metric: number;
+            /** @description All lengths. */
+            of: number;
+            /** @enum {string} */
+            reason: "round_lengths";
+        } | {
+            /** @description Holes that fit. */
+            fit: number;
+            /** @description All holes. */
+            of: number;
+            /** @enum {string} */
+            reason: "screw_holes";
+        };
         /**
          * @description Origin of a file's unit.
          * @enum {string}
@@ -4053,6 +4139,9 @@ export type Tolerance = components['schemas']['Tolerance'];
 export type Tolerances = components['schemas']['Tolerances'];
 export type UnfixedFaces = components['schemas']['UnfixedFaces'];
 export type Unit = components['schemas']['Unit'];
+export type UnitCandidate = components['schemas']['UnitCandidate'];
+export type UnitCandidates = components['schemas']['UnitCandidates'];
+export type UnitReason = components['schemas']['UnitReason'];
 export type UnitSource = components['schemas']['UnitSource'];
 export type Unmeasurable = components['schemas']['Unmeasurable'];
 export type Up = components['schemas']['Up'];

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 from typing_extensions import NotRequired, TypedDict
 
-Action: TypeAlias = Literal['basic_cleanup', 'fix_normals', 'fill_holes', 'stitch', 'full_repair', 'conservative_repair', 'make_manifold', 'clean_and_patch', 'close_sheets', 'self_union', 'perturb', 'simplify', 'drop_small_parts', 'native_remesh', 'voxel_remesh', 'boolean_union', 'validate']
+Action: TypeAlias = Literal['basic_cleanup', 'fix_normals', 'fill_holes', 'stitch', 'full_repair', 'conservative_repair', 'make_manifold', 'clean_and_patch', 'close_sheets', 'self_union', 'perturb', 'simplify', 'drop_small_parts', 'fill_interior', 'treat_islands', 'treat_voids', 'thicken_walls', 'native_remesh', 'voxel_remesh', 'boolean_union', 'validate']
 """An action of a plan, which runs one operator or several."""
 
 
@@ -30,7 +30,7 @@ class ArtifactLink(TypedDict):
     """The SHA-256 hash of the file's bytes, in hexadecimal. Omitted for images and coloured meshes."""
 
 
-AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'methods_agree']
+AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'interior_filled', 'methods_agree']
 """The kinds of assumption."""
 
 
@@ -366,7 +366,7 @@ OpenSheets: TypeAlias = Literal['auto', 'leave', 'thicken', 'base']
 """The treatment of open sheets: parts that enclose nothing, such as terrain or a single wall."""
 
 
-Operator: TypeAlias = Literal['round_coordinates', 'remove_collapsed_faces', 'merge_vertices', 'weld', 'remove_duplicates', 'remove_caps', 'remove_slivers', 'orient', 'split_t_junctions', 'sew', 'stitch', 'unfold_foldovers', 'remove_overlapping_neighbours', 'remove_internal_sheets', 'remove_internal_faces', 'cut_non_orientable', 'split_non_manifold', 'detach_fins', 'join_parts', 'fill_holes', 'clean_and_patch', 'thicken_sheets', 'add_base', 'self_union', 'remesh', 'remove_debris', 'perturb', 'drop_small_parts', 'simplify']
+Operator: TypeAlias = Literal['round_coordinates', 'remove_collapsed_faces', 'merge_vertices', 'weld', 'remove_duplicates', 'remove_caps', 'remove_slivers', 'orient', 'split_t_junctions', 'sew', 'stitch', 'unfold_foldovers', 'remove_overlapping_neighbours', 'remove_internal_sheets', 'remove_internal_faces', 'cut_non_orientable', 'split_non_manifold', 'detach_fins', 'join_parts', 'fill_holes', 'clean_and_patch', 'thicken_sheets', 'add_base', 'self_union', 'remesh', 'remove_debris', 'perturb', 'drop_small_parts', 'fill_interior', 'treat_islands', 'fill_voids', 'vent_voids', 'thicken_walls', 'simplify']
 """A repair operator, by the name that plans, options and reports use."""
 
 
@@ -916,6 +916,76 @@ class UnfixedFaces(TypedDict):
 
 Unit: TypeAlias = Literal['um', 'mm', 'cm', 'in', 'ft', 'm']
 """Unit of length, after the 3MF core specification."""
+
+
+class UnitReason1(TypedDict):
+    """The request declares this unit."""
+
+    reason: Literal['declared']
+
+
+class UnitReason2(TypedDict):
+    """The file states this unit."""
+
+    reason: Literal['stated_by_file']
+
+
+class UnitReason3(TypedDict):
+    """The program that wrote the file writes this unit."""
+
+    reason: Literal['program']
+
+
+class UnitReason4(TypedDict):
+    """Other files of the job have this unit."""
+
+    reason: Literal['siblings']
+
+
+class UnitReason5(TypedDict):
+    """The size in this unit is usual, small or large for a print."""
+
+    is_printed: bool
+    """Whether the process prints this size."""
+    longest_mm: float
+    """The longest side, in millimetres."""
+    reason: Literal['size']
+
+
+class UnitReason6(TypedDict):
+    """The walls in this unit."""
+
+    is_usual: bool
+    """Whether they are as thick as usual walls."""
+    median_mm: float
+    """The median wall, in millimetres."""
+    reason: Literal['walls']
+
+
+class UnitReason7(TypedDict):
+    """Lengths in this unit are round."""
+
+    imperial: int
+    """Lengths that are multiples of 1/32 inch."""
+    metric: int
+    """Lengths that are multiples of 0.5 mm."""
+    of: int
+    """All lengths."""
+    reason: Literal['round_lengths']
+
+
+class UnitReason8(TypedDict):
+    """Holes in this unit fit metric screws."""
+
+    fit: int
+    """Holes that fit."""
+    of: int
+    """All holes."""
+    reason: Literal['screw_holes']
+
+
+UnitReason: TypeAlias = UnitReason1 | UnitReason2 | UnitReason3 | UnitReason4 | UnitReason5 | UnitReason6 | UnitReason7 | UnitReason8
+"""A piece of evidence for or against a unit."""
 
 
 UnitSource: TypeAlias = Literal['declared', 'file', 'assumed']
@@ -1754,6 +1824,33 @@ class Strategy(TypedDict):
     """The condition for the strategy to run."""
 
 
+class UnitCandidate(TypedDict):
+    """A unit that the file may have."""
+
+    reasons: list[UnitReason]
+    """The evidence."""
+    score: float
+    """The log of its prior and evidence: a candidate with 1 more is e times as likely."""
+    size_mm: list[float]
+    """The sides of the box in this unit, in millimetres."""
+    unit: Unit
+    """The unit."""
+    wall_mm: NotRequired[float | None]
+    """The median wall in this unit, in millimetres."""
+
+
+class UnitCandidates(TypedDict):
+    """The candidates for a file's unit."""
+
+    likely: NotRequired[Unit | None]
+    normalised: bool
+    """Whether the file was scaled to a size of 1 or 2, so that its unit means nothing: ask for a size."""
+    ranked: list[UnitCandidate]
+    """All units, most likely first."""
+    taken: Unit
+    """The unit to use: the stated one, else millimetres."""
+
+
 class Upload(TypedDict):
     """An upload: where to send its file, and until when."""
 
@@ -2134,6 +2231,7 @@ class FileAnalysis(TypedDict):
     """SHA-256 of the file, in hexadecimal; absent if unknown."""
     unit: LengthUnit
     """Unit of all lengths reported for the file."""
+    unit_candidates: NotRequired[UnitCandidates | None]
     warnings: list[str]
     """Warnings for the sender of the file."""
 
@@ -2219,12 +2317,15 @@ class Report(TypedDict):
     print_ready: NotRequired[PrintReadiness | None]
     red_flags: list[RedFlag]
     """Signs that the repair damaged the model, for the chosen result."""
+    scaled_by: NotRequired[float | None]
+    """Factor by which the model was scaled, before any inspection, to the size that the options ask for. Missing without such a request."""
     steps: list[Step]
     """The steps that were run or skipped, in order."""
     summary: str
     """The outcome as text, with advice if the result is not printable."""
     unit: LengthUnit
     """The unit of every length in this report and of the result."""
+    unit_candidates: NotRequired[UnitCandidates | None]
     verdict: NotRequired[Verdict]
     """The claims about the returned file."""
     verified_from_output_bytes: bool
