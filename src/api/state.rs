@@ -196,6 +196,7 @@ impl Capabilities {
                 Preset::ConservativeRepair,
                 Preset::ManifoldRepair,
                 Preset::BlenderRemesh,
+                Preset::Generated,
             ],
             levels: vec![Level::None, Level::Basic, Level::Full],
             tiers: vec![
