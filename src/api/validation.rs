@@ -311,7 +311,10 @@ mod tests {
             (json!({"max_tier": 1.5}), "`max_tier` must be a whole number from 1 to 3; got 1.5."),
             (json!({"deadline_s": null}), "`deadline_s` must be a number from 1 to 3600; got null."),
             (json!({"pictures": 1}), "`pictures` must be true or false; got 1."),
-            (json!({"require": "gold"}), r#"`require` must be one of `any`, `printable`, `print_ready`; got "gold" (text)."#),
+            (
+                json!({"require": "gold"}),
+                r#"`require` must be one of `any`, `printable`, `print_ready`; got "gold" (text)."#,
+            ),
             (json!({"with": "sew"}), r#"`with` must be a list; got "sew" (text)."#),
             (json!({"voxel_size": 0}), "`voxel_size` must be a number above 0; got 0."),
         ] {

@@ -46,7 +46,7 @@ fn an_unprintable_result_that_must_be_printable_leaves_only_a_report() {
     let output = workspace.run(&args);
     assert_eq!(exit_code(&output), 5, "{}", stderr(&output));
     let last = stderr(&output).lines().last().expect("a line").to_owned();
-    assert_eq!(last, "meshmend: out.stl was not written: the result is not printable, and --require printable is set");
+    assert_eq!(last, "meshmend: out.stl was not written: the result does not meet `--require printable`");
     assert!(!workspace.path().join("out.stl").exists());
     let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
     assert_eq!(report["verdict"]["file"], "none");
@@ -66,8 +66,27 @@ fn a_printable_result_that_is_required_is_written_as_usual() {
 fn an_unknown_requirement_is_refused_with_the_list_of_known_ones() {
     let workspace = Workspace::new();
     workspace.put("broken.stl", &files::broken_box());
+    let output = workspace.run(&["repair", "broken.stl", "-o", "out.stl", "--require", "gold"]);
+    assert_eq!(exit_code(&output), 2);
+    assert!(stderr(&output).contains("[possible values: any, printable, print_ready]"), "{}", stderr(&output));
     let output = workspace.run(&["repair", "broken.stl", "-o", "out.stl", "--require", "print_ready"]);
     assert_eq!(exit_code(&output), 2);
-    assert!(stderr(&output).contains("[possible values: any, printable]"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("without `process`"), "{}", stderr(&output));
     assert!(!workspace.path().join("out.stl").exists());
+}
+
+#[test]
+fn a_plate_that_must_be_print_ready_for_a_process_leaves_only_a_report() {
+    let workspace = Workspace::new();
+    let plate = files::BOX.map(|triangle| triangle.map(|[x, y, z]| [x * 6., y * 6., z * 0.2]));
+    workspace.put("plate.stl", &files::stl(&plate));
+    let args = ["repair", "plate.stl", "-o", "out.stl", "--report", "r.json", "--process", "fdm", "--unit", "mm"];
+    let output = workspace.run(&[&args[..], &["--require", "print_ready"]].concat());
+    assert_eq!(exit_code(&output), 5, "{}", stderr(&output));
+    assert!(stderr(&output).contains("volume of separate solids"), "{}", stderr(&output));
+    assert!(!workspace.path().join("out.stl").exists());
+    let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
+    assert_eq!((&report["verdict"]["printable"], &report["verdict"]["print_ready"]), (&true.into(), &false.into()));
+    let output = workspace.run(&["inspect", "plate.stl", "--process", "fdm"]);
+    assert_eq!(exit_code(&output), 1, "{}", stderr(&output));
 }
