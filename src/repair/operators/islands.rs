@@ -1,10 +1,10 @@
 //! Removes or attaches small separate solids, as the option `islands` asks.
 
 use super::operator::{Applied, Counter, Operation, Scope};
-use crate::inspect::solids;
+use crate::inspect::{nesting, solids};
 use crate::math::Precision;
 use crate::mesh::{Edges, Parts, Surface};
-use crate::repair::solid_skin::{attach, drop_small};
+use crate::repair::solid_skin::attach;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Islands};
 
 /// Diameter of struts without a process, in millimetres.
@@ -39,10 +39,7 @@ impl Operation for TreatIslands {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let solids_before = count_solids(surface);
-        let removed = drop_small(surface, self.min_volume, context)?;
-        surface.drop_unreferenced();
-        let dropped = if removed.is_empty() { 0 } else { solids_before - count_solids(surface) };
+        let (dropped, faces) = drop_small(surface, self.min_volume, context)?;
         let struts = match self.strut {
             Some(diameter) => attach(surface, diameter, self.precision, context)?.len(),
             None => 0,
@@ -51,11 +48,37 @@ impl Operation for TreatIslands {
         let left = (solids_left > 1).then(|| format!("{solids_left} separate solids remain, because a strut failed"));
         let changes = Change::list([
             (ChangeKind::IslandsDropped, dropped),
-            (ChangeKind::FacesRemoved, removed.len() as u64),
+            (ChangeKind::FacesRemoved, faces),
             (ChangeKind::IslandsAttached, struts as u64),
         ]);
         Ok(Applied { changes, left, ..Applied::default() })
     }
+}
+
+/// Removes separate solids below a volume, with the cavities inside them, but never the largest solid. Returns the numbers
+/// of solids and of faces removed.
+fn drop_small(surface: &mut Surface, min_volume: f64, context: &Context<'_>) -> Result<(u64, u64), Cancelled> {
+    let edges = Edges::new(&surface.faces);
+    let parts = Parts::new(surface, &edges);
+    let solids = solids(surface, &edges, &parts);
+    let largest = solids.iter().map(|solid| solid.volume).fold(0.0, f64::max);
+    let is_small = |part: usize| {
+        let solid = &solids[part];
+        solid.closed && solid.volume > 0.0 && solid.volume < min_volume.min(largest)
+    };
+    let mut is_removed: Vec<bool> = (0..parts.count).map(is_small).collect();
+    let count = is_removed.iter().filter(|&&removed| removed).count() as u64;
+    if count == 0 {
+        return Ok((0, 0));
+    }
+    let is_cavity: Vec<bool> = solids.iter().map(|solid| solid.volume < 0.0).collect();
+    let containers = nesting(surface, &parts, &solids, &is_cavity, context)?;
+    for cavity in (0..parts.count).filter(|&part| is_cavity[part]) {
+        is_removed[cavity] = containers[cavity].iter().flatten().any(|&around| is_removed[around as usize]);
+    }
+    let faces = parts.remove(&is_removed, surface);
+    surface.drop_unreferenced();
+    Ok((count, faces))
 }
 
 /// The number of closed parts, without the surfaces of cavities.

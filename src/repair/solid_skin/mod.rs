@@ -15,7 +15,7 @@ pub(in crate::repair) use attach::attach;
 pub use close::SealedPlace;
 use close::{Closed, close, resolve};
 use glam::DVec3;
-pub(in crate::repair) use islands::drop_small;
+use islands::drop_small;
 
 use crate::printing::skin::{DropReason, DroppedPiece, OuterSkin, OuterSkinError, kept_exactly_pct, outer_skin};
 
