@@ -12,7 +12,7 @@ use axum::http::header;
 use futures::{Stream, StreamExt};
 use utoipa::ToSchema;
 
-use super::process::SubmittedOptions;
+use super::options::SubmittedOptions;
 use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs};
 use crate::api::extract::{RawModel, SourceError, UploadBudget, json_object, source_problem, with_idle_limit};
 use crate::api::problem::{Problem, ProblemCode, truncated};
@@ -91,7 +91,7 @@ async fn open(request: Request, allowance: Arc<AtomicU64>, idle_limit: Duration)
 
 impl ReceivedParts<'_> {
     async fn take(&mut self, field: Field<'_>, allowance: &AtomicU64) -> Result<(), Problem> {
-        let SubmissionContext { state, id, .. } = self.context;
+        let SubmissionContext { state, caller, id } = self.context;
         match field.name() {
             Some("file") => {
                 // With the options first, a surplus file is rejected before its bytes are read.
@@ -107,7 +107,7 @@ impl ReceivedParts<'_> {
                 let text = read_text(field, "options").await?;
                 let fields = json_object("`options`", &text)
                     .map_err(|problem| Problem::invalid_field("options", problem.detail))?;
-                self.options = Some(SubmittedOptions::read(self.context, fields).await?);
+                self.options = Some(SubmittedOptions::read(state, caller, fields).await?);
             }
             Some(name) if Extras::NAMES.contains(&name) => {
                 let name = name.to_owned();

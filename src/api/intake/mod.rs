@@ -2,7 +2,7 @@
 //! a stored file. All three ways end in a [`Submission`], whose files are stored.
 
 mod form;
-mod process;
+mod options;
 mod raw_body;
 mod stored_file;
 mod submission;

@@ -4,7 +4,7 @@ use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use serde_json::{Map, Value};
 
-use super::process::SubmittedOptions;
+use super::options::SubmittedOptions;
 use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs};
 use crate::api::extract::{query_value, text_header, with_idle_limit};
 use crate::api::problem::Problem;
@@ -13,7 +13,7 @@ use crate::blobs::Blobs;
 
 /// Reads the options from the query, then stores the body as the file.
 pub async fn read(context: SubmissionContext<'_>, request: Request) -> Result<Submission, Problem> {
-    let SubmissionContext { state, id, .. } = context;
+    let SubmissionContext { state, caller, id } = context;
     let query = request.uri().query().unwrap_or_default();
     let pairs: Vec<(String, String)> = serde_urlencoded::from_str(query)
         .map_err(|_| Problem::invalid_request("The query is invalid: its percent-encoded characters must be UTF-8."))?;
@@ -25,7 +25,7 @@ pub async fn read(context: SubmissionContext<'_>, request: Request) -> Result<Su
         extras.set(key, text, state.config.webhook_targets)?;
     }
     // Options are checked before the body is read, so that a mistake does not cost an upload.
-    let options = SubmittedOptions::read(context, query_fields(options)?).await?;
+    let options = SubmittedOptions::read(state, caller, query_fields(options)?).await?;
     let name = names.into_iter().next().map(|(_, name)| name);
     let name = clean_name(name.as_deref().or(disposition_name(request.headers())));
     let source = with_idle_limit(request.into_body().into_data_stream(), state.config.upload_idle);

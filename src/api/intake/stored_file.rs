@@ -5,7 +5,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use super::process::SubmittedOptions;
+use super::options::SubmittedOptions;
 use super::submission::{Extras, ReceivedFile, Submission, SubmissionContext, clean_name, inputs};
 use super::upload::{find_upload, sent_bytes, upload_not_found};
 use crate::access::Scope;
@@ -70,7 +70,7 @@ pub async fn read(
 ) -> Result<Submission, Problem> {
     let text = read_small(context.state, request).await?;
     let SubmitUpload { source, options, name, metadata, callback_url } = parse(&text)?;
-    let options = SubmittedOptions::read(context, options.unwrap_or_default()).await?;
+    let options = SubmittedOptions::read(context.state, context.caller, options.unwrap_or_default()).await?;
     let mut extras = Extras::default();
     let targets = context.state.config.webhook_targets;
     extras.set("metadata", &serde_json::to_string(&metadata).unwrap_or_default(), targets)?;

@@ -1,18 +1,16 @@
 //! The contents of a submission, however it was sent: files, options, metadata and callback URL, with their validation.
 
 use serde::Serialize;
-use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 
-use super::process::SubmittedOptions;
+use super::options::SubmittedOptions;
 use crate::api::authenticate::Caller;
 use crate::api::extract::UploadBudget;
-use crate::api::problem::{FieldError, Problem, ProblemCode, truncated};
+use crate::api::problem::{FieldError, Problem, ProblemCode};
 use crate::api::state::ApiState;
-use crate::api::validation::{field_schema, unknown_field, value_errors};
 use crate::blobs::{Blobs, Stored};
 use crate::format::{ReadErrorKind, sniff};
-use crate::jobs::{Input, JobId, JobOptions, Metadata, Mode, UploadId};
+use crate::jobs::{Input, JobId, Metadata, UploadId};
 use crate::webhooks::TargetPolicy;
 
 /// Largest `metadata` as JSON, in bytes.
@@ -135,53 +133,6 @@ pub fn inputs(id: JobId, files: Vec<ReceivedFile>) -> Result<Vec<Input>, Problem
         Some(first) => Err(Problem { errors, ..first }),
         None => Ok(inputs),
     }
-}
-
-/// Parses the options of a job. The error names every invalid option.
-pub fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
-    let mode = match fields.get("mode") {
-        None => Mode::default(),
-        Some(value) => match Mode::ALL.into_iter().find(|mode| value == mode.as_str()) {
-            Some(mode) => mode,
-            None => return Err(Problem::of_fields(ProblemCode::InvalidOptions, vec![unknown_mode(value)])),
-        },
-    };
-    let errors: Vec<_> = fields.iter().flat_map(|(option, value)| option_errors(mode, option, value)).collect();
-    if !errors.is_empty() {
-        return Err(Problem::of_fields(ProblemCode::InvalidOptions, errors));
-    }
-    JobOptions::from_fields(fields).map_err(|error| match error.option() {
-        Some(option) => Problem::invalid_field(option, error.to_string()),
-        None => Problem::invalid_value(error.to_string()),
-    })
-}
-
-fn unknown_mode(value: &Value) -> FieldError {
-    let names = Mode::ALL.map(|mode| format!("`{}`", mode.as_str())).join(" or ");
-    FieldError::new("mode", format!("`mode` must be {names}; got {}.", truncated(&value.to_string())))
-}
-
-/// Validates one option against the documented schema of its mode.
-fn option_errors(mode: Mode, option: &str, value: &Value) -> Vec<FieldError> {
-    let schema = match mode {
-        Mode::Repair => "Options",
-        Mode::Analyze => "AnalyzeOptions",
-    };
-    if option == "mode" {
-        return Vec::new();
-    }
-    if let Some(schema) = field_schema(schema, option) {
-        return value_errors(option, schema, value);
-    }
-    let other_mode = Mode::ALL.into_iter().find(|other| other.option_names().iter().any(|name| name == option));
-    vec![match other_mode {
-        Some(other) => {
-            let (other, mode) = (other.as_str(), mode.as_str());
-            let message = format!("`{option}` is an option of mode `{other}`; this job's mode is `{mode}`.");
-            FieldError::new(option, message)
-        }
-        None => unknown_field(option, mode.option_names().iter().map(String::as_str), "option"),
-    }]
 }
 
 /// Removes folders and control characters from a file name. The name is only displayed, never opened.

@@ -1,10 +1,12 @@
-//! Replaces a tenant's own process profile in a job's options with its limits, so that later changes do not affect the job.
+//! Reads the options of a job. Replaces a tenant's own process profile with its limits, so that later changes do not affect the job.
 
 use serde_json::{Map, Value};
 
-use super::submission::{SubmissionContext, job_options};
-use crate::api::problem::{Problem, truncated};
-use crate::jobs::{JobOptions, ProfileName, TenantProfile, with_whole_numbers};
+use crate::api::authenticate::Caller;
+use crate::api::problem::{FieldError, Problem, ProblemCode, truncated};
+use crate::api::state::ApiState;
+use crate::api::validation::{field_schema, unknown_field, value_errors};
+use crate::jobs::{JobOptions, Mode, ProfileName, TenantProfile, with_whole_numbers};
 use crate::printing::profile::{ProcessLimits, Profile};
 
 /// The options that name the process and its limits.
@@ -22,8 +24,8 @@ pub struct SubmittedOptions {
 
 impl SubmittedOptions {
     /// Reads the options of a job. The error names every invalid option.
-    pub async fn read(context: SubmissionContext<'_>, fields: Map<String, Value>) -> Result<Self, Problem> {
-        let (fields, requested_limits) = resolve(context, fields).await?;
+    pub async fn read(state: &ApiState, caller: &Caller, fields: Map<String, Value>) -> Result<Self, Problem> {
+        let (fields, requested_limits) = resolve(state, caller, fields).await?;
         Ok(Self { options: job_options(fields)?, requested_limits })
     }
 
@@ -40,7 +42,8 @@ impl SubmittedOptions {
 /// Adds the limits of a tenant's own profile that `process` or `process_limits.based_on` names. The request's own limits win. Values of
 /// the wrong type stay for the validation.
 async fn resolve(
-    context: SubmissionContext<'_>,
+    state: &ApiState,
+    caller: &Caller,
     mut fields: Map<String, Value>,
 ) -> Result<(Map<String, Value>, Option<Option<ProcessLimits>>), Problem> {
     let requested = match fields.get(LIMITS).cloned() {
@@ -56,13 +59,13 @@ async fn resolve(
     };
     let mut limits = requested_limits.clone();
     let mut is_own = false;
-    if let Some(own) = find(context, &process).await? {
+    if let Some(own) = find(state, caller, &process).await? {
         limits = Some(limits.unwrap_or_default().or(own.job_limits()));
         is_own = true;
     }
     let base = limits.as_ref().and_then(|limits| limits.based_on.clone());
     if let Some(base) = base.filter(|base| Profile::named(base).is_none()) {
-        let own = find(context, &base).await?.ok_or_else(|| unknown_base(&base))?;
+        let own = find(state, caller, &base).await?.ok_or_else(|| unknown_base(&base))?;
         let above = ProcessLimits { based_on: None, ..limits.unwrap_or_default() };
         limits = Some(above.or(own.job_limits()));
         is_own = true;
@@ -83,9 +86,56 @@ fn unknown_base(base: &str) -> Problem {
 }
 
 /// The tenant's own profile of this name. A name that no profile can have need not reach the database.
-async fn find(context: SubmissionContext<'_>, name: &str) -> Result<Option<TenantProfile>, Problem> {
+async fn find(state: &ApiState, caller: &Caller, name: &str) -> Result<Option<TenantProfile>, Problem> {
     if name.parse::<ProfileName>().is_err() {
         return Ok(None);
     }
-    Ok(context.state.store.profile(context.caller.tenant.as_str(), name).await?)
+    Ok(state.store.profile(caller.tenant.as_str(), name).await?)
+}
+
+/// Parses the options of a job. The error names every invalid option.
+fn job_options(fields: Map<String, Value>) -> Result<JobOptions, Problem> {
+    let mode = match fields.get("mode") {
+        None => Mode::default(),
+        Some(value) => match Mode::ALL.into_iter().find(|mode| value == mode.as_str()) {
+            Some(mode) => mode,
+            None => return Err(Problem::of_fields(ProblemCode::InvalidOptions, vec![unknown_mode(value)])),
+        },
+    };
+    let errors: Vec<_> = fields.iter().flat_map(|(option, value)| option_errors(mode, option, value)).collect();
+    if !errors.is_empty() {
+        return Err(Problem::of_fields(ProblemCode::InvalidOptions, errors));
+    }
+    JobOptions::from_fields(fields).map_err(|error| match error.option() {
+        Some(option) => Problem::invalid_field(option, error.to_string()),
+        None => Problem::invalid_value(error.to_string()),
+    })
+}
+
+fn unknown_mode(value: &Value) -> FieldError {
+    let names = Mode::ALL.map(|mode| format!("`{}`", mode.as_str())).join(" or ");
+    FieldError::new("mode", format!("`mode` must be {names}; got {}.", truncated(&value.to_string())))
+}
+
+/// Validates one option against the documented schema of its mode.
+fn option_errors(mode: Mode, option: &str, value: &Value) -> Vec<FieldError> {
+    let schema = match mode {
+        Mode::Repair => "Options",
+        Mode::Analyze => "AnalyzeOptions",
+    };
+    if option == "mode" {
+        return Vec::new();
+    }
+    if let Some(schema) = field_schema(schema, option) {
+        return value_errors(option, schema, value);
+    }
+    let other_mode = Mode::ALL.into_iter().find(|other| other.option_names().iter().any(|name| name == option));
+    vec![match other_mode {
+        Some(other) => {
+            let (other, mode) = (other.as_str(), mode.as_str());
+            let message = format!("`{option}` is an option of mode `{other}`; this job's mode is `{mode}`.");
+            FieldError::new(option, message)
+        }
+        None => unknown_field(option, mode.option_names().iter().map(String::as_str), "option"),
+    }]
 }
