@@ -444,8 +444,7 @@ mod tests {
     fn a_binary_header_that_contains_solid_and_facet_is_not_text() {
         let mut head = b"solid of 12 facets".to_vec();
         head.resize(80, b' ');
-        head.extend_from_slice(&[7, 0, 0, 0]);
-        head.extend_from_slice(&[0; 200]);
+        head.extend([7, 0, 0, 0].into_iter().chain([0; 200]));
         assert!(!starts_as_text(&head));
     }
 }

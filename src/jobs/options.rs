@@ -53,6 +53,7 @@ impl Mode {
 }
 
 /// The options of a job: `mode` (default `repair`), and the options of that mode next to it. Other options are refused.
+#[expect(clippy::large_enum_variant, reason = "a job has one, and most jobs are repairs")]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "mode", rename_all = "snake_case")]
 pub enum JobOptions {

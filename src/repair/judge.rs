@@ -112,7 +112,7 @@ impl Judging<'_, '_> {
         let unit = input.analysis().subject.unit.map(|unit| unit_for_readers(unit, options.output));
         let analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
         let measures = measure_analysis(&analysis, verification)?;
-        let part_accounting = part_accounting(input, &analysis, options, verification)?;
+        let part_accounting = part_accounting(input, &analysis, options, is_interior_filled, verification)?;
         // The format keeps the order of faces, so `patches` fits the faces that were read back.
         let patches: Vec<bool> = match patches {
             Patches::BySource => surface.source.iter().map(|&source| is_generated(source)).collect(),

@@ -20,7 +20,8 @@ const NO_THICKNESS: [f64; 2] = [1e-6, 2.0 / (1u64 << 23) as f64];
 /// operator that drops parts, so the two volumes differ slightly.
 const MARGIN: f64 = 1.05;
 
-/// Accounts for each part of the input in a result that was read back from its own bytes.
+/// Accounts for each part of the input in a result that was read back from its own bytes. `is_interior_filled` tells whether
+/// the interior was filled, which may remove small solids.
 ///
 /// # Errors
 /// [`Cancelled`] if the job was canceled or the deadline passed.
@@ -28,9 +29,12 @@ pub fn part_accounting(
     input: &Original<'_>,
     result: &Analysis<'_>,
     options: &Options,
+    is_interior_filled: bool,
     context: &Context<'_>,
 ) -> Result<PartAccounting, Cancelled> {
-    let reasons_of = |missed: &[u32]| reasons_of_absence(input.analysis(), result, missed, options, context);
+    let drops_islands = options.print.islands.drops(is_interior_filled);
+    let reasons_of =
+        |missed: &[u32]| reasons_of_absence(input.analysis(), result, missed, (options, drops_islands), context);
     input.part_accounting(result, reasons_of, context)
 }
 
@@ -39,14 +43,14 @@ fn reasons_of_absence(
     input: &Analysis<'_>,
     result: &Analysis<'_>,
     missed: &[u32],
-    options: &Options,
+    (options, drops_islands): (&Options, bool),
     context: &Context<'_>,
 ) -> Result<Vec<Option<PartReason>>, Cancelled> {
     let volumes = volumes_enclosed(input, missed, context)?;
     let enclosed: f64 = result.solids.iter().map(|solid| solid.volume).sum();
     let all = enclosed + volumes.iter().sum::<f64>();
     let millimetres = input.subject.unit.map_or(1.0, |unit| unit.used.millimetres());
-    let small = options.print.islands.drops().then(|| options.print.min_island_volume(millimetres, || all));
+    let small = drops_islands.then(|| options.print.min_island_volume(millimetres, || all));
     let least = (options.min_part_volume_pct / 100.0 * all).max(small.unwrap_or(0.0)) * MARGIN;
     let open = input.parts.open(&input.edges);
     let mut faces = vec![0usize; input.parts.count];

@@ -123,7 +123,7 @@ fn operators_of(action: Action, sheets: OpenSheets) -> &'static [Operator] {
 pub(super) fn planned(action: Action, options: &Options) -> PlannedAction {
     let runs = |operator: &Operator| {
         let is_requested = match operator {
-            Operator::TreatIslands => options.print.islands.drops(),
+            Operator::TreatIslands => options.print.islands.drops(true),
             Operator::MergeVertices => options.merge_distance.is_some_and(|distance| distance > 0.0),
             _ => !operator.is_on_request() || options.with.contains(operator),
         };

@@ -32,6 +32,9 @@ use crate::scene::LengthUnit;
 /// - 8: renames fields, and adds `print_ready`, `unit_candidates`, `scaled_by` and the assumption `interior_filled`.
 pub const REPORT_VERSION: u32 = 8;
 
+/// Most candidates for the unit in an abridged report.
+const MAX_UNITS: usize = 2;
+
 /// The report of one repair.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -259,6 +262,7 @@ impl Report {
         self.after.iter_mut().for_each(|after| after.abridge(most));
         self.part_accounting.iter_mut().for_each(|parts| abridge_parts(parts, most));
         self.print_ready.iter_mut().for_each(|readiness| readiness.abridge(most));
+        self.unit_candidates.iter_mut().for_each(|candidates| candidates.ranked.truncate(MAX_UNITS));
         self.plan.abridge(&self.steps);
         abridge_steps(&mut self.steps, most);
         abridge_candidates(&mut self.candidates, most);

@@ -7,7 +7,7 @@ use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
     AssumptionKind, Category, ChangeKind, Comparison, NotAppliedCause, OpenSheets, Operator, Options, Outcome,
-    OutputFormat, Preset, RedFlagCode, Repaired, SurvivingInput, WindingRuleChoice, red_flags,
+    OutputFormat, Preset, PrintOptions, RedFlagCode, Repaired, SurvivingInput, WindingRuleChoice, red_flags,
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};
@@ -412,6 +412,7 @@ fn options_out_of_range_are_refused_by_name() {
 #[test]
 fn every_option_is_known_to_the_account_of_those_that_were_not_applied() {
     use utoipa::IntoParams;
-    let names: Vec<String> = Options::into_params(|| None).into_iter().map(|option| option.name).collect();
+    let all = Options::into_params(|| None).into_iter().chain(PrintOptions::into_params(|| None));
+    let names: Vec<String> = all.map(|option| option.name).collect();
     assert_eq!(meshmend::repair::options_accounted_for(), names);
 }

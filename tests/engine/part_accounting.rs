@@ -19,7 +19,7 @@ fn account_parts(before: &Soup, after: &Soup) -> PartAccounting {
         let [before, after] = [before, after].map(|soup| Analysis::new(soup.into(), context).unwrap());
         let measured = measures(&before, context).unwrap();
         let original = Original::new(&before, &measured, CompareOptions::BRIEF);
-        part_accounting(&original, &after, &Options::default(), context).unwrap()
+        part_accounting(&original, &after, &Options::default(), false, context).unwrap()
     });
     let PartAccounting { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } =
         accounts;

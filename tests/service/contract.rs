@@ -158,9 +158,15 @@ async fn a_field_of_the_query_is_documented_as_in_a_body_and_read_as_documented(
     let document = document();
     let fields = document["paths"]["/v1/jobs"]["post"]["parameters"].as_array().expect("fields").clone();
     let field = |name: &str| fields.iter().find(|field| field["name"] == name).expect("a field").clone();
-    let bodies = ["Options", "InspectOptions"].map(|name| &document["components"]["schemas"][name]["properties"]);
+    // A schema that includes another one is a list, with its own properties in one entry.
+    let properties = |name: &str| {
+        let schema = &document["components"]["schemas"][name];
+        let entries = schema["allOf"].as_array().into_iter().flatten().chain([schema]);
+        entries.filter_map(|entry| entry["properties"].as_object()).flatten().collect::<Vec<_>>()
+    };
+    let bodies = ["Options", "PrintOptions", "InspectOptions"].map(properties);
     let mut compared = 0;
-    for (name, option) in bodies.iter().flat_map(|body| body.as_object().expect("options")) {
+    for (name, option) in bodies.into_iter().flatten() {
         let field = field(name);
         let schema =
             if field["schema"].is_null() { &field["content"]["application/json"]["schema"] } else { &field["schema"] };

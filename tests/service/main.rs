@@ -3,6 +3,7 @@
 #[path = "../support/files.rs"]
 mod files;
 #[path = "../support/server.rs"]
+#[allow(dead_code, reason = "shared with the tests of the deployment")]
 mod server;
 
 mod access;

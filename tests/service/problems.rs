@@ -177,7 +177,7 @@ async fn every_wrong_option_is_named_with_what_it_must_be() {
             "`level` is an option of mode `analyze`; this job's mode is `repair`.",
             "There is no option `max_teir`. Did you mean `max_tier`?",
             r#"`max_tier` must be a whole number from 1 to 3; got "2" (text)."#,
-            r#"`preset` must be one of `auto`, `basic-cleanup`, `fill-holes`, `full-repair`, `conservative-repair`, `manifold-repair`, `blender-remesh`; got "fast" (text)."#,
+            r#"`preset` must be one of `auto`, `basic-cleanup`, `fill-holes`, `full-repair`, `conservative-repair`, `manifold-repair`, `blender-remesh`, `generated`; got "fast" (text)."#,
         ]
     );
     assert_eq!(

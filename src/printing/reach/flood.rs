@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::{Fit, Reach};
+use super::octree::{Fit, Reach};
 use crate::mesh::UnionFind;
 
 /// How much longer than the shortest way through undecided leaves a way may be, in leaves,

@@ -6,9 +6,12 @@
 //! of the faces plays no part.
 
 mod flood;
+mod octree;
 
 use flood::Flood;
 use glam::DVec3;
+use octree::{Fit, LEAF, Node};
+pub use octree::{HiddenRegion, Reach, Reached};
 use rayon::prelude::*;
 
 use crate::context::{Cancelled, Context};
@@ -22,9 +25,6 @@ const MAX_DEPTH: u32 = 20;
 const MAX_ROUNDS: u32 = 12;
 /// Nodes evaluated between two checks for cancellation.
 const BATCH: usize = 1 << 14;
-/// A node that is not split.
-const LEAF: u32 = 0;
-
 /// How finely [`Reach`] decides, and how much it may cost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachOptions {
@@ -37,49 +37,6 @@ pub struct ReachOptions {
     pub refinements: u32,
     /// The most octree nodes. Each takes some 100 bytes and one to two microseconds.
     pub max_nodes: usize,
-}
-
-/// Where the centre of the ball may be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reached {
-    /// The ball fits, and comes here from outside.
-    Outside,
-    /// The ball comes here from outside only if some opening as wide as the ball, within the resolution, lets it pass.
-    Doubtful,
-    /// The ball fits, but cannot come here from outside: the index of the hidden region.
-    Hidden(u32),
-    /// The ball does not fit.
-    Blocked,
-}
-
-/// A region in which the ball fits, and which it cannot reach from outside. The inside of a solid is such a region too.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HiddenRegion {
-    /// A point of the region where the ball fits.
-    pub at: DVec3,
-    /// The volume of the possible centres of the ball, from below.
-    pub volume: f64,
-}
-
-/// Whether the ball fits in a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Fit {
-    /// Everywhere.
-    Open,
-    /// Nowhere.
-    Blocked,
-    /// At the finest size, in a part of the node.
-    Undecided,
-}
-
-/// A node of the octree. Its eight children follow each other.
-#[derive(Debug, Clone, Copy)]
-struct Node {
-    /// The first child, or [`LEAF`].
-    children: u32,
-    fit: Fit,
-    /// The label of a leaf.
-    reached: Reached,
 }
 
 /// A node that is to be evaluated.
@@ -102,21 +59,6 @@ enum Clearance {
     Narrow,
     /// Nothing.
     Unknown,
-}
-
-/// The octree of the air that a ball can reach.
-pub struct Reach {
-    diameter: f64,
-    low: DVec3,
-    side: f64,
-    /// The finest level without refinement, and with it.
-    depth: u32,
-    finest: u32,
-    nodes: Vec<Node>,
-    /// Leaves with their level and their cell at that level.
-    leaves: Vec<(u32, u32, [u32; 3])>,
-    regions: Vec<HiddenRegion>,
-    doubtful_volume: f64,
 }
 
 impl Reach {
@@ -202,20 +144,6 @@ impl Reach {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be in range")]
         let cell = scaled.to_array().map(|x| x as u32);
         self.nodes[self.leaf(cell, self.finest).0 as usize].reached
-    }
-
-    /// The node at or above a cell of a level, and the level of that node.
-    fn leaf(&self, cell: [u32; 3], level: u32) -> (u32, u32) {
-        let mut at = 0u32;
-        for step in 0..level {
-            let children = self.nodes[at as usize].children;
-            if children == LEAF {
-                return (at, step);
-            }
-            let shift = level - 1 - step;
-            at = children + cell.iter().enumerate().map(|(axis, x)| (x >> shift & 1) << axis).sum::<u32>();
-        }
-        (at, level)
     }
 
     /// Splits nodes level by level. Returns whether the nodes sufficed.
@@ -410,12 +338,6 @@ impl Reach {
             }
         }
         pairs.into_iter()
-    }
-}
-
-impl Node {
-    const fn undecided() -> Self {
-        Self { children: LEAF, fit: Fit::Undecided, reached: Reached::Blocked }
     }
 }
 

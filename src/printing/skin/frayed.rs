@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::evidence::Evidence;
-use super::labels::Labels;
+use super::states::Labels;
 use crate::arrange::SideLink;
 
 /// The most rounds; chains of such facets are kept one after another.

@@ -11,6 +11,7 @@ mod evidence;
 mod frayed;
 mod labels;
 mod sight;
+mod states;
 
 use glam::DVec3;
 
@@ -24,7 +25,7 @@ pub use accounting::{Accounting, DropReason, DroppedPiece, kept_exactly_pct};
 use double_shell::double_walls;
 pub use double_shell::{DoubleShell, recognise_double_shell};
 use evidence::evidence;
-use labels::{Labels, SideCells};
+use states::{Labels, SideCells};
 
 /// Seals that are tried, as shares of the diagonal.
 const SEALS: [f64; 3] = [0.024, 0.012, 0.006];

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
-use super::labels::{CellState, Labels};
+use super::states::{CellState, Labels};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree, hit, ray_direction};
 

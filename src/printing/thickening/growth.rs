@@ -5,9 +5,9 @@ use crate::mesh::Surface;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::outcome::{Growth, Thickening};
 use super::sides::kept_faces;
 use super::walls::{Opposed, Side, Walls};
-use super::{Growth, Thickening};
 
 /// Factor on the least wall that is aimed at. It covers the rounding of positions.
 pub const AIM: f64 = 1.001;

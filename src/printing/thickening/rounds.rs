@@ -9,11 +9,11 @@ use rustc_hash::FxHashMap;
 
 use super::growth::{Growths, thin_walls};
 use super::layer::layered;
+use super::outcome::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
 use super::places::Places;
 use super::refine::Refined;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
-use super::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 3;

@@ -5,7 +5,7 @@ use crate::mesh::{Edges, Surface, UnionFind};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::Growth;
+use super::outcome::Growth;
 use super::walls::{Opposed, Walls};
 
 /// Cosine of the angle up to which faces at an edge belong to one smooth patch.

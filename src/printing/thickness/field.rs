@@ -4,7 +4,7 @@ use crate::context::{Cancelled, Context};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::ThicknessField;
+use super::places::ThicknessField;
 use super::prepared::{OPPOSED, Prepared};
 
 /// Samples between two checks for cancellation.

@@ -8,7 +8,7 @@ use crate::mesh::{Edges, Stars, Surface};
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
-use super::Side;
+use super::places::Side;
 
 /// Two faces are opposed if the dot product of their unit normals is at most this: their planes enclose at most 36.87
 /// degrees. A wedge with a larger angle is an edge of the solid, not a wall.

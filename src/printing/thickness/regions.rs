@@ -7,9 +7,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::kinds::{Form, Walker};
+use super::places::{FeatureKind, Side, ThinRegion};
 use super::prepared::{OPPOSED, Prepared};
 use super::search::Thinnest;
-use super::{FeatureKind, Side, ThinRegion};
 
 /// Neighbouring faces whose normals have at least this dot product are parts of one side of a wall.
 const SAME_SIDE: f64 = 0.7;

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use smallvec::SmallVec;
 
 use super::facing::{Chord, Least};
+use super::places::{OpposedPair, OpposedPairs};
 use super::prepared::{Below, OPPOSED, Prepared, TILT};
-use super::{OpposedPair, OpposedPairs};
 
 /// Faces searched between two checks for cancellation, by their budget: the first stage has a small one.
 const STAGES: [(usize, u64); 3] = [(1 << 14, 1 << 13), (256, 1 << 19), (8, 1 << 24)];

@@ -4,7 +4,7 @@ use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::printing::skin::{DropReason, OuterSkinError};
-use crate::repair::solid_skin::{Islands, SkinError, SkinOptions, solid_skin};
+use crate::repair::solid_skin::{SkinError, SkinIslands, SkinOptions, solid_skin};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Replaces a model by the boundary of all that air cannot reach from outside through openings wider than the seal.
@@ -42,7 +42,7 @@ impl Operation for FillInterior {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         // Islands are a separate operator, so that the signs of damage are looked for before they go.
-        let islands = Islands::Keep;
+        let islands = SkinIslands::Keep;
         let options = SkinOptions { seal: self.seal, islands, precision: self.precision, ..SkinOptions::default() };
         let result = match solid_skin(surface, &options, context) {
             Ok(result) => result,

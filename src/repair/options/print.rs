@@ -98,10 +98,14 @@ pub enum Islands {
 }
 
 impl Islands {
-    /// Whether small solids may be removed. `auto` removes them only where an interior is filled.
+    /// Whether small solids are removed; `auto` removes them only if the interior is filled.
     #[must_use]
-    pub fn drops(self) -> bool {
-        self != Self::Keep
+    pub fn drops(self, is_interior_filled: bool) -> bool {
+        match self {
+            Self::Auto => is_interior_filled,
+            Self::Keep => false,
+            Self::Drop | Self::Attach => true,
+        }
     }
 }
 

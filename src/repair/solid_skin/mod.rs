@@ -29,7 +29,7 @@ const MAX_OPEN_PCT: f64 = 5.0;
 
 /// What happens to parts that do not touch the largest part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Islands {
+pub enum SkinIslands {
     /// Drops those below the least part volume.
     #[default]
     Drop,
@@ -45,7 +45,7 @@ pub struct SkinOptions {
     /// Openings narrower than this are closed, in the model's unit. None chooses a seal.
     pub seal: Option<f64>,
     /// What happens to islands.
-    pub islands: Islands,
+    pub islands: SkinIslands,
     /// The least volume of a part, in cubic units.
     pub min_part_volume: f64,
     /// The diameter of the struts that attach islands, in the model's unit. None takes 1 % of the diagonal.
@@ -128,11 +128,11 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
     if !resolve(&mut skin, context)? {
         return Err(SkinError::Intersecting);
     }
-    let min_volume = if options.islands == Islands::Keep { 0.0 } else { options.min_part_volume };
+    let min_volume = if options.islands == SkinIslands::Keep { 0.0 } else { options.min_part_volume };
     let [islands, remains] = drop_small(&mut skin, min_volume);
     accounting.drop(&islands, DropReason::Island);
     accounting.drop(&remains, DropReason::Sheet);
-    let attached = if options.islands == Islands::Attach {
+    let attached = if options.islands == SkinIslands::Attach {
         let diameter = options.strut_diameter.unwrap_or(STRUT * surface.bounds().diagonal());
         attach(&mut skin, diameter, options.precision, context)?
     } else {

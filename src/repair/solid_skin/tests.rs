@@ -126,17 +126,17 @@ fn a_sheet_encloses_nothing() {
 #[test]
 fn an_island_is_attached_by_a_strut() {
     let model = surface(&[ball(DVec3::ZERO, 1.0, 3), ball(DVec3::X * 1.5, 0.3, 2)].concat());
-    let options = SkinOptions { seal: Some(0.2), islands: Islands::Attach, ..SkinOptions::default() };
+    let options = SkinOptions { seal: Some(0.2), islands: SkinIslands::Attach, ..SkinOptions::default() };
     let result = skin(&model, SkinOptions { strut_diameter: Some(0.1), ..options });
     let [strut] = &result.attached[..] else { panic!("{:?}", result.attached) };
     assert!((strut.gap - 0.2).abs() < 0.02, "{strut:?}");
     let edges = Edges::new(&result.surface.faces);
     assert!(ClosedSurface::new(&result.surface, &edges).is_ok());
     assert_eq!(crate::mesh::Parts::new(&result.surface, &edges).count, 1);
-    let apart = skin(&model, SkinOptions { islands: Islands::Keep, ..options });
+    let apart = skin(&model, SkinOptions { islands: SkinIslands::Keep, ..options });
     let added = volume(&result.surface) - volume(&apart.surface);
     assert!(added > 0.0 && added < 0.1 * 0.1 * 0.4, "{added}");
-    let dropped = skin(&model, SkinOptions { islands: Islands::Drop, min_part_volume: 1.0, ..options });
+    let dropped = skin(&model, SkinOptions { islands: SkinIslands::Drop, min_part_volume: 1.0, ..options });
     assert_eq!(dropped.dropped.len(), 1);
     assert_eq!(dropped.dropped[0].reason, DropReason::Island);
 }
