@@ -23,7 +23,7 @@ pub async fn times(store: &dyn Store, jobs: usize, report: &JobReport) -> Vec<Du
             sha256: "0".repeat(64),
             format: Format::Stl,
         };
-        store.waiting("default").await.expect("an answer");
+        store.queued_counts("default").await.expect("an answer");
         store.submit(NewJob::new(id, "default", vec![input], JobOptions::default())).await.expect("accepted");
         let claim = store.claim("bench", LEASE, u32::MAX).await.expect("an answer").expect("a job");
         let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 50 };

@@ -44,7 +44,10 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
     if let Some(unsupported) = recognise_unsupported(head) {
         return Err(ReadError::for_file(
             ReadErrorKind::UnsupportedFormat,
-            format!("the file is {}, which can't be read; {}, and send that file", unsupported.name, unsupported.advice),
+            format!(
+                "the file is {}, which can't be read; {}, and send that file",
+                unsupported.name, unsupported.advice
+            ),
         ));
     }
     let first = Text::new(&head[start..]).with_comments().word().map_or(&[][..], |word| word.bytes);

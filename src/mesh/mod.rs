@@ -17,7 +17,7 @@ pub use connectivity::{Fans, Parts, UnionFind};
 pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};
 pub use soup::{CornerNormals, Numbering, OmittedFace, Soup};
 pub use surface::{
-    BASE_SOURCE, ClosedSurface, Ingest, NO_SOURCE, NotClosed, OPENED_SKIN_SOURCE, REQUESTED_SOURCE, SKIN_SOURCE, Surface, is_generated,
-    position_key,
+    BASE_SOURCE, ClosedSurface, Ingest, NO_SOURCE, NotClosed, OPENED_SKIN_SOURCE, REQUESTED_SOURCE, SKIN_SOURCE,
+    Surface, is_generated, position_key,
 };
 pub use weld::weld_exactly;

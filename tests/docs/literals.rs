@@ -182,7 +182,10 @@ fn flags_that_texts_name_exist() {
     let mut unknown = Vec::new();
     for (place, text) in texts() {
         for (at, _) in text.match_indices("--").filter(|(at, _)| text[..*at].ends_with([' ', '`', '('])) {
-            let flag: String = text[at + 2..].chars().take_while(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || *c == '-').collect();
+            let flag: String = text[at + 2..]
+                .chars()
+                .take_while(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || *c == '-')
+                .collect();
             if !flag.is_empty() && !fields.0.contains(&flag.replace('-', "_")) {
                 unknown.push(format!("{place}: --{flag}: {text}"));
             }

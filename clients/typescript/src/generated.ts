@@ -988,6 +988,28 @@ export interface components {
          * @enum {string}
          */
         Category: "clean" | "holes" | "many_small_holes" | "non_manifold" | "self_intersecting" | "fragmented" | "multiple_components" | "orientation" | "degenerate" | "open_sheet" | "complex";
+        /** @description A sealed cavity: a space of air that no way connects with the outside. */
+        Cavity: {
+            /** @description A point inside, in the file's unit. */
+            at: number[];
+            /**
+             * Format: double
+             * @description Width of the narrowest passage between its chambers; absent for a cavity of one chamber.
+             */
+            narrowest_mm?: number | null;
+            /** @description Number of separate solids inside. */
+            solids: number;
+            /**
+             * Format: double
+             * @description Volume, without the solids inside.
+             */
+            volume_mm3: number;
+            /**
+             * Format: double
+             * @description Diameter of the largest ball that fits, from below; 0 if none was found.
+             */
+            widest_mm: number;
+        };
         /** @description One kind of change that an operator made, such as 12 `duplicate_faces_removed`. */
         Change: {
             /**
@@ -2483,6 +2505,13 @@ export interface components {
         };
         /** @description Whether a file meets the rules of a process. */
         PrintReadiness: {
+            /** @description Sealed cavities, the largest first; at most 20. */
+            cavities?: components["schemas"]["Cavity"][];
+            /**
+             * @description Resin cups in the model's present orientation, the largest first; at most 20. Listed only for processes that print
+             *     in liquid resin.
+             */
+            cups?: components["schemas"]["ResinCup"][];
             /** @description Name of the profile. */
             process: string;
             /** @description Whether the file passes every rule. A rule that could not be decided counts as not passed. */
@@ -2672,6 +2701,8 @@ export interface components {
             /** @description Other names that the option `process` accepts. */
             aliases?: string[];
             build_volume_mm?: components["schemas"]["BuildVolume"] | null;
+            /** @description Whether the process prints in liquid resin, so that hollows which open upward fill while they are printed. */
+            checks_cups?: boolean;
             /** @description Narrowest gap between two separate solids. */
             clearance_mm: components["schemas"]["Limit"];
             /** @description Narrowest embossed detail. */
@@ -2917,6 +2948,21 @@ export interface components {
          * @enum {string}
          */
         Require: "any" | "printable" | "print_ready";
+        /** @description A resin cup: a hollow that is cut off from the outside while the layers below its brim are printed. */
+        ResinCup: {
+            /** @description The lowest point, where a drain would empty the cup, in the file's unit. */
+            at: number[];
+            /**
+             * Format: double
+             * @description Area of the opening at the brim.
+             */
+            opening_mm2: number;
+            /**
+             * Format: double
+             * @description Volume below the brim.
+             */
+            volume_mm3: number;
+        };
         /**
          * @description Whether a file passes a rule.
          * @enum {string}
@@ -4004,6 +4050,7 @@ export type BuildVolume = components['schemas']['BuildVolume'];
 export type Candidate = components['schemas']['Candidate'];
 export type Capabilities = components['schemas']['Capabilities'];
 export type Category = components['schemas']['Category'];
+export type Cavity = components['schemas']['Cavity'];
 export type Change = components['schemas']['Change'];
 export type Changes = components['schemas']['Changes'];
 export type Characteristics = components['schemas']['Characteristics'];
@@ -4101,6 +4148,7 @@ export type RepairJobOptions = components['schemas']['RepairJobOptions'];
 export type RepairReport = components['schemas']['RepairReport'];
 export type Report = components['schemas']['Report'];
 export type Require = components['schemas']['Require'];
+export type ResinCup = components['schemas']['ResinCup'];
 export type RuleOutcome = components['schemas']['RuleOutcome'];
 export type RulePlace = components['schemas']['RulePlace'];
 export type RuleResult = components['schemas']['RuleResult'];

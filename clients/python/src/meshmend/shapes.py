@@ -90,6 +90,21 @@ Category: TypeAlias = Literal['clean', 'holes', 'many_small_holes', 'non_manifol
 """The category of a model's damage, after the MeshPrep repair strategy guide ("Category-to-Filter Mapping")."""
 
 
+class Cavity(TypedDict):
+    """A sealed cavity: a space of air that no way connects with the outside."""
+
+    at: list[float]
+    """A point inside, in the file's unit."""
+    narrowest_mm: NotRequired[float | None]
+    """Width of the narrowest passage between its chambers; absent for a cavity of one chamber."""
+    solids: int
+    """Number of separate solids inside."""
+    volume_mm3: float
+    """Volume, without the solids inside."""
+    widest_mm: float
+    """Diameter of the largest ball that fits, from below; 0 if none was found."""
+
+
 class Change(TypedDict):
     """One kind of change that an operator made, such as 12 `duplicate_faces_removed`."""
 
@@ -511,6 +526,8 @@ class Profile(TypedDict, closed=True):
     aliases: NotRequired[list[str]]
     """Other names that the option `process` accepts."""
     build_volume_mm: NotRequired[BuildVolume | None]
+    checks_cups: NotRequired[bool]
+    """Whether the process prints in liquid resin, so that hollows which open upward fill while they are printed."""
     clearance_mm: Limit
     """Narrowest gap between two separate solids."""
     embossed_mm: Limit
@@ -600,6 +617,17 @@ class RemesherInfo(TypedDict):
 
 Require: TypeAlias = Literal['any', 'printable', 'print_ready']
 """The result that a repair must reach to succeed."""
+
+
+class ResinCup(TypedDict):
+    """A resin cup: a hollow that is cut off from the outside while the layers below its brim are printed."""
+
+    at: list[float]
+    """The lowest point, where a drain would empty the cup, in the file's unit."""
+    opening_mm2: float
+    """Area of the opening at the brim."""
+    volume_mm3: float
+    """Volume below the brim."""
 
 
 RuleOutcome: TypeAlias = Literal['pass', 'fail', 'undecided']
@@ -2125,6 +2153,13 @@ class Plan(TypedDict):
 class PrintReadiness(TypedDict):
     """Whether a file meets the rules of a process."""
 
+    cavities: NotRequired[list[Cavity]]
+    """Sealed cavities, the largest first; at most 20."""
+    cups: NotRequired[list[ResinCup]]
+    """
+    Resin cups in the model's present orientation, the largest first; at most 20. Listed only for processes that print
+    in liquid resin.
+    """
     process: str
     """Name of the profile."""
     ready: bool
