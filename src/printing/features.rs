@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::profile::Profile;
 use super::rules::PrintRule;
-use super::thickness::{FeatureKind, Side, ThinRegion, rounded_limit, thin_features};
+use super::thickness::{FeatureKind, Space, ThinRegion, rounded_limit, thin_features};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 
@@ -45,7 +45,7 @@ pub fn find_features(analysis: &Analysis<'_>, profile: &Profile, context: &Conte
     let gaps = [&profile.hole_mm, &profile.gap_mm, &profile.clearance_mm];
     let largest = |limits: &[&super::profile::Limit]| limits.iter().map(|limit| limit.limit).fold(0.0, f64::max);
     let mut found = Features { all: Vec::new(), is_complete: true };
-    for (side, limit_mm) in [(Side::Material, largest(&walls)), (Side::Air, largest(&gaps))] {
+    for (side, limit_mm) in [(Space::Material, largest(&walls)), (Space::Air, largest(&gaps))] {
         let limit = rounded_limit(&analysis.surface, limit_mm / mm);
         let thin = thin_features(&analysis.surface, limit, side, context)?;
         found.is_complete &= thin.pairs.is_complete;

@@ -11,7 +11,7 @@ use crate::context::Context;
 use crate::format::{self, Limits, ReadOptions};
 use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::mesh::Soup;
-use crate::printing::thickness::{Side, thickness_field};
+use crate::printing::thickness::{Space, thickness_field};
 use crate::render::{self, Drawing, Marked, draw_change, draw_remaining, draw_repaired, draw_thickness};
 
 impl Report {
@@ -92,7 +92,7 @@ fn draw_walls(
     limit_mm: f64,
     context: &Context<'_>,
 ) -> Result<Vec<Drawing>, DrawError> {
-    let field = thickness_field(&after.surface, Side::Material, context)?;
+    let field = thickness_field(&after.surface, Space::Material, context)?;
     let mut of_face = vec![f32::INFINITY; soup.faces.len()];
     for (&source, &value) in after.surface.source.iter().zip(&field.at_faces) {
         of_face[source as usize] = value;

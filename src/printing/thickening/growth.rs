@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::outcome::{Growth, Thickening};
 use super::sides::kept_faces;
-use super::walls::{Opposed, Side, Walls};
+use super::walls::{Opposed, WallSide, Walls};
 
 /// Factor on the least wall that is aimed at. It covers the rounding of positions.
 pub const AIM: f64 = 1.001;
@@ -109,7 +109,7 @@ impl<'a> Growths<'a> {
 
     /// The growth that a point of a face needs.
     pub fn at(&self, point: DVec3, face: u32) -> f64 {
-        let opposed = self.walls.of_point((point, face), self.min_wall(), Side::Material, MAX_AT_POINT);
+        let opposed = self.walls.of_point((point, face), self.min_wall(), WallSide::Material, MAX_AT_POINT);
         opposed.iter().map(|wall| self.of_wall(face, wall)).fold(0.0, f64::max)
     }
 
@@ -155,7 +155,7 @@ impl<'a> Growths<'a> {
             return 0.0;
         }
         let reach = 2.0 * wanted + self.min_gap();
-        let gaps = self.walls.of_point((point, face), reach, Side::Air, MAX_AT_POINT);
+        let gaps = self.walls.of_point((point, face), reach, WallSide::Air, MAX_AT_POINT);
         let room = |gap: &Opposed| {
             let room = (gap.distance - self.min_gap()).max(0.0);
             let is_shared = self.is_thin(gap.face) && !self.kept[gap.face as usize];
@@ -190,7 +190,7 @@ pub fn thin_walls(
     for batch in faces.chunks(BATCH) {
         context.check()?;
         let of_batch: Vec<Vec<Opposed>> =
-            batch.par_iter().map(|&face| walls.of_face(face, min_wall, Side::Material, MAX_WITNESSES)).collect();
+            batch.par_iter().map(|&face| walls.of_face(face, min_wall, WallSide::Material, MAX_WITNESSES)).collect();
         thin.extend(of_batch);
     }
     Ok(thin)

@@ -20,7 +20,7 @@ pub const NOISE: f64 = 16.0 / (1 << 24) as f64;
 
 /// The side of a face on which its opposed faces are searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
+pub enum WallSide {
     /// Behind the face: walls.
     Material,
     /// In front of the face: gaps.
@@ -72,12 +72,12 @@ impl<'a> Walls<'a> {
     }
 
     /// The `most` faces opposed to a face, nearer than `limit`, nearest first. Blocked segments are left out.
-    pub fn of_face(&self, face: u32, limit: f64, side: Side, most: usize) -> Vec<Opposed> {
+    pub fn of_face(&self, face: u32, limit: f64, side: WallSide, most: usize) -> Vec<Opposed> {
         self.nearest_unblocked(face, self.aligned(face, limit, side), most)
     }
 
     /// The faces opposed to a face, nearer than `limit`, also behind others.
-    fn aligned(&self, face: u32, limit: f64, side: Side) -> Vec<Opposed> {
+    fn aligned(&self, face: u32, limit: f64, side: WallSide) -> Vec<Opposed> {
         let own = self.corners(face);
         let mut found = self.candidates(Box3::of(own), face, limit, side);
         found.retain_mut(|other| {
@@ -93,7 +93,7 @@ impl<'a> Walls<'a> {
     }
 
     /// As [`Walls::of_face`], for a point of a face.
-    pub fn of_point(&self, (point, face): (DVec3, u32), limit: f64, side: Side, most: usize) -> Vec<Opposed> {
+    pub fn of_point(&self, (point, face): (DVec3, u32), limit: f64, side: WallSide, most: usize) -> Vec<Opposed> {
         let mut found = self.candidates(Box3::of([point]), face, limit, side);
         found.retain_mut(|other| {
             let to = nearest_on_triangle(point, self.corners(other.face));
@@ -106,7 +106,7 @@ impl<'a> Walls<'a> {
     /// As [`Walls::of_face`] for the nearest wall through material, but faces may block the segment to an opposed face for
     /// which `is_known` holds.
     pub fn nearest_wall(&self, face: u32, limit: f64, is_known: impl Fn(u32) -> bool) -> Option<Opposed> {
-        let mut found = self.aligned(face, limit, Side::Material);
+        let mut found = self.aligned(face, limit, WallSide::Material);
         found.sort_by(|a, b| a.thickness.total_cmp(&b.thickness).then(a.face.cmp(&b.face)));
         found
             .into_iter()
@@ -129,7 +129,7 @@ impl<'a> Walls<'a> {
     }
 
     /// The opposed faces whose boxes are within `limit` of a box.
-    fn candidates(&self, mut bounds: Box3, face: u32, limit: f64, side: Side) -> Vec<Opposed> {
+    fn candidates(&self, mut bounds: Box3, face: u32, limit: f64, side: WallSide) -> Vec<Opposed> {
         let mut found = Vec::new();
         let normal = self.normal(face);
         if normal == DVec3::ZERO {
@@ -148,26 +148,26 @@ impl<'a> Walls<'a> {
     }
 
     /// The least distance of three points from the plane of a face, on the given side.
-    fn least_depth(&self, face: u32, points: [DVec3; 3], side: Side) -> f64 {
+    fn least_depth(&self, face: u32, points: [DVec3; 3], side: WallSide) -> f64 {
         let ([origin, ..], normal) = (self.corners(face), self.normal(face));
-        let sign = if side == Side::Material { -1.0 } else { 1.0 };
+        let sign = if side == WallSide::Material { -1.0 } else { 1.0 };
         points.iter().map(|&p| (p - origin).dot(normal) * sign).fold(f64::INFINITY, f64::min)
     }
 
     /// Whether each of two faces has a part on the given side of the other.
-    fn faces_side(&self, face: u32, other: u32, side: Side) -> bool {
+    fn faces_side(&self, face: u32, other: u32, side: WallSide) -> bool {
         let behind = |face: u32, other: u32| {
             let ([origin, ..], normal) = (self.corners(face), self.normal(face));
-            let sign = if side == Side::Material { -1.0 } else { 1.0 };
+            let sign = if side == WallSide::Material { -1.0 } else { 1.0 };
             self.corners(other).iter().any(|&p| (p - origin).dot(normal) * sign > 0.0)
         };
         behind(face, other) && behind(other, face)
     }
 
     /// Whether a segment leaves its face on the given side, and arrives from that side at the opposed face.
-    fn is_aligned(&self, face: u32, other: &Opposed, side: Side) -> bool {
+    fn is_aligned(&self, face: u32, other: &Opposed, side: WallSide) -> bool {
         let [from, to] = other.points;
-        let sign = if side == Side::Material { 1.0 } else { -1.0 };
+        let sign = if side == WallSide::Material { 1.0 } else { -1.0 };
         if other.distance <= self.contact {
             return self.is_wedge(face, other.face, from.midpoint(to), sign);
         }

@@ -18,7 +18,7 @@ mod search;
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
 pub use places::{
-    FeatureKind, LeastThickness, OpposedPair, OpposedPairs, Side, ThicknessField, ThinFeatures, ThinRegion,
+    FeatureKind, LeastThickness, OpposedPair, OpposedPairs, Space, ThicknessField, ThinFeatures, ThinRegion,
 };
 
 use prepared::Prepared;
@@ -31,7 +31,7 @@ use regions::Grouping;
 pub fn thin_features(
     surface: &Surface,
     below: f64,
-    side: Side,
+    side: Space,
     context: &Context<'_>,
 ) -> Result<ThinFeatures, Cancelled> {
     let prepared = Prepared::new(surface, side);
@@ -45,7 +45,7 @@ pub fn thin_features(
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
-pub fn least_thickness(surface: &Surface, side: Side, context: &Context<'_>) -> Result<LeastThickness, Cancelled> {
+pub fn least_thickness(surface: &Surface, side: Space, context: &Context<'_>) -> Result<LeastThickness, Cancelled> {
     let prepared = Prepared::new(surface, side);
     // The margin keeps the place itself below the bound in spite of rounding.
     let bound = prepared.least_ray(context)? * (1.0 + 1e-9);
@@ -61,7 +61,7 @@ pub fn least_thickness(surface: &Surface, side: Side, context: &Context<'_>) -> 
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
-pub fn thickness_field(surface: &Surface, side: Side, context: &Context<'_>) -> Result<ThicknessField, Cancelled> {
+pub fn thickness_field(surface: &Surface, side: Space, context: &Context<'_>) -> Result<ThicknessField, Cancelled> {
     Prepared::new(surface, side).field(context)
 }
 
@@ -76,7 +76,7 @@ pub fn thickness_field(surface: &Surface, side: Side, context: &Context<'_>) -> 
 pub fn opposed_pairs(
     surface: &Surface,
     below: f64,
-    side: Side,
+    side: Space,
     context: &Context<'_>,
 ) -> Result<OpposedPairs, Cancelled> {
     let prepared = Prepared::new(surface, side);

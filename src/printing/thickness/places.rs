@@ -4,7 +4,7 @@ use glam::DVec3;
 
 /// What is measured: the solid, or the space around it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
+pub enum Space {
     /// Walls, wires and pins.
     Material,
     /// Gaps, slots and holes.

@@ -8,7 +8,7 @@ use crate::mesh::{Edges, Stars, Surface};
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 
-use super::places::Side;
+use super::places::Space;
 
 /// Two faces are opposed if the dot product of their unit normals is at most this: their planes enclose at most 36.87
 /// degrees. A wedge with a larger angle is an edge of the solid, not a wall.
@@ -67,13 +67,13 @@ pub(super) struct Prepared<'a> {
 }
 
 impl<'a> Prepared<'a> {
-    pub fn new(surface: &'a Surface, side: Side) -> Self {
+    pub fn new(surface: &'a Surface, side: Space) -> Self {
         let scale = unit_scale(&surface.positions);
         let mut own = Cow::Borrowed(surface);
         if scale != 1.0 {
             own.to_mut().positions.iter_mut().for_each(|p| *p *= scale);
         }
-        if side == Side::Air {
+        if side == Space::Air {
             own.to_mut().faces.iter_mut().for_each(|face| face.swap(1, 2));
         }
         let largest = own.positions.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));

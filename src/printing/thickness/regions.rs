@@ -7,7 +7,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::kinds::{Form, Walker};
-use super::places::{FeatureKind, Side, ThinRegion};
+use super::places::{FeatureKind, Space, ThinRegion};
 use super::prepared::{OPPOSED, Prepared};
 use super::search::Thinnest;
 
@@ -44,7 +44,7 @@ pub(super) struct Grouping<'a> {
     pub prepared: &'a Prepared<'a>,
     pub all: &'a [Thinnest],
     pub limit: f64,
-    pub side: Side,
+    pub side: Space,
 }
 
 impl Grouping<'_> {
@@ -54,7 +54,7 @@ impl Grouping<'_> {
         let parts = Parts::new(&self.prepared.surface, &edges);
         let is_between = |f: u32| {
             let wall = self.all[f as usize].wall;
-            self.side == Side::Air
+            self.side == Space::Air
                 && wall.is_some_and(|(other, _)| parts.of_face[f as usize] != parts.of_face[other as usize])
         };
         let wall = |f: u32| self.all[f as usize].wall.map(|(other, _)| other);
@@ -210,13 +210,13 @@ impl Grouping<'_> {
 
     fn name(&self, form: Form) -> FeatureKind {
         match (self.side, form) {
-            (Side::Material, Form::Sheet { is_supported: true }) => FeatureKind::SupportedWall,
-            (Side::Material, Form::Sheet { is_supported: false }) => FeatureKind::FreeWall,
-            (Side::Material, Form::Rod { held: 2.. }) => FeatureKind::Wire,
-            (Side::Material, Form::Rod { .. }) => FeatureKind::Pin,
-            (Side::Air, Form::Sheet { .. }) => FeatureKind::Slot,
-            (Side::Air, Form::Rod { held: 2.. }) => FeatureKind::ThroughHole,
-            (Side::Air, Form::Rod { .. }) => FeatureKind::BlindHole,
+            (Space::Material, Form::Sheet { is_supported: true }) => FeatureKind::SupportedWall,
+            (Space::Material, Form::Sheet { is_supported: false }) => FeatureKind::FreeWall,
+            (Space::Material, Form::Rod { held: 2.. }) => FeatureKind::Wire,
+            (Space::Material, Form::Rod { .. }) => FeatureKind::Pin,
+            (Space::Air, Form::Sheet { .. }) => FeatureKind::Slot,
+            (Space::Air, Form::Rod { held: 2.. }) => FeatureKind::ThroughHole,
+            (Space::Air, Form::Rod { .. }) => FeatureKind::BlindHole,
         }
     }
 

@@ -4,7 +4,7 @@ use super::layer_union::LayerUnion;
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
 use crate::printing::thickening::{Growth, PlaceResult, ThickenedPlace, Thickening, ThickeningError, ThinReason};
-use crate::printing::thickness::{FeatureKind, Side, ThinRegion, rounded_limit, thin_features};
+use crate::printing::thickness::{FeatureKind, Space, ThinRegion, rounded_limit, thin_features};
 use crate::repair::options::WallGrowth;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -66,7 +66,7 @@ impl Operation for ThickenWalls {
         }
         // Another measure than that of the thickening decides what is left.
         let limit = rounded_limit(surface, settings.min_wall);
-        let thin = thin_features(surface, limit, Side::Material, context)?;
+        let thin = thin_features(surface, limit, Space::Material, context)?;
         let left: Vec<&ThinRegion> =
             thin.regions.iter().filter(|region| region.kind != FeatureKind::SharpEdge).collect();
         let changes = Change::list([

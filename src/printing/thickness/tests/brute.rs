@@ -65,8 +65,8 @@ fn no_face_is_thicker_than_a_brute_force_search_finds_it() {
         let lump = lump(&mut random);
         let lump = split(turned(lump, &mut random), 10, &mut random);
         let limit = random.between(0.3, 2.0);
-        for side in [Side::Material, Side::Air] {
-            let seen = if side == Side::Air { flipped(lump.clone()) } else { lump.clone() };
+        for side in [Space::Material, Space::Air] {
+            let seen = if side == Space::Air { flipped(lump.clone()) } else { lump.clone() };
             let found = search(&lump, limit, side);
             let mut of_face = vec![f64::INFINITY; lump.faces.len()];
             for pair in found.walls.iter().chain(&found.tips) {
@@ -90,7 +90,7 @@ fn chords_lie_inside_and_are_not_shorter_than_measured() {
     let mut random = Random(12);
     for _ in 0..40 {
         let lump = turned(lump(&mut random), &mut random);
-        let found = search(&lump, 1.5, Side::Material);
+        let found = search(&lump, 1.5, Space::Material);
         for pair in found.walls {
             let [p, q] = pair.points;
             let middle = (p + q) / 2.0;
@@ -115,14 +115,14 @@ fn the_result_is_the_same_for_any_number_of_threads_and_order() {
     let lump = split(turned(lump(&mut random), &mut random), 200, &mut random);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| search(&lump, 1.5, Side::Material))
+        pool.install(|| search(&lump, 1.5, Space::Material))
     };
     let one = run(1);
     assert!(!one.walls.is_empty());
     assert_eq!(one, run(3));
     let mut reversed = lump.clone();
     reversed.faces.reverse();
-    let other = search(&reversed, 1.5, Side::Material);
+    let other = search(&reversed, 1.5, Space::Material);
     assert_eq!(one.walls.len(), other.walls.len());
     let last = lump.faces.len() as u32 - 1;
     for (a, b) in one.walls.iter().zip(other.walls.iter().rev()) {

@@ -4,7 +4,7 @@ use super::shapes::*;
 use super::*;
 
 fn field(surface: &Surface) -> ThicknessField {
-    let field = with_context(|context| thickness_field(surface, Side::Material, context)).unwrap();
+    let field = with_context(|context| thickness_field(surface, Space::Material, context)).unwrap();
     assert!(field.is_complete);
     field
 }
@@ -65,12 +65,12 @@ fn the_least_thickness_is_that_of_the_thinnest_wall() {
     };
     for w in [0.5, 2.0, 2.9, 5.0] {
         let shape = split(turned(tray(w), &mut random), 100, &mut random);
-        let least = with_context(|context| least_thickness(&shape, Side::Material, context)).unwrap();
+        let least = with_context(|context| least_thickness(&shape, Space::Material, context)).unwrap();
         let pair = least.pair.unwrap();
         assert!(least.is_complete && (pair.thickness - w.min(3.0)).abs() < 1e-9, "{w} {pair:?}");
     }
     let none = revolved(&[[0.0, 0.0], [4.0, 0.0], [0.0, 2.0]], 3);
-    let least = with_context(|context| least_thickness(&none, Side::Material, context)).unwrap();
+    let least = with_context(|context| least_thickness(&none, Space::Material, context)).unwrap();
     assert_eq!((least.pair, least.is_complete), (None, true));
 }
 
@@ -128,11 +128,11 @@ fn known_walls_of_random_shapes_are_found_within_two_percent() {
         let shape = split(shape, splits, &mut random);
         let scale = [1.0, 64.0, 1.0 / 1024.0][i % 3];
         let shape = scaled(turned(shape, &mut random), scale);
-        let least = with_context(|context| least_thickness(&shape, Side::Material, context)).unwrap();
+        let least = with_context(|context| least_thickness(&shape, Space::Material, context)).unwrap();
         let found = least.pair.unwrap().thickness / scale;
         assert!(least.is_complete && (found / w - 1.0).abs() < 0.02, "shape {i}: {found} for {w}");
         let (below, above) = (w * scale * 0.975, w * scale * 1.025);
-        let run = |limit: f64| with_context(|c| opposed_pairs(&shape, limit, Side::Material, c)).unwrap().walls;
+        let run = |limit: f64| with_context(|c| opposed_pairs(&shape, limit, Space::Material, c)).unwrap().walls;
         assert!(run(below).is_empty() && !run(above).is_empty(), "shape {i}");
     }
 }

@@ -4,7 +4,7 @@ use super::shapes::*;
 use super::*;
 
 /// The kinds of a surface's features, without sharp edges.
-fn kinds(surface: &Surface, below: f64, side: Side) -> Vec<FeatureKind> {
+fn kinds(surface: &Surface, below: f64, side: Space) -> Vec<FeatureKind> {
     let found = with_context(|context| thin_features(surface, below, side, context)).unwrap();
     for region in &found.regions {
         assert!(region.is_decided && region.least < below && region.mean >= region.least, "{region:?}");
@@ -14,7 +14,7 @@ fn kinds(surface: &Surface, below: f64, side: Side) -> Vec<FeatureKind> {
 }
 
 /// The kind is the same for a shape that is turned, scaled, and has its faces split.
-fn assert_kinds(surface: &Surface, below: f64, side: Side, expected: &[FeatureKind]) {
+fn assert_kinds(surface: &Surface, below: f64, side: Space, expected: &[FeatureKind]) {
     let mut random = Random(3);
     assert_eq!(kinds(surface, below, side), expected, "as built");
     for _ in 0..3 {
@@ -28,7 +28,7 @@ fn assert_kinds(surface: &Surface, below: f64, side: Side, expected: &[FeatureKi
 }
 
 use FeatureKind::*;
-use Side::{Air, Material};
+use Space::{Air, Material};
 
 #[test]
 fn a_plate_is_a_free_wall() {

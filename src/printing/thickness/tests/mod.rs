@@ -9,13 +9,13 @@ use glam::DVec3;
 use super::*;
 use shapes::*;
 
-fn search(surface: &Surface, below: f64, side: Side) -> OpposedPairs {
+fn search(surface: &Surface, below: f64, side: Space) -> OpposedPairs {
     let found = with_context(|context| opposed_pairs(surface, below, side, context)).unwrap();
     assert!(found.is_complete, "{:?}", found.undecided_faces);
     found
 }
 
-fn least(surface: &Surface, below: f64, side: Side) -> Option<f64> {
+fn least(surface: &Surface, below: f64, side: Space) -> Option<f64> {
     search(surface, below, side).walls.iter().map(|pair| pair.thickness).min_by(f64::total_cmp)
 }
 
@@ -23,8 +23,8 @@ fn least(surface: &Surface, below: f64, side: Side) -> Option<f64> {
 fn a_plate_of_exactly_the_limit_is_not_thin_and_an_ulp_less_is() {
     for w in [0.8, 1.0, 0.3] {
         let plate = cuboid([20.0, 30.0, w]);
-        assert_eq!(least(&plate, w, Side::Material), None);
-        assert_eq!(least(&plate, w.next_up(), Side::Material), Some(w));
+        assert_eq!(least(&plate, w, Space::Material), None);
+        assert_eq!(least(&plate, w.next_up(), Space::Material), Some(w));
     }
 }
 
@@ -36,7 +36,7 @@ fn every_face_of_a_thin_plate_but_its_rim_has_a_witness() {
         let plate = split(cuboid([20.0, 30.0, w]), 60, &mut random);
         let plate = scaled(turned(plate, &mut random), [1.0, 1024.0, 1.0 / 4096.0][i % 3]);
         let scale = [1.0, 1024.0, 1.0 / 4096.0][i % 3];
-        let found = search(&plate, scale, Side::Material);
+        let found = search(&plate, scale, Space::Material);
         for pair in &found.walls {
             assert!((pair.thickness / (w * scale) - 1.0).abs() < 1e-9);
             assert!((pair.points[0].distance(pair.points[1]) - pair.distance).abs() < 1e-9 * scale);
@@ -54,9 +54,9 @@ fn every_face_of_a_thin_plate_but_its_rim_has_a_witness() {
 fn a_prism_is_as_thick_as_its_flats_are_apart() {
     for n in [4, 6, 8, 10, 12, 16, 20, 24, 50, 64] {
         let pin = prism(n, 0.5, 9.0);
-        let found = least(&pin, 1.01, Side::Material).unwrap();
+        let found = least(&pin, 1.01, Space::Material).unwrap();
         assert!((found - 1.0).abs() < 1e-6, "{n} {found}");
-        assert_eq!(least(&pin, 1.0 - 1e-6, Side::Material), None, "{n}");
+        assert_eq!(least(&pin, 1.0 - 1e-6, Space::Material), None, "{n}");
     }
 }
 
@@ -65,15 +65,15 @@ fn a_tube_and_a_torus_are_as_thick_as_their_walls() {
     for n in [24, 60, 96] {
         let outer = 5.0 / (std::f64::consts::PI / n as f64).cos();
         let tube = revolved(&[[4.4, 0.0], [outer, 0.0], [outer, 10.0], [4.4, 10.0]], n);
-        let found = least(&tube, 1.0, Side::Material).unwrap();
+        let found = least(&tube, 1.0, Space::Material).unwrap();
         let wall = 5.0 - 4.4 * (std::f64::consts::PI / n as f64).cos();
         assert!((found - wall).abs() < 1e-9, "{n} {found} {wall}");
     }
     for n in [24, 48, 100] {
         let ring = torus(6.0, 0.5, n, 24);
-        let found = least(&ring, 1.2, Side::Material).unwrap();
+        let found = least(&ring, 1.2, Space::Material).unwrap();
         assert!((found - 1.0).abs() < 0.02, "{n} {found}");
-        assert_eq!(least(&ring, 0.97, Side::Material), None);
+        assert_eq!(least(&ring, 0.97, Space::Material), None);
     }
 }
 
@@ -88,7 +88,7 @@ fn a_wedge_is_a_tip_below_37_degrees_and_nothing_above() {
         let wedge = welded(&[[a, b, c], [d, f, e], [a, d, e], [a, e, b], [b, e, f], [b, f, c], [c, f, d], [c, d, a]]);
         let mut random = Random(7);
         for wedge in [wedge.clone(), turned(split(wedge, 100, &mut random), &mut random)] {
-            let found = search(&wedge, 1.0, Side::Material);
+            let found = search(&wedge, 1.0, Space::Material);
             assert_eq!(!found.tips.is_empty(), is_tip, "{degrees}");
             assert!(found.walls.is_empty(), "{degrees} {:?}", found.walls);
         }
@@ -99,7 +99,7 @@ fn a_wedge_is_a_tip_below_37_degrees_and_nothing_above() {
 fn edges_and_corners_of_a_thick_box_are_no_walls() {
     let mut random = Random(5);
     let cube = split(cuboid([9.0, 9.0, 9.0]), 300, &mut random);
-    assert_eq!(search(&turned(cube, &mut random), 8.99, Side::Material).walls, []);
+    assert_eq!(search(&turned(cube, &mut random), 8.99, Space::Material).walls, []);
 }
 
 #[test]
@@ -126,7 +126,7 @@ fn a_truncated_wedge_is_as_thick_as_its_end() {
             })
             .sum();
         let fin = if volume < 0.0 { flipped(fin) } else { fin };
-        let found = least(&fin, 1.0, Side::Material).unwrap();
+        let found = least(&fin, 1.0, Space::Material).unwrap();
         assert!((found / 0.6 - 1.0).abs() < 0.02, "{degrees} {found}");
     }
 }
@@ -137,7 +137,7 @@ fn a_neck_between_two_blocks_is_found_at_its_edges() {
     let s = blocks(&[0.0, 5.0, 5.3, 10.0], &[0.0, 4.0], &[0.0, 5.0, 5.4, 10.0], |i, _, k| {
         (i <= 1 && k <= 1) || (i >= 1 && k >= 1)
     });
-    let found = least(&s, 1.0, Side::Material);
+    let found = least(&s, 1.0, Space::Material);
     assert!((found.unwrap() - 0.5).abs() < 1e-9, "{found:?}");
 }
 
@@ -167,19 +167,19 @@ fn a_groove_opposite_a_wall_is_measured_at_its_bottom() {
         .sum();
     let s = if volume < 0.0 { flipped(s) } else { s };
     assert!(crate::mesh::ClosedSurface::try_from(&s).is_ok());
-    let found = least(&s, 1.0, Side::Material);
+    let found = least(&s, 1.0, Space::Material);
     assert!((found.unwrap() - 0.5).abs() < 1e-9, "{found:?}");
 }
 
 #[test]
 fn two_plates_have_the_gap_between_them_and_a_slot_its_width() {
     let plates = joined(cuboid([9.0, 9.0, 2.0]), &moved(cuboid([9.0, 9.0, 2.0]), DVec3::Z * 2.25));
-    assert!((least(&plates, 0.5, Side::Air).unwrap() - 0.25).abs() < 1e-12);
-    assert_eq!(least(&plates, 1.9, Side::Material), None);
-    assert_eq!(least(&plates, 0.25, Side::Air), None);
+    assert!((least(&plates, 0.5, Space::Air).unwrap() - 0.25).abs() < 1e-12);
+    assert_eq!(least(&plates, 1.9, Space::Material), None);
+    assert_eq!(least(&plates, 0.25, Space::Air), None);
     let comb = blocks(&[0.0, 3.0, 3.4, 6.0], &[0.0, 5.0], &[0.0, 2.0, 6.0], |i, _, k| k == 0 || i != 1);
-    assert!((least(&comb, 0.5, Side::Air).unwrap() - 0.4).abs() < 1e-12);
-    assert_eq!(least(&comb, 1.9, Side::Material), None);
+    assert!((least(&comb, 0.5, Space::Air).unwrap() - 0.4).abs() < 1e-12);
+    assert_eq!(least(&comb, 1.9, Space::Material), None);
 }
 
 #[test]
@@ -195,7 +195,7 @@ fn one_thin_spot_of_a_hollow_sphere_is_found() {
     };
     let shell = joined(ball(10.0), &moved(flipped(ball(8.0)), DVec3::new(0.9, 0.8, 0.7)));
     let e = (0.81f64 + 0.64 + 0.49).sqrt();
-    let found = least(&shell, 1.0, Side::Material).unwrap();
+    let found = least(&shell, 1.0, Space::Material).unwrap();
     assert!((found / (2.0 - e) - 1.0).abs() < 0.02, "{found} {}", 2.0 - e);
 }
 
@@ -203,24 +203,24 @@ fn one_thin_spot_of_a_hollow_sphere_is_found() {
 fn without_a_limit_the_wall_of_every_face_is_found() {
     let plate = cuboid([4.0, 3.0, 2.0]);
     for below in [f64::INFINITY, 1e300] {
-        let found = search(&plate, below, Side::Material);
+        let found = search(&plate, below, Space::Material);
         assert_eq!(found.walls.iter().map(|pair| pair.thickness).fold(9.0, f64::min), 2.0);
         assert_eq!(found.walls.len(), 12);
     }
     for below in [0.0, -1.0] {
-        assert!(search(&plate, below, Side::Material).walls.is_empty());
+        assert!(search(&plate, below, Space::Material).walls.is_empty());
     }
 }
 
 #[test]
 fn degenerate_and_empty_surfaces_have_no_walls() {
     let empty = Surface::default();
-    assert!(search(&empty, 1.0, Side::Material).walls.is_empty());
+    assert!(search(&empty, 1.0, Space::Material).walls.is_empty());
     let flat = surface(vec![DVec3::ZERO, DVec3::X, DVec3::X * 2.0], vec![[0, 1, 2], [0, 2, 1], [0, 0, 1]]);
-    assert!(search(&flat, 1.0, Side::Air).walls.is_empty());
-    let found = with_context(|context| thin_features(&flat, 1.0, Side::Material, context)).unwrap();
+    assert!(search(&flat, 1.0, Space::Air).walls.is_empty());
+    let found = with_context(|context| thin_features(&flat, 1.0, Space::Material, context)).unwrap();
     assert!(found.regions.is_empty());
-    with_context(|context| thickness_field(&flat, Side::Material, context)).unwrap();
-    with_context(|context| thickness_field(&empty, Side::Material, context)).unwrap();
-    with_context(|context| least_thickness(&empty, Side::Material, context)).unwrap();
+    with_context(|context| thickness_field(&flat, Space::Material, context)).unwrap();
+    with_context(|context| thickness_field(&empty, Space::Material, context)).unwrap();
+    with_context(|context| least_thickness(&empty, Space::Material, context)).unwrap();
 }
