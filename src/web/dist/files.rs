@@ -6,7 +6,7 @@ pub(super) const WIDGET: &str = include_str!("widget.js");
 pub(super) const ASSETS: [(&str, &[u8]); 5] = [
     ("icon-70B5C160.svg", include_bytes!("icon-70B5C160.svg")),
     ("manual-2QAXMAJ5.css", include_bytes!("manual-2QAXMAJ5.css")),
-    ("page-CABX7J3P.js", include_bytes!("page-CABX7J3P.js")),
+    ("page-JH4YMT7I.js", include_bytes!("page-JH4YMT7I.js")),
     ("style-KDZOWNAJ.css", include_bytes!("style-KDZOWNAJ.css")),
     ("viewer-RCFFDEIZ.js", include_bytes!("viewer-RCFFDEIZ.js")),
 ];

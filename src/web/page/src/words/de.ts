@@ -114,6 +114,7 @@ export const de: Words = {
     pieces_dropped: ({ n, k }) => `${n} ${s(k, "loses Stück, das nichts oder zu wenig zum Drucken umschließt, wurde", "lose Stücke, die nichts oder zu wenig zum Drucken umschließen, wurden")} entfernt.`,
     cavities_kept: ({ n, k }) => `${n} ${s(k, "geschlossener Hohlraum bleibt", "geschlossene Hohlräume bleiben")} hohl.`,
     cavities_filled: ({ n, k }) => `${n} ${s(k, "geschlossener Hohlraum wurde", "geschlossene Hohlräume wurden")} gefüllt.`,
+    interior_filled: () => "Das Modell ist eine doppelte Schale. Ihr Inneres wurde gefüllt, das Modell ist also massiv.",
     methods_agree: () => "Verschiedene Verfahren ergaben dieselbe ungewöhnliche Größe. Sie gehört also zum Modell.",
   },
   decideOtherwise: "Anders wählen",

@@ -130,6 +130,7 @@ export const en = {
     pieces_dropped: ({ n, k }) => `${n} stray ${s(k, "piece that encloses", "pieces that enclose")} nothing, or too little to print, ${s(k, "was", "were")} removed.`,
     cavities_kept: ({ n, k }) => `${n} sealed ${s(k, "cavity stays", "cavities stay")} hollow.`,
     cavities_filled: ({ n, k }) => `${n} sealed ${s(k, "cavity was", "cavities were")} filled.`,
+    interior_filled: () => "The model is a double shell. Its inside was filled, so the model is solid.",
     methods_agree: () => "Different repair methods gave the same unusual size, so the size belongs to the model.",
   } as Record<string, (assumption: AssumptionFigures) => string>,
   decideOtherwise: "Choose differently",
