@@ -22,6 +22,9 @@ use crate::mesh::{Soup, Surface};
 use crate::printing::skin::recognise_double_shell;
 use crate::scene::Object;
 
+/// Least share of the area in the two largest parts of a double shell: its skins, or both skins joined.
+const MAIN_SHARE: f64 = 0.8;
+
 /// Repairs one body: makes a plan, runs its strategies, and inspects the best result. Results are judged in `format`.
 ///
 /// # Errors
@@ -33,8 +36,8 @@ pub(super) fn repair_body(
 ) -> Result<RepairedBody, RepairError> {
     let &RepairRequest { options, remesher, context, .. } = request;
     let baseline = Baseline::of(input, format, options, context)?;
-    let is_double_shell = is_double_shell(input, options, context)?;
-    let conclusion = if baseline.is_enough(options) && !is_double_shell {
+    let is_double_shell = !baseline.is_enough(options) && is_double_shell(input, options, context)?;
+    let conclusion = if baseline.is_enough(options) {
         let mut conclusion =
             Conclusion::with_input(baseline.printable, "the input is already printable, so no strategy was run");
         conclusion.draft.outcome = Outcome::AlreadyPrintable;
@@ -56,11 +59,18 @@ pub(super) fn repair_body(
 }
 
 /// Whether the options leave it to the repair to fill an interior, and the input is a double shell. A passed deadline counts as no.
+///
+/// A printable input is not asked about: whoever made a clean, sealed cavity most likely meant it.
 fn is_double_shell(input: &Input<'_>, options: &Options, context: &Context<'_>) -> Result<bool, Cancelled> {
     if options.preset != Preset::Auto || options.print.interior != Interior::Auto || options.max_tier < 2 {
         return Ok(false);
     }
     let analysis = input.analysis;
+    let mut areas: Vec<f64> = analysis.solids.iter().map(|solid| solid.area).collect();
+    areas.sort_by(|a, b| b.total_cmp(a));
+    if areas.iter().take(2).sum::<f64>() < MAIN_SHARE * areas.iter().sum::<f64>() {
+        return Ok(false);
+    }
     let shell = recognise_double_shell(analysis.unit(), &analysis.surface.faces, analysis.tree(), context);
     Ok(context.unless_late(shell)?.flatten().is_some())
 }

@@ -11,6 +11,8 @@ use crate::printing::reach::{Reach, ReachOptions, Reached};
 const SAMPLES: usize = 512;
 /// Largest median wall, as a share of the diagonal.
 const MAX_WALL: f64 = 0.01;
+/// Least median wall, as a share of the diagonal. Closer skins are duplicate faces.
+const MIN_WALL: f64 = 1e-5;
 /// Least cosine, without sign, between the normals of the two skins.
 const MIN_PARALLEL: f64 = 0.8;
 /// Least share of the samples that have a second skin behind them.
@@ -106,7 +108,7 @@ pub fn double_walls(
     let void_share = if void > 0.0 { void / (void + walls) } else { 0.0 };
     // About half of the samples are on the outer skin, and the void is behind their second skin.
     let most_have_void = 4 * voids.len() >= found.len();
-    if median_wall >= MAX_WALL * diagonal || void_share < MIN_VOID || !most_have_void {
+    if !(MIN_WALL * diagonal..MAX_WALL * diagonal).contains(&median_wall) || void_share < MIN_VOID || !most_have_void {
         return Ok(None);
     }
     let double_share = found.len() as f64 / chosen.len() as f64;

@@ -71,7 +71,7 @@ pub enum WallGrowth {
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Interior {
-    /// Fill the interior of a double shell: two nested, nearly parallel skins around a void. Keep any other interior.
+    /// Fill the interior of a double shell that is not printable: two nested, nearly parallel skins around a void. Keep any other interior.
     #[default]
     Auto,
     /// Keep the interior as the surface encloses it.
