@@ -17,7 +17,7 @@ pub mod timestamp;
 mod webhooks;
 
 pub use error::{OpenFailure, StoreError};
-pub use id::{IdSource, JobId, JobIdError, SystemIds, UploadId, UploadIdError};
+pub use id::{JobId, JobIdError, UploadId, UploadIdError};
 pub use job::{
     Artifact, Artifacts, Input, Job, JobOutcome, JobProblem, JobProgress, Metadata, ProblemKind, Status, StoredFile,
     StoredReport,

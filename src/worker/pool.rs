@@ -15,9 +15,10 @@ use super::child_request::{try_sandbox, warm_blender_up};
 use super::context::{Retention, Shutdown, WORKER_COUNT, WorkerConfig, WorkerContext};
 use super::drawing::draw;
 use super::scratch::Scratch;
+use crate::access::{IdSource, SystemIds};
 use crate::blender::installation;
 use crate::blobs::{BlobError, Blobs, Owner};
-use crate::jobs::{Claim, IdSource, Job, Status, Store, StoreError, SystemIds, UPLOAD_LIFE};
+use crate::jobs::{Claim, Job, Status, Store, StoreError, UPLOAD_LIFE};
 use crate::sandbox::{Protection, Sandbox, SandboxStatus};
 use crate::telemetry;
 
