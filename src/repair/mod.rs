@@ -45,7 +45,7 @@ pub use drawings::draw;
 pub use input::RepairError;
 pub use options::{
     Category, Interior, Islands, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, PrintOptions,
-    Require, Voids, WallGrowth, WindingRuleChoice,
+    Require, Verify, Voids, WallGrowth, WindingRuleChoice,
 };
 pub use options_not_applied::options_accounted_for;
 pub use part_accounting::part_accounting;
