@@ -10,6 +10,7 @@ mod common_start;
 mod conclusion;
 mod drawings;
 mod escalation;
+mod estimate;
 mod export;
 mod forecast;
 mod input;

@@ -11,6 +11,7 @@ mod context;
 mod drawing;
 mod pool;
 mod process;
+mod reporter;
 mod scratch;
 mod task;
 
