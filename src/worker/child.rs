@@ -5,13 +5,12 @@ use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
-use std::time::Duration;
 
 use rustix::process::{Signal, getpgrp, kill_process_group};
 use serde::de::DeserializeOwned;
 
 use super::reporter::Reporter;
-use super::task::{Confinement, Task, pause_at};
+use super::task::{ChildSetup, ProcessLimits, Task, pause_at};
 use crate::analyze::{self, Analyst, AnalyzeError, AnalyzeOptions};
 use crate::blender::{BlenderConfig, BlenderRemesher};
 use crate::context::{Context, monotonic_clock};
@@ -37,8 +36,10 @@ pub(super) fn run_job(folder: &Path) -> ExitCode {
 }
 
 fn try_run(folder: &Path) -> io::Result<ExitCode> {
-    let task: Task = read_request()?;
-    enter_sandbox(folder, &task.confinement, task.remesher.as_ref().map(|_| &task.blender))?;
+    read_request::<ChildSetup>()?.enter(folder)?;
+    let Some(task) = read_line::<Task>()? else { return Ok(ExitCode::SUCCESS) };
+    ProcessLimits::limit_cpu(task.cpu)?;
+    apply_failpoints(task.first_attempt);
     end_with_worker()?;
     if task.inputs.iter().map(|input| input.bytes).sum::<u64>() <= FOR_ONE_THREAD {
         let current_only = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
@@ -47,7 +48,7 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let clock = monotonic_clock();
     let progress = Reporter::new(folder, &clock)?;
     let cancel = AtomicBool::new(false);
-    let deadline = Duration::from_secs_f64(task.options.deadline_s().clamp(1.0, 3600.0));
+    let deadline = task.deadline();
     let context = Context::new(&progress, &cancel, &clock, deadline);
     match work(folder, &task, &context) {
         Ok(()) => Ok(ExitCode::SUCCESS),
@@ -60,32 +61,27 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     }
 }
 
-/// Applies the resource limits and enters the sandbox. The caller must have a single thread, and must not have read
-/// untrusted bytes yet. With `blender`, the sandbox permits access to the lock files of Blender's slots.
-///
-/// # Errors
-/// When a limit can't be set, or the sandbox can't be entered.
-pub(super) fn enter_sandbox(
-    folder: &Path,
-    confinement: &Confinement,
-    blender: Option<&BlenderConfig>,
-) -> io::Result<()> {
-    confinement.limits.apply()?;
-    let mut sandbox = confinement.sandbox.clone();
-    if let Some(blender) = blender {
-        sandbox.readable.push(blender.prepare_slots()?);
+/// Removes tests' failpoints from this process, except in a first attempt.
+fn apply_failpoints(_first_attempt: bool) {
+    #[cfg(feature = "failpoints")]
+    if !_first_attempt {
+        fail::list().into_iter().for_each(|(name, _)| fail::remove(name));
     }
-    sandbox.enter(folder)
 }
 
 /// Reads the worker's request: the first line on standard input.
 ///
 /// # Errors
-/// When the line can't be read or is not the expected JSON.
+/// When there is no line, or it is not the expected JSON.
 pub(super) fn read_request<T: DeserializeOwned>() -> io::Result<T> {
+    read_line()?.ok_or_else(|| io::Error::other("the worker sent no request"))
+}
+
+/// Reads the next line on standard input; `None` if the worker closed the pipe.
+fn read_line<T: DeserializeOwned>() -> io::Result<Option<T>> {
     let mut line = String::new();
-    io::stdin().read_line(&mut line)?;
-    Ok(serde_json::from_str(&line)?)
+    let bytes = io::stdin().read_line(&mut line)?;
+    Ok(if bytes == 0 { None } else { Some(serde_json::from_str(&line)?) })
 }
 
 /// Starts a thread that watches the lifeline and kills the process group when the worker has ended. Nobody needs this job's

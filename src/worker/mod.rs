@@ -10,6 +10,7 @@ mod child_request;
 mod context;
 mod drawing;
 mod pool;
+mod prepared;
 mod process;
 mod reporter;
 mod scratch;
