@@ -5,7 +5,7 @@ CARGO_DENY_VERSION := 0.20.2
 BINARY ?= target/release/meshmend
 VERSION = $(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 
-.PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
+.PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench bench-peers audit blender tools postgres check-api check-deploy page \
 	check-page test-browser screenshots clients check-clients test-clients test-generators docs \
 	pictures packed dist check-dist image check-image deploy-tools simulate check-model
 
@@ -128,6 +128,10 @@ check-image:
 ## Jobs per second through the whole service.
 bench:
 	cargo bench --locked --bench jobs_per_second
+
+## Large models: meshmend beside pymeshfix, MeshLib and manifold3d, where PEER_PYTHON (default python3) has them; it needs numpy.
+bench-peers: build
+	$${PEER_PYTHON:-python3} benches/peers/giants.py --program target/release/meshmend $(PEER_ARGS)
 
 ## The queue's protocol on a simulated fleet: 100,000 histories, about a minute of one core (opt-level 1). FLEET_SEED and FLEET_HISTORIES choose others.
 simulate:

@@ -20,7 +20,7 @@ use super::extract::ApiPath;
 use super::problem::{Problem, ProblemCode, truncated};
 use super::problem_code::describe_job_problem;
 use super::state::ApiState;
-use crate::context::Stage;
+use crate::context::{Estimate, Stage};
 use crate::format::{FileLocation, Format};
 use crate::jobs::{
     Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoreError,
@@ -218,7 +218,7 @@ pub(super) struct UnitView {
 }
 
 /// The progress of a job.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Default, Serialize, ToSchema)]
 #[schema(as = Progress)]
 pub(super) struct ProgressView {
     /// The current stage. `null` while the job is queued.
@@ -229,6 +229,9 @@ pub(super) struct ProgressView {
     pub tier: Option<u8>,
     /// Percentage of the work that is done, 0 to 100.
     pub percent: u8,
+    /// Expected effort of a repair: its duration on one idle core, and its memory. Omitted until the file is inspected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub estimate: Option<Estimate>,
     /// Number of your jobs ahead of this one, while the job is queued.
     #[schema(required)]
     pub queue_position: Option<u64>,
@@ -280,6 +283,7 @@ impl JobView {
             stage: job.progress.map(|p| p.stage),
             tier: job.progress.and_then(|p| p.tier),
             percent: job.progress.map_or(0, |p| p.percent),
+            estimate: job.progress.and_then(|p| p.estimate),
             queue_position,
         });
         let link = |(name, artifact): (String, crate::jobs::Artifact)| {

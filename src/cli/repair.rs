@@ -17,7 +17,7 @@ use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
     Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, RepairError,
-    Repaired, Report, Require, WindingRuleChoice, draw, monotonic_clock, repair,
+    Repaired, Report, Require, Verify, WindingRuleChoice, draw, monotonic_clock, repair,
 };
 use meshmend::scene::Unit;
 
@@ -171,6 +171,9 @@ pub struct RepairOptionArgs {
     /// Result that the repair must reach to succeed.
     #[arg(long, env = "MESHMEND_REQUIRE", value_enum, default_value_t)]
     require: Require,
+    /// Extent of the check of a result for intersecting faces.
+    #[arg(long, env = "MESHMEND_VERIFY", value_enum, default_value_t)]
+    verify: Verify,
     /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or mm.
     #[arg(long, env = "MESHMEND_UNIT", value_enum)]
     unit: Option<Unit>,
@@ -339,6 +342,7 @@ impl RepairOptionArgs {
             output,
             merge: self.merge,
             require: self.require,
+            verify: self.verify,
             unit: self.unit,
             scale_to: self.scale_to,
             with: self.with.clone(),

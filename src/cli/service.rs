@@ -187,6 +187,7 @@ impl ServiceData {
             limits: args.limits.limits(),
             remesher,
             blender: args.blender.config(),
+            prepared_children: args.prepared_children,
             blender_warm_up: args.blender_warm_up,
         };
         Ok(Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).await?)

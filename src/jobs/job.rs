@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 
 use super::id::JobId;
 use super::options::JobOptions;
-use crate::context::Stage;
+use crate::context::{Estimate, Stage};
 use crate::format::{FileLocation, Format};
 use crate::repair::{AssumptionKind, RedFlagCode};
 use crate::scene::LengthUnit;
@@ -106,6 +106,9 @@ pub struct JobProgress {
     pub tier: Option<u8>,
     /// The share of the work that is done, 0 to 100.
     pub percent: u8,
+    /// The expected effort of a repair, once its input is inspected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub estimate: Option<Estimate>,
 }
 
 /// A result file of a job.

@@ -10,6 +10,7 @@ mod common_start;
 mod conclusion;
 mod drawings;
 mod escalation;
+mod estimate;
 mod export;
 mod forecast;
 mod input;
@@ -45,7 +46,7 @@ pub use drawings::draw;
 pub use input::RepairError;
 pub use options::{
     Category, Interior, Islands, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, PrintOptions,
-    Require, Voids, WallGrowth, WindingRuleChoice,
+    Require, Verify, Voids, WallGrowth, WindingRuleChoice,
 };
 pub use options_not_applied::options_accounted_for;
 pub use part_accounting::part_accounting;

@@ -8,7 +8,9 @@ mod print;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-pub use self::choices::{Category, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require, WindingRuleChoice};
+pub use self::choices::{
+    Category, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require, Verify, WindingRuleChoice,
+};
 pub use self::print::{Interior, Islands, PrintOptions, Voids, WallGrowth};
 pub use super::operators::Operator;
 pub use super::operators::holes::HoleFilling;
@@ -35,6 +37,8 @@ pub struct Options {
     pub merge: Merge,
     /// Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned.
     pub require: Require,
+    /// Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer.
+    pub verify: Verify,
     /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -195,6 +199,7 @@ impl Default for Options {
             output: OutputFormat::Auto,
             merge: Merge::Auto,
             require: Require::Any,
+            verify: Verify::Changed,
             unit: None,
             scale_to: None,
             with: Vec::new(),

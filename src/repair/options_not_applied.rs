@@ -63,6 +63,7 @@ const RULES: &[(&str, Rule)] = {
         ("output", Always),
         ("merge", Rule::Special(SpecialRule::Merge)),
         ("require", Always),
+        ("verify", Always),
         ("unit", Always),
         ("scale_to", Always),
         ("with", Rule::Special(SpecialRule::With)),

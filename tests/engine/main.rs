@@ -45,4 +45,5 @@ mod stitch;
 mod support;
 mod threads;
 mod unions;
+mod verify;
 mod walls;

@@ -30,6 +30,7 @@ mod outbox;
 mod page;
 #[path = "../support/postgres.rs"]
 mod postgres;
+mod prepared;
 mod problems;
 mod profiles;
 #[path = "../support/proxy.rs"]

@@ -77,7 +77,7 @@ async fn a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claima
     let job = bench.submit().await;
     let first = bench.claim().await.expect("a job");
     bench.advance(LEASE / 2);
-    let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 40 };
+    let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 40, estimate: None };
     bench.store.heartbeat(&first.lease, LEASE, Some(progress)).await.expect("still held");
     assert_eq!(bench.get(job.id).await.progress, Some(progress));
     bench.advance(LEASE / 2 + Duration::from_secs(1));
@@ -236,7 +236,7 @@ async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not(bench: Ben
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
     assert!(claim.job.version > job.version);
-    let progress = JobProgress { stage: Stage::Inspect, tier: None, percent: 5 };
+    let progress = JobProgress { stage: Stage::Inspect, tier: None, percent: 5, estimate: None };
     bench.store.heartbeat(&claim.lease, LEASE, Some(progress)).await.expect("held");
     let news = bench.get(job.id).await.version;
     assert!(news > claim.job.version);
