@@ -130,3 +130,33 @@ pub fn with_whole_numbers(value: &mut Value) {
         _ => {}
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn error(fields: Value) -> ReadOptionsError {
+        let Value::Object(fields) = fields else { panic!("not an object") };
+        read_options::<Options>(fields).expect_err("wrong options")
+    }
+
+    #[test]
+    fn an_error_of_options_in_json_names_the_option() {
+        let unknown = error(json!({"max_tier": 1, "max_teir": 2}));
+        assert_eq!(unknown.option(), "max_teir");
+        assert!(unknown.to_string().starts_with("There is no option `max_teir`; the options are preset, "), "{unknown}");
+        let unreadable = error(json!({"max_tier": 1, "output": "docx"}));
+        assert_eq!(unreadable.option(), "output");
+        assert!(unreadable.to_string().starts_with("`output` can't be read: unknown variant `docx`"), "{unreadable}");
+        assert_eq!(error(json!({"max_tier": 9})).to_string(), "`max_tier` must be 1, 2 or 3; got 9.");
+    }
+
+    #[test]
+    fn whole_numbers_may_be_written_with_a_fraction_of_zero() {
+        let Value::Object(fields) = json!({"max_tier": 2.0, "process": "fdm-0.4"}) else { panic!("not an object") };
+        let options: Options = read_options(fields).expect("options");
+        assert_eq!((options.max_tier, options.print.process.as_deref()), (2, Some("fdm-0.4")));
+    }
+}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -46,7 +47,7 @@ def settings_of(
         yield _engine.Settings(limits, count, callback, log, asked)
         return
     try:
-        from tqdm.auto import tqdm  # type: ignore[import-untyped]
+        tqdm = importlib.import_module("tqdm.auto").tqdm
     except ImportError as error:
         raise ImportError("progress=True needs tqdm: pip install 'meshmend[progress]'") from error
     with tqdm(total=100, unit="%", bar_format="{desc:10}{bar} {n:.0f} % {elapsed}") as bar:

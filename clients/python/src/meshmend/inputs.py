@@ -43,10 +43,10 @@ def arrays_of(mesh: Any, name: str) -> tuple[Any, Any]:
         return mesh[0], mesh[1]
     if hasattr(mesh, "geometry") and hasattr(mesh, "to_mesh"):
         mesh = mesh.to_mesh()  # trimesh.Scene
-    if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):
-        return mesh.points, _meshio_faces(mesh, name)
     if hasattr(mesh, "points") and hasattr(mesh, "extract_surface"):
         return _pyvista_arrays(mesh)
+    if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):
+        return mesh.points, _meshio_faces(mesh, name)
     if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):
         return mesh.vertices, mesh.triangles  # open3d.geometry
     if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):
