@@ -47,12 +47,13 @@ def arrays_of(mesh: Any, name: str) -> tuple[Any, Any]:
         return _pyvista_arrays(mesh)
     if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):
         return mesh.points, _meshio_faces(mesh, name)
-    if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):
-        return mesh.vertices, mesh.triangles  # open3d.geometry
     if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):
         return mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()  # open3d.t.geometry
+    # trimesh has `triangles` too, which are coordinates there.
     if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
         return mesh.vertices, mesh.faces
+    if hasattr(mesh, "vertices") and hasattr(mesh, "triangles"):
+        return mesh.vertices, mesh.triangles  # open3d.geometry
     raise TypeError(
         f"{name}: a model is a path, bytes, (vertices, faces), or a mesh of trimesh, meshio, open3d or pyvista; "
         f"got {type(mesh).__name__}"

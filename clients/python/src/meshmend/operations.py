@@ -37,19 +37,21 @@ def repair(
     open3d or pyvista. The content decides a file's format.
 
     >>> import meshmend
-    >>> vertices = [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]]
-    >>> result = meshmend.repair((vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2]]))
+    >>> corners = [(x, y, z) for x in (0, 9) for y in (0, 9) for z in (0, 9)]
+    >>> sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    >>> faces = [face for a, b, c, d in sides for face in ((a, b, c), (a, c, d))]
+    >>> result = meshmend.repair((corners, faces[1:]))
     >>> result.outcome, result.is_printable
     ('repaired', True)
     >>> result.faces.shape, result.report["before"]["boundary_edges"]
-    ((4, 3), 3)
+    ((12, 3), 3)
 
     ``options`` are the options of the HTTP API, such as ``output``, ``max_tier``, ``deadline_s`` or ``require``. The
     option ``with``, a word of Python, is ``with_`` here. A mesh is returned as PLY by default, which holds its
     coordinates exactly; a file is returned as by the API, which writes STL unless that loses something. A model that
     cannot be repaired is a result, not an error.
 
-    >>> meshmend.repair((vertices, [[0, 2, 1]]), max_tier=9)
+    >>> meshmend.repair((corners, faces), max_tier=9)
     Traceback (most recent call last):
     meshmend.errors.InvalidOption: `max_tier` must be 1, 2 or 3; got 9.
 
