@@ -146,7 +146,10 @@ mod tests {
     fn an_error_of_options_in_json_names_the_option() {
         let unknown = error(json!({"max_tier": 1, "max_teir": 2}));
         assert_eq!(unknown.option(), "max_teir");
-        assert!(unknown.to_string().starts_with("There is no option `max_teir`; the options are preset, "), "{unknown}");
+        assert!(
+            unknown.to_string().starts_with("There is no option `max_teir`; the options are preset, "),
+            "{unknown}"
+        );
         let unreadable = error(json!({"max_tier": 1, "output": "docx"}));
         assert_eq!(unreadable.option(), "output");
         assert!(unreadable.to_string().starts_with("`output` can't be read: unknown variant `docx`"), "{unreadable}");

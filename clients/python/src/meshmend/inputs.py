@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from typing import Any, TypeAlias, Union
 
 import numpy as np
@@ -73,8 +74,13 @@ def _meshio_faces(mesh: Any, name: str) -> npt.NDArray[Any]:
 
 
 def _pyvista_arrays(mesh: Any) -> tuple[Any, Any]:
+    surface = mesh
     # A grid of volumes has no `faces`; its surface has.
-    surface = mesh if hasattr(mesh, "is_all_triangles") else mesh.extract_surface()
+    if not hasattr(mesh, "is_all_triangles"):
+        with warnings.catch_warnings():
+            # pyvista announces another default, with the same surface.
+            warnings.simplefilter("ignore")
+            surface = mesh.extract_surface()
     triangles = surface if surface.is_all_triangles else surface.triangulate()
     return triangles.points, np.asarray(triangles.faces).reshape(-1, 4)[:, 1:]
 
