@@ -42,8 +42,8 @@ def test_the_examples_repair_without_a_service_and_several_models_at_once(servic
     code, out, err = run("engine", "open.stl", "engine.stl", cwd=tmp_path)
     assert code == 0 and out.startswith("repaired: ") and out.endswith("8 vertices, 12 faces\n"), (out, err)
     code, _, err = run("engine", "notes.txt", "none.stl", cwd=tmp_path)
-    assert code == 1 and err.startswith("refused: unsupported_format: notes.txt: "), err
-    code, out, err = run("concurrent", service, "open.stl", "box.stl", cwd=tmp_path)
+    assert code == 1 and err.startswith("refused: unknown_format: notes.txt: "), err
+    code, out, err = run("several", service, "open.stl", "box.stl", cwd=tmp_path)
     assert (code, out) == (0, "open.stl: repaired\nbox.stl: already_printable\n"), (out, err)
     assert (tmp_path / "open.stl.repaired.stl").read_bytes() == (tmp_path / "engine.stl").read_bytes()
 

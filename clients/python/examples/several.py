@@ -1,4 +1,4 @@
-"""Repairs several models at once: python concurrent.py http://127.0.0.1:8080 a.stl b.stl"""
+"""Repairs several models at once: python several.py http://127.0.0.1:8080 a.stl b.stl"""
 
 import asyncio
 import sys
