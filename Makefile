@@ -41,6 +41,7 @@ check-engine:
 deny:
 	@cargo deny --version >/dev/null 2>&1 || cargo install --locked cargo-deny --version $(CARGO_DENY_VERSION)
 	cargo deny --log-level error check bans licenses sources
+	cargo deny --log-level error --manifest-path clients/python/Cargo.toml check --config deny.toml bans licenses sources
 
 ## Known vulnerabilities; needs the advisory database from the network.
 audit:
@@ -65,7 +66,7 @@ check-page:
 test-browser: tools
 	@sh scripts/test-browser.sh
 
-## Write what is generated of the clients anew, from the OpenAPI document.
+## Write the generated files of the clients: types from the OpenAPI document, and the synchronous Python client from the asynchronous one.
 clients:
 	@sh scripts/clients.sh generate
 

@@ -22,7 +22,7 @@ pub use job::{
     Artifact, Artifacts, Input, Job, JobOutcome, JobProblem, JobProgress, Metadata, ProblemKind, Status, StoredFile,
     StoredReport,
 };
-pub use options::{JobOptions, JobOptionsError, Mode, whole_number, with_whole_numbers};
+pub use options::{JobOptions, JobOptionsError, Mode};
 pub use profiles::{NewProfile, ProfileName, TenantProfile, TenantProfileError};
 pub use queue::{
     Claim, ClassLoad, Completion, Failure, FailureKind, KEY_HOLD, KEY_LIFE, KeyState, Lease, NewJob, NewUpload,
