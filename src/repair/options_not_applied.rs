@@ -128,6 +128,7 @@ const RULES: &[(&str, Rule)] = {
         ("voxel_resolution", Remesh),
         ("max_remesh_faces", Remesh),
         ("pictures", Always),
+        ("alternatives", Always),
         ("process", Always),
         ("process_limits", Always),
         ("min_wall", Operators(OperatorRule::MinWall, &[O::ThickenWalls], "no wall is thinner")),
