@@ -138,6 +138,7 @@ const RULES: &[(&str, Rule)] = {
         ("seal_mm", Operators(OperatorRule::Plain, &[O::FillInterior], "the interior was not filled")),
         ("islands", Rule::Special(SpecialRule::Islands)),
         ("voids", Operators(OperatorRule::Voids, &[O::FillVoids, O::VentVoids], "the model has no sealed cavity")),
+        ("keep_cavities_over_mm3", Operators(OperatorRule::Plain, &[O::FillVoids], "no sealed cavity is smaller")),
         ("vent_diameter_mm", Operators(OperatorRule::Plain, &[O::VentVoids], "no cavity was vented")),
         ("target_height_mm", Always),
         ("target_longest_mm", Always),

@@ -130,7 +130,8 @@ fn cavities(report: &Report, options: &Options, shape: &Shape) -> Option<Answer>
     if assumed(report, AssumptionKind::CavitiesFilled) {
         return Some(answer("winding_rule", "odd", "Solids inside solids are hollow cavities."));
     }
-    let is_open = options.print.voids == Voids::Keep && options.print.interior != Interior::Fill;
+    let print = &options.print;
+    let is_open = print.voids == Voids::Keep && !print.fills_cavities() && print.interior != Interior::Fill;
     (is_open && shape.has_cavities).then(|| answer("voids", "fill", "Sealed cavities are solid."))
 }
 

@@ -9,8 +9,8 @@ import { ProcessSelect } from "./process-select";
 
 /** The service's defaults, for jobs that do not list their options. */
 const DEFAULTS = { preset: "auto", output: "auto", open_sheets: "auto", max_tier: 3, deadline_s: 300, interior: "auto", islands: "auto", voids: "keep", wall_growth: "both", require: "any" };
-/** Options that are lengths in millimetres and have no default. */
-const LENGTHS = ["min_wall", "seal_mm", "vent_diameter_mm", "target_height_mm", "target_longest_mm"] as const;
+/** Options that are lengths in millimetres, or volumes in mm³, and have no default. */
+const LENGTHS = ["min_wall", "seal_mm", "keep_cavities_over_mm3", "vent_diameter_mm", "target_height_mm", "target_longest_mm"] as const;
 const SWITCHES = ["thicken_to_process", "alternatives"] as const;
 const FIELDS = [...Object.keys(DEFAULTS), ...LENGTHS, ...SWITCHES, "process", "process_limits"];
 

@@ -99,6 +99,7 @@ export const dePage: typeof enPage = {
     thicken_to_process: "Wände auf die Grenze des Verfahrens verstärken",
     wall_growth: "Wände wachsen",
     process_limits: "Eigene Grenzwerte als JSON",
+    keep_cavities_over_mm3: "Hohlräume füllen bis mm³",
     seal_mm: "Öffnungen verschließen bis mm",
     alternatives: "Alternativen anbieten, wo die Datei die Absicht offen lässt",
     interior: "Innenraum",

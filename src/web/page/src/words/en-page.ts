@@ -99,6 +99,7 @@ export const enPage = {
     thicken_to_process: "Thicken walls to the limit of the process",
     wall_growth: "Walls grow",
     process_limits: "Own limits, as JSON",
+    keep_cavities_over_mm3: "Fill cavities up to mm³",
     seal_mm: "Seal openings up to mm",
     alternatives: "Offer alternatives where the file leaves its intent open",
     interior: "Space inside",
