@@ -26,6 +26,7 @@ use crate::jobs::{
     Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoreError,
     StoredReport,
 };
+use crate::repair::Alternatives;
 use crate::scene::{LengthUnit, Unit, UnitSource};
 
 /// Parses the id of a job in a path or query. A malformed id is answered like an unknown one.
@@ -178,6 +179,10 @@ pub(super) struct JobView {
     /// Data for pricing the model. Present once the job has a report of a single file; omitted in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quote: Option<Quote>,
+    /// The results to choose from, where the file leaves the model's intent open. Present if the job has the option `alternatives`, once it
+    /// has a report; omitted in lists. The artifacts `model-ID`, `report-ID.json` and `after-ID.png` are the files of an alternative.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alternatives: Option<Alternatives>,
     /// The report, if requested with `include=report`. Its lists are shortened as in the artifact `report.json`. The artifact
     /// `report-full.json` contains everything.
     #[schema(value_type = Option<JobReport>)]
@@ -323,6 +328,7 @@ impl JobView {
             metadata: job.metadata,
             reused_from: job.reused_from,
             quote: job.report.as_ref().and_then(Quote::of),
+            alternatives: job.report.as_ref().and_then(StoredReport::alternatives),
             report: None,
             artifacts: job.artifacts.into_iter().map(link).collect(),
             problem,

@@ -1,6 +1,7 @@
 //! The command line: its commands, and the commands that need no file of their own (`openapi`, `completions`, `man`).
 
 mod administration;
+mod alternatives;
 mod compare;
 mod config;
 mod engine;

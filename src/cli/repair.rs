@@ -16,11 +16,12 @@ use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, RepairError,
-    Repaired, Report, Require, Verify, WindingRuleChoice, draw, monotonic_clock, repair,
+    AlternativeRequest, Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps,
+    Preset, RepairError, Repaired, Report, Require, Verify, WindingRuleChoice, draw, monotonic_clock, repair,
 };
 use meshmend::scene::Unit;
 
+use super::alternatives::{alternative_lines, write_alternatives};
 use super::engine::{BlenderArgs, LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
 use super::exit;
 use super::print_options::PrintOptionArgs;
@@ -68,16 +69,27 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     let bar = ProgressReporter::new(args.verbose);
     let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
     let blender = OnDemandBlender::new(args.blender.config());
-    let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
-    bar.finish();
-    let repaired = match repaired {
+    let mut repaired = match repair(&bytes, &options, &limits, Some(&blender), &context) {
         Ok(repaired) => repaired,
         Err(error @ (RepairError::Read(_) | RepairError::Options(_))) => {
+            bar.finish();
             return exit::fail(exit::BAD_INPUT, format!("{}: {error}", args.input.display()));
         }
-        Err(error) => return exit::fail(exit::INTERNAL, error),
+        Err(error) => {
+            bar.finish();
+            return exit::fail(exit::INTERNAL, error);
+        }
     };
-    if let Err(message) = write(args, &repaired) {
+    let request = AlternativeRequest {
+        input: &bytes,
+        options: &options,
+        limits: &limits,
+        remesher: Some(&blender),
+        context: &context,
+    };
+    let written = write(args, request, &mut repaired);
+    bar.finish();
+    if let Err(message) = written {
         return exit::fail(exit::INTERNAL, message);
     }
     if let Some(folder) = &args.pictures {
@@ -92,14 +104,17 @@ pub fn run(args: &RepairArgs) -> ExitCode {
             Err(error) => drop(writeln!(std::io::stderr(), "  note: no pictures were drawn: {error}")),
         }
     }
-    print_summary(&repaired.report, &args.output);
+    print_summary(&repaired, &args.output);
     ExitCode::from(exit::of(&repaired.report))
 }
 
-/// Writes the model, unless the repair gives none out, and the report if `--report` is set.
-fn write(args: &RepairArgs, repaired: &Repaired) -> Result<(), String> {
+/// Writes the model, unless the repair gives none out, its alternatives if they are asked for, and the report if `--report` is set.
+fn write(args: &RepairArgs, request: AlternativeRequest<'_>, repaired: &mut Repaired) -> Result<(), String> {
     if repaired.report.verdict.file != OfferedFile::None {
         write_file(&args.output, &repaired.bytes)?;
+    }
+    if request.options.alternatives {
+        write_alternatives(request, repaired, &args.output, args.pictures.as_deref())?;
     }
     let Some(path) = &args.report else { return Ok(()) };
     let report = JobReport::Repair(Box::new(repaired.report.clone()));
@@ -119,14 +134,15 @@ pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Resu
 
 /// Prints the summary on standard error; standard output stays free for data. If no model was written, the last line
 /// says why.
-fn print_summary(report: &Report, output: &Path) {
-    let output = output.display();
+fn print_summary(repaired: &Repaired, path: &Path) {
+    let (report, output) = (&repaired.report, path.display());
     let mut lines = vec![format!("{output}: {}", report.summary)];
     lines.extend(report.print_ready.as_ref().map(|readiness| format!("  {}", readiness.in_words())));
     let flags = report.red_flags.iter().map(|flag| flag.detail.as_str());
     let assumptions =
         report.assumptions.iter().map(|assumption| (assumption.detail.as_str(), assumption.option.as_deref()));
     lines.extend(remark_lines(flags, assumptions, &report.warnings));
+    lines.extend(alternative_lines(repaired, path));
     if report.refusal().is_some() {
         lines.push(format!(
             "meshmend: {output} was not written: the result does not meet `--require {}`",
@@ -303,6 +319,9 @@ pub struct RepairOptionArgs {
     /// Most faces that a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
+    /// Offer up to two further results where the file leaves the model's intent open.
+    #[arg(long, env = "MESHMEND_ALTERNATIVES")]
+    alternatives: bool,
     #[command(flatten)]
     print: PrintOptionArgs,
 }
@@ -384,6 +403,7 @@ impl RepairOptionArgs {
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,
             pictures: true,
+            alternatives: self.alternatives,
             print: self.print.options()?,
         })
     }

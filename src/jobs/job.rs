@@ -12,7 +12,7 @@ use super::id::JobId;
 use super::options::JobOptions;
 use crate::context::{Estimate, Stage};
 use crate::format::{FileLocation, Format};
-use crate::repair::{AssumptionKind, RedFlagCode};
+use crate::repair::{Alternatives, AssumptionKind, RedFlagCode};
 use crate::scene::LengthUnit;
 
 /// The status of a job.
@@ -306,6 +306,16 @@ impl StoredReport {
             }
             Read { verdict, .. } => verdict?.print_ready,
         }
+    }
+
+    /// The results of a repair to choose from; `None` without the option `alternatives`.
+    #[must_use]
+    pub fn alternatives(&self) -> Option<Alternatives> {
+        #[derive(Deserialize)]
+        struct Read {
+            alternatives: Option<Alternatives>,
+        }
+        serde_json::from_str::<Read>(self.json()).ok()?.alternatives
     }
 
     /// The unit of each file's lengths, in the order of the files; empty for reports that predate units.

@@ -17,7 +17,10 @@ use crate::context::{Context, monotonic_clock};
 use crate::format::{ReadError, ReadErrorKind};
 use crate::jobs::{JobOptions, JobProblem, JobReport, ProblemKind};
 use crate::render::Drawing;
-use crate::repair::{self, OfferedFile, Options, Remesher, RepairError, repair};
+use crate::repair::{
+    self, AlternativeRequest, AlternativeRuns, OfferedFile, Options, Remesher, RepairError, Repaired,
+    RepairedAlternative, draw_result, repair,
+};
 
 /// The largest size of a job's files, in bytes, for which one thread runs the job. Below it, waking other threads costs more
 /// than they save.
@@ -123,11 +126,37 @@ fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'
     });
     let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
     let bytes = fs::read(folder.join(Task::input(0)))?;
-    let repaired = repair(&bytes, options, &task.limits, remesher, context)?;
+    let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
+    let mut repaired = repair(&bytes, options, &task.limits, remesher, context)?;
     if repaired.report.verdict.file == OfferedFile::Model {
         fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
     }
-    write_report(folder, &JobReport::Repair(Box::new(repaired.report)))
+    if options.alternatives {
+        let request = AlternativeRequest { input: &bytes, options, limits: &task.limits, remesher, context };
+        write_alternatives(folder, request, &mut repaired)?;
+    }
+    write_report(folder, Task::FULL_REPORT, &JobReport::Repair(Box::new(repaired.report)))
+}
+
+/// Makes the alternatives of a repair, writes the files of each, and adds them to the report. The report is written before the first
+/// one, so that an alternative that exceeds a limit costs only itself.
+fn write_alternatives(folder: &Path, request: AlternativeRequest<'_>, default: &mut Repaired) -> Result<(), Failed> {
+    let mut runs = AlternativeRuns::new(request, default)?;
+    default.report.alternatives = Some(runs.summary());
+    write_report(folder, Task::FULL_REPORT, &JobReport::Repair(Box::new(default.report.clone())))?;
+    while let Some(RepairedAlternative { id, repaired }) = runs.make_next()? {
+        pause_at("child-alternative");
+        write_whole(folder, &Task::model_of(&id), &repaired.bytes)?;
+        if request.options.pictures {
+            match draw_result(&repaired.bytes, &repaired.report, request.context) {
+                Ok(drawing) => write_whole(folder, &Task::picture_of(&id), &drawing.bytes)?,
+                Err(error) => request.context.log(&format!("{id}: no picture was drawn: {error}")),
+            }
+        }
+        write_report(folder, &Task::report_of(&id), &JobReport::Repair(Box::new(repaired.report)))?;
+    }
+    default.report.alternatives = Some(runs.summary());
+    Ok(())
 }
 
 fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<(), Failed> {
@@ -135,7 +164,7 @@ fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &
     for (number, input) in task.inputs.iter().enumerate() {
         analyst.add(&input.name, Some(&input.sha256), &fs::read(folder.join(Task::input(number)))?)?;
     }
-    write_report(folder, &JobReport::Analyze(Box::new(analyst.finish()?)))
+    write_report(folder, Task::FULL_REPORT, &JobReport::Analyze(Box::new(analyst.finish()?)))
 }
 
 fn draw_repair(
@@ -176,7 +205,7 @@ fn write_drawings(folder: &Path, number: usize, drawings: Vec<Drawing>) -> Resul
     Ok(drawings.iter().try_for_each(write)?)
 }
 
-fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
+fn write_report(folder: &Path, name: &str, report: &JobReport) -> Result<(), Failed> {
     let report = serde_json::to_vec_pretty(report).map_err(io::Error::from)?;
     if report.len() > Task::REPORT_BYTES {
         let max = Task::REPORT_BYTES >> 20;
@@ -184,7 +213,7 @@ fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
             format!("The report is larger than the maximum of {max} MiB. Request fewer places, or send fewer files.");
         return Err(problem(ProblemKind::FileLimit, detail, None).into());
     }
-    Ok(write_whole(folder, Task::FULL_REPORT, &report)?)
+    Ok(write_whole(folder, name, &report)?)
 }
 
 /// Writes a file by renaming a temporary file, so that an interrupted process leaves either the whole file or none.

@@ -241,7 +241,7 @@ const JOB_ARTIFACTS: [(&str, &str); 3] = [
 ];
 
 /// The artifacts of each of a job's files.
-const FILE_ARTIFACTS: [(&str, &str); 11] = [
+const FILE_ARTIFACTS: [(&str, &str); 14] = [
     ("before.png", "image/png"),
     ("after.png", "image/png"),
     ("defects.png", "image/png"),
@@ -253,6 +253,9 @@ const FILE_ARTIFACTS: [(&str, &str); 11] = [
     ("change.glb", "model/gltf-binary"),
     ("change.ply", "application/octet-stream"),
     ("change-preview.glb", "model/gltf-binary"),
+    ("thickness.png", "image/png"),
+    ("thickness.glb", "model/gltf-binary"),
+    ("thickness.ply", "application/octet-stream"),
 ];
 
 /// The pictures of a job on `inputs`, as artifacts that are not drawn yet.
@@ -297,7 +300,15 @@ pub(super) fn result_files(inputs: &[Input], report: Option<&JobReport>) -> Vec<
         }),
         (OfferedFile::None, _) => None,
     });
-    once.chain(offered_file).collect()
+    let alternatives = report.into_iter().flat_map(JobReport::alternatives).flat_map(|(id, format)| {
+        let file = |name: String, filename, media_type| ArtifactSource::new(name, filename, media_type);
+        [
+            file(Task::model_of(id), format!("{first}-{id}.{}", format.extension()), media_type(format)),
+            file(Task::report_of(id), format!("{first}-report-{id}.json"), "application/json"),
+            file(Task::picture_of(id), format!("{first}-after-{id}.png"), "image/png"),
+        ]
+    });
+    once.chain(offered_file).chain(alternatives).collect()
 }
 
 impl ArtifactSource {

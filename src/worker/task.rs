@@ -53,7 +53,8 @@ impl ChildSetup {
 ///
 /// The [`input`](Self::input) files lie in the scratch folder, and the child writes its files there. It writes
 /// [`MODEL`](Self::MODEL) if it has a result, then [`FULL_REPORT`](Self::FULL_REPORT), whose presence means that the work is done.
-/// It also writes [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) if the job itself is to blame. A task with `draw` finds
+/// With the option `alternatives` it also writes the files of each alternative, and the report again after the last one.
+/// It writes [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) if the job itself is to blame. A task with `draw` finds
 /// [`MODEL`](Self::MODEL) in the folder and writes only pictures. On standard output the child writes one [`JobProgress`] a line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
@@ -115,6 +116,21 @@ impl Task {
     /// The name of uploaded file `number`, counted from 0, in the folder.
     pub fn input(number: usize) -> String {
         format!("input-{number}")
+    }
+
+    /// The name of an alternative's model.
+    pub fn model_of(choice: &str) -> String {
+        format!("{}-{choice}", Self::MODEL)
+    }
+
+    /// The name of an alternative's full report.
+    pub fn report_of(choice: &str) -> String {
+        format!("report-{choice}.json")
+    }
+
+    /// The name of an alternative's picture.
+    pub fn picture_of(choice: &str) -> String {
+        format!("after-{choice}.png")
     }
 
     /// The name of a drawing of the job's file `number`, counted from 0. The first file's drawing keeps `name`; the others get a

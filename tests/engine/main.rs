@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 mod alarms;
+mod alternatives;
 mod analyze;
 mod arrange;
 mod change;

@@ -8,6 +8,7 @@ mod server;
 
 mod access;
 mod administration;
+mod alternatives;
 mod analyze;
 mod blender;
 mod blobs;
