@@ -1,7 +1,8 @@
 #!/bin/sh
 # Installs and tries everything in dist/ that `make dist` made: the Debian package in an empty Debian root (mmdebstrap and chroot, so it needs
 # root), the archive there too, the clients' packages in fresh environments against the program, the bill of materials and the crate.
-# WITH_BLENDER=1 also installs what the package recommends, and prints the time from `apt install` to a repaired model.
+# It prints the time from `apt install` to a repaired model, which must be under 30 s. WITH_BLENDER=1 first installs Blender, which the
+# package recommends, and also repairs a model with it.
 set -eu
 
 cd "$(dirname "$0")/.."
@@ -68,15 +69,21 @@ inside apt-get install -y -qq --no-install-recommends systemd-standalone-sysuser
 files > "$work/before"
 cp "$dist"/meshmend_*.deb "$root/root/"
 recommended=--no-install-recommends
+now_ms() { echo $(($(date +%s%N) / 1000000)); }
 if [ -n "${WITH_BLENDER:-}" ]; then
     recommended=
     inside apt-get install -y -qq --download-only blender >/dev/null 2>&1
+    begun=$(now_ms)
+    inside apt-get install -y -qq blender >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "apt"; }
+    say "Blender from apt's cache, with its dependencies: $(($(now_ms) - begun)) ms"
 fi
-begun=$(date +%s%N)
+begun=$(now_ms)
 # shellcheck disable=SC2086
 inside sh -c "apt-get install -y -qq $recommended /root/meshmend_*.deb" >"$work/log" 2>&1 || { cat "$work/log" >&2; fail "apt"; }
 repairs meshmend
-say "from apt install to a repaired model: $(($(date +%s%N) / 1000000 - begun / 1000000)) ms"
+took=$(($(now_ms) - begun))
+say "from apt install to a repaired model${WITH_BLENDER:+, with Blender installed}: $took ms"
+[ "$took" -lt 30000 ] || fail "that is more than 30 s"
 [ "$(inside meshmend --version)" = "meshmend $version" ] || fail "the version is $(inside meshmend --version)"
 if [ -n "${WITH_BLENDER:-}" ]; then
     inside meshmend repair /root/broken.off -o /root/remeshed.stl --preset blender-remesh --report /root/report.json >/dev/null

@@ -8,8 +8,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
+#[cfg(target_os = "linux")]
 use meshmend::blender::OnDemandBlender;
-use meshmend::jobs::JobReport;
+#[cfg(feature = "service")]
 use meshmend::printing::profile::Profile;
 use meshmend::render::Drawing;
 use meshmend::repair::operators::holes::HoleFilling;
@@ -17,12 +18,15 @@ use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
     AlternativeRequest, Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps,
-    Preset, RepairError, Repaired, Report, Require, Verify, WindingRuleChoice, draw, monotonic_clock, repair,
+    Preset, Remesher, RepairError, Repaired, Report, Require, Verify, WindingRuleChoice, draw, monotonic_clock, repair,
 };
 use meshmend::scene::Unit;
+use serde::Serialize;
 
 use super::alternatives::{alternative_lines, write_alternatives};
-use super::engine::{BlenderArgs, LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
+#[cfg(target_os = "linux")]
+use super::engine::BlenderArgs;
+use super::engine::{LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
 use super::exit;
 use super::print_options::PrintOptionArgs;
 
@@ -49,6 +53,7 @@ pub struct RepairArgs {
     verbose: bool,
     #[command(flatten)]
     limits: LimitArgs,
+    #[cfg(target_os = "linux")]
     #[command(flatten)]
     blender: BlenderArgs,
 }
@@ -68,8 +73,14 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     let clock = monotonic_clock();
     let bar = ProgressReporter::new(args.verbose);
     let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
+    #[cfg(target_os = "linux")]
     let blender = OnDemandBlender::new(args.blender.config());
-    let mut repaired = match repair(&bytes, &options, &limits, Some(&blender), &context) {
+    #[cfg(target_os = "linux")]
+    let remesher: Option<&dyn Remesher> = Some(&blender);
+    // Tier 3 needs the sandbox, which is for Linux.
+    #[cfg(not(target_os = "linux"))]
+    let remesher: Option<&dyn Remesher> = None;
+    let mut repaired = match repair(&bytes, &options, &limits, remesher, &context) {
         Ok(repaired) => repaired,
         Err(error @ (RepairError::Read(_) | RepairError::Options(_))) => {
             bar.finish();
@@ -80,13 +91,7 @@ pub fn run(args: &RepairArgs) -> ExitCode {
             return exit::fail(exit::INTERNAL, error);
         }
     };
-    let request = AlternativeRequest {
-        input: &bytes,
-        options: &options,
-        limits: &limits,
-        remesher: Some(&blender),
-        context: &context,
-    };
+    let request = AlternativeRequest { input: &bytes, options: &options, limits: &limits, remesher, context: &context };
     let written = write(args, request, &mut repaired);
     bar.finish();
     if let Err(message) = written {
@@ -108,6 +113,14 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     ExitCode::from(exit::of(&repaired.report))
 }
 
+/// The report as a job of the service has it: `mode` says which kind.
+#[derive(Serialize)]
+struct JobReport<'a> {
+    mode: &'static str,
+    #[serde(flatten)]
+    report: &'a Report,
+}
+
 /// Writes the model, unless the repair gives none out, its alternatives if they are asked for, and the report if `--report` is set.
 fn write(args: &RepairArgs, request: AlternativeRequest<'_>, repaired: &mut Repaired) -> Result<(), String> {
     if repaired.report.verdict.file != OfferedFile::None {
@@ -117,7 +130,7 @@ fn write(args: &RepairArgs, request: AlternativeRequest<'_>, repaired: &mut Repa
         write_alternatives(request, repaired, &args.output, args.pictures.as_deref())?;
     }
     let Some(path) = &args.report else { return Ok(()) };
-    let report = JobReport::Repair(Box::new(repaired.report.clone()));
+    let report = JobReport { mode: "repair", report: &repaired.report };
     serde_json::to_vec_pretty(&report).map_err(|e| e.to_string()).and_then(|json| write_file(path, &json))
 }
 
@@ -159,15 +172,11 @@ fn print_summary(repaired: &Repaired, path: &Path) {
 fn stop_on_interrupt() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&cancel);
-    std::thread::spawn(move || {
-        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
-        runtime.block_on(async {
-            while tokio::signal::ctrl_c().await.is_ok() {
-                if flag.swap(true, Ordering::Relaxed) {
-                    std::process::exit(exit::INTERRUPTED.into());
-                }
-            }
-        });
+    // Without a handler, an interrupt ends the process at once.
+    let _ = ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(exit::INTERRUPTED.into());
+        }
     });
     cancel
 }
@@ -341,6 +350,7 @@ impl RepairOptionArgs {
     ///
     /// # Errors
     /// The message for the first option that is out of its range.
+    #[cfg(feature = "service")]
     pub fn service_options(&self, output: OutputFormat) -> Result<Options, String> {
         let options = self.unchecked_options(output)?;
         let mut checked = options.clone();

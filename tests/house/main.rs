@@ -237,6 +237,28 @@ fn the_engine_does_not_use_crates_of_the_service() {
     }
 }
 
+/// The names of all packages that the library or the program needs with these features.
+fn packages(features: &str) -> BTreeSet<String> {
+    let mut cargo = std::process::Command::new(env!("CARGO"));
+    cargo.args(["tree", "--offline", "--locked", "--edges", "normal", "--prefix", "none", "--features", features]);
+    let output = cargo.current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.lines().filter_map(|line| line.split(' ').next()).map(str::to_owned).collect()
+}
+
+#[test]
+fn only_the_feature_service_brings_the_crates_of_the_service() {
+    for (features, has_service, has_clap) in [("", false, false), ("cli", false, true), ("service", true, true)] {
+        let packages = packages(features);
+        assert!(packages.contains("rayon"), "'{features}' has no engine: {packages:?}");
+        assert_eq!(packages.contains("clap"), has_clap, "'{features}': {packages:?}");
+        for name in NOT_IN_THE_ENGINE {
+            assert_eq!(packages.contains(&name.replace('_', "-")), has_service, "'{features}', {name}");
+        }
+    }
+}
+
 #[test]
 fn metric_names_are_defined_in_one_place() {
     let mut used = 0;
