@@ -5,6 +5,7 @@ use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 
 use rustix::process::{Signal, getpgrp, kill_process_group};
 use serde::de::DeserializeOwned;
