@@ -35,8 +35,7 @@ struct Report {
 #[pyfunction]
 pub fn compare(
     py: Python<'_>,
-    before: Model,
-    after: Model,
+    (before, after): (Model, Model),
     samples: Option<u32>,
     deadline_s: Option<f64>,
     settings: &Settings,

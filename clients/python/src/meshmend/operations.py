@@ -128,7 +128,7 @@ def compare(
     first, _ = engine_model(before, limits, None if isinstance(before, (str, os.PathLike)) else "before")
     second, _ = engine_model(after, limits, None if isinstance(after, (str, os.PathLike)) else "after")
     with settings_of(limits, threads, progress, cancel) as settings:
-        return cast(Comparison, json.loads(_engine.compare(first, second, samples, deadline_s, settings)))
+        return cast(Comparison, json.loads(_engine.compare((first, second), samples, deadline_s, settings)))
 
 
 def _program(blender: bool | str | os.PathLike[str]) -> str | os.PathLike[str] | None:
