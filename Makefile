@@ -33,9 +33,10 @@ fmt:
 clippy:
 	cargo clippy --locked --all-targets --features failpoints -- -D warnings
 
-## The engine alone, as a library user builds it: no tokio, sqlx or axum.
+## The engine alone, as a library user builds it, and the command line without the service.
 check-engine:
-	cargo check --locked --lib --no-default-features
+	cargo check --locked --lib
+	cargo check --locked --features cli
 
 ## Licences, sources and duplicate versions of all dependencies.
 deny:
@@ -48,7 +49,7 @@ audit:
 
 ## Write the OpenAPI document anew.
 openapi:
-	cargo run --locked --quiet -- openapi > openapi/openapi.json.new
+	cargo run --locked --quiet --features service -- openapi > openapi/openapi.json.new
 	mv openapi/openapi.json.new openapi/openapi.json
 
 check-openapi:
@@ -102,10 +103,10 @@ check-deploy:
 	@sh scripts/check-deploy.sh
 
 build:
-	cargo build --release --locked
+	cargo build --release --locked --features service
 
 packed: tools
-	@[ "$(BINARY)" != target/release/meshmend ] || cargo build --release --locked
+	@[ "$(BINARY)" != target/release/meshmend ] || cargo build --release --locked --features service
 
 ## Everything that a release consists of, in dist/: program, symbols, Debian package, clients, crate, chart, bill of materials, checksums.
 dist: packed
@@ -125,9 +126,10 @@ check-image:
 	@python3 scripts/check-image.py dist/meshmend-$(VERSION)-image-slim.tar slim
 	@python3 scripts/check-image.py dist/meshmend-$(VERSION)-image.tar full
 
-## Jobs per second through the whole service.
-bench:
-	cargo bench --locked --bench jobs_per_second
+## What one API process, one worker, one PostgreSQL and one bucket carry, and jobs per second through the whole service; four minutes.
+bench: tools postgres
+	cargo bench --locked --features service --bench capacity
+	cargo bench --locked --features service --bench jobs_per_second -- 100
 
 ## The queue's protocol on a simulated fleet: 100,000 histories, about a minute of one core (opt-level 1). FLEET_SEED and FLEET_HISTORIES choose others.
 simulate:
