@@ -33,9 +33,10 @@ fmt:
 clippy:
 	cargo clippy --locked --all-targets --features failpoints -- -D warnings
 
-## The engine alone, as a library user builds it: no tokio, sqlx or axum.
+## The engine alone, as a library user builds it, and the command line without the service.
 check-engine:
-	cargo check --locked --lib --no-default-features
+	cargo check --locked --lib
+	cargo check --locked --features cli
 
 ## Licences, sources and duplicate versions of all dependencies.
 deny:
@@ -49,7 +50,7 @@ audit:
 
 ## Write the OpenAPI document anew.
 openapi:
-	cargo run --locked --quiet -- openapi > openapi/openapi.json.new
+	cargo run --locked --quiet --features service -- openapi > openapi/openapi.json.new
 	mv openapi/openapi.json.new openapi/openapi.json
 
 check-openapi:
@@ -103,10 +104,10 @@ check-deploy:
 	@sh scripts/check-deploy.sh
 
 build:
-	cargo build --release --locked
+	cargo build --release --locked --features service
 
 packed: tools
-	@[ "$(BINARY)" != target/release/meshmend ] || cargo build --release --locked
+	@[ "$(BINARY)" != target/release/meshmend ] || cargo build --release --locked --features service
 
 ## Everything that a release consists of, in dist/: program, symbols, Debian package, clients, crate, chart, bill of materials, checksums.
 dist: packed
@@ -126,9 +127,10 @@ check-image:
 	@python3 scripts/check-image.py dist/meshmend-$(VERSION)-image-slim.tar slim
 	@python3 scripts/check-image.py dist/meshmend-$(VERSION)-image.tar full
 
-## Jobs per second through the whole service.
-bench:
-	cargo bench --locked --bench jobs_per_second
+## What one API process, one worker, one PostgreSQL and one bucket carry, and jobs per second through the whole service; four minutes.
+bench: tools postgres
+	cargo bench --locked --features service --bench capacity
+	cargo bench --locked --features service --bench jobs_per_second -- 100
 
 ## Large models: meshmend beside pymeshfix, MeshLib and manifold3d, where PEER_PYTHON (default python3) has them; it needs numpy.
 bench-peers: build
