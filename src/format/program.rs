@@ -16,8 +16,8 @@ const GLB_LENGTH: usize = 12;
 /// Longest JSON chunk to read for the generator's name.
 const GLB_BYTES: usize = 64 << 20;
 
-/// The text in which a file names the program that wrote it: an STL header, the comments of an OBJ or PLY file, or the generator of a
-/// GLB file. `None` for other formats, and for files without such text.
+/// The text in which a file names the program that wrote it. That is an STL header, the comments of an OBJ or PLY file, or the generator
+/// of a GLB file. `None` for other formats, and for files without such text.
 #[must_use]
 pub fn program_of(bytes: &[u8], format: Format) -> Option<String> {
     let text = match format {
@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(program_of(ply, Format::Ply).as_deref(), Some("VCGLIB generated"));
         let json = br#"{"asset":{"version":"2.0","generator":"TRELLIS.2"},"meshes":[]}"#;
         let mut glb = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
-        glb.extend((json.len() as u32).to_le_bytes());
+        glb.extend(u32::try_from(json.len()).expect("short").to_le_bytes());
         glb.extend(b"JSON");
         glb.extend(json);
         assert_eq!(program_of(&glb, Format::Glb).as_deref(), Some("TRELLIS.2"));

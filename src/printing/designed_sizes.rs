@@ -190,10 +190,8 @@ mod tests {
         }
         let (outer, inner) = (|top: u32, k: u32| top * (4 + n) + k % 4, |top: u32, k: u32| top * (4 + n) + 4 + k % n);
         for k in 0..4 {
-            for [a, b, c] in [[outer(1, k), outer(1, k + 1), inner(1, (k + 1) * n / 4)]] {
-                soup.faces.push([a, b, c]);
-                soup.faces.push([outer(0, k), inner(0, (k + 1) * n / 4), outer(0, k + 1)]);
-            }
+            soup.faces.push([outer(1, k), outer(1, k + 1), inner(1, (k + 1) * n / 4)]);
+            soup.faces.push([outer(0, k), inner(0, (k + 1) * n / 4), outer(0, k + 1)]);
             soup.faces.push([outer(0, k), outer(0, k + 1), outer(1, k + 1)]);
             soup.faces.push([outer(0, k), outer(1, k + 1), outer(1, k)]);
             for i in k * n / 4..(k + 1) * n / 4 {

@@ -185,8 +185,8 @@ pub struct Options {
     /// Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
     /// `change.png`, `change.glb` and `change.ply`. The first request for one of them draws all.
     pub pictures: bool,
-    /// Whether to also offer other results where the file leaves the model's intent open, such as a double shell that may be meant as a
-    /// solid or as hollow. Each one is a further repair within `deadline_s`. A job offers up to three results; `choice` takes one.
+    /// Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
+    /// A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
     pub alternatives: bool,
     /// Options that prepare the model for a printing process.
     #[serde(flatten)]

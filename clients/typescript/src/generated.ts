@@ -2069,8 +2069,8 @@ export interface components {
         /** @description The options of a repair. Every field has a default. */
         Options: components["schemas"]["PrintOptions"] & {
             /**
-             * @description Whether to also offer other results where the file leaves the model's intent open, such as a double shell that may be meant as a
-             *     solid or as hollow. Each one is a further repair within `deadline_s`. A job offers up to three results; `choice` takes one.
+             * @description Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
+             *     A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
              * @default false
              */
             alternatives?: boolean;
@@ -4931,8 +4931,8 @@ export interface operations {
                  */
                 pictures?: boolean;
                 /**
-                 * @description Whether to also offer other results where the file leaves the model's intent open, such as a double shell that may be meant as a
-                 *     solid or as hollow. Each one is a further repair within `deadline_s`. A job offers up to three results; `choice` takes one.
+                 * @description Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
+                 *     A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
                  */
                 alternatives?: boolean;
                 /**
