@@ -35,7 +35,7 @@ struct Report {
 #[pyfunction]
 pub fn compare(
     py: Python<'_>,
-    (before, after): (Model, Model),
+    models: (Model, Model),
     samples: Option<u32>,
     deadline_s: Option<f64>,
     settings: &Settings,
@@ -54,7 +54,7 @@ pub fn compare(
             let bytes = model.read(&settings.limits)?;
             format::read(&bytes, &settings.limits).map_err(|error| Failure::Read(model.0.clone(), error))
         };
-        measure([read(&before)?, read(&after)?], options, context)
+        measure([read(&models.0)?, read(&models.1)?], options, context)
     })?;
     as_json(&report)
 }
