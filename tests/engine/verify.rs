@@ -88,7 +88,7 @@ proptest! {
     fn a_repair_is_the_same_whether_all_faces_are_verified_or_the_changed_ones(
         solid in 0..SOLIDS.len(), kinds in 1usize..1 << DAMAGES.len(), amount in 1usize..6, seed: u64,
     ) {
-        let mut damaged = SOLIDS[solid].1();
+        let mut damaged = (SOLIDS[solid].1)();
         let mut random = Random::new(seed);
         for (i, (_, damage)) in DAMAGES.iter().enumerate() {
             if kinds >> i & 1 == 1 {
