@@ -239,10 +239,16 @@ fn waits_for_a_job(child: u32) -> bool {
     let arguments = std::fs::read(format!("/proc/{child}/cmdline")).unwrap_or_default();
     let arguments: Vec<String> =
         arguments.split(|&byte| byte == 0).map(|argument| String::from_utf8_lossy(argument).into_owned()).collect();
-    let [_, verb, folder, ..] = &arguments[..] else { return false };
-    // The folder may be in another mount namespace, and the link may not be readable for this user.
-    let folders = [folder.clone(), format!("/proc/{child}/cwd")];
-    verb == "job-child" && !folders.iter().any(|folder| Path::new(folder).join("log.txt").exists())
+    match &arguments[..] {
+        // A new process has its parent's command line until it runs the program.
+        [_, verb, ..] if verb == "serve" || verb == "work" => true,
+        [_, verb, folder, ..] if verb == "job-child" => {
+            // The folder may be in another mount namespace, and the link may not be readable for this user.
+            let folders = [folder.clone(), format!("/proc/{child}/cwd")];
+            !folders.iter().any(|folder| Path::new(folder).join("log.txt").exists())
+        }
+        _ => false,
+    }
 }
 
 /// The direct children of a process.
