@@ -24,7 +24,7 @@ pub enum Stage {
     Finish,
 }
 
-/// The expected effort of a repair, from the counts of its inspection. It is no promise: most repairs stay within a factor of three.
+/// The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Estimate {

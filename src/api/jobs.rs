@@ -253,7 +253,7 @@ pub(super) async fn delete_job(
 pub(super) struct StreamEvent {
     /// `progress`, or `done` as the last event.
     event: String,
-    /// JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job.
+    /// JSON. For `progress`: the status, stage, tier, percent, queue position and estimate. For `done`: the job.
     data: String,
     /// The job's version, a number that grows with each change.
     id: String,

@@ -1,7 +1,7 @@
 //! The expected effort of a repair, from the counts of the input's inspection.
 //!
-//! The figures are fitted to the measured processor time and memory of repairs of a few hundred public models, on one core. They
-//! steer progress and the choice of strategies near the deadline, never a result.
+//! The figures are orders of magnitude of one core of a server of 2025, not a fit. They steer progress, and which strategies begin near
+//! the deadline; they never decide between results.
 
 use std::time::Duration;
 
@@ -27,7 +27,7 @@ const FACE_BYTES: f64 = 700.0;
 const PAIR_BYTES: f64 = 3_000.0;
 
 /// Factor by which a strategy may run faster than expected. A strategy is left out only if even then it would pass the deadline.
-const MAX_SPEED_UP: f64 = 4.0;
+const MAX_SPEED_UP: f64 = 10.0;
 
 /// The expected effort of a repair of an input with these counts. `is_whole` tells whether the input is returned as it is.
 pub(super) fn estimate(before: &Measures, is_whole: bool) -> Estimate {
@@ -81,7 +81,7 @@ mod tests {
         let before = input(10_000, 100_000);
         let plan = make_plan(&before, Category::SelfIntersecting, false, &Options::default());
         let durations: Vec<Duration> = plan.strategies.iter().map(|s| least_duration(s, &before)).collect();
-        assert!(durations[0] > Duration::from_secs(1), "{durations:?}");
+        assert!(durations[0] > Duration::from_secs(3), "{durations:?}");
         assert!(durations.contains(&Duration::ZERO), "{durations:?}");
     }
 }

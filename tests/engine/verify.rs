@@ -7,9 +7,10 @@ use glam::DVec3;
 use meshmend::format::{Format, Limits, write};
 use meshmend::inspect::{Analysis, Intersections, intersections};
 use meshmend::mesh::Soup;
-use meshmend::repair::{Context, NoProgress, Options, Repaired, Verify, repair};
+use meshmend::repair::{Context, NoProgress, Options, Verify, repair};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use serde_json::Value;
 
 use crate::damage::{DAMAGES, Random, SOLIDS};
 use crate::meshes::{cube, join, push, sphere};
@@ -71,14 +72,15 @@ proptest! {
     }
 }
 
-/// The repair by a clock that stands still, with `verify` as it was asked for left out of the report.
-fn repaired(bytes: &[u8], verify: Verify) -> Repaired {
+/// The result and the report, without the options, of a repair by a clock that stands still.
+fn repaired(bytes: &[u8], verify: Verify) -> (Vec<u8>, Value) {
     let options = Options { max_tier: 2, verify, ..Options::default() };
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-    let mut repaired = repair(bytes, &options, &Limits::default(), None, &context).unwrap();
-    repaired.report.options.verify = Verify::default();
-    repaired
+    let repaired = repair(bytes, &options, &Limits::default(), None, &context).unwrap();
+    let mut report = serde_json::to_value(&repaired.report).unwrap();
+    report.as_object_mut().unwrap().remove("options");
+    (repaired.bytes, report)
 }
 
 proptest! {
@@ -88,7 +90,7 @@ proptest! {
     fn a_repair_is_the_same_whether_all_faces_are_verified_or_the_changed_ones(
         solid in 0..SOLIDS.len(), kinds in 1usize..1 << DAMAGES.len(), amount in 1usize..6, seed: u64,
     ) {
-        let mut damaged = SOLIDS[solid].1();
+        let mut damaged = (SOLIDS[solid].1)();
         let mut random = Random::new(seed);
         for (i, (_, damage)) in DAMAGES.iter().enumerate() {
             if kinds >> i & 1 == 1 {
@@ -97,8 +99,8 @@ proptest! {
         }
         let bytes = write(&damaged.soup, Format::Stl).unwrap();
         let [changed, full] = [Verify::Changed, Verify::Full].map(|verify| repaired(&bytes, verify));
-        prop_assert_eq!(changed.bytes, full.bytes);
-        prop_assert_eq!(changed.report, full.report);
+        prop_assert_eq!(changed.0, full.0);
+        prop_assert_eq!(changed.1, full.1);
     }
 }
 

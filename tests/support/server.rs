@@ -237,8 +237,18 @@ pub fn signal(pid: u32, name: &str) {
 /// Whether a child process has no task yet: it opens its log when it gets one.
 fn waits_for_a_job(child: u32) -> bool {
     let arguments = std::fs::read(format!("/proc/{child}/cmdline")).unwrap_or_default();
-    let is_for_jobs = arguments.split(|&byte| byte == 0).nth(1) == Some(b"job-child");
-    is_for_jobs && !Path::new(&format!("/proc/{child}/cwd/log.txt")).exists()
+    let arguments: Vec<String> =
+        arguments.split(|&byte| byte == 0).map(|argument| String::from_utf8_lossy(argument).into_owned()).collect();
+    match &arguments[..] {
+        // A new process has its parent's command line until it runs the program.
+        [_, verb, ..] if verb == "serve" || verb == "work" => true,
+        [_, verb, folder, ..] if verb == "job-child" => {
+            // The folder may be in another mount namespace, and the link may not be readable for this user.
+            let folders = [folder.clone(), format!("/proc/{child}/cwd")];
+            !folders.iter().any(|folder| Path::new(folder).join("log.txt").exists())
+        }
+        _ => false,
+    }
 }
 
 /// The direct children of a process.
