@@ -170,7 +170,7 @@ fn name_of_alternative(job: &Job, name: &str, choice: &str) -> Result<String, Pr
         "after.png" => format!("after-{choice}.png"),
         _ => {
             let detail = format!(
-                "An alternative has no artifact '{}'. It has `model`, `report-full.json` and `after.png`.",
+                "An alternative has no artifact '{}'. Its artifacts are: model, report-full.json, after.png.",
                 truncated(name)
             );
             return Err(Problem::new(ProblemCode::ArtifactNotFound, detail));

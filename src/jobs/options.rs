@@ -231,6 +231,7 @@ mod tests {
                 process_limits: Some(ProcessLimits::default()),
                 min_wall: some,
                 seal_mm: some,
+                keep_cavities_over_mm3: some,
                 vent_diameter_mm: some,
                 target_height_mm: some,
                 target_longest_mm: some,

@@ -181,7 +181,7 @@ mod tests {
         let mut soup = Soup::default();
         let corner = |k: u32| [[-x, -y], [x, -y], [x, y], [-x, y]][k as usize % 4].map(|side: f64| side / 2.0);
         let round = |k: u32| {
-            let angle = (f64::from(k % n) / f64::from(n) + 0.625) * std::f64::consts::TAU;
+            let angle = (f64::from(k % n) / f64::from(n) + 0.5) * std::f64::consts::TAU;
             [r * angle.cos(), r * angle.sin()]
         };
         for height in [0.0, z] {
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drilled_plate_has_three_lengths_and_one_hole() {
+    fn a_drilled_plate_has_its_thickness_and_both_rims_of_its_hole() {
         let plate = drilled_plate([40.0, 30.0, 3.0], 1.65, 24);
         let sizes = designed_sizes(&plate, &Edges::new(&plate.faces));
         let mut lengths = sizes.lengths.clone();

@@ -18,7 +18,7 @@ pub struct FileSummary {
 
 impl FileSummary {
     /// The summary of written bytes.
-    pub(in crate::repair) fn of(format: Format, dialect: &str, bytes: &[u8]) -> Self {
+    pub(crate) fn of(format: Format, dialect: &str, bytes: &[u8]) -> Self {
         Self { format, dialect: dialect.to_owned(), bytes: bytes.len() as u64 }
     }
 }
