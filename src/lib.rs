@@ -20,7 +20,9 @@
 //! `service`. On systems other than Linux there is neither `blender` nor the feature `service`.
 
 #[cfg(all(feature = "service", not(target_os = "linux")))]
-compile_error!("the feature `service` needs Linux; build the program with the feature `cli`, or the library without features");
+compile_error!(
+    "the feature `service` needs Linux; build the program with the feature `cli`, or the library without features"
+);
 
 #[cfg(feature = "service")]
 pub mod access;
