@@ -5,7 +5,7 @@ CARGO_DENY_VERSION := 0.20.2
 BINARY ?= target/release/meshmend
 VERSION = $(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 
-.PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
+.PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench bench-peers audit blender tools postgres check-api check-deploy page \
 	check-page test-browser screenshots clients check-clients test-clients test-generators docs \
 	pictures packed dist check-dist image check-image deploy-tools simulate check-model
 
@@ -42,6 +42,7 @@ check-engine:
 deny:
 	@cargo deny --version >/dev/null 2>&1 || cargo install --locked cargo-deny --version $(CARGO_DENY_VERSION)
 	cargo deny --log-level error check bans licenses sources
+	cargo deny --log-level error --manifest-path clients/python/Cargo.toml check --config deny.toml bans licenses sources
 
 ## Known vulnerabilities; needs the advisory database from the network.
 audit:
@@ -66,7 +67,7 @@ check-page:
 test-browser: tools
 	@sh scripts/test-browser.sh
 
-## Write what is generated of the clients anew, from the OpenAPI document.
+## Write the generated files of the clients: types from the OpenAPI document, and the synchronous Python client from the asynchronous one.
 clients:
 	@sh scripts/clients.sh generate
 
@@ -130,6 +131,10 @@ check-image:
 bench: tools postgres
 	cargo bench --locked --features service --bench capacity
 	cargo bench --locked --features service --bench jobs_per_second -- 100
+
+## Large models: meshmend beside pymeshfix, MeshLib and manifold3d, where PEER_PYTHON (default python3) has them; it needs numpy.
+bench-peers: build
+	$${PEER_PYTHON:-python3} benches/peers/giants.py --program target/release/meshmend $(PEER_ARGS)
 
 ## The queue's protocol on a simulated fleet: 100,000 histories, about a minute of one core (opt-level 1). FLEET_SEED and FLEET_HISTORIES choose others.
 simulate:

@@ -157,12 +157,22 @@ done
 [ -n "$url" ] || { cat "$work/service" >&2; fail "the service does not start"; }
 
 say "the Python packages"
-for package in "$dist"/meshmend-"$version"-*.whl "$dist"/meshmend-"$version".tar.gz; do
-    rm -rf "$work/venv"
-    python3 -m venv "$work/venv"
-    "$work/venv/bin/python" -m pip install --quiet --disable-pip-version-check "$package"
-    (cd "$work" && "$work/venv/bin/python" "$OLDPWD/clients/python/examples/repair.py" "$url" "$root/root/broken.off" python.stl | grep -q '^repaired: ') ||
-        fail "$package"
+python3 -m venv "$work/venv"
+"$work/venv/bin/python" -m pip install --quiet --disable-pip-version-check "$dist"/meshmend-"$version"-*.whl
+(cd "$work" && "$work/venv/bin/python" -c "
+import meshmend
+result = meshmend.repair('$root/root/broken.off', output='stl', blender=False)
+result.save('engine.stl')
+assert result.is_printable and len(result.faces), result.summary
+assert meshmend.__version__ == '$version', meshmend.__version__
+") || fail "the engine of the wheel"
+cmp -s "$work/engine.stl" "$root/root/repaired.stl" || fail "the wheel and the program give different files"
+(cd "$work" && "$work/venv/bin/python" "$OLDPWD/clients/python/examples/repair.py" "$url" "$root/root/broken.off" python.stl | grep -q '^repaired: ') ||
+    fail "the client of the wheel"
+# A build from the sources takes as long as the program's, so only the contents are checked.
+tar -tzf "$dist/meshmend-$version.tar.gz" > "$work/sources"
+for file in pyproject.toml Cargo.lock rust/lib.rs src/meshmend/__init__.py src/meshmend/py.typed src/repair/pipeline.rs; do
+    grep -q "/$file\$" "$work/sources" || fail "the Python sources have no $file"
 done
 
 say "the npm package"

@@ -43,6 +43,8 @@ pub mod jobs;
 pub mod manual;
 pub mod math;
 pub mod mesh;
+#[cfg(feature = "openapi")]
+pub mod options;
 pub mod printing;
 pub mod remesh;
 pub mod render;

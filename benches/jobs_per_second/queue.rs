@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use meshmend::access::SystemIds;
 use meshmend::context::Stage;
 use meshmend::format::Format;
 use meshmend::jobs::{
@@ -15,7 +16,7 @@ pub async fn times(store: &dyn Store, jobs: usize, report: &JobReport) -> Vec<Du
     let mut times = Vec::with_capacity(jobs);
     for _ in 0..jobs {
         let started = Instant::now();
-        let id = JobId::new();
+        let id = JobId::new(&SystemIds);
         let input = Input {
             key: format!("uploads/{id}"),
             name: "model.stl".to_owned(),

@@ -4,6 +4,7 @@
 
 #[cfg(feature = "service")]
 mod administration;
+mod alternatives;
 mod compare;
 #[cfg(feature = "service")]
 mod config;

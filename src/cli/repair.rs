@@ -17,12 +17,13 @@ use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, RepairError,
-    Repaired, Report, Require, WindingRuleChoice, draw, monotonic_clock, repair,
+    AlternativeRequest, Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps,
+    Preset, Remesher, RepairError, Repaired, Report, Require, Verify, WindingRuleChoice, draw, monotonic_clock, repair,
 };
 use meshmend::scene::Unit;
 use serde::Serialize;
 
+use super::alternatives::{alternative_lines, write_alternatives};
 #[cfg(target_os = "linux")]
 use super::engine::BlenderArgs;
 use super::engine::{LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
@@ -73,22 +74,27 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     let bar = ProgressReporter::new(args.verbose);
     let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
     #[cfg(target_os = "linux")]
-    let repaired = {
-        let blender = OnDemandBlender::new(args.blender.config());
-        repair(&bytes, &options, &limits, Some(&blender), &context)
-    };
+    let blender = OnDemandBlender::new(args.blender.config());
+    #[cfg(target_os = "linux")]
+    let remesher: Option<&dyn Remesher> = Some(&blender);
     // Tier 3 needs the sandbox, which is for Linux.
     #[cfg(not(target_os = "linux"))]
-    let repaired = repair(&bytes, &options, &limits, None, &context);
-    bar.finish();
-    let repaired = match repaired {
+    let remesher: Option<&dyn Remesher> = None;
+    let mut repaired = match repair(&bytes, &options, &limits, remesher, &context) {
         Ok(repaired) => repaired,
         Err(error @ (RepairError::Read(_) | RepairError::Options(_))) => {
+            bar.finish();
             return exit::fail(exit::BAD_INPUT, format!("{}: {error}", args.input.display()));
         }
-        Err(error) => return exit::fail(exit::INTERNAL, error),
+        Err(error) => {
+            bar.finish();
+            return exit::fail(exit::INTERNAL, error);
+        }
     };
-    if let Err(message) = write(args, &repaired) {
+    let request = AlternativeRequest { input: &bytes, options: &options, limits: &limits, remesher, context: &context };
+    let written = write(args, request, &mut repaired);
+    bar.finish();
+    if let Err(message) = written {
         return exit::fail(exit::INTERNAL, message);
     }
     if let Some(folder) = &args.pictures {
@@ -103,7 +109,7 @@ pub fn run(args: &RepairArgs) -> ExitCode {
             Err(error) => drop(writeln!(std::io::stderr(), "  note: no pictures were drawn: {error}")),
         }
     }
-    print_summary(&repaired.report, &args.output);
+    print_summary(&repaired, &args.output);
     ExitCode::from(exit::of(&repaired.report))
 }
 
@@ -115,10 +121,13 @@ struct JobReport<'a> {
     report: &'a Report,
 }
 
-/// Writes the model, unless the repair gives none out, and the report if `--report` is set.
-fn write(args: &RepairArgs, repaired: &Repaired) -> Result<(), String> {
+/// Writes the model, unless the repair gives none out, its alternatives if they are asked for, and the report if `--report` is set.
+fn write(args: &RepairArgs, request: AlternativeRequest<'_>, repaired: &mut Repaired) -> Result<(), String> {
     if repaired.report.verdict.file != OfferedFile::None {
         write_file(&args.output, &repaired.bytes)?;
+    }
+    if request.options.alternatives {
+        write_alternatives(request, repaired, &args.output, args.pictures.as_deref())?;
     }
     let Some(path) = &args.report else { return Ok(()) };
     let report = JobReport { mode: "repair", report: &repaired.report };
@@ -138,14 +147,15 @@ pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Resu
 
 /// Prints the summary on standard error; standard output stays free for data. If no model was written, the last line
 /// says why.
-fn print_summary(report: &Report, output: &Path) {
-    let output = output.display();
+fn print_summary(repaired: &Repaired, path: &Path) {
+    let (report, output) = (&repaired.report, path.display());
     let mut lines = vec![format!("{output}: {}", report.summary)];
     lines.extend(report.print_ready.as_ref().map(|readiness| format!("  {}", readiness.in_words())));
     let flags = report.red_flags.iter().map(|flag| flag.detail.as_str());
     let assumptions =
         report.assumptions.iter().map(|assumption| (assumption.detail.as_str(), assumption.option.as_deref()));
     lines.extend(remark_lines(flags, assumptions, &report.warnings));
+    lines.extend(alternative_lines(repaired, path));
     if report.refusal().is_some() {
         lines.push(format!(
             "meshmend: {output} was not written: the result does not meet `--require {}`",
@@ -186,6 +196,9 @@ pub struct RepairOptionArgs {
     /// Result that the repair must reach to succeed.
     #[arg(long, env = "MESHMEND_REQUIRE", value_enum, default_value_t)]
     require: Require,
+    /// Extent of the check of a result for intersecting faces.
+    #[arg(long, env = "MESHMEND_VERIFY", value_enum, default_value_t)]
+    verify: Verify,
     /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or mm.
     #[arg(long, env = "MESHMEND_UNIT", value_enum)]
     unit: Option<Unit>,
@@ -315,6 +328,9 @@ pub struct RepairOptionArgs {
     /// Most faces that a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
+    /// Offer up to two further results where the file leaves the model's intent open.
+    #[arg(long, env = "MESHMEND_ALTERNATIVES")]
+    alternatives: bool,
     #[command(flatten)]
     print: PrintOptionArgs,
 }
@@ -355,6 +371,7 @@ impl RepairOptionArgs {
             output,
             merge: self.merge,
             require: self.require,
+            verify: self.verify,
             unit: self.unit,
             scale_to: self.scale_to,
             with: self.with.clone(),
@@ -396,6 +413,7 @@ impl RepairOptionArgs {
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,
             pictures: true,
+            alternatives: self.alternatives,
             print: self.print.options()?,
         })
     }

@@ -202,9 +202,19 @@ impl Program {
         }
     }
 
-    /// The processes that run one job each.
+    /// The processes that run one job each, without those that still wait for one.
     pub fn job_children(&self) -> Vec<u32> {
-        children(self.pid())
+        children(self.pid()).into_iter().filter(|&child| !waits_for_a_job(child)).collect()
+    }
+
+    /// The processes that wait for a job.
+    pub fn waiting_children(&self) -> Vec<u32> {
+        children(self.pid()).into_iter().filter(|&child| waits_for_a_job(child)).collect()
+    }
+
+    /// The processes of all running jobs, at any depth.
+    pub fn job_processes(&self) -> Vec<u32> {
+        self.job_children().into_iter().flat_map(|child| [vec![child], descendants(child)].concat()).collect()
     }
 }
 
@@ -224,6 +234,13 @@ pub fn signal(pid: u32, name: &str) {
     assert!(status.success(), "kill -{name} {pid}");
 }
 
+/// Whether a child process has no task yet: it opens its log when it gets one.
+fn waits_for_a_job(child: u32) -> bool {
+    let arguments = std::fs::read(format!("/proc/{child}/cmdline")).unwrap_or_default();
+    let is_for_jobs = arguments.split(|&byte| byte == 0).nth(1) == Some(b"job-child");
+    is_for_jobs && !Path::new(&format!("/proc/{child}/cwd/log.txt")).exists()
+}
+
 /// The direct children of a process.
 pub fn children(pid: u32) -> Vec<u32> {
     let tasks = std::fs::read_dir(format!("/proc/{pid}/task")).into_iter().flatten().flatten();
@@ -234,7 +251,7 @@ pub fn children(pid: u32) -> Vec<u32> {
 }
 
 /// The processes below one, at any depth.
-pub fn descendants(pid: u32) -> Vec<u32> {
+fn descendants(pid: u32) -> Vec<u32> {
     children(pid).into_iter().flat_map(|child| [vec![child], descendants(child)].concat()).collect()
 }
 
