@@ -33,7 +33,8 @@ pub async fn print(data: &Path) {
             tokio::spawn(pass_on(client, server.clone(), Arc::clone(&counting)));
         }
     });
-    let start = Start::serve(&data.join("bucket")).arg("--log", LOG).arg("--database-url", cluster.url());
+    let folder = data.join("bucket");
+    let start = Start::serve(&folder).arg("--log", LOG).arg("--database-url", cluster.url());
     let program = bucket.store_files_of(start).env("MESHMEND_S3_ENDPOINT", &address).start();
     drive(&service(&program), Model::Box, 0..1, 1).await;
     counts.lock().expect("not poisoned").clear();

@@ -10,6 +10,7 @@ mod bucket;
 mod cpu;
 mod database;
 #[path = "../jobs_per_second/drive.rs"]
+#[allow(dead_code, reason = "shared with another benchmark")]
 mod drive;
 mod history;
 mod memory;

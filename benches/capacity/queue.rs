@@ -4,6 +4,7 @@ use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use futures::future::join_all;
+use meshmend::access::SystemIds;
 use meshmend::format::Format;
 use meshmend::jobs::{
     Artifact, Artifacts, Completion, Input, JobId, JobOptions, JobReport, Lease, NewJob, Store, StoredFile,
@@ -17,7 +18,7 @@ const AT_ONCE: usize = 4;
 /// Submits jobs without their files.
 pub async fn submit(store: &dyn Store, jobs: usize) {
     for _ in 0..jobs {
-        let id = JobId::new();
+        let id = JobId::new(&SystemIds);
         let input = Input {
             key: format!("uploads/{id}"),
             name: "model.stl".to_owned(),

@@ -55,7 +55,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Repair one file. Needs no server.
-    Repair(repair::RepairArgs),
+    Repair(Box<repair::RepairArgs>),
     /// List the defects of files and measure them. Needs no server.
     Inspect(inspect::InspectArgs),
     /// Measure how one file differs from another. Needs no server.

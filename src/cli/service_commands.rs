@@ -65,7 +65,7 @@ pub fn run(command: ServiceCommand, program: clap::Command) -> ExitCode {
 
 /// Arguments of `meshmend openapi`.
 #[derive(Debug, Args)]
-struct OpenapiArgs {
+pub struct OpenapiArgs {
     /// Check that this file equals the document instead of printing the document; exit code 1 if the file is
     /// outdated.
     #[arg(long, env = "MESHMEND_OPENAPI_CHECK", value_name = "FILE")]
@@ -76,8 +76,9 @@ struct OpenapiArgs {
     spec: Spec,
 }
 
+/// Version of the OpenAPI specification.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum Spec {
+pub enum Spec {
     #[value(name = "3.0")]
     V3_0,
     #[value(name = "3.1")]

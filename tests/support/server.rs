@@ -261,7 +261,7 @@ pub fn children(pid: u32) -> Vec<u32> {
 }
 
 /// The processes below one, at any depth.
-fn descendants(pid: u32) -> Vec<u32> {
+pub fn descendants(pid: u32) -> Vec<u32> {
     children(pid).into_iter().flat_map(|child| [vec![child], descendants(child)].concat()).collect()
 }
 
