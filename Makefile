@@ -50,7 +50,7 @@ audit:
 
 ## Write the OpenAPI document anew.
 openapi:
-	cargo run --locked --quiet --features service -- openapi > openapi/openapi.json.new
+	cargo run --locked --quiet --features failpoints -- openapi > openapi/openapi.json.new
 	mv openapi/openapi.json.new openapi/openapi.json
 
 check-openapi:
