@@ -1372,6 +1372,19 @@ export interface components {
             /** @description Titles of the sources. */
             sources?: string[];
         };
+        /** @description The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely. */
+        Estimate: {
+            /**
+             * Format: int64
+             * @description Expected peak of the memory in bytes.
+             */
+            memory_bytes: number;
+            /**
+             * Format: int64
+             * @description Expected duration of the whole repair in milliseconds, on one idle core.
+             */
+            milliseconds: number;
+        };
         /** @description An error in one field of a request. */
         FieldError: {
             /** @description The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`. */
@@ -2311,6 +2324,11 @@ export interface components {
             /** @default null */
             unit?: components["schemas"]["Unit"] | null;
             /**
+             * @description Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer.
+             * @default changed
+             */
+            verify?: components["schemas"]["Verify"];
+            /**
              * Format: int32
              * @description Number of voxels along the bounding box's diagonal in a remesh. More voxels keep finer detail and take more time and memory.
              * @default 300
@@ -2838,6 +2856,7 @@ export interface components {
         };
         /** @description The progress of a job. */
         Progress: {
+            estimate?: components["schemas"]["Estimate"] | null;
             /**
              * Format: int32
              * @description Percentage of the work that is done, 0 to 100.
@@ -3461,7 +3480,7 @@ export interface components {
         };
         /** @description One event of a job's event stream. */
         StreamEvent: {
-            /** @description JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job. */
+            /** @description JSON. For `progress`: the status, stage, tier, percent, queue position and estimate. For `done`: the job. */
             data: string;
             /** @description `progress`, or `done` as the last event. */
             event: string;
@@ -3910,6 +3929,11 @@ export interface components {
             proven: components["schemas"]["Property"][];
         };
         /**
+         * @description The extent of the check of a result.
+         * @enum {string}
+         */
+        Verify: "changed" | "full";
+        /**
          * @description The treatment of sealed cavities.
          * @enum {string}
          */
@@ -4174,6 +4198,7 @@ export type Distribution = components['schemas']['Distribution'];
 export type EdgeAngles = components['schemas']['EdgeAngles'];
 export type Elements = components['schemas']['Elements'];
 export type EscapeHoles = components['schemas']['EscapeHoles'];
+export type Estimate = components['schemas']['Estimate'];
 export type FieldError = components['schemas']['FieldError'];
 export type FileAnalysis = components['schemas']['FileAnalysis'];
 export type FileSummary = components['schemas']['FileSummary'];
@@ -4309,6 +4334,7 @@ export type UploadLimits = components['schemas']['UploadLimits'];
 export type UploadPut = components['schemas']['UploadPut'];
 export type UploadRequest = components['schemas']['UploadRequest'];
 export type Verdict = components['schemas']['Verdict'];
+export type Verify = components['schemas']['Verify'];
 export type Voids = components['schemas']['Voids'];
 export type Volume = components['schemas']['Volume'];
 export type WallGrowth = components['schemas']['WallGrowth'];
@@ -4788,6 +4814,8 @@ export interface operations {
                 merge?: components["schemas"]["Merge"];
                 /** @description Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned. */
                 require?: components["schemas"]["Require"];
+                /** @description Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer. */
+                verify?: components["schemas"]["Verify"];
                 /** @description Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none. */
                 unit?: components["schemas"]["Unit"];
                 /** @description Unit to convert the model to. Default: no conversion. Options that are lengths are in this unit. */

@@ -203,6 +203,15 @@ class EscapeHoles(TypedDict, closed=True):
     """Titles of the sources."""
 
 
+class Estimate(TypedDict):
+    """The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely."""
+
+    memory_bytes: int
+    """Expected peak of the memory in bytes."""
+    milliseconds: int
+    """Expected duration of the whole repair in milliseconds, on one idle core."""
+
+
 class FieldError(TypedDict):
     """An error in one field of a request."""
 
@@ -781,7 +790,7 @@ class StreamEvent(TypedDict):
     """One event of a job's event stream."""
 
     data: str
-    """JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job."""
+    """JSON. For `progress`: the status, stage, tier, percent, queue position and estimate. For `done`: the job."""
     event: str
     """`progress`, or `done` as the last event."""
     id: str
@@ -1092,6 +1101,10 @@ class Verdict(TypedDict):
     """Whether the file can be printed as it is: the outcome is `already_printable` or `repaired`."""
     proven: list[Property]
     """Properties that were verified on the file's own bytes."""
+
+
+Verify: TypeAlias = Literal['changed', 'full']
+"""The extent of the check of a result."""
 
 
 Voids: TypeAlias = Literal['keep', 'fill', 'vent']
@@ -1721,6 +1734,7 @@ class ProcessProfiles(TypedDict):
 class Progress(TypedDict):
     """The progress of a job."""
 
+    estimate: NotRequired[Estimate | None]
     percent: int
     """Percentage of the work that is done, 0 to 100."""
     queue_position: int | None
@@ -2204,6 +2218,7 @@ Options = TypedDict(
         'thickness': NotRequired[float | None],
         'twist_angle_deg': NotRequired[float],
         'unit': NotRequired[Unit | None],
+        'verify': NotRequired[Verify],
         'voxel_resolution': NotRequired[int],
         'voxel_size': NotRequired[float | None],
         'weld_tolerance': NotRequired[float],
