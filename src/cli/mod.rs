@@ -64,7 +64,7 @@ enum Command {
     Profiles(profiles::ProfilesArgs),
     #[cfg(feature = "service")]
     #[command(flatten)]
-    Service(service_commands::ServiceCommand),
+    Service(Box<service_commands::ServiceCommand>),
     /// Print a shell script that completes commands and flags; for example `meshmend completions bash`.
     Completions(CompletionsArgs),
     /// Write the manual pages of all commands into a folder; for packages.
@@ -99,7 +99,7 @@ pub fn run() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Profiles(args) => profiles::run_profiles(args),
         #[cfg(feature = "service")]
-        Command::Service(command) => service_commands::run(command, Cli::command()),
+        Command::Service(command) => service_commands::run(*command, Cli::command()),
         Command::Completions(args) => completions(&args, Cli::command()),
         Command::Man(args) => man(&args, Cli::command()),
     }

@@ -32,7 +32,7 @@ test("the page asks for the unit with the size under each candidate", { timeout:
   await shown(page);
   const question = page.locator(".unit-question");
   await question.waitFor();
-  assert.match(await question.innerText(), /Inches · 76\.2 × 50\.8 × 3\.18 mm[\s\S]*Millimetres · 3 × 2 × 0\.125 mm/);
+  assert.match(await question.innerText(), /Inches · 76\.2 × 50\.8 × 3\.17 mm[\s\S]*Millimetres · 3 × 2 × 0\.125 mm/);
   await question.getByRole("button", { name: /^Inches/ }).click();
   await page.locator(".unit-question").waitFor({ state: "detached", timeout: 60_000 });
   await shown(page);
