@@ -42,7 +42,7 @@ check-engine:
 deny:
 	@cargo deny --version >/dev/null 2>&1 || cargo install --locked cargo-deny --version $(CARGO_DENY_VERSION)
 	cargo deny --log-level error check bans licenses sources
-	cargo deny --log-level error --manifest-path clients/python/Cargo.toml check --config deny.toml bans licenses sources
+	cargo deny --log-level error --manifest-path clients/python/Cargo.toml --config deny.toml check bans licenses sources
 
 ## Known vulnerabilities; needs the advisory database from the network.
 audit:
