@@ -145,7 +145,7 @@ pub enum ProfileError {
 }
 
 impl Profile {
-    /// The profiles that the program brings along.
+    /// The built-in profiles.
     #[must_use]
     pub fn built_in() -> &'static [Self] {
         static PROFILES: LazyLock<Vec<Profile>> = LazyLock::new(|| read_built_in(BUILT_IN));
