@@ -136,6 +136,21 @@ fn a_double_shell_with_pinholes_becomes_a_solid_and_the_report_says_so() {
 }
 
 #[test]
+fn an_inner_skin_seen_only_through_many_pinholes_is_not_missed() {
+    let mut shell = double_shell();
+    let (half, mut at) = (shell.faces.len() / 2, 0);
+    shell.faces.retain(|_| {
+        at += 1;
+        !(at < half && at % 50 == 7)
+    });
+    let filled = run(&shell, PrintOptions::default());
+    assert_outcome(&filled, Outcome::Repaired);
+    assert!(filled.report.red_flags.is_empty(), "{:?}", filled.report.red_flags);
+    assert_eq!(measured_file(&filled.bytes).parts, 1);
+    assert!(volume(&filled) > 33_000.0, "the ball is a solid: {}", volume(&filled));
+}
+
+#[test]
 fn an_ordinary_hollow_print_is_not_taken_for_a_double_shell() {
     for soup in
         [hollow_cube(), join(&sphere(DVec3::ZERO, 20.0, 48, 24), &inside_out(sphere(DVec3::ZERO, 18.0, 48, 24)))]
