@@ -39,9 +39,10 @@ fn hollow_cube() -> Soup {
     join(&cube(DVec3::ZERO, 20.0, 2), &inside_out(cube(DVec3::splat(5.0), 10.0, 2)))
 }
 
-/// A ball of radius 20 as two skins, 0.1 apart, each without some faces.
-fn double_shell() -> Soup {
-    let mut both = as_f32(join(&sphere(DVec3::ZERO, 20.0, 96, 48), &inside_out(sphere(DVec3::ZERO, 19.9, 96, 48))));
+/// A ball of radius 20 as two skins, each without some faces.
+fn double_shell(gap: f64) -> Soup {
+    let inner = inside_out(sphere(DVec3::ZERO, 20.0 - gap, 96, 48));
+    let mut both = as_f32(join(&sphere(DVec3::ZERO, 20.0, 96, 48), &inner));
     let faces = both.faces.len();
     let mut at = 0;
     both.faces.retain(|_| {
@@ -124,20 +125,20 @@ fn small_separate_solids_stay_unless_the_options_drop_them() {
 #[test]
 fn a_double_shell_with_pinholes_becomes_a_solid_and_the_report_says_so() {
     let solid = 4.0 / 3.0 * std::f64::consts::PI * 20f64.powi(3);
-    let filled = run(&double_shell(), PrintOptions::default());
+    let filled = run(&double_shell(0.1), PrintOptions::default());
     assert_outcome(&filled, Outcome::Repaired);
     assert!((volume(&filled) / solid - 1.0).abs() < 0.02, "{}", volume(&filled));
     assert_eq!(measured_file(&filled.bytes).parts, 1);
     let assumed = filled.report.assumptions.iter().find(|one| one.kind == AssumptionKind::InteriorFilled);
     assert_eq!(assumed.and_then(|one| one.option.as_deref()), Some("interior=keep"));
     assert_eq!(filled.report.plan.preset, Preset::Generated);
-    let kept = run(&double_shell(), PrintOptions { interior: Interior::Keep, ..PrintOptions::default() });
+    let kept = run(&double_shell(0.1), PrintOptions { interior: Interior::Keep, ..PrintOptions::default() });
     assert!(volume(&kept) < 0.1 * solid, "{}", volume(&kept));
 }
 
 #[test]
 fn an_inner_skin_seen_only_through_many_pinholes_is_not_missed() {
-    let mut shell = double_shell();
+    let mut shell = double_shell(0.5);
     let (half, mut at) = (shell.faces.len() / 2, 0);
     shell.faces.retain(|_| {
         at += 1;
