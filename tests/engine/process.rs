@@ -152,6 +152,16 @@ fn an_inner_skin_seen_only_through_many_pinholes_is_not_missed() {
 }
 
 #[test]
+fn a_double_shell_whose_outer_skin_touches_itself_along_an_edge_becomes_a_solid() {
+    let shell = |low: DVec3| join(&cube(low, 20.0, 4), &inside_out(cube(low + 0.2, 19.6, 4)));
+    let touching = join(&shell(DVec3::ZERO), &shell(DVec3::new(20.0, 20.0, 0.0)));
+    let filled = run(&touching, PrintOptions::default());
+    assert_outcome(&filled, Outcome::Repaired);
+    assert_eq!(filled.report.plan.preset, Preset::Generated);
+    assert!((volume(&filled) / 16_000.0 - 1.0).abs() < 0.01, "both cubes are solids: {}", volume(&filled));
+}
+
+#[test]
 fn an_ordinary_hollow_print_is_not_taken_for_a_double_shell() {
     for soup in
         [hollow_cube(), join(&sphere(DVec3::ZERO, 20.0, 48, 24), &inside_out(sphere(DVec3::ZERO, 18.0, 48, 24)))]
