@@ -314,6 +314,13 @@ impl OptionCheck<'_> {
                 "`max_tier=1` leaves out the operators that this option controls".to_owned(),
             ));
         }
+        if own().next().is_none()
+            && let Some(step) = self.steps.iter().map(|executed| &executed.step).rfind(|step| is_own(step))
+        {
+            let rejected = || "the result of the strategy that applied it was not accepted".to_owned();
+            let note = step.note.clone().filter(|_| step.changed.is_empty());
+            return Some((NotAppliedCause::Unavailable, note.unwrap_or_else(rejected)));
+        }
         Some((NotAppliedCause::NothingToDo, nothing.to_owned()))
     }
 
