@@ -104,7 +104,8 @@ pub enum Basis {
 pub struct EscapeHoles {
     /// Least diameter.
     pub diameter_mm: f64,
-    /// Least number of holes per cavity.
+    /// Number of holes that `voids=vent` drills into a sealed cavity. The openings of a cavity that is already open are
+    /// not counted.
     pub count: u32,
     /// Where the rule comes from.
     pub basis: Basis,
