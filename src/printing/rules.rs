@@ -59,7 +59,7 @@ pub enum PrintRule {
     EngravedDetail,
     /// Every separate solid has enough volume.
     PartVolume,
-    /// Every cavity has escape holes, through which powder or resin can leave.
+    /// Every cavity has an opening wide enough for powder or resin to leave. Further openings are not counted.
     EscapeHoles,
     /// The model fits the build volume, in some orientation along the axes.
     BuildVolume,
