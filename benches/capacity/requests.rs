@@ -45,7 +45,7 @@ impl Rate {
         self.times[(share * last as f64) as usize].as_secs_f64() * 1e3
     }
 
-    /// Milliseconds of processor time for each request.
+    /// Milliseconds of CPU time for each request.
     pub fn cpu_millis(&self, cpu: Duration) -> f64 {
         cpu.as_secs_f64() * 1e3 / self.count as f64
     }

@@ -1,10 +1,10 @@
-//! Processor time of processes, which other work on the machine changes less than it changes the time on the clock.
+//! CPU time of processes, which other work on the machine changes less than it changes elapsed time.
 
 use std::time::Duration;
 
 use crate::server::children;
 
-/// Clock ticks a second: what Linux counts processor time in for programs (`man 5 proc`), the same on all that this runs on.
+/// Clock ticks a second: the unit in which Linux reports CPU time (`man 5 proc`), the same on all supported machines.
 const TICKS: u32 = 100;
 
 /// What these processes took until now, with all that they started: those still there and those that have ended.

@@ -35,7 +35,7 @@ pub struct Figures {
     pub all: Duration,
     /// Of each request that submits, sorted.
     submits: Vec<Duration>,
-    /// Processor time of the service.
+    /// CPU time of the service.
     cpu: Duration,
     /// One of the results.
     pub result: Vec<u8>,
@@ -46,7 +46,7 @@ impl Figures {
         self.jobs as f64 / self.all.as_secs_f64()
     }
 
-    /// Processor time of the service, in milliseconds.
+    /// CPU time of the service, in milliseconds.
     pub fn cpu_per_job(&self) -> f64 {
         self.cpu.as_secs_f64() * 1e3 / self.jobs as f64
     }

@@ -78,7 +78,7 @@ def make_models(folder, faces, large):
 
 
 def run(command):
-    """Seconds, seconds of processor and the peak of memory in bytes of a process, and its exit status."""
+    """Seconds, seconds of CPU time and the peak of memory in bytes of a process, and its exit status."""
     started = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     _, status, used = os.wait4(process.pid, 0)

@@ -62,7 +62,8 @@ impl FromRequestParts<ApiState> for ArtifactAddress {
 /// show the input and the result with the defects in colour. `defects.glb` and `defects.ply` are the input as coloured meshes with a
 /// legend. `change.png`, `change.glb` and `change.ply` show which surface was kept, moved, added and removed. `remaining.glb` shows the
 /// remaining defects of a result that is not printable. Models of more than 400,000 faces also have the coarse previews
-/// `defects-preview.glb` and `change-preview.glb`.
+/// `defects-preview.glb` and `change-preview.glb`. A printable result of a job with `process` or `min_wall` also has `thickness.png`,
+/// `thickness.glb` and `thickness.ply`, which show its wall thickness in colours.
 ///
 /// If the job has the option `alternatives`, the job's `alternatives` list further results. Each has the artifacts `model-ID`,
 /// `report-ID.json` and, unless `pictures` is false, `after-ID.png`. With the query parameter `choice=ID`, the names `model`,

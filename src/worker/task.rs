@@ -158,7 +158,7 @@ pub(super) struct ProcessLimits {
     pub memory_bytes: u64,
     /// Largest file that it may write, in bytes.
     pub file_bytes: u64,
-    /// Processor time.
+    /// CPU time.
     pub cpu: Duration,
 }
 

@@ -125,7 +125,7 @@ test("a thickness that the service chose is reported with what printers need", {
   const job = await repaired(service.url, "sheet.obj", sheet(), { open_sheets: "thicken" });
   const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}`, locale: "de-DE" });
   await shown(page);
-  await page.getByText("Diese offene Fläche bekam eine Dicke von 0,086 mm.").waitFor();
+  await page.getByText("Diese offene Fläche erhielt eine Dicke von 0,086 mm.").waitFor();
   await page.getByText("Die meisten Drucker brauchen mindestens 0,8 mm.").first().waitFor();
   await page.getByRole("button", { name: "1,2 mm dick machen" }).waitFor();
   assert.deepEqual(faults, []);

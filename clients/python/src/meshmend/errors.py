@@ -66,6 +66,7 @@ class Problem(MeshmendError):
 
     @classmethod
     def unreachable(cls, error: Exception) -> Problem:
+        """Creates the problem of a request that got no response."""
         return cls(0, "unreachable", detail=str(error))
 
     @classmethod

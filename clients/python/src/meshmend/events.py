@@ -27,4 +27,5 @@ class JobEvent:
 
 
 def job_path(job_id: str) -> str:
+    """Returns the path of a job's URL."""
     return f"/v1/jobs/{quote(job_id, safe='')}"

@@ -36,5 +36,6 @@ class Model:
         return nullcontext(self._file)
 
     def size(self) -> int:
+        """Returns the size of the file in bytes."""
         with self.open() as file:
             return file.seek(0, os.SEEK_END)

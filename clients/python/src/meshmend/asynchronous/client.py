@@ -60,6 +60,7 @@ class AsyncClient:
         await self.close()
 
     async def close(self) -> None:
+        """Closes the connections to the service."""
         await self.server.close()
 
     async def repair(
@@ -171,6 +172,7 @@ class AsyncClient:
         return place
 
     async def get(self, job: AsyncJob | str, *, timeout: float | None = None) -> AsyncJob:
+        """Returns the current state of a job, with its report once the job has one."""
         return await self._job(
             lambda: self.server.json("GET", job_path(_id(job)), params={"include": "report"}), timeout
         )
@@ -206,6 +208,7 @@ class AsyncClient:
             asked["cursor"] = found["next"]
 
     async def cancel(self, job: AsyncJob | str, *, timeout: float | None = None) -> AsyncJob:
+        """Cancels a queued or running job and returns it."""
         return await self._job(lambda: self.server.json("POST", f"{job_path(_id(job))}/cancel"), timeout)
 
     async def delete(self, job: AsyncJob | str, *, timeout: float | None = None) -> None:

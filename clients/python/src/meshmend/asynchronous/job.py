@@ -31,10 +31,12 @@ class AsyncJob:
 
     @property
     def id(self) -> str:
+        """The id of the job."""
         return self.data["id"]
 
     @property
     def status(self) -> shapes.Status:
+        """The job's status, such as ``running`` or ``succeeded``."""
         return self.data["status"]
 
     @property
@@ -54,6 +56,7 @@ class AsyncJob:
 
     @property
     def progress(self) -> shapes.Progress | None:
+        """The stage, percentage and place in the queue. None once the job has ended."""
         return self.data["progress"]
 
     @property
@@ -89,6 +92,7 @@ class AsyncJob:
         return await self._client.wait(self.id, on_progress=on_progress, timeout=timeout)
 
     async def cancel(self) -> AsyncJob:
+        """Cancels the job if it has not ended, and returns its new state."""
         return await self._client.cancel(self.id)
 
     async def delete(self) -> None:

@@ -27,6 +27,7 @@ class AsyncTransport:
         )
 
     async def close(self) -> None:
+        """Closes the connections."""
         await self._http.aclose()
 
     async def ask(self, method: str, path: str, **request: Any) -> httpx.Response:
@@ -39,6 +40,7 @@ class AsyncTransport:
             return response
 
     async def json(self, method: str, path: str, **request: Any) -> Any:
+        """Sends a request like `ask`, and returns the JSON of the response."""
         response = await self.ask(method, path, **request)
         try:
             return response.json()

@@ -25,6 +25,7 @@ class AsyncWebhooks:
         self._timeout = timeout
 
     async def list(self) -> Sequence[shapes.WebhookEndpoint]:
+        """Returns the endpoints of the account, without their secrets."""
         return cast(shapes.WebhookEndpoints, await self._ask("GET", ENDPOINTS))["endpoints"]
 
     async def create(self, endpoint: shapes.NewWebhookEndpoint) -> shapes.WebhookEndpoint:
@@ -32,12 +33,15 @@ class AsyncWebhooks:
         return cast(shapes.WebhookEndpoint, await self._ask("POST", ENDPOINTS, json=endpoint))
 
     async def get(self, endpoint_id: str) -> shapes.WebhookEndpoint:
+        """Returns an endpoint without its secret."""
         return cast(shapes.WebhookEndpoint, await self._ask("GET", _path(endpoint_id)))
 
     async def change(self, endpoint_id: str, change: shapes.WebhookEndpointChange) -> shapes.WebhookEndpoint:
+        """Changes the given fields of an endpoint, and returns the endpoint."""
         return cast(shapes.WebhookEndpoint, await self._ask("PATCH", _path(endpoint_id), json=change))
 
     async def delete(self, endpoint_id: str) -> None:
+        """Deletes an endpoint and its delivery log."""
         await retry_with_backoff(
             lambda _: self._server.ask("DELETE", _path(endpoint_id)), Deadline(self._timeout), repeatable=False
         )
@@ -60,6 +64,7 @@ class AsyncWebhooks:
         return cast(shapes.WebhookDeliveries, await self._ask("GET", path, params=params))
 
     async def redeliver(self, delivery_id: str) -> shapes.WebhookDelivery:
+        """Sends a message again immediately, whatever the status of its delivery."""
         path = f"/v1/webhook-deliveries/{quote(delivery_id, safe='')}/redeliver"
         return cast(shapes.WebhookDelivery, await self._ask("POST", path))
 
@@ -68,6 +73,7 @@ class AsyncWebhooks:
         return cast(shapes.WebhookSecret, await self._ask("GET", "/v1/webhook-secret"))
 
     async def rotate_secret(self) -> shapes.WebhookSecret:
+        """Replaces the secret for callbacks. The old secret stays valid for 24 hours."""
         return cast(shapes.WebhookSecret, await self._ask("POST", "/v1/webhook-secret/rotate"))
 
     async def _ask(self, method: str, path: str, **request: Any) -> Any:

@@ -61,6 +61,7 @@ class Client:
         self.close()
 
     def close(self) -> None:
+        """Closes the connections to the service."""
         self.server.close()
 
     def repair(
@@ -172,6 +173,7 @@ class Client:
         return place
 
     def get(self, job: Job | str, *, timeout: float | None = None) -> Job:
+        """Returns the current state of a job, with its report once the job has one."""
         return self._job(lambda: self.server.json("GET", job_path(_id(job)), params={"include": "report"}), timeout)
 
     def wait(
@@ -205,6 +207,7 @@ class Client:
             asked["cursor"] = found["next"]
 
     def cancel(self, job: Job | str, *, timeout: float | None = None) -> Job:
+        """Cancels a queued or running job and returns it."""
         return self._job(lambda: self.server.json("POST", f"{job_path(_id(job))}/cancel"), timeout)
 
     def delete(self, job: Job | str, *, timeout: float | None = None) -> None:

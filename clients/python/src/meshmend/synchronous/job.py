@@ -32,10 +32,12 @@ class Job:
 
     @property
     def id(self) -> str:
+        """The id of the job."""
         return self.data["id"]
 
     @property
     def status(self) -> shapes.Status:
+        """The job's status, such as ``running`` or ``succeeded``."""
         return self.data["status"]
 
     @property
@@ -55,6 +57,7 @@ class Job:
 
     @property
     def progress(self) -> shapes.Progress | None:
+        """The stage, percentage and place in the queue. None once the job has ended."""
         return self.data["progress"]
 
     @property
@@ -90,6 +93,7 @@ class Job:
         return self._client.wait(self.id, on_progress=on_progress, timeout=timeout)
 
     def cancel(self) -> Job:
+        """Cancels the job if it has not ended, and returns its new state."""
         return self._client.cancel(self.id)
 
     def delete(self) -> None:

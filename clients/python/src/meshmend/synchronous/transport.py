@@ -28,6 +28,7 @@ class Transport:
         )
 
     def close(self) -> None:
+        """Closes the connections."""
         self._http.close()
 
     def ask(self, method: str, path: str, **request: Any) -> httpx.Response:
@@ -40,6 +41,7 @@ class Transport:
             return response
 
     def json(self, method: str, path: str, **request: Any) -> Any:
+        """Sends a request like `ask`, and returns the JSON of the response."""
         response = self.ask(method, path, **request)
         try:
             return response.json()

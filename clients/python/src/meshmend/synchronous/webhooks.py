@@ -26,6 +26,7 @@ class Webhooks:
         self._timeout = timeout
 
     def list(self) -> Sequence[shapes.WebhookEndpoint]:
+        """Returns the endpoints of the account, without their secrets."""
         return cast(shapes.WebhookEndpoints, self._ask("GET", ENDPOINTS))["endpoints"]
 
     def create(self, endpoint: shapes.NewWebhookEndpoint) -> shapes.WebhookEndpoint:
@@ -33,12 +34,15 @@ class Webhooks:
         return cast(shapes.WebhookEndpoint, self._ask("POST", ENDPOINTS, json=endpoint))
 
     def get(self, endpoint_id: str) -> shapes.WebhookEndpoint:
+        """Returns an endpoint without its secret."""
         return cast(shapes.WebhookEndpoint, self._ask("GET", _path(endpoint_id)))
 
     def change(self, endpoint_id: str, change: shapes.WebhookEndpointChange) -> shapes.WebhookEndpoint:
+        """Changes the given fields of an endpoint, and returns the endpoint."""
         return cast(shapes.WebhookEndpoint, self._ask("PATCH", _path(endpoint_id), json=change))
 
     def delete(self, endpoint_id: str) -> None:
+        """Deletes an endpoint and its delivery log."""
         retry_with_backoff(
             lambda _: self._server.ask("DELETE", _path(endpoint_id)), Deadline(self._timeout), repeatable=False
         )
@@ -61,6 +65,7 @@ class Webhooks:
         return cast(shapes.WebhookDeliveries, self._ask("GET", path, params=params))
 
     def redeliver(self, delivery_id: str) -> shapes.WebhookDelivery:
+        """Sends a message again immediately, whatever the status of its delivery."""
         path = f"/v1/webhook-deliveries/{quote(delivery_id, safe='')}/redeliver"
         return cast(shapes.WebhookDelivery, self._ask("POST", path))
 
@@ -69,6 +74,7 @@ class Webhooks:
         return cast(shapes.WebhookSecret, self._ask("GET", "/v1/webhook-secret"))
 
     def rotate_secret(self) -> shapes.WebhookSecret:
+        """Replaces the secret for callbacks. The old secret stays valid for 24 hours."""
         return cast(shapes.WebhookSecret, self._ask("POST", "/v1/webhook-secret/rotate"))
 
     def _ask(self, method: str, path: str, **request: Any) -> Any:

@@ -14,7 +14,7 @@ serviceState.listen(() => {
   );
 });
 
-/** The options for a new file: alternatives where the file leaves its intent open, and the chosen process, if the service has its profile. */
+/** The options for a new file: alternatives where the file leaves the model's intent open, and the chosen process, if the service has its profile. */
 export function firstOptions(): { alternatives: true; process?: string } {
   const { process } = settings.value;
   const isKnown = profiles.value.some(({ profile }) => profile.name === process);

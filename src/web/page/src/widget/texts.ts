@@ -64,7 +64,7 @@ const de: Texts = {
     unavailable: "Der Dienst ist ausgelastet. Bitte versuchen Sie es gleich erneut.",
     unrepairable: "Das Modell konnte nicht repariert werden.",
     not_printable: "Das Modell ist nicht druckbar und ließ sich nicht druckbar machen.",
-    not_print_ready: "Das Modell verletzt Regeln des Druckverfahrens. Die Tabelle nennt sie.",
+    not_print_ready: "Das Modell verletzt Regeln des Druckverfahrens. Die Tabelle zeigt, welche.",
     canceled: "Abgebrochen.",
   },
 };

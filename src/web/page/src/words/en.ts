@@ -201,7 +201,7 @@ export const en = {
     not_print_ready: "The result does not meet every rule of the process. You asked for a print-ready result only, so there is no model to download.",
     deadline_exceeded: "Allow more time, or send fewer faces.",
     out_of_memory: "The model is too large for the memory of a job. Send fewer faces.",
-    cpu_limit: "The model needs more processor time than a job may take. Send fewer faces.",
+    cpu_limit: "The model needs more CPU time than a job may use. Send fewer faces.",
     file_limit: "The result would be too large. Send fewer faces.",
     crashed: "The fault is ours. Please report it with the job's log.",
     worker_lost: "The fault is ours. Please report it with the model.",
