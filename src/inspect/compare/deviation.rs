@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::analysis::Pair;
 use super::super::distribution::percentile;
+use super::super::ray_winding::RayWinding;
 use super::super::sampling::{InsideTest, Sample, run_queries};
 use super::super::{Analysis, finite, percent};
 use crate::context::{Cancelled, Context};
@@ -233,7 +234,7 @@ pub(super) fn inside_agreement(
     if points == 0 || pair.from.surface.faces.is_empty() || pair.to.surface.faces.is_empty() {
         return Ok(None);
     }
-    let insides = [InsideTest::new(pair.from), InsideTest::new(pair.to)];
+    let insides = [RayWinding::new(pair.from), RayWinding::new(pair.to)];
     context.check()?;
     let answers = run_queries(
         points as usize,
