@@ -13,6 +13,10 @@ use crate::math::{Dipoles, hit, r2, ray_direction};
 pub(super) const QUERY_BUDGET_DIVISOR: u64 = 16;
 /// Number of queries in the first block, and the minimum and maximum for later blocks.
 const BLOCK: [usize; 3] = [64, 16, 4096];
+/// Minimum number of queries per thread.
+const MIN_PER_THREAD: usize = 16;
+/// Expected number of steps of a block below which one thread runs the block: to wake others would take longer.
+const SERIAL_STEPS: u64 = 20_000;
 /// Number of ray directions in which visibility from outside is tested.
 const DIRECTIONS: u32 = 32;
 /// Offset of a ray's start from its face, as a fraction of the diagonal.
@@ -54,7 +58,9 @@ pub(super) fn run_queries<T: Send>(
             break;
         }
         let end = count.min(done + block);
-        for (number, answer, left) in run_each(order.numbers(done..end), BLOCK[1], most, &query) {
+        let is_small = done == 0 || spent / done as u64 * ((end - done) as u64) < SERIAL_STEPS;
+        let task = if is_small { end - done } else { MIN_PER_THREAD };
+        for (number, answer, left) in run_each(order, done..end, (task, most), &query) {
             answers.values[number] = answer;
             answers.complete &= left > 0;
             spent += most - left;
@@ -67,20 +73,23 @@ pub(super) fn run_queries<T: Send>(
     Ok(answers)
 }
 
-/// Runs queries in parallel, each with the given number of steps, with at least `task` queries per thread. Returns
-/// for each its index, its result and its remaining steps.
+/// Runs the queries at some positions of an order in parallel, with at least `task` queries per thread, and each with the
+/// given number of steps. Returns for each its index, its result and its remaining steps.
 pub(super) fn run_each<T: Send>(
-    numbers: impl IndexedParallelIterator<Item = usize>,
-    task: usize,
-    steps: u64,
+    order: SpreadOrder,
+    positions: Range<usize>,
+    (task, steps): (usize, u64),
     query: impl Fn(usize, &mut u64) -> Option<T> + Sync,
 ) -> Vec<(usize, Option<T>, u64)> {
-    let run = |number| {
-        let mut left = steps;
+    let run = |position| {
+        let (number, mut left) = (order.number(position), steps);
         let answer = query(number, &mut left);
         (number, answer, left)
     };
-    numbers.with_min_len(task).map(run).collect()
+    if positions.len() <= task {
+        return positions.map(run).collect();
+    }
+    positions.into_par_iter().with_min_len(task).map(run).collect()
 }
 
 /// A permutation of the numbers below `count` whose every prefix is spread evenly over the range.
@@ -96,9 +105,9 @@ impl SpreadOrder {
         Self { count, stride: stride(count) }
     }
 
-    /// The numbers at the given positions of the permutation.
-    pub fn numbers(self, places: Range<usize>) -> impl IndexedParallelIterator<Item = usize> {
-        places.into_par_iter().map(move |i| (i as u128 * self.stride as u128 % self.count as u128) as usize)
+    /// The number at a position of the permutation.
+    pub fn number(self, position: usize) -> usize {
+        (position as u128 * self.stride as u128 % self.count as u128) as usize
     }
 }
 
@@ -131,7 +140,14 @@ pub(super) struct Sample {
 pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
     let faces = (0u32..).take(analysis.surface.faces.len());
     let spread = spread_by_area(analysis, faces, count, |face| analysis.unit_area_vector(face).length());
-    let sample = |(face, point)| Sample { face, point, normal: analysis.unit_normal(face) };
+    // Samples of a face follow each other, and share its normal.
+    let mut last = (u32::MAX, DVec3::ZERO);
+    let sample = |(face, point)| {
+        if last.0 != face {
+            last = (face, analysis.unit_normal(face));
+        }
+        Sample { face, point, normal: last.1 }
+    };
     spread.into_iter().map(sample).collect()
 }
 
@@ -169,17 +185,21 @@ pub(super) fn visible(
     samples: &[Sample],
     context: &Context<'_>,
 ) -> Result<Vec<Option<bool>>, Cancelled> {
-    let (unit, faces, tree) = (analysis.unit(), &analysis.surface.faces, analysis.tree());
+    let tree = analysis.tree();
     let diagonal = analysis.extent().diagonal();
+    let directions: Vec<DVec3> = (0..DIRECTIONS).map(ray_direction).collect();
     let sees_outside = |sample: &Sample, steps: &mut u64| {
-        for number in 0..DIRECTIONS {
-            let direction = ray_direction(number);
+        // Most rays on the outer side of a face are free, so they come first.
+        let of_side = |is_front: bool| {
+            directions.iter().filter(move |direction| (sample.normal.dot(**direction) > 0.0) == is_front)
+        };
+        for &direction in of_side(true).chain(of_side(false)) {
             let from = sample.point + sample.normal * sample.normal.dot(direction).signum() * (LIFT * diagonal);
             let ray = direction * (2.0 * diagonal);
             let mut free = true;
             tree.along(from, from + ray, |face| {
                 *steps = steps.saturating_sub(1);
-                free = hit(from, ray, faces[face as usize].map(|v| unit[v as usize])).is_none();
+                free = hit(from, ray, analysis.unit_corners(face)).is_none();
                 free && *steps > 0
             });
             if *steps == 0 {
