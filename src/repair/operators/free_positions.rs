@@ -287,7 +287,8 @@ impl MoveClearance {
                     return false;
                 }
                 let other = old(f);
-                if self.is_collinear(other) || self.are_apart(face, other) {
+                // The collinearity test is the most expensive, and few faces get to it.
+                if self.are_apart(face, other) || self.is_collinear(other) {
                     return false;
                 }
                 let parent = old(parent);
@@ -303,11 +304,14 @@ impl MoveClearance {
 
     /// The slots of a face's vertices, with [`NEW`] in slot `at_new`.
     fn slots(&self, face: [u32; 3], at_new: u32) -> [u32; 3] {
-        face.map(|v| if v == NEW { at_new } else { self.slot[v as usize] })
+        let slot = |v: u32| if v == NEW { at_new } else { self.slot[v as usize] };
+        let [a, b, c] = face;
+        [slot(a), slot(b), slot(c)]
     }
 
     fn corners(&self, face: [u32; 3]) -> [DVec3; 3] {
-        face.map(|slot| self.unit[slot as usize])
+        let [a, b, c] = face;
+        [self.unit[a as usize], self.unit[b as usize], self.unit[c as usize]]
     }
 
     fn is_collinear(&self, face: [u32; 3]) -> bool {
@@ -320,8 +324,9 @@ impl MoveClearance {
         area_vanishes(a, b, c)
     }
 
+    /// Whether two faces have at most a vertex or an edge in common. Meaningless for collinear faces.
     fn are_apart(&self, a: [u32; 3], b: [u32; 3]) -> bool {
-        contact(&self.unit, a, b, &mut 0).is_apart()
+        !Box3::of(self.corners(a)).meets(&Box3::of(self.corners(b))) || contact(&self.unit, a, b, &mut 0).is_apart()
     }
 
     /// Records that vertex `v` moved to `q`.
