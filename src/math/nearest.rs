@@ -1,6 +1,7 @@
 //! Distance queries on a [`Tree`]: the nearest point of a surface, and the largest empty ball that touches a point.
 
 use glam::DVec3;
+use smallvec::{SmallVec, smallvec};
 
 use super::tree::{DEPTH, FAR, Tree, box_distance_squared, spend, triangles_of};
 use super::triangle::{nearest_on_triangle, nearest_within};
@@ -47,8 +48,7 @@ impl Tree {
         let limit = bound.max(0.0) * self.frame.scale();
         let mut best_square = if limit < FAR { limit * limit } else { f64::INFINITY };
         let square = |node: u32| box_distance_squared(bvh.nodes[node as usize].aabb(), query);
-        let mut stack = Vec::with_capacity(DEPTH);
-        stack.push((square(0), 0u32));
+        let mut stack: SmallVec<[(f64, u32); DEPTH]> = smallvec![(square(0), 0)];
         while let Some((at_least, at)) = stack.pop() {
             if at_least >= best_square {
                 continue;
@@ -128,8 +128,7 @@ impl Tree {
         let start = self.frame.to_tree(point);
         let distance = |node: u32, from: DVec3| box_distance_squared(bvh.nodes[node as usize].aabb(), from);
         // Nodes to visit, each with the ball's radius when the node was found to meet the ball.
-        let mut stack = Vec::with_capacity(DEPTH);
-        stack.push((0u32, f64::INFINITY));
+        let mut stack: SmallVec<[(u32, f64); DEPTH]> = smallvec![(0, f64::INFINITY)];
         while let Some((at, radius_at_push)) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             if !spend(steps, node) {
