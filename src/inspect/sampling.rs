@@ -73,6 +73,35 @@ pub(super) fn run_queries<T: Send>(
     Ok(answers)
 }
 
+/// Number of consecutive queries that share a memory.
+const CHUNK: usize = 16;
+
+/// Runs queries as [`run_queries`] does, in chunks of consecutive numbers. `query` also receives what it remembers from the queries of its
+/// chunk before. The answers must not depend on the memory, only the number of steps may.
+///
+/// # Errors
+/// [`Cancelled`] on cancellation or timeout.
+pub(super) fn run_coherent_queries<T: Send, M: Default>(
+    count: usize,
+    budget: u64,
+    context: &Context<'_>,
+    query: impl Fn(usize, &mut M, &mut u64) -> Option<T> + Sync,
+) -> Result<Answers<T>, Cancelled> {
+    let chunks = run_queries(count.div_ceil(CHUNK), budget, context, |chunk, steps| {
+        let mut memory = M::default();
+        let numbers = chunk * CHUNK..count.min((chunk + 1) * CHUNK);
+        let answers = numbers.map(|number| if *steps > 0 { query(number, &mut memory, steps) } else { None });
+        Some(answers.collect::<Vec<Option<T>>>())
+    })?;
+    let mut answers = Answers { values: Vec::with_capacity(count), complete: chunks.complete };
+    for (chunk, values) in chunks.values.into_iter().enumerate() {
+        let end = count.min((chunk + 1) * CHUNK);
+        answers.values.extend(values.into_iter().flatten());
+        answers.values.resize_with(end, || None);
+    }
+    Ok(answers)
+}
+
 /// Runs the queries at some positions of an order in parallel, with at least `task` queries per thread, and each with the
 /// given number of steps. Returns for each its index, its result and its remaining steps.
 pub(super) fn run_each<T: Send>(
@@ -187,32 +216,41 @@ pub(super) fn visible(
 ) -> Result<Vec<Option<bool>>, Cancelled> {
     let tree = analysis.tree();
     let diagonal = analysis.extent().diagonal();
-    let directions: Vec<DVec3> = (0..DIRECTIONS).map(ray_direction).collect();
-    let sees_outside = |sample: &Sample, steps: &mut u64| {
+    let directions: Vec<(usize, DVec3)> = (0..DIRECTIONS).map(ray_direction).enumerate().collect();
+    // Remembers for each direction the last face that blocked a ray: it mostly blocks the rays from neighbouring samples too.
+    let sees_outside = |sample: &Sample, blockers: &mut [Option<u32>; DIRECTIONS as usize], steps: &mut u64| {
         // Most rays on the outer side of a face are free, so they come first.
         let of_side = |is_front: bool| {
-            directions.iter().filter(move |direction| (sample.normal.dot(**direction) > 0.0) == is_front)
+            directions.iter().filter(move |(_, direction)| (sample.normal.dot(*direction) > 0.0) == is_front)
         };
-        for &direction in of_side(true).chain(of_side(false)) {
+        for &(number, direction) in of_side(true).chain(of_side(false)) {
             let from = sample.point + sample.normal * sample.normal.dot(direction).signum() * (LIFT * diagonal);
             let ray = direction * (2.0 * diagonal);
-            let mut free = true;
-            tree.along(from, from + ray, |face| {
-                *steps = steps.saturating_sub(1);
-                free = hit(from, ray, analysis.unit_corners(face)).is_none();
-                free && *steps > 0
-            });
+            let blocks = |face: u32| hit(from, ray, analysis.unit_corners(face)).is_some();
+            let mut blocker = blockers[number].filter(|&face| blocks(face));
+            *steps = steps.saturating_sub(u64::from(blocker.is_some()));
+            if blocker.is_none() {
+                tree.along(from, from + ray, |face| {
+                    *steps = steps.saturating_sub(1);
+                    blocker = Some(face).filter(|&face| blocks(face));
+                    blocker.is_none() && *steps > 0
+                });
+            }
             if *steps == 0 {
                 return None;
             }
-            if free {
+            if blocker.is_none() {
                 return Some(true);
             }
+            blockers[number] = blocker;
         }
         Some(false)
     };
     let budget = BUDGET + BUDGET_PER_POINT * samples.len() as u64;
-    Ok(run_queries(samples.len(), budget, context, |i, steps| sees_outside(&samples[i], steps))?.values)
+    let answers = run_coherent_queries(samples.len(), budget, context, |i, blockers, steps| {
+        sees_outside(&samples[i], blockers, steps)
+    })?;
+    Ok(answers.values)
 }
 
 /// Winding number queries on one mesh.
@@ -282,5 +320,35 @@ mod tests {
         let answers = costly(1000, 1600, 1_000_000);
         assert!(!answers.complete);
         assert_eq!(answers.values.iter().flatten().count(), BLOCK[0]);
+    }
+
+    #[test]
+    fn coherent_queries_answer_each_number_in_its_place() {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1));
+        for count in [0, 1, CHUNK, 1000] {
+            let answers = run_coherent_queries(count, u64::MAX, &context, |i, last: &mut usize, _| {
+                assert!(i % CHUNK == 0 || *last == i - 1);
+                *last = i;
+                (i % 3 > 0).then_some(i)
+            })
+            .unwrap();
+            assert!(answers.complete);
+            assert_eq!(answers.values, (0..count).map(|i| (i % 3 > 0).then_some(i)).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn coherent_queries_beyond_the_budget_have_no_answer() {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1));
+        let answers = run_coherent_queries(10_000, 20_000, &context, |i, (): &mut (), steps| {
+            *steps = steps.saturating_sub(100);
+            Some(i)
+        })
+        .unwrap();
+        assert!(!answers.complete);
+        assert_eq!(answers.values.len(), 10_000);
+        assert!(answers.values.iter().enumerate().all(|(i, answer)| answer.is_none_or(|answer| answer == i)));
     }
 }
