@@ -287,8 +287,7 @@ impl MoveClearance {
                     return false;
                 }
                 let other = old(f);
-                // The collinearity test is the most expensive, and few faces get to it.
-                if self.are_apart(face, other) || self.is_collinear(other) {
+                if !self.boxes_meet(face, other) || self.is_collinear(other) || self.are_apart(face, other) {
                     return false;
                 }
                 let parent = old(parent);
@@ -324,9 +323,12 @@ impl MoveClearance {
         area_vanishes(a, b, c)
     }
 
-    /// Whether two faces have at most a vertex or an edge in common. Meaningless for collinear faces.
+    fn boxes_meet(&self, a: [u32; 3], b: [u32; 3]) -> bool {
+        Box3::of(self.corners(a)).meets(&Box3::of(self.corners(b)))
+    }
+
     fn are_apart(&self, a: [u32; 3], b: [u32; 3]) -> bool {
-        !Box3::of(self.corners(a)).meets(&Box3::of(self.corners(b))) || contact(&self.unit, a, b, &mut 0).is_apart()
+        contact(&self.unit, a, b, &mut 0).is_apart()
     }
 
     /// Records that vertex `v` moved to `q`.
@@ -369,4 +371,39 @@ pub(super) fn keeps_orientation(surface: &Surface, mut faces: impl Iterator<Item
         let [a, b, c] = surface.faces[f as usize].map(position);
         (b - a).cross(c - a).dot(surface.area_vector(f as usize)) > 0.0 && !collinear(a, b, c)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A triangle to move, and the corners of another face.
+    fn surface(other: [DVec3; 3]) -> Surface {
+        let own = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        Surface {
+            positions: own.into_iter().chain(other).collect(),
+            faces: vec![[0, 1, 2], [3, 4, 5]],
+            source: vec![0, 1],
+        }
+    }
+
+    fn is_clear(other: [DVec3; 3], q: DVec3) -> bool {
+        let surface = surface(other);
+        MoveClearance::new(&surface).is_clear(&surface, &[([NEW, 1, 2], 0)], &[], q)
+    }
+
+    #[test]
+    fn a_vertex_may_not_move_through_another_face() {
+        let wall = [DVec3::new(-0.5, -2.0, -2.0), DVec3::new(-0.5, 2.0, -2.0), DVec3::new(-0.5, 0.0, 2.0)];
+        assert!(is_clear(wall, DVec3::new(-0.25, 0.0, 0.0)));
+        assert!(!is_clear(wall, DVec3::new(-1.0, 0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_face_with_two_corners_at_one_position_is_no_obstacle() {
+        let needle = [DVec3::new(-0.5, 0.0, -2.0), DVec3::new(-0.5, 0.0, -2.0), DVec3::new(-0.5, 0.0, 2.0)];
+        assert!(is_clear(needle, DVec3::new(-1.0, 0.0, 0.0)));
+        let doubled = [DVec3::X, DVec3::X, DVec3::Y];
+        assert!(is_clear(doubled, DVec3::new(-1.0, 0.0, 0.0)));
+    }
 }
