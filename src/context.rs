@@ -24,13 +24,13 @@ pub enum Stage {
     Finish,
 }
 
-/// The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely.
+/// The expected effort of a repair, from the counts of its inspection. An estimate is not a promise: repairs with equal counts differ widely.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Estimate {
     /// Expected duration of the whole repair in milliseconds, on one idle core.
     pub milliseconds: u64,
-    /// Expected peak of the memory in bytes.
+    /// Expected peak memory in bytes.
     pub memory_bytes: u64,
 }
 

@@ -1,4 +1,4 @@
-//! The source of ids and secrets, passed in like the clock so that tests can fix them.
+//! The source of ids and secrets. Like the clock, it is passed in, so that tests can use predictable ids.
 
 use uuid::Uuid;
 
@@ -11,7 +11,7 @@ pub trait IdSource: Send + Sync {
     fn random(&self) -> Uuid;
 }
 
-/// Ids from the operating system's random numbers: UUIDs of versions 7 and 4.
+/// Ids from the operating system's random numbers: UUIDs of version 7 (`sortable`) and of version 4 (`random`).
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SystemIds;
 
@@ -25,7 +25,7 @@ impl IdSource for SystemIds {
     }
 }
 
-/// Returns 32 bytes with 244 random bits.
+/// Returns 32 bytes with 244 random bits: two UUIDs of version 4, each with 6 fixed bits.
 #[must_use]
 pub fn random_bytes(ids: &dyn IdSource) -> [u8; 32] {
     let mut bytes = [0; 32];

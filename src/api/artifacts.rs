@@ -30,8 +30,8 @@ const REDIRECT_LIFE: Duration = Duration::from_secs(300);
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ArtifactQuery {
-    /// The id of one of the job's `alternatives`, whose `model`, `report-full.json` or `after.png` to send. Nothing is repaired again.
-    /// Default: `default`, the result that the job's report describes.
+    /// Id of one of the job's `alternatives`. The response is the `model`, `report-full.json` or `after.png` of that result, without another
+    /// repair. Default: `default`, the result that the job's report describes.
     #[param(example = "interior-keep")]
     choice: Option<String>,
 }
@@ -65,7 +65,8 @@ impl FromRequestParts<ApiState> for ArtifactAddress {
 /// `defects-preview.glb` and `change-preview.glb`.
 ///
 /// If the job has the option `alternatives`, the job's `alternatives` list further results. Each has the artifacts `model-ID`,
-/// `report-ID.json` and, unless `pictures` is false, `after-ID.png`. The query parameter `choice` takes them by their usual names.
+/// `report-ID.json` and, unless `pictures` is false, `after-ID.png`. With the query parameter `choice=ID`, the names `model`,
+/// `report-full.json` and `after.png` return these files.
 ///
 /// Single ranges, `If-Range` and `If-None-Match` are supported. The entity tag is the file's SHA-256 hash.
 #[utoipa::path(

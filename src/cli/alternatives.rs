@@ -1,4 +1,4 @@
-//! The files of `meshmend repair --alternatives`: each further result beside the output file.
+//! The files of `meshmend repair --alternatives`: each further result is written beside the output file.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -9,11 +9,11 @@ use meshmend::repair::{
 
 use super::engine::write_file;
 
-/// Makes the alternatives of a repair, and writes each one beside `output`, as `OUT.ID.ext`. The report in `default` lists them.
-/// With a folder, each one's picture is written there, as `after-ID.png`.
+/// Makes the alternatives of a repair, and writes each one beside `output`, as `OUT.ID.ext`. Adds the list of alternatives to the report
+/// of `default`. With `pictures`, the picture of each alternative is written to that folder, as `after-ID.png`.
 ///
 /// # Errors
-/// The message of the first file that cannot be written, or of a canceled repair.
+/// The message for the first file that cannot be written, or for a canceled repair.
 pub fn write_alternatives(
     request: AlternativeRequest<'_>,
     default: &mut Repaired,
@@ -37,13 +37,13 @@ pub fn write_alternatives(
     Ok(())
 }
 
-/// The path of an alternative: the output file's, with the id before the extension.
+/// The path of an alternative: the path of the output file, with the id before the extension.
 fn path_of(output: &Path, id: &str) -> PathBuf {
     let extension = output.extension().unwrap_or_default().to_string_lossy();
     output.with_extension(format!("{id}.{extension}"))
 }
 
-/// The lines that say which alternatives were written, and which were not.
+/// The lines of the summary about alternatives: those that were written, and those that are not offered.
 pub fn alternative_lines(repaired: &Repaired, output: &Path) -> Vec<String> {
     let Some(alternatives) = &repaired.report.alternatives else { return Vec::new() };
     let offered = alternatives.offered.iter().filter(|offered| !offered.is_default);
@@ -54,7 +54,7 @@ pub fn alternative_lines(repaired: &Repaired, output: &Path) -> Vec<String> {
         })
         .collect();
     if lines.is_empty() {
-        lines.push("  no alternative: the file leaves no question open that another result answers".to_owned());
+        lines.push("  no alternatives: the file leaves no question open, or no other result can be used".to_owned());
     }
     let not_offered = alternatives.not_offered.iter();
     lines.extend(not_offered.map(|answer| format!("  not offered: {}: {}", answer.option, answer.reason)));

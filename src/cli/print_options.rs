@@ -18,10 +18,10 @@ pub struct ProcessArgs {
 }
 
 impl ProcessArgs {
-    /// The name of the process, and the limits of the file.
+    /// The name of the process, and the limits in the file of `--process-limits`.
     ///
     /// # Errors
-    /// The message for a file that cannot be read.
+    /// The message for a file of limits that cannot be read.
     pub fn read(&self) -> Result<(Option<String>, Option<ProcessLimits>), String> {
         let limits = self.process_limits.as_ref().map(|path| {
             let named = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
@@ -37,31 +37,35 @@ impl ProcessArgs {
 pub struct PrintOptionArgs {
     #[command(flatten)]
     process: ProcessArgs,
-    /// Least wall thickness in millimetres; thinner walls are thickened.
+    /// Least wall thickness in millimetres; thinner walls are thickened. Default: walls keep their thickness.
     #[arg(long, env = "MESHMEND_MIN_WALL", value_name = "MM")]
     min_wall: Option<f64>,
-    /// Thicken thin walls to the limit of the process.
+    /// Thicken thin walls to the process's limit for free walls; --min-wall overrides the limit.
     #[arg(long, env = "MESHMEND_THICKEN_TO_PROCESS", requires = "process")]
     thicken_to_process: bool,
     /// Side on which thin walls grow.
     #[arg(long, env = "MESHMEND_WALL_GROWTH", value_enum, default_value_t)]
     wall_growth: WallGrowth,
-    /// Treatment of the space inside a model.
+    /// Treatment of the space inside a model, such as the void in a double shell.
     #[arg(long, env = "MESHMEND_INTERIOR", value_enum, default_value_t)]
     interior: Interior,
-    /// Widest opening, in millimetres, that is sealed when the interior is filled.
+    /// Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the
+    /// diagonal, depending on the model.
     #[arg(long, env = "MESHMEND_SEAL_MM", value_name = "MM")]
     seal_mm: Option<f64>,
-    /// Treatment of small separate solids.
+    /// Treatment of small separate solids: smaller than the process allows or, without --process, than 0.01 % of the
+    /// model's volume.
     #[arg(long, env = "MESHMEND_ISLANDS", value_enum, default_value_t)]
     islands: Islands,
-    /// Treatment of sealed cavities.
+    /// Treatment of sealed cavities, which trap powder or resin.
     #[arg(long, env = "MESHMEND_VOIDS", value_enum, default_value_t)]
     voids: Voids,
-    /// Volume in mm³ above which sealed cavities are kept or vented; smaller ones are filled.
+    /// Volume in mm³ above which sealed cavities are kept or vented, as --voids says; smaller cavities are filled.
+    /// Default: --voids applies to all cavities.
     #[arg(long, env = "MESHMEND_KEEP_CAVITIES_OVER_MM3", value_name = "MM3")]
     keep_cavities_over_mm3: Option<f64>,
-    /// Diameter of the holes that `--voids vent` drills, in millimetres.
+    /// Diameter of the holes that --voids vent drills, in millimetres. Default: the diameter of the process's escape
+    /// holes, or 4 mm without a process.
     #[arg(long, env = "MESHMEND_VENT_DIAMETER_MM", value_name = "MM")]
     vent_diameter_mm: Option<f64>,
     /// Height of the result in millimetres; the model is scaled evenly.

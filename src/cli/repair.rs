@@ -121,7 +121,7 @@ struct JobReport<'a> {
     report: &'a Report,
 }
 
-/// Writes the model, unless the repair gives none out, its alternatives if they are asked for, and the report if `--report` is set.
+/// Writes the model, unless the repair returns none. Also writes the alternatives with `--alternatives`, and the report with `--report`.
 fn write(args: &RepairArgs, request: AlternativeRequest<'_>, repaired: &mut Repaired) -> Result<(), String> {
     if repaired.report.verdict.file != OfferedFile::None {
         write_file(&args.output, &repaired.bytes)?;
@@ -196,7 +196,7 @@ pub struct RepairOptionArgs {
     /// Result that the repair must reach to succeed.
     #[arg(long, env = "MESHMEND_REQUIRE", value_enum, default_value_t)]
     require: Require,
-    /// Extent of the check of a result for intersecting faces.
+    /// Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer.
     #[arg(long, env = "MESHMEND_VERIFY", value_enum, default_value_t)]
     verify: Verify,
     /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or mm.
@@ -328,7 +328,8 @@ pub struct RepairOptionArgs {
     /// Most faces that a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
-    /// Offer up to two further results where the file leaves the model's intent open.
+    /// Also make up to two other results where the file leaves the model's intent open, such as whether a double shell
+    /// is a solid. Each result takes a further repair, within --deadline-s.
     #[arg(long, env = "MESHMEND_ALTERNATIVES")]
     alternatives: bool,
     #[command(flatten)]
@@ -346,7 +347,7 @@ impl RepairOptionArgs {
         Ok(options)
     }
 
-    /// The checked options for a job of a service, which may have processes of its own.
+    /// The checked options for a job of a service, which may have its own process profiles.
     ///
     /// # Errors
     /// The message for the first option that is out of its range.

@@ -112,8 +112,8 @@ pub struct WorkArgs {
     /// Separate address for operators, with only /livez, /readyz and /metrics. Requests there need no key.
     #[arg(long, env = "MESHMEND_METRICS_LISTEN")]
     pub(super) metrics_listen: Option<ListenAddress>,
-    /// Keep one child process for each idle worker, waiting in its sandbox, so that jobs start sooner. With `false`, each
-    /// job starts its own child process.
+    /// Keep one child process for each idle worker, waiting in its sandbox, so that jobs start sooner. With `false`, a
+    /// child process starts only when its job does.
     #[arg(long, env = "MESHMEND_PREPARED_CHILDREN", default_value_t = true, action = ArgAction::Set)]
     pub(super) prepared_children: bool,
     /// Run Blender once on a small model when the worker starts. The first job then starts faster, and the log shows

@@ -1,7 +1,7 @@
 //! Intersections of a repaired mesh that follow from those of the mesh before the repair.
 //!
-//! Two faces intersect or not by their positions alone. So two faces that stand at bit for bit the same positions in a checked
-//! mesh need no second test: their pair is among the known intersections, or they do not intersect.
+//! Whether two faces intersect depends only on their positions. If an already searched mesh has two faces at bit for bit the same
+//! positions, the pair needs no second test: it is among the known intersections, or the faces do not intersect.
 
 use super::analysis::KnownPairs;
 use super::matching::{FaceKeys, NO_FACE, matched};
@@ -10,9 +10,11 @@ use crate::context::{Cancelled, Context};
 use crate::mesh::{Soup, Surface};
 
 impl Analysis<'_> {
-    /// Takes over the intersections of faces that `earlier` has at the same positions, so that the search for intersecting
-    /// faces tests only pairs with a changed face. Takes over nothing if the intersections of `earlier` are not known or not
-    /// complete, or if a mesh is an assembly of several materials, in which other pairs count.
+    /// Reuses the known intersections between faces that `earlier` has at the same positions. The search for intersecting faces
+    /// then tests only pairs with a changed face.
+    ///
+    /// Reuses nothing if the intersections of `earlier` are unknown or incomplete. Reuses nothing either if one of the meshes is an
+    /// assembly of several materials, because other pairs count as intersections there.
     pub fn reuse_intersections(&mut self, earlier: &Analysis<'_>) {
         let is_assembly = self.subject.materials.is_some() || earlier.subject.materials.is_some();
         let known = earlier.intersections.get().filter(|known| !is_assembly && known.lists_all_pairs());
@@ -74,22 +76,22 @@ impl KnownPairs {
     fn new(mesh: &Analysis<'_>, earlier: &Earlier<'_>, known: &Intersections) -> Self {
         let counterparts = matched(&mesh.keys(earlier.scale), earlier.keys);
         let mut changed = vec![true; counterparts.len()];
-        // The pairs are listed by the faces of the earlier file.
-        let mut of_file = vec![NO_FACE; earlier.file_faces];
+        // For each face of the earlier file, which the known pairs name, the face of this mesh at the same positions.
+        let mut counterpart_of = vec![NO_FACE; earlier.file_faces];
         for ((&other, face), changed) in counterparts.iter().zip(0u32..).zip(&mut changed) {
             if other != NO_FACE && is_same(&mesh.surface, face, earlier.surface, other) {
                 *changed = false;
-                of_file[earlier.surface.source[other as usize] as usize] = face;
+                counterpart_of[earlier.surface.source[other as usize] as usize] = face;
             }
         }
-        let pairs = known.pairs.iter().map(|pair| (pair.faces.map(|face| of_file[face as usize]), pair.meeting));
+        let pairs = known.pairs.iter().map(|pair| (pair.faces.map(|face| counterpart_of[face as usize]), pair.meeting));
         let present = pairs.filter(|(faces, _)| !faces.contains(&NO_FACE));
         let hits = present.map(|([f, g], meeting)| ([f.min(g), f.max(g)], meeting)).collect();
         Self { changed, hits }
     }
 }
 
-/// Whether two faces of two meshes have exactly the same corners, in any order. Equal keys show only that they agree in f32.
+/// Whether two faces of two meshes have exactly the same corners, in any order. Equal keys prove only that the corners agree in f32.
 fn is_same(surface: &Surface, face: u32, earlier: &Surface, other: u32) -> bool {
     let (corners, others) = (surface.corners(face as usize), earlier.corners(other as usize));
     corners.iter().all(|corner| others.contains(corner)) && others.iter().all(|corner| corners.contains(corner))

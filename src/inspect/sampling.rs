@@ -6,6 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Analysis;
+use super::analysis::Pair;
 use crate::context::{Cancelled, Context};
 use crate::math::{Dipoles, hit, r2, ray_direction};
 
@@ -204,14 +205,41 @@ pub(super) fn spread_by_area(
     points
 }
 
+/// The patches of a result that close openings of the mesh that is sampled.
+pub(super) struct Patches<'a> {
+    /// The sampled mesh, and the result.
+    pub meshes: Pair<'a>,
+    /// For each face of the result's soup, whether it is a patch.
+    pub is_patch: &'a [bool],
+}
+
+impl Patches<'_> {
+    /// Whether a ray in unit coordinates of the sampled mesh meets no patch.
+    fn let_pass(&self, from: DVec3, ray: DVec3, steps: &mut u64) -> bool {
+        let (result, ratio) = (self.meshes.to, self.meshes.ratio);
+        let (from, ray) = (from * ratio, ray * ratio);
+        let mut free = true;
+        result.tree().along(from, from + ray, |face| {
+            *steps = steps.saturating_sub(1);
+            let is_patch = self.is_patch.get(result.surface.source[face as usize] as usize) == Some(&true);
+            free = !is_patch || hit(from, ray, result.unit_corners(face)).is_none();
+            free && *steps > 0
+        });
+        free
+    }
+}
+
 /// Whether each point is visible from outside along one of several fixed directions, from either side of its face.
 /// Distinguishes outer surface from internal faces, which a union removes. `None` for points beyond the budget.
+///
+/// With `patches` of another mesh, a point behind a patch is not visible, although the opening it closes is in this mesh.
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
 pub(super) fn visible(
     analysis: &Analysis<'_>,
     samples: &[Sample],
+    patches: Option<&Patches<'_>>,
     context: &Context<'_>,
 ) -> Result<Vec<Option<bool>>, Cancelled> {
     let tree = analysis.tree();
@@ -236,10 +264,11 @@ pub(super) fn visible(
                     blocker.is_none() && *steps > 0
                 });
             }
+            let is_free = blocker.is_none() && patches.is_none_or(|patches| patches.let_pass(from, ray, steps));
             if *steps == 0 {
                 return None;
             }
-            if blocker.is_none() {
+            if is_free {
                 return Some(true);
             }
             blockers[number] = blocker;

@@ -156,7 +156,7 @@ pub enum ProblemKind {
     DeadlineExceeded,
     /// The job needed more memory than a job may use.
     OutOfMemory,
-    /// The job needed more processor time than a job may use.
+    /// The job needed more CPU time than a job may use.
     CpuLimit,
     /// The job wrote a larger file, or more bytes, than a job may write.
     FileLimit,

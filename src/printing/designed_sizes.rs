@@ -1,4 +1,4 @@
-//! The sizes that a designer chose: distances of parallel planes, and diameters of circles in planes.
+//! The sizes that a designer chose: distances between parallel planes, and diameters of circles in planes.
 
 use glam::DVec3;
 use rustc_hash::FxHashMap;
@@ -9,17 +9,19 @@ use crate::mesh::{Edges, Surface, UnionFind};
 const COPLANAR: f64 = 1e-9;
 /// Directions are parallel if their cosine, without sign, is at least 1 minus this.
 const PARALLEL: f64 = 1e-8;
-/// Least share of the area in planes of one direction.
+/// Directions count if their planes have at least this share of the surface area.
 const DIRECTION_SHARE: f64 = 0.1;
-/// Least share of the area in one plane, and of a plane whose circles count.
+/// A plane counts, with its circles, if it has at least this share of the surface area.
 const PLANE_SHARE: f64 = 0.002;
-/// Planes closer than this share of the diagonal are one.
+/// Parallel planes closer than this share of the bounding box's diagonal count as one plane.
 const SAME_PLANE: f64 = 1e-6;
-/// Most directions, and most planes of each direction.
+/// Most directions that are examined.
 const MAX_DIRECTIONS: usize = 8;
+/// Most planes that are examined in each direction.
 const MAX_PLANES: usize = 64;
-/// Fewest vertices of a circle, and the largest deviation of a vertex, as a share of the radius.
+/// Fewest vertices of a circle.
 const CIRCLE_VERTICES: usize = 8;
+/// Largest distance of a vertex from a circle, as a share of the radius.
 const ROUNDNESS: f64 = 1e-4;
 
 /// Sizes that a designer chose, in the model's unit.
@@ -31,7 +33,7 @@ pub struct DesignedSizes {
     pub holes: Vec<f64>,
 }
 
-/// A flat, connected part of the surface.
+/// A flat, connected patch of the surface.
 struct Plane {
     /// The patch's number.
     patch: u32,
@@ -108,7 +110,7 @@ fn distances(surface: &Surface, planes: &[Plane], total: f64) -> Vec<f64> {
 
 /// Adds the diameters of the circles that bound the planes.
 fn add_circles(surface: &Surface, edges: &Edges, (planes, patch_of): (&[Plane], &[u32]), sizes: &mut DesignedSizes) {
-    // For each patch the half-edges on its boundary, by their first vertex, with a face across.
+    // For each patch, the half-edges on its boundary by their first vertex: the second vertex, and the third vertex of the face across.
     let mut rims: FxHashMap<u32, FxHashMap<u32, (u32, u32)>> =
         planes.iter().map(|plane| (plane.patch, FxHashMap::default())).collect();
     for of_edge in edges.iter() {
@@ -131,7 +133,7 @@ fn add_circles(surface: &Surface, edges: &Edges, (planes, patch_of): (&[Plane], 
         for start in starts {
             let Some((points, across)) = take_loop(surface, rim, start) else { continue };
             let Some(diameter) = circle(&points) else { continue };
-            // A hole's rim runs clockwise, and its wall goes down.
+            // Seen from outside, the rim of a hole runs clockwise, and the faces of its wall go down from the plane.
             let turn: DVec3 =
                 (1..points.len() - 1).map(|i| (points[i] - points[0]).cross(points[i + 1] - points[0])).sum();
             let is_inner = turn.dot(plane.normal) < 0.0;
@@ -141,7 +143,8 @@ fn add_circles(surface: &Surface, edges: &Edges, (planes, patch_of): (&[Plane], 
     }
 }
 
-/// Takes the loop that begins at a vertex out of a rim: its points, and a vertex across its first edge; `None` if it does not close.
+/// Removes the loop that begins at a vertex from a rim. Returns the loop's points and the vertex across its first edge; `None` if the
+/// loop does not close.
 fn take_loop(surface: &Surface, rim: &mut FxHashMap<u32, (u32, u32)>, start: u32) -> Option<(Vec<DVec3>, u32)> {
     let &(_, across) = rim.get(&start)?;
     let (mut points, mut at) = (Vec::new(), start);
@@ -176,7 +179,7 @@ mod tests {
     use super::*;
     use crate::mesh::Soup;
 
-    /// A plate with a round hole of diameter 2 r through its middle, n vertices round.
+    /// A plate with a round hole of diameter 2 r through its middle. Each rim has n vertices.
     fn drilled_plate([x, y, z]: [f64; 3], r: f64, n: u32) -> Surface {
         let mut soup = Soup::default();
         let corner = |k: u32| [[-x, -y], [x, -y], [x, y], [-x, y]][k as usize % 4].map(|side: f64| side / 2.0);

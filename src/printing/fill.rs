@@ -1,4 +1,4 @@
-//! Filling of sealed voids: a void becomes material once the faces around it are gone.
+//! Filling of sealed voids: a void becomes material when the faces around it are removed.
 
 use glam::DVec3;
 
@@ -8,13 +8,13 @@ use crate::mesh::Surface;
 /// A void that became material.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilledVoid {
-    /// Its index among the voids.
+    /// The index of the void among all voids.
     pub void: usize,
-    /// A place that was inside it.
+    /// A point that was inside the void.
     pub at: DVec3,
-    /// The air that became material.
+    /// Volume of the air that became material, in cubic model units.
     pub volume: f64,
-    /// The solids inside it that became part of the material around it.
+    /// Number of solids inside the void that became part of the material around it.
     pub solids: usize,
 }
 
@@ -23,14 +23,14 @@ pub struct FilledVoid {
 pub struct Filled {
     /// The surface.
     pub surface: Surface,
-    /// The voids that were filled, each with what it held. Voids within solids within a filled void are filled with it.
+    /// The voids that were filled. A void inside a solid inside a filled void is filled too.
     pub filled: Vec<FilledVoid>,
     /// Number of faces removed.
     pub faces_removed: u64,
 }
 
-/// Fills the voids for which `is_chosen` holds: removes the faces around each, and everything inside it. All other faces
-/// stay as they are, in their order. Positions and vertex numbers are unchanged but for vertices without a face.
+/// Fills the voids for which `is_chosen` holds: removes the faces around each void and everything inside the void. All other faces
+/// stay as they are, in their order. Only vertices that lose all their faces are removed.
 ///
 /// `regions` and `voids` must belong to the surface.
 #[must_use]

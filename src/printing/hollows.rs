@@ -10,19 +10,19 @@ use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 use crate::scene::Up;
 
-/// Most cavities, and most cups, that a report lists.
+/// Most cavities that a report lists, and most cups.
 const MAX_LISTED: usize = 20;
 /// Grid cells for the narrowest passage of a cavity.
 const NECK_CELLS: usize = 20_000;
 /// Octree nodes for the search for powder traps.
 const TRAP_NODES: usize = 4_000_000;
-/// The share of an escape hole's diameter that a ball must have to leave. The search decides to within 3 %, so a hole of
-/// exactly the diameter would stay undecided.
+/// Diameter of the ball that must be able to leave, as a share of the escape hole's diameter. The search decides to within 3 %,
+/// so a ball with the hole's exact diameter would stay undecided.
 const ESCAPE_MARGIN: f64 = 0.95;
-/// Least volume of a resin cup. Smaller ones are texture.
+/// Least volume of a resin cup. Smaller hollows are texture of the surface.
 const MIN_CUP_MM3: f64 = 10.0;
 
-/// A sealed cavity: a space of air that no way connects with the outside.
+/// A sealed cavity: a space inside a solid without any opening to the outside.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Cavity {
@@ -30,9 +30,9 @@ pub struct Cavity {
     pub at: [f64; 3],
     /// Volume, without the solids inside.
     pub volume_mm3: f64,
-    /// Diameter of the largest ball that fits, from below; 0 if none was found.
+    /// Lower bound of the diameter of the largest ball that fits; 0 if none was found.
     pub widest_mm: f64,
-    /// Width of the narrowest passage between its chambers; absent for a cavity of one chamber.
+    /// Width of the narrowest passage between the cavity's chambers; absent for a cavity of one chamber.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub narrowest_mm: Option<f64>,
     /// Number of separate solids inside.
@@ -64,7 +64,7 @@ pub(super) struct Trap {
 pub(super) struct Hollows {
     /// The largest sealed cavities, largest first.
     pub cavities: Vec<Cavity>,
-    /// The largest resin cups, largest first; empty unless they were asked for.
+    /// The largest resin cups, largest first; empty unless the caller asked for cups.
     pub cups: Vec<ResinCup>,
     /// All sealed cavities and powder traps.
     pub traps: Vec<Trap>,

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 pub use self::limits::ProcessLimits;
 use crate::inspect::OptionsError;
 
-/// The profiles that the program brings along. Sources disagree by a factor of two to three, because some state what a
-/// machine resolves, and others what survives cleaning. So each limit has two numbers.
+/// The built-in profiles. Sources disagree by a factor of two to three, because some state the detail that a machine resolves, and others
+/// the detail that survives cleaning. So each limit has two numbers.
 const BUILT_IN: &str = include_str!("profiles.json");
 
 /// The limits of one printing process. All lengths are in millimetres.
@@ -49,7 +49,7 @@ pub struct Profile {
     /// Holes through which powder or resin must leave a cavity; absent if a cavity may stay closed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub escape_holes: Option<EscapeHoles>,
-    /// Whether the process prints in liquid resin, so that hollows which open upward fill while they are printed.
+    /// Whether the process prints in liquid resin, so that hollows which open only upward trap resin or air during the print.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub checks_cups: bool,
     /// Density of the printed material in g/cm³; absent if the process prints several materials.
@@ -104,7 +104,8 @@ pub enum Basis {
 pub struct EscapeHoles {
     /// Least diameter.
     pub diameter_mm: f64,
-    /// Least number of holes per cavity.
+    /// Number of holes that `voids=vent` drills into a sealed cavity. The openings of a cavity that is already open are
+    /// not counted.
     pub count: u32,
     /// Where the rule comes from.
     pub basis: Basis,
@@ -145,7 +146,7 @@ pub enum ProfileError {
 }
 
 impl Profile {
-    /// The profiles that the program brings along.
+    /// The built-in profiles.
     #[must_use]
     pub fn built_in() -> &'static [Self] {
         static PROFILES: LazyLock<Vec<Profile>> = LazyLock::new(|| read_built_in(BUILT_IN));

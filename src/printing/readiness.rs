@@ -31,8 +31,8 @@ pub struct PrintReadiness {
     pub cups: Vec<ResinCup>,
 }
 
-/// What to do about a model that was scaled to a size of 1 or 2.
-const NORMALISED: &str = "The size says nothing about the unit; set `target_height_mm` or `target_longest_mm`.";
+/// The remedy for a model that was scaled to a longest side of 1 or 2.
+const NORMALISED: &str = "The size does not reveal the unit; set `target_height_mm` or `target_longest_mm`.";
 
 /// A file to assess: the mesh as read from its bytes, and the number of these bytes.
 #[derive(Clone, Copy)]

@@ -59,7 +59,7 @@ pub enum PrintRule {
     EngravedDetail,
     /// Every separate solid has enough volume.
     PartVolume,
-    /// Every cavity has holes through which powder or resin can leave.
+    /// Every cavity has escape holes, through which powder or resin can leave.
     EscapeHoles,
     /// The model fits the build volume, in some orientation along the axes.
     BuildVolume,
@@ -80,7 +80,7 @@ pub enum RuleOutcome {
     Pass,
     /// The file breaks the rule.
     Fail,
-    /// The measurement was impossible or incomplete, for example because the file is no valid solid.
+    /// The measurement was impossible or incomplete, for example because the file is not a valid solid.
     Undecided,
 }
 

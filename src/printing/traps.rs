@@ -1,4 +1,4 @@
-//! Powder traps: hollows that are open, but only through ways narrower than an escape hole.
+//! Powder traps: hollows whose openings are all narrower than an escape hole.
 
 use glam::DVec3;
 
@@ -8,23 +8,24 @@ use crate::context::{Cancelled, Context};
 use crate::math::Tree;
 use crate::mesh::Surface;
 
-/// How finely openings are measured: cells per diameter, and how often cells at openings of undecided width are halved.
+/// Octree cells per diameter of the ball.
 const CELLS_PER_DIAMETER: u32 = 4;
+/// How often cells at an opening of undecided width are halved.
 const REFINEMENTS: u32 = 4;
-/// Smaller balls that are tried for the width of a trap's opening, in diameters of the escape hole.
+/// Diameters of the smaller balls that bound the width of a trap's opening, as shares of the escape hole's diameter.
 const SMALLER: [f64; 2] = [0.5, 0.25];
-/// The most octree nodes for these.
+/// Most octree nodes for a smaller ball.
 const MAX_NODES_OF_SMALLER: usize = 3_000_000;
 
-/// A hollow that a ball of the escape hole's diameter fits in, but can't leave.
+/// A hollow in which a ball of the escape hole's diameter fits, but which it can't leave. Lengths are in the model's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PowderTrap {
     /// A place inside where the ball fits.
     pub at: DVec3,
-    /// The volume of the possible centres of the ball, from below. The hollow is larger.
+    /// Lower bound of the volume of all positions that the ball's centre can have. The hollow is larger.
     pub centres_volume: f64,
-    /// Bounds of the diameter of the largest ball that can leave: its widest opening. The lower bound is 0 if no smaller
-    /// ball that was tried leaves.
+    /// Lower and upper bound of the widest opening: the diameter of the largest ball that can leave. The lower bound is 0 if
+    /// none of the tried balls can leave.
     pub opening: [f64; 2],
 }
 
@@ -33,13 +34,12 @@ pub struct PowderTrap {
 pub struct PowderTraps {
     /// The traps, largest first. Sealed voids are not among them.
     pub traps: Vec<PowderTrap>,
-    /// The volume of centres behind openings that are as wide as the ball, within the resolution. Above 0 the answer is
-    /// undecided there.
+    /// Volume of the positions of the ball's centre behind openings whose width equals the ball's, within the resolution. If above
+    /// 0, the hollows there are neither traps nor shown to be open.
     pub undecided_volume: f64,
 }
 
-/// Finds the hollows from which a ball of a diameter can't leave. `None` if the octree would need more than `max_nodes`
-/// nodes.
+/// Finds the hollows that a ball of the given diameter can't leave. `None` if the octree would need more than `max_nodes` nodes.
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
@@ -89,7 +89,7 @@ mod tests {
     use crate::mesh::Edges;
     use crate::printing::shapes::*;
 
-    /// A box of 10 with a room of 6, a square opening of the given width in its top, and a sealed room below.
+    /// A box with a hollow of side 6 and, below, a sealed cavity. A square opening of the given width leads into the hollow.
     fn jar(width: f64) -> Surface {
         let (a, h) = (3.0, width / 2.0);
         let square = |r: f64, z: f64| [[-r, -r], [r, -r], [r, r], [-r, r]].map(|[x, y]| DVec3::new(x, y, z));

@@ -1,7 +1,7 @@
 //! The likely unit of a file: candidates, ranked by their evidence.
 //!
-//! The score of a unit is the logarithm of its prior, plus a log ratio for each piece of evidence. Priors, weights and
-//! caps are judgement, tested with typical cases.
+//! The score of a unit is the natural logarithm of its prior probability, plus a log-likelihood ratio for each piece of evidence. Priors,
+//! weights and caps are judgement, tested with typical cases.
 
 mod reasons;
 
@@ -15,33 +15,37 @@ use crate::inspect::{Analysis, BoundingBox, Inspection};
 use crate::math::Box3;
 use crate::scene::{LengthUnit, Unit, UnitSource};
 
-/// Each piece of evidence counts at most this much, and size and walls together at most `MOST_OF_SIZE`: they are
-/// correlated.
-const MOST: f64 = 3.0;
-const MOST_OF_SIZE: f64 = 4.0;
-/// By how much another unit must lead to doubt millimetres that are only assumed, and a unit that is stated.
+/// Largest log ratio of one piece of evidence.
+const MAX_LOG_RATIO: f64 = 3.0;
+/// Largest log ratio of size and walls together, which are correlated.
+const MAX_LOG_RATIO_OF_SIZE: f64 = 4.0;
+/// By how much another unit must lead to cast doubt on millimetres that are only assumed.
 const LEAD_OVER_ASSUMED: f64 = 3.0;
+/// By how much another unit must lead to cast doubt on a stated unit.
 const LEAD_OVER_STATED: f64 = 5.0;
 
-/// Longest sides are log-normal about this, in millimetres, by this factor for one standard deviation.
+/// Median of the longest sides of printed models, in millimetres. Longest sides are taken as log-normal.
 const USUAL_SIZE: f64 = 60.0;
+/// Factor between longest sides that are one standard deviation apart.
 const SIZE_FACTOR: f64 = 3.0;
 /// The log ratio of the usual size against a log-uniform size from 0.01 mm to 10 m.
 const AT_USUAL_SIZE: f64 = 1.6;
-/// Usual median walls, and the least wall that is likely, in millimetres.
+/// Range of usual median wall thicknesses, in millimetres.
 const USUAL_WALL: [f64; 2] = [0.8, 5.0];
+/// Least wall thickness that is plausible, in millimetres.
 const LEAST_WALL: f64 = 0.2;
-/// The log ratio of a usual wall, and the loss for each factor of e beyond.
+/// The log ratio of a usual wall thickness.
 const AT_USUAL_WALL: f64 = 1.0;
+/// The decrease of the log ratio for each factor of e outside of the usual range.
 const WALL_SLOPE: f64 = 1.2;
 
 /// Round lengths are multiples of these, in millimetres, within a relative tolerance.
 const ROUND_METRIC: f64 = 0.5;
 const ROUND_IMPERIAL: f64 = 25.4 / 32.0;
 const ROUND_TOLERANCE: f64 = 1e-4;
-/// Lengths so long that one in five is round by chance say nothing.
-const MOST_CHANCE: f64 = 0.2;
-/// With fewer lengths the evidence counts in proportion.
+/// Lengths are ignored if more than this share of them would be round by chance.
+const MAX_CHANCE: f64 = 0.2;
+/// Number of lengths for full weight. With fewer lengths, the weight is in proportion.
 const ENOUGH_LENGTHS: usize = 5;
 
 /// Diameters of clearance holes for screws M3 to M8, in millimetres (ISO 273, fine to coarse).
@@ -62,12 +66,12 @@ const PROGRAMS: [(&str, Unit, f64); 7] = [
 /// Generators and scanners that normalise the size of their models.
 const NORMALISERS: [&str; 8] =
     ["trellis", "hunyuan", "tripo", "meshy", "rodin", "stable-fast-3d", "instantmesh", "triposr"];
-/// Longest sides of normalised boxes, from and to.
+/// Ranges of the longest side of a normalised model, from and to.
 const NORMALISED: [[f64; 2]; 2] = [[0.9, 1.0], [1.8, 2.0]];
-/// How far the centre of a normalised box may be from the origin, as a share of its longest side.
+/// How far the centre of a normalised model's bounding box may be from the origin, as a share of the longest side.
 const CENTRED: f64 = 0.02;
 
-/// What is known about a file's lengths. Lengths are as in the file.
+/// The evidence about a file's unit. Lengths are in the file's unit.
 #[derive(Debug, Clone, Copy)]
 pub struct SizeEvidence<'a> {
     /// The bounding box.
@@ -76,7 +80,7 @@ pub struct SizeEvidence<'a> {
     pub median_wall: Option<f64>,
     /// The least wall thickness, if measured.
     pub least_wall: Option<f64>,
-    /// Lengths that a designer chose: distances of parallel planes, diameters. The sides of the box count as well.
+    /// Lengths that a designer chose: distances between parallel planes, and diameters. The sides of the box count as well.
     pub lengths: &'a [f64],
     /// Diameters of round holes.
     pub holes: &'a [f64],
@@ -86,7 +90,7 @@ pub struct SizeEvidence<'a> {
     pub program: Option<&'a str>,
     /// The unit of other files of the same job, if they agree.
     pub siblings: Option<Unit>,
-    /// The least and the greatest longest side that the process prints, in millimetres.
+    /// Smallest and largest value of the longest side that the process can print, in millimetres.
     pub printed_mm: [f64; 2],
 }
 
@@ -118,13 +122,13 @@ impl SizeEvidence<'_> {
 pub struct UnitCandidate {
     /// The unit.
     pub unit: Unit,
-    /// The log of its prior and evidence: a candidate with 1 more is e times as likely.
+    /// Natural logarithm of the unit's likelihood by all evidence. A candidate whose score is higher by 1 is e times as likely.
     pub score: f64,
-    /// The sides of the box in this unit, in millimetres.
+    /// Side lengths of the bounding box in millimetres, if the file is in this unit.
     pub size_mm: [f64; 3],
-    /// The median wall in this unit, in millimetres.
+    /// Median wall thickness in millimetres, if the file is in this unit.
     pub wall_mm: Option<f64>,
-    /// The evidence.
+    /// The evidence for and against this unit.
     pub reasons: Vec<UnitReason>,
 }
 
@@ -134,21 +138,23 @@ pub struct UnitCandidate {
 pub struct UnitCandidates {
     /// All units, most likely first.
     pub ranked: Vec<UnitCandidate>,
-    /// The unit to use: the stated one, else millimetres.
+    /// The unit that the job uses: the stated one, or millimetres.
     pub taken: Unit,
-    /// Another unit that is so much more likely that the taken one is in doubt. Never use it without being asked.
+    /// Another unit that is much more likely than the one in use. Ask the customer before you use it.
     pub likely: Option<Unit>,
-    /// Whether the file was scaled to a size of 1 or 2, so that its unit means nothing: ask for a size.
+    /// Whether the model was scaled to a longest side of 1 or 2, so that its size does not reveal the unit. Ask for a size.
     pub normalised: bool,
 }
 
 impl fmt::Display for UnitCandidates {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.normalised {
-            return f.write_str("the model is scaled to a size of 1 or 2, so its unit says nothing; give its height");
+            return f.write_str(
+                "the model was scaled to a size of 1 or 2, which does not reveal its unit; give its height",
+            );
         }
-        let Some(likely) = self.likely else { return write!(f, "the unit is taken to be {}", self.taken) };
-        write!(f, "the unit is taken to be {}, but {likely} is more likely", self.taken)?;
+        let Some(likely) = self.likely else { return write!(f, "the unit used is {}", self.taken) };
+        write!(f, "the unit used is {}, but {likely} is more likely", self.taken)?;
         let words: Vec<String> = self
             .ranked
             .iter()
@@ -159,7 +165,7 @@ impl fmt::Display for UnitCandidates {
     }
 }
 
-/// What a file says about its unit besides its size and its walls.
+/// The evidence in a file about its unit, apart from the size and the walls.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FileEvidence {
     /// Sizes that a designer chose, in the file's unit.
@@ -260,7 +266,7 @@ fn prior(unit: Unit) -> f64 {
     share.ln()
 }
 
-/// The score of a unit with its reasons. The stated unit does not count: the rule treats it apart.
+/// The score of a unit, with the reasons. A stated unit adds nothing to the score, because [`unit_candidates`] treats it separately.
 fn candidate(evidence: &SizeEvidence<'_>, unit: Unit) -> UnitCandidate {
     let mm = unit.millimetres();
     let mut reasons = Vec::new();
@@ -273,7 +279,7 @@ fn candidate(evidence: &SizeEvidence<'_>, unit: Unit) -> UnitCandidate {
     }
     let mut score = prior(unit);
     let by_size = size(evidence, mm, &mut reasons) + walls(evidence, mm, &mut reasons);
-    score += by_size.clamp(-MOST_OF_SIZE, MOST_OF_SIZE);
+    score += by_size.clamp(-MAX_LOG_RATIO_OF_SIZE, MAX_LOG_RATIO_OF_SIZE);
     score += round_lengths(evidence, mm, &mut reasons);
     score += screw_holes(evidence, mm, &mut reasons);
     if let Some(weight) = program(evidence).filter(|(of, _)| *of == unit).map(|(_, weight)| weight) {
@@ -296,7 +302,7 @@ fn size(evidence: &SizeEvidence<'_>, mm: f64, reasons: &mut Vec<UnitReason>) -> 
     let is_printed = longest_mm >= evidence.printed_mm[0] && longest_mm <= evidence.printed_mm[1];
     reasons.push(UnitReason::Size { longest_mm, is_printed });
     let deviations = (longest_mm / USUAL_SIZE).ln() / SIZE_FACTOR.ln();
-    (AT_USUAL_SIZE - deviations * deviations / 2.0).clamp(-MOST, MOST)
+    (AT_USUAL_SIZE - deviations * deviations / 2.0).clamp(-MAX_LOG_RATIO, MAX_LOG_RATIO)
 }
 
 fn walls(evidence: &SizeEvidence<'_>, mm: f64, reasons: &mut Vec<UnitReason>) -> f64 {
@@ -306,13 +312,13 @@ fn walls(evidence: &SizeEvidence<'_>, mm: f64, reasons: &mut Vec<UnitReason>) ->
     reasons.push(UnitReason::Walls { median_mm, is_usual: beyond == 0.0 });
     let too_thin = evidence.least_wall.is_some_and(|wall| wall * mm < LEAST_WALL);
     let penalty = if too_thin { AT_USUAL_WALL } else { 0.0 };
-    (AT_USUAL_WALL - WALL_SLOPE * beyond - penalty).clamp(-MOST, MOST)
+    (AT_USUAL_WALL - WALL_SLOPE * beyond - penalty).clamp(-MAX_LOG_RATIO, MAX_LOG_RATIO)
 }
 
-/// Whether a length is a multiple of `step`. `None` if most lengths of this size are by chance.
+/// Whether a length is a multiple of `step`. `None` if too many lengths of this size are multiples by chance.
 fn is_round(length_mm: f64, step: f64) -> Option<bool> {
     let tolerance = ROUND_TOLERANCE * length_mm;
-    if length_mm <= 0.0 || 2.0 * tolerance / step > MOST_CHANCE {
+    if length_mm <= 0.0 || 2.0 * tolerance / step > MAX_CHANCE {
         return None;
     }
     let nearest = (length_mm / step).round() * step;
@@ -342,7 +348,7 @@ fn round_lengths(evidence: &SizeEvidence<'_>, mm: f64, reasons: &mut Vec<UnitRea
     #[expect(clippy::cast_precision_loss, reason = "small counts")]
     let (share, weight) =
         (metric.max(imperial) as f64 / of as f64, of.min(ENOUGH_LENGTHS) as f64 / ENOUGH_LENGTHS as f64);
-    (((share + 0.05) / 1.05).ln() * weight).clamp(-MOST, 0.0)
+    (((share + 0.05) / 1.05).ln() * weight).clamp(-MAX_LOG_RATIO, 0.0)
 }
 
 fn screw_holes(evidence: &SizeEvidence<'_>, mm: f64, reasons: &mut Vec<UnitReason>) -> f64 {
@@ -364,7 +370,7 @@ fn program(evidence: &SizeEvidence<'_>) -> Option<(Unit, f64)> {
     PROGRAMS.iter().find(|(name, ..)| text.contains(name)).map(|&(_, unit, weight)| (unit, weight))
 }
 
-/// Whether the longest side is about 1 or 2, and the box is centred or was written by a program that normalises.
+/// Whether the longest side is 1 or 2. A side slightly below counts if the box is centred, or written by a program that normalises.
 fn is_normalised(evidence: &SizeEvidence<'_>) -> bool {
     if evidence.stated.is_some_and(|(_, source)| source == UnitSource::Declared) {
         return false;

@@ -1,7 +1,8 @@
-//! Alternatives to a result: the same request run again with one option changed, where the file leaves the intent open.
+//! Alternatives to a result: the same request run again with one option changed, where the file leaves the model's intent open.
 //!
 //! [`AlternativeRuns`] finds the open questions of a finished repair, and then makes one alternative at a time. Each one is a whole
-//! repair with its own verification and report. An alternative that fails, is not printable, or has the bytes of another is not offered.
+//! repair with its own verification and report. An alternative is not offered if its repair fails, or if its result is not printable or
+//! has the same bytes as another.
 
 mod questions;
 
@@ -19,21 +20,21 @@ use super::report::{
 use crate::context::{Context, Progress, Stage};
 use crate::format::Limits;
 
-/// Most results to choose from, with the default.
+/// Most results to choose from, including the default.
 const MAX_RESULTS: usize = 3;
 /// The id of the default result.
 pub const DEFAULT_CHOICE: &str = "default";
 
-/// A result to choose instead of the default.
+/// A result that the caller may choose instead of the default.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RepairedAlternative {
-    /// The id by which it is chosen.
+    /// The id to choose the result by, such as `interior-keep`.
     pub id: String,
-    /// The result with its whole report.
+    /// The result, with its whole report.
     pub repaired: Repaired,
 }
 
-/// The request of the repair whose alternatives are to be made.
+/// The request of a repair, as input for its alternatives.
 #[derive(Clone, Copy)]
 pub struct AlternativeRequest<'a> {
     /// The bytes of the input.
@@ -51,11 +52,11 @@ pub struct AlternativeRequest<'a> {
 /// The alternatives of one repair, made one at a time.
 pub struct AlternativeRuns<'a> {
     request: AlternativeRequest<'a>,
-    /// The time that the default took.
+    /// The duration of the repair that made the default.
     default_time: Duration,
     /// The answers that were not tried yet.
-    waiting: VecDeque<Answer>,
-    /// The bytes of the results that are offered.
+    untried: VecDeque<Answer>,
+    /// The bytes of all results that are offered so far.
     results: Vec<Vec<u8>>,
     summary: Alternatives,
 }
@@ -69,14 +70,14 @@ impl<'a> AlternativeRuns<'a> {
         let answers = open_questions(default, request.context)?;
         let is_offered = default.report.verdict.file != OfferedFile::None;
         let first = is_offered.then(|| {
-            let detail = "The result with the options of the request.".to_owned();
+            let detail = "The result with the requested options.".to_owned();
             summary_of(None, detail, &default.report)
         });
         let summary = Alternatives { offered: first.into_iter().flatten().collect(), not_offered: Vec::new() };
         Ok(Self {
             request,
             default_time: Duration::from_secs_f64(default.report.milliseconds.max(0.0) / 1e3),
-            waiting: answers.into(),
+            untried: answers.into(),
             results: vec![default.bytes.clone()],
             summary,
         })
@@ -86,17 +87,17 @@ impl<'a> AlternativeRuns<'a> {
     #[must_use]
     pub fn summary(&self) -> Alternatives {
         let mut summary = self.summary.clone();
-        let untried = self.waiting.iter().map(|answer| answer.not_offered(NotOfferedCause::NoTime, NO_TIME.to_owned()));
+        let untried = self.untried.iter().map(|answer| answer.not_offered(NotOfferedCause::NoTime, NO_TIME.to_owned()));
         summary.not_offered.extend(untried);
         summary
     }
 
-    /// Makes the next alternative that can be offered; none if there is no other.
+    /// Makes the next alternative that can be offered; `None` if no answer is left to try.
     ///
     /// # Errors
     /// [`RepairError::Cancelled`] if the job was canceled.
     pub fn make_next(&mut self) -> Result<Option<RepairedAlternative>, RepairError> {
-        while let Some(answer) = self.waiting.pop_front() {
+        while let Some(answer) = self.untried.pop_front() {
             match self.run(&answer)? {
                 Ok(repaired) => {
                     self.summary.offered.extend(summary_of(Some(&answer), answer.detail.to_owned(), &repaired.report));
@@ -109,7 +110,7 @@ impl<'a> AlternativeRuns<'a> {
         Ok(None)
     }
 
-    /// The result of one answer, or why it is not offered.
+    /// The result for one answer, or the reason why it is not offered.
     fn run(&self, answer: &Answer) -> Result<Result<Repaired, (NotOfferedCause, String)>, RepairError> {
         if self.results.len() >= MAX_RESULTS {
             return Ok(Err((NotOfferedCause::OverLimit, format!("A job offers at most {MAX_RESULTS} results."))));
@@ -119,7 +120,7 @@ impl<'a> AlternativeRuns<'a> {
             return Ok(Err((NotOfferedCause::NoTime, NO_TIME.to_owned())));
         }
         let Some(options) = with_answer(options, answer) else {
-            return Ok(Err((NotOfferedCause::Failed, format!("`{}` is no valid option.", answer.option()))));
+            return Ok(Err((NotOfferedCause::Failed, format!("`{}` is not a valid option.", answer.option()))));
         };
         let progress = AlternativeLog { id: answer.id(), context };
         let context = &context.with_progress(&progress);
@@ -131,11 +132,14 @@ impl<'a> AlternativeRuns<'a> {
         }
     }
 
-    /// Why a result is not offered; none if it is.
+    /// The reason why a result is not offered; `None` if it is offered.
     fn refusal(&self, repaired: &Repaired) -> Option<(NotOfferedCause, String)> {
         let report = &repaired.report;
         if self.results.contains(&repaired.bytes) {
-            return Some((NotOfferedCause::SameResult, "The result is the same as one that is offered.".to_owned()));
+            return Some((
+                NotOfferedCause::SameResult,
+                "The result is identical to one that is already offered.".to_owned(),
+            ));
         }
         if let Some(refusal) = report.refusal() {
             return Some((NotOfferedCause::RequirementMissed, refusal));
@@ -146,16 +150,16 @@ impl<'a> AlternativeRuns<'a> {
 
 const NO_TIME: &str = "The deadline left no time for this repair: raise `deadline_s`.";
 
-/// Whether a result is printable, or at least each of its objects is without the others.
+/// Whether a result is printable, or at least each of its objects is printable by itself.
 fn is_worth_offering(report: &Report) -> bool {
-    let only_in_contact = report.outcome == Outcome::PartiallyRepaired
+    let only_objects_intersect = report.outcome == Outcome::PartiallyRepaired
         && !report.objects.is_empty()
         && report.objects.iter().all(|object| object.outcome.is_printable())
         && report.red_flags.iter().all(|flag| flag.code == RedFlagCode::ObjectsIntersect);
-    report.outcome.is_printable() || only_in_contact
+    report.outcome.is_printable() || only_objects_intersect
 }
 
-/// The options with one answer, without further alternatives; none if the options are out of range.
+/// The options with one answer, without further alternatives; `None` if an option is out of range.
 fn with_answer(options: &Options, answer: &Answer) -> Option<Options> {
     let mut fields = serde_json::to_value(options).ok()?;
     fields[answer.name] = answer.value.into();
@@ -164,7 +168,7 @@ fn with_answer(options: &Options, answer: &Answer) -> Option<Options> {
     options.validate().is_ok().then_some(options)
 }
 
-/// The summary of one result; none if nothing was written.
+/// The summary of one result; `None` if the repair wrote no file.
 fn summary_of(answer: Option<&Answer>, detail: String, report: &Report) -> Option<Alternative> {
     let (file, measures) = (report.output.clone()?, &report.after.as_ref()?.measures);
     let mm = report.unit.used.millimetres();
@@ -189,7 +193,7 @@ fn summary_of(answer: Option<&Answer>, detail: String, report: &Report) -> Optio
     })
 }
 
-/// Passes on the log of an alternative. Its progress is not that of the job.
+/// Passes on an alternative's log lines, each with the alternative's id in front, and drops its progress: the job has its own.
 struct AlternativeLog<'a> {
     id: String,
     context: &'a Context<'a>,

@@ -240,16 +240,19 @@ fn interior_filled(steps: &[&Step], options: &Options) -> Option<Assumption> {
     let is_own_decision = options.preset == Preset::Auto && options.print.interior == Interior::Auto;
     (is_filled && is_own_decision).then(|| {
         let sealed = changed(steps, Operator::FillInterior, ChangeKind::OpeningsSealed);
-        let openings = if sealed == 1 { "1 small opening".to_owned() } else { format!("{sealed} small openings") };
+        let openings = match sealed {
+            0 => String::new(),
+            _ => format!(" {} sealed.", counted(sealed, "small opening in the outer skin was", "small openings in the outer skin were")),
+        };
         let detail = format!(
-            "The model is a double shell: two nested, nearly parallel skins around a void. The model was taken as a solid: the inner skin \
-             was removed, and {openings} in the outer skin were sealed."
+            "The model is a double shell: two nested, nearly parallel skins around a void. The model was assumed to be a solid, and the inner \
+             skin was removed.{openings}"
         );
         Assumption::new(AssumptionKind::InteriorFilled, 1, detail).unless("interior=keep")
     })
 }
 
-/// The assumption that small separate solids of a filled model are no part of it, unless the options ask to remove them.
+/// The assumption that small separate solids do not belong to a filled model, unless the options ask to remove them.
 fn islands_dropped(steps: &[&Step], options: &Options) -> Option<Assumption> {
     let count = changed(steps, Operator::TreatIslands, ChangeKind::IslandsDropped);
     (count > 0 && options.print.islands == Islands::Auto).then(|| {

@@ -1,7 +1,7 @@
 //! The expected effort of a repair, from the counts of the input's inspection.
 //!
-//! The figures are orders of magnitude of one core of a server of 2025, not a fit. They steer progress, and which strategies begin near
-//! the deadline; they never decide between results.
+//! The constants are orders of magnitude for one core of a 2025 server, and are not fitted to measurements. Estimates drive the progress
+//! percentage, and decide which strategies start near the deadline. No estimate decides between results.
 
 use std::time::Duration;
 
@@ -16,23 +16,25 @@ const BASE_MS: f64 = 3.0;
 const FACE_MS: f64 = 0.003;
 /// Milliseconds per face for repairing and verifying.
 const REPAIR_MS: f64 = 0.012;
-/// Milliseconds per pair of intersecting faces, which the arrangement cuts.
+/// Milliseconds per pair of intersecting faces, for cutting them in the arrangement.
 const PAIR_MS: f64 = 0.4;
 /// Milliseconds per boundary edge, for stitching and for closing holes.
 const BOUNDARY_MS: f64 = 0.05;
 
-/// Bytes of memory that any repair takes, per face, and per pair of intersecting faces.
+/// Bytes of memory that any repair takes.
 const BASE_BYTES: f64 = 14e6;
+/// Bytes of memory per face.
 const FACE_BYTES: f64 = 700.0;
+/// Bytes of memory per pair of intersecting faces.
 const PAIR_BYTES: f64 = 3_000.0;
 
-/// Factor by which a strategy may run faster than expected. A strategy is left out only if even then it would pass the deadline.
+/// Factor by which a strategy may run faster than expected. A strategy is skipped only if it would overrun the deadline even at that speed.
 const MAX_SPEED_UP: f64 = 10.0;
 
-/// The expected effort of a repair of an input with these counts. `is_whole` tells whether the input is returned as it is.
-pub(super) fn estimate(before: &Measures, is_whole: bool) -> Estimate {
+/// The expected effort of a repair of an input with these counts. `keeps_input` says whether the repair returns the input's mesh unchanged.
+pub(super) fn estimate(before: &Measures, keeps_input: bool) -> Estimate {
     let faces = before.faces as f64;
-    let repair = if is_whole { 0.0 } else { repair_ms(before) };
+    let repair = if keeps_input { 0.0 } else { repair_ms(before) };
     let pairs = before.self_intersections.pairs.unwrap_or(0) as f64;
     Estimate {
         milliseconds: (BASE_MS + FACE_MS * faces + repair).round() as u64,
@@ -40,14 +42,14 @@ pub(super) fn estimate(before: &Measures, is_whole: bool) -> Estimate {
     }
 }
 
-/// Expected milliseconds of a strategy with all operators.
+/// Expected milliseconds of a strategy that runs all operators.
 fn repair_ms(before: &Measures) -> f64 {
     let pairs = before.self_intersections.pairs.unwrap_or(0) as f64;
     REPAIR_MS * before.faces as f64 + BOUNDARY_MS * before.boundary_edges as f64 + PAIR_MS * pairs
 }
 
-/// The least time that a strategy can be expected to take on an input with these counts. Zero for a strategy without a self-union,
-/// whose operators are fast or keep the deadline themselves.
+/// The shortest duration to expect of a strategy on an input with these counts. Zero for a strategy without a self-union: its operators
+/// are fast, or check the deadline themselves.
 pub(super) fn least_duration(strategy: &Strategy, before: &Measures) -> Duration {
     let unites = strategy.actions.iter().any(|planned| planned.operators.contains(&Operator::SelfUnion));
     let milliseconds = if unites { repair_ms(before) / MAX_SPEED_UP } else { 0.0 };
@@ -67,8 +69,8 @@ mod tests {
     }
 
     #[test]
-    fn an_estimate_grows_with_faces_and_intersections_and_is_less_for_whole_inputs() {
-        let of = |faces, pairs, is_whole| estimate(&input(faces, pairs), is_whole);
+    fn an_estimate_grows_with_faces_and_intersections_and_is_less_for_kept_inputs() {
+        let of = |faces, pairs, keeps_input| estimate(&input(faces, pairs), keeps_input);
         assert!(of(12, 0, true).milliseconds < 20);
         assert!(of(1_000_000, 0, true).milliseconds > 100 * of(12, 0, true).milliseconds);
         assert!(of(10_000, 0, true).milliseconds < of(10_000, 0, false).milliseconds);

@@ -122,7 +122,13 @@ impl Judging<'_, '_> {
             Patches::None => Vec::new(),
         };
         let dropped = parts_dropped(&part_accounting, input.analysis().parts.count);
-        let after = ComparedMesh { analysis: &analysis, measures: &measures, patches: Some(&patches), gone: &dropped };
+        let after = ComparedMesh {
+            analysis: &analysis,
+            measures: &measures,
+            patches: Some(&patches),
+            gone: &dropped,
+            are_patches_opaque: is_interior_filled,
+        };
         let mut changes = input.changes_but_for(&after, verification)?;
         // Regions visible through holes were opened on purpose, so the enclosed space differs.
         if !input.measures().closed && surface.source.contains(&OPENED_SKIN_SOURCE) {

@@ -37,7 +37,8 @@ pub struct Options {
     pub merge: Merge,
     /// Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned.
     pub require: Require,
-    /// Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer.
+    /// Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer, and does not rely on
+    /// the inspection of the input.
     pub verify: Verify,
     /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -72,8 +73,9 @@ pub struct Options {
     /// intersecting faces, 3 also uses Blender. Lower it for faster repairs that change less.
     #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 3))]
     pub max_tier: u8,
-    /// Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %, and then returns the best
-    /// result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
+    /// Time limit in seconds, from the start of the repair. The repair may overrun the limit by at most 2 s plus 10 %. The best
+    /// result verified until then is returned; if there was no time to inspect the input, the repair fails. `omitted` in the report lists
+    /// the skipped work.
     #[cfg_attr(feature = "openapi", schema(minimum = 1.0, maximum = 3600.0))]
     pub deadline_s: f64,
     /// Largest accepted loss of faces, in percent. A larger loss raises the red flag `face_loss`. A result with a red flag is at most
@@ -185,8 +187,9 @@ pub struct Options {
     /// Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
     /// `change.png`, `change.glb` and `change.ply`. The first request for one of them draws all.
     pub pictures: bool,
-    /// Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
-    /// A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
+    /// Whether to also offer other results where the file leaves the model's intent open. Example: a double shell may be meant as a solid or
+    /// as hollow. Each result is a further repair within `deadline_s`. A job offers up to three results; the parameter `choice` of a download
+    /// selects one.
     pub alternatives: bool,
     /// Options that prepare the model for a printing process.
     #[serde(flatten)]

@@ -132,14 +132,20 @@ const RULES: &[(&str, Rule)] = {
         ("alternatives", Always),
         ("process", Always),
         ("process_limits", Always),
-        ("min_wall", Operators(OperatorRule::MinWall, &[O::ThickenWalls], "no wall is thinner")),
-        ("thicken_to_process", Operators(OperatorRule::MinWall, &[O::ThickenWalls], "no wall is thinner")),
+        ("min_wall", Operators(OperatorRule::MinWall, &[O::ThickenWalls], "no wall is thinner than the limit")),
+        (
+            "thicken_to_process",
+            Operators(OperatorRule::MinWall, &[O::ThickenWalls], "no wall is thinner than the limit"),
+        ),
         ("wall_growth", Operators(OperatorRule::Plain, &[O::ThickenWalls], "no wall was thickened")),
         ("interior", Rule::Special(SpecialRule::Interior)),
         ("seal_mm", Operators(OperatorRule::Plain, &[O::FillInterior], "the interior was not filled")),
         ("islands", Rule::Special(SpecialRule::Islands)),
         ("voids", Operators(OperatorRule::Voids, &[O::FillVoids, O::VentVoids], "the model has no sealed cavity")),
-        ("keep_cavities_over_mm3", Operators(OperatorRule::Plain, &[O::FillVoids], "no sealed cavity is smaller")),
+        (
+            "keep_cavities_over_mm3",
+            Operators(OperatorRule::Plain, &[O::FillVoids], "no sealed cavity is small enough to be filled"),
+        ),
         ("vent_diameter_mm", Operators(OperatorRule::Plain, &[O::VentVoids], "no cavity was vented")),
         ("target_height_mm", Always),
         ("target_longest_mm", Always),
@@ -307,6 +313,13 @@ impl OptionCheck<'_> {
                 NotAppliedCause::Excluded,
                 "`max_tier=1` leaves out the operators that this option controls".to_owned(),
             ));
+        }
+        if own().next().is_none()
+            && let Some(step) = self.steps.iter().map(|executed| &executed.step).rfind(|step| is_own(step))
+        {
+            let rejected = || "the result of the strategy that applied it was not accepted".to_owned();
+            let note = step.note.clone().filter(|_| step.changed.is_empty());
+            return Some((NotAppliedCause::Unavailable, note.unwrap_or_else(rejected)));
         }
         Some((NotAppliedCause::NothingToDo, nothing.to_owned()))
     }

@@ -93,7 +93,7 @@ fn filling_plan(
     let reason = if is_requested {
         "the options ask to fill the interior, so the preset `generated` is tried first"
     } else {
-        "the model is a double shell, as generators of 3D models make them, so the preset `generated` was chosen"
+        "the model is a double shell, which 3D model generators often produce, so the preset `generated` was chosen"
     };
     (strategy(Preset::Generated, options, options.max_tier, None), (Preset::Generated, reason.to_owned()))
 }

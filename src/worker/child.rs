@@ -139,8 +139,8 @@ fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'
     write_report(folder, Task::FULL_REPORT, &JobReport::Repair(Box::new(repaired.report)))
 }
 
-/// Makes the alternatives of a repair, writes the files of each, and adds them to the report. The report is written before the first
-/// one, so that an alternative that exceeds a limit costs only itself.
+/// Makes the alternatives of a repair, writes the files of each, and lists them in the report. The report is written before the first
+/// alternative, so an alternative that exceeds a limit does not cost the job its default result.
 fn write_alternatives(folder: &Path, request: AlternativeRequest<'_>, default: &mut Repaired) -> Result<(), Failed> {
     let mut runs = AlternativeRuns::new(request, default)?;
     default.report.alternatives = Some(runs.summary());

@@ -126,7 +126,7 @@ pub(super) struct WorkerContext {
 }
 
 impl WorkerContext {
-    /// The confinement of a child process that may run for `longest`: processor time for that long on every core.
+    /// The confinement of a child process that may run for `longest`: CPU time for that long on every core.
     pub(super) fn confinement(&self, longest: Duration) -> Confinement {
         let cores = u32::try_from(std::thread::available_parallelism().map_or(1, usize::from)).unwrap_or(1);
         let limits = ProcessLimits {

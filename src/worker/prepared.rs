@@ -1,5 +1,5 @@
 //! Child processes that are started before a job arrives. Each has entered its sandbox, has loaded the program, and waits on its
-//! standard input for one task. A child runs one task at most, so no job finds anything of an earlier job.
+//! standard input for one task. A child runs at most one task, so a job can't see data of an earlier job.
 
 use std::io;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -27,7 +27,7 @@ impl PreparedChildren {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Starts one more child, unless `max` children wait.
+    /// Starts one more child, unless `max` children are waiting already.
     ///
     /// # Errors
     /// The error of `start`.
@@ -39,14 +39,18 @@ impl PreparedChildren {
         Ok(())
     }
 
-    /// Removes a waiting child that still runs. Others are dropped: an operator or the kernel may have killed them.
+    /// Takes out a waiting child that is still running; `None` if there is none. Drops children that have ended, for example because an
+    /// operator or the kernel killed them.
     pub fn take(&self) -> Option<PreparedChild> {
         let mut waiting = self.waiting();
         while let Some(mut child) = waiting.pop() {
             if child.process.is_running() {
                 return Some(child);
             }
-            tracing::warn!(process = child.process.group().as_raw_nonzero(), "a waiting child process has ended");
+            tracing::warn!(
+                process = child.process.group().as_raw_nonzero(),
+                "a prepared child process ended before it got a job"
+            );
         }
         None
     }
@@ -56,7 +60,7 @@ impl PreparedChildren {
         let waiting = std::mem::take(&mut *self.waiting());
         for PreparedChild { scratch, process } in waiting {
             if let Err(error) = process.end(false).await {
-                tracing::warn!(%error, "could not end a waiting child process");
+                tracing::warn!(%error, "could not end a prepared child process");
             }
             drop(scratch);
         }

@@ -294,7 +294,7 @@ pub(super) fn explain_exit(status: ExitStatus, stderr: &str, memory_bytes: u64) 
         );
         (FailureKind::Final, ProblemKind::OutOfMemory, detail)
     } else if status.signal() == Some(SIGXCPU) {
-        let detail = "The job used more processor time than a job may use. Submit a model with fewer faces, or set a smaller \
+        let detail = "The job used more CPU time than a job may use. Submit a model with fewer faces, or set a smaller \
               `max_tier` or `level`.";
         (FailureKind::Final, ProblemKind::CpuLimit, detail.to_owned())
     } else if status.signal() == Some(SIGXFSZ) {

@@ -66,7 +66,7 @@ pub(super) struct Task {
     pub draw: Option<OfferedFile>,
     /// Limits of the file readers.
     pub limits: Limits,
-    /// The processor time that the child may use.
+    /// The CPU time that the child may use.
     pub cpu: Duration,
     /// Whether this is the first attempt. Tests' failpoints apply to first attempts only.
     pub first_attempt: bool,
@@ -175,7 +175,7 @@ impl ProcessLimits {
         Self::lower(Resource::CORE, 0)
     }
 
-    /// Limits the processor time of the calling process; a limit that is lower already stays.
+    /// Limits the CPU time of the calling process; a limit that is lower already stays.
     ///
     /// # Errors
     /// When the operating system refuses.

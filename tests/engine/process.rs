@@ -39,9 +39,10 @@ fn hollow_cube() -> Soup {
     join(&cube(DVec3::ZERO, 20.0, 2), &inside_out(cube(DVec3::splat(5.0), 10.0, 2)))
 }
 
-/// A ball of radius 20 as two skins, 0.1 apart, each without some faces.
-fn double_shell() -> Soup {
-    let mut both = as_f32(join(&sphere(DVec3::ZERO, 20.0, 96, 48), &inside_out(sphere(DVec3::ZERO, 19.9, 96, 48))));
+/// A ball of radius 20 as two skins, each without some faces.
+fn double_shell(gap: f64) -> Soup {
+    let inner = inside_out(sphere(DVec3::ZERO, 20.0 - gap, 96, 48));
+    let mut both = as_f32(join(&sphere(DVec3::ZERO, 20.0, 96, 48), &inner));
     let faces = both.faces.len();
     let mut at = 0;
     both.faces.retain(|_| {
@@ -124,15 +125,56 @@ fn small_separate_solids_stay_unless_the_options_drop_them() {
 #[test]
 fn a_double_shell_with_pinholes_becomes_a_solid_and_the_report_says_so() {
     let solid = 4.0 / 3.0 * std::f64::consts::PI * 20f64.powi(3);
-    let filled = run(&double_shell(), PrintOptions::default());
+    let filled = run(&double_shell(0.1), PrintOptions::default());
     assert_outcome(&filled, Outcome::Repaired);
     assert!((volume(&filled) / solid - 1.0).abs() < 0.02, "{}", volume(&filled));
     assert_eq!(measured_file(&filled.bytes).parts, 1);
     let assumed = filled.report.assumptions.iter().find(|one| one.kind == AssumptionKind::InteriorFilled);
     assert_eq!(assumed.and_then(|one| one.option.as_deref()), Some("interior=keep"));
     assert_eq!(filled.report.plan.preset, Preset::Generated);
-    let kept = run(&double_shell(), PrintOptions { interior: Interior::Keep, ..PrintOptions::default() });
+    let kept = run(&double_shell(0.1), PrintOptions { interior: Interior::Keep, ..PrintOptions::default() });
     assert!(volume(&kept) < 0.1 * solid, "{}", volume(&kept));
+}
+
+#[test]
+fn an_inner_skin_seen_only_through_many_pinholes_is_not_missed() {
+    let mut shell = double_shell(0.5);
+    let (half, mut at) = (shell.faces.len() / 2, 0);
+    shell.faces.retain(|_| {
+        at += 1;
+        !(at < half && at % 50 == 7)
+    });
+    let filled = run(&shell, PrintOptions::default());
+    assert_outcome(&filled, Outcome::Repaired);
+    assert!(filled.report.red_flags.is_empty(), "{:?}", filled.report.red_flags);
+    assert_eq!(measured_file(&filled.bytes).parts, 1);
+    assert!(volume(&filled) > 33_000.0, "the ball is a solid: {}", volume(&filled));
+}
+
+/// Two double shells whose outer skins share an edge. Each outer skin lacks the face `hole`.
+fn shells_that_share_an_edge(segments: u32, hole: Option<usize>) -> Soup {
+    let shell = |low: DVec3| {
+        let mut outer = cube(low, 20.0, segments);
+        if let Some(face) = hole {
+            outer.faces.remove(face);
+        }
+        join(&outer, &inside_out(cube(low + 0.2, 19.6, segments)))
+    };
+    as_f32(join(&shell(DVec3::ZERO), &shell(DVec3::new(20.0, 20.0, 0.0))))
+}
+
+#[test]
+fn a_double_shell_whose_outer_skin_touches_itself_along_an_edge_becomes_a_solid() {
+    let fill = PrintOptions { interior: Interior::Fill, ..PrintOptions::default() };
+    let filled = run(&shells_that_share_an_edge(40, Some(7)), fill.clone());
+    assert_outcome(&filled, Outcome::Repaired);
+    assert!((volume(&filled) / 16_000.0 - 1.0).abs() < 0.01, "both cubes are solids: {}", volume(&filled));
+    assert!(filled.report.options_not_applied.is_empty(), "{:?}", filled.report.options_not_applied);
+    // A missing face of 5 mm is an opening, not a pinhole.
+    let open = run(&shells_that_share_an_edge(4, Some(7)), fill);
+    let [not_applied] = &open.report.options_not_applied[..] else { panic!("{:?}", open.report.options_not_applied) };
+    assert_eq!((not_applied.option.as_str(), not_applied.cause), ("interior", NotAppliedCause::Unavailable));
+    assert!(not_applied.reason.contains("wider than the seal"), "{}", not_applied.reason);
 }
 
 #[test]

@@ -191,7 +191,7 @@ class Worker:
 def compare_tools(tools: list[str], paths: list[str], limit: float) -> None:
     models = {path: arrays_of_file(path) for path in paths}
     print(f"{len(models)} models, {sum(len(faces) for _, faces in models.values())} faces\n")
-    print("| Tool | Seconds | Processor | Slowest | Printable | Watertight | Failed |\n|---|---|---|---|---|---|---|")
+    print("| Tool | Wall-clock s | CPU s | Slowest s | Printable | Watertight | Failed |\n|---|---|---|---|---|---|---|")
     for tool in tools:
         worker = Worker(tool)
         seconds, printable, watertight, failed = [], 0, 0, 0

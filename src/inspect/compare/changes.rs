@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::analysis::Pair;
 use super::super::matching::Common;
-use super::super::sampling::{Sample, samples};
+use super::super::sampling::{Patches, Sample, samples, visible};
 use super::super::{Analysis, Measures, Solid, Volume, percent};
 use super::deviation::{
     Deviation, Distances, INSIDE_WINDING, Measured, are_buried, buried_pct, distances, inside_agreement,
@@ -151,6 +151,9 @@ pub struct ComparedMesh<'c> {
     pub patches: Option<&'c [bool]>,
     /// For each part of the original, whether the request removes that part; empty if no part is removed.
     pub gone: &'c [bool],
+    /// Whether surface of the original that is visible only through openings that patches close counts as hidden: the
+    /// space behind these openings was filled.
+    pub are_patches_opaque: bool,
 }
 
 impl Original<'_> {
@@ -166,7 +169,10 @@ impl Original<'_> {
         patches: Option<&[bool]>,
         context: &Context<'_>,
     ) -> Result<Changes, Cancelled> {
-        self.changes_but_for(&ComparedMesh { analysis: after, measures, patches, gone: &[] }, context)
+        self.changes_but_for(
+            &ComparedMesh { analysis: after, measures, patches, gone: &[], are_patches_opaque: false },
+            context,
+        )
     }
 
     /// Computes the changes, ignoring parts whose removal was requested.
@@ -190,7 +196,7 @@ impl Original<'_> {
         candidate: &ComparedMesh<'_>,
         context: &Context<'_>,
     ) -> Result<(Changes, Distances), Cancelled> {
-        let &ComparedMesh { analysis: after, measures, patches, gone } = candidate;
+        let &ComparedMesh { analysis: after, measures, patches, gone, .. } = candidate;
         let scale = self.analysis.scale();
         let common = Common::new(&self.analysis.keys(scale), &after.keys(scale));
         context.check()?;
@@ -272,6 +278,23 @@ impl Original<'_> {
         Ok(overlap.filter(|&overlap| crossed || overlap >= SAME_INSIDE_PCT))
     }
 
+    /// Clears the marks of samples that are visible only through openings that the candidate's patches close.
+    fn hide_behind_patches(
+        &self,
+        marks: &mut [bool],
+        candidate: &ComparedMesh<'_>,
+        context: &Context<'_>,
+    ) -> Result<(), Cancelled> {
+        let meshes = Pair::new(self.analysis, candidate.analysis);
+        let patches = Patches { meshes, is_patch: candidate.patches.unwrap_or_default() };
+        let marked: Vec<usize> = (0..marks.len()).filter(|&i| marks[i]).collect();
+        let points: Vec<Sample> = marked.iter().map(|&i| self.samples()[i]).collect();
+        for (&i, is_visible) in marked.iter().zip(visible(self.analysis, &points, Some(&patches), context)?) {
+            marks[i] = is_visible != Some(false);
+        }
+        Ok(())
+    }
+
     /// Lost visible surface: its share in percent, and the distances.
     fn lost(
         &self,
@@ -303,6 +326,9 @@ impl Original<'_> {
             // A sample with unknown visibility counts as visible.
             for (&i, is_visible) in distant.iter().zip(self.visible(&distant, context)?) {
                 counts[i] = is_visible != Some(false);
+            }
+            if candidate.are_patches_opaque {
+                self.hide_behind_patches(&mut counts, candidate, context)?;
             }
             let subset: Vec<usize> =
                 coincident.iter().copied().step_by(coincident.len().div_ceil(VISIBILITY_SAMPLES).max(1)).collect();

@@ -108,7 +108,7 @@ impl<'a> Original<'a> {
         let missing: Vec<usize> =
             requested.iter().copied().filter(|&i| matches!(cache[i], Visibility::NotComputed)).collect();
         let points: Vec<Sample> = missing.iter().map(|&i| self.samples()[i]).collect();
-        for (&i, is_visible) in missing.iter().zip(visible(self.analysis, &points, context)?) {
+        for (&i, is_visible) in missing.iter().zip(visible(self.analysis, &points, None, context)?) {
             cache[i] = Visibility::Known(is_visible);
         }
         let cached = |&i: &usize| if let Visibility::Known(is_visible) = cache[i] { is_visible } else { None };

@@ -57,7 +57,7 @@ pub struct ProcessLimits {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub escape_hole_mm: Option<f64>,
-    /// Least number of escape holes per cavity. 0 lets cavities stay closed.
+    /// Number of escape holes that `voids=vent` drills into a sealed cavity. 0 lets cavities stay closed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub escape_hole_count: Option<u32>,
     /// Density of the printed material in g/cm³, from which weights follow. 0 leaves it unknown.

@@ -23,7 +23,7 @@ pub enum Reached {
 pub struct HiddenRegion {
     /// A point of the region where the ball fits.
     pub at: DVec3,
-    /// The volume of the possible centres of the ball, from below.
+    /// Lower bound of the volume of all positions that the ball's centre can have.
     pub volume: f64,
 }
 

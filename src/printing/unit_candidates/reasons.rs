@@ -15,34 +15,34 @@ pub enum UnitReason {
     Program,
     /// Other files of the job have this unit.
     Siblings,
-    /// The size in this unit is usual, small or large for a print.
+    /// The size of the model, if the file is in this unit.
     Size {
         /// The longest side, in millimetres.
         longest_mm: f64,
-        /// Whether the process prints this size.
+        /// Whether the process can print this size.
         is_printed: bool,
     },
-    /// The walls in this unit.
+    /// The wall thickness of the model, if the file is in this unit.
     Walls {
-        /// The median wall, in millimetres.
+        /// The median wall thickness, in millimetres.
         median_mm: f64,
-        /// Whether they are as thick as usual walls.
+        /// Whether this wall thickness is usual.
         is_usual: bool,
     },
-    /// Lengths in this unit are round.
+    /// Lengths that are round numbers, if the file is in this unit.
     RoundLengths {
-        /// Lengths that are multiples of 0.5 mm.
+        /// Number of lengths that are multiples of 0.5 mm.
         metric: usize,
-        /// Lengths that are multiples of 1/32 inch.
+        /// Number of lengths that are multiples of 1/32 inch.
         imperial: usize,
-        /// All lengths.
+        /// Number of all lengths.
         of: usize,
     },
-    /// Holes in this unit fit metric screws.
+    /// Holes that fit metric screws, if the file is in this unit.
     ScrewHoles {
-        /// Holes that fit.
+        /// Number of holes that fit.
         fit: usize,
-        /// All holes.
+        /// Number of all holes.
         of: usize,
     },
 }
@@ -52,16 +52,20 @@ impl UnitReason {
     #[must_use]
     pub fn in_words(&self) -> String {
         match *self {
-            Self::Declared => "the request declares it".to_owned(),
-            Self::StatedByFile => "the file states it".to_owned(),
-            Self::Program => "the program that wrote the file writes it".to_owned(),
-            Self::Siblings => "other files of the job have it".to_owned(),
+            Self::Declared => "the request declares this unit".to_owned(),
+            Self::StatedByFile => "the file states this unit".to_owned(),
+            Self::Program => "the program that wrote the file uses this unit".to_owned(),
+            Self::Siblings => "other files of the job have this unit".to_owned(),
             Self::Size { longest_mm, is_printed } => {
-                let can = if is_printed { "a size the process prints" } else { "a size the process does not print" };
+                let can = if is_printed {
+                    "a size that the process prints"
+                } else {
+                    "a size that the process does not print"
+                };
                 format!("the longest side would be {} mm, {can}", short(longest_mm))
             }
             Self::Walls { median_mm, is_usual } => {
-                let usual = if is_usual { "as usual" } else { "which is unusual" };
+                let usual = if is_usual { "which is usual" } else { "which is unusual" };
                 format!("walls would be {} mm thick, {usual}", short(median_mm))
             }
             Self::RoundLengths { metric, imperial, of } if imperial > metric => {

@@ -1,4 +1,4 @@
-//! Sealed voids: spaces of air that no way connects with the outside.
+//! Sealed voids: spaces inside a solid without any opening to the outside.
 //!
 //! A sealed void keeps powder or resin inside, and nobody sees it from outside.
 

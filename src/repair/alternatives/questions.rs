@@ -1,4 +1,4 @@
-//! The questions about a model's intent that a repair had to decide, each with the answers that were not taken.
+//! The questions about a model's intent that a repair had to decide, each with the answers that the repair did not choose.
 
 use crate::analyze::subject;
 use crate::context::{Cancelled, Context};
@@ -10,7 +10,7 @@ use crate::repair::options::{Interior, Islands, Merge, Options, Preset, Voids};
 use crate::repair::pipeline::Repaired;
 use crate::repair::report::{Assumption, AssumptionKind, OfferedFile, OpenQuestion, Report};
 
-/// An answer to an open question that the default did not take.
+/// An answer to an open question that differs from the answer of the default.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Answer {
     /// The question.
@@ -19,7 +19,7 @@ pub(super) struct Answer {
     pub name: &'static str,
     /// The option's value.
     pub value: &'static str,
-    /// What the result is, as text.
+    /// Description of the result, as text.
     pub detail: &'static str,
 }
 
@@ -35,10 +35,10 @@ impl Answer {
     }
 }
 
-/// The answers that a repair did not take, to the questions that the file leaves open, the more important ones first.
+/// The answers that a repair did not choose, to the questions that the file leaves open, the most important first.
 ///
-/// Most questions follow from the assumptions in the report. A model that needed no repair has none, so its parts and walls are examined
-/// too. Questions that the options settle are not open.
+/// Most questions follow from the assumptions in the report. A model that needed no repair has no assumptions, so its surface is examined
+/// too. A question is not open if an option of the request answers it.
 ///
 /// # Errors
 /// [`RepairError`] if the job was canceled, or the result cannot be read back.
@@ -59,19 +59,19 @@ pub(super) fn open_questions(repaired: &Repaired, context: &Context<'_>) -> Resu
     Ok(answers)
 }
 
-/// A separate solid with less than this share of the largest solid's volume may be a piece that belongs to it.
+/// A separate solid with less than this share of the largest solid's volume may be a loose piece of the largest solid.
 const LOOSE_SHARE: f64 = 0.05;
 
-/// What the result's own surface says.
+/// The findings in a result's surface that open a question.
 #[derive(Debug, Clone, Copy, Default)]
 struct Shape {
     /// Whether the surface is a double shell.
     is_double_shell: bool,
     /// Whether closed surfaces enclose air.
     has_cavities: bool,
-    /// Whether a separate solid is smaller than the options' least volume.
+    /// Whether a separate solid has less than the least volume of an island by the options.
     has_islands: bool,
-    /// Whether a separate solid is no smaller than that, but small beside the largest solid.
+    /// Whether a separate solid has at least that volume, but less than [`LOOSE_SHARE`] of the largest solid's.
     has_loose_solids: bool,
 }
 
@@ -79,7 +79,7 @@ impl Shape {
     /// Examines the written bytes of a result.
     ///
     /// # Errors
-    /// [`RepairError`] if the bytes cannot be read back; inside, [`Cancelled`] if the job was canceled or the deadline passed.
+    /// Outer: [`RepairError`] if the bytes cannot be read back. Inner: [`Cancelled`] if the job was canceled or the deadline passed.
     fn of(repaired: &Repaired, context: &Context<'_>) -> Result<Result<Self, Cancelled>, RepairError> {
         let report = &repaired.report;
         let mut file = format::read_shape(&repaired.bytes, &ReadOptions::within(Limits::NONE))?;
@@ -106,42 +106,42 @@ impl Shape {
     }
 }
 
-/// Whether a repair assumed something of a kind, for the file or for one of its objects.
+/// Whether a repair reports an assumption of a kind, for the file or for one of its objects.
 fn assumed(report: &Report, kind: AssumptionKind) -> bool {
     let is_of_kind = |assumption: &Assumption| assumption.kind == kind;
     report.assumptions.iter().any(is_of_kind)
         || report.objects.iter().any(|object| object.assumptions.iter().any(is_of_kind))
 }
 
-/// Shell or solid: a double shell that was filled, or one that was left.
+/// The question whether a double shell is solid or hollow: the answer that the repair did not choose.
 fn interior(report: &Report, options: &Options, shape: &Shape) -> Option<Answer> {
     let answer = |value, detail| Answer { question: OpenQuestion::Interior, name: "interior", value, detail };
     if assumed(report, AssumptionKind::InteriorFilled) {
-        return Some(answer("keep", "The model is hollow: the inner skin and the space between stay as they are."));
+        return Some(answer("keep", "The model is hollow: the inner skin and the space inside stay as they are."));
     }
     let is_open = options.preset == Preset::Auto && options.print.interior == Interior::Auto && options.max_tier > 1;
     (is_open && shape.is_double_shell)
-        .then(|| answer("fill", "The model is solid: all that air cannot reach from outside is filled."))
+        .then(|| answer("fill", "The model is solid: all space that cannot be reached from outside is filled."))
 }
 
-/// Hollow or solid: sealed cavities.
+/// The question whether sealed cavities are hollow or solid.
 fn cavities(report: &Report, options: &Options, shape: &Shape) -> Option<Answer> {
     let answer = |name, value, detail| Answer { question: OpenQuestion::Cavities, name, value, detail };
     if assumed(report, AssumptionKind::CavitiesFilled) {
-        return Some(answer("winding_rule", "odd", "Solids inside solids are hollow cavities."));
+        return Some(answer("winding_rule", "odd", "Solids inside other solids become cavities."));
     }
     let print = &options.print;
     let is_open = print.voids == Voids::Keep && !print.fills_cavities() && print.interior != Interior::Fill;
     (is_open && shape.has_cavities).then(|| answer("voids", "fill", "Sealed cavities are solid."))
 }
 
-/// One solid or several: objects that overlap.
+/// The question whether overlapping objects are one solid or several.
 fn objects(report: &Report, options: &Options) -> Option<Answer> {
     let answer = |value, detail| Answer { question: OpenQuestion::Objects, name: "merge", value, detail };
     if options.merge != Merge::Auto {
         None
     } else if assumed(report, AssumptionKind::ObjectsUnited) {
-        Some(answer("none", "Objects that intersect stay separate solids; each is to be printed without the others."))
+        Some(answer("none", "Objects that intersect stay separate solids. Print each one by itself."))
     } else if assumed(report, AssumptionKind::OverlapRemoved) {
         Some(answer("objects", "All objects are one solid of one material."))
     } else {
@@ -149,7 +149,7 @@ fn objects(report: &Report, options: &Options) -> Option<Answer> {
     }
 }
 
-/// Part of the model or not: small separate solids.
+/// The question whether small separate solids belong to the model.
 fn islands(report: &Report, options: &Options, shape: &Shape) -> Vec<Answer> {
     let answer = |value, detail| Answer { question: OpenQuestion::Islands, name: "islands", value, detail };
     let were_dropped = || {

@@ -44,7 +44,7 @@ impl Escalation<'_> {
             "the deadline passed before this strategy could start".to_owned()
         } else {
             format!(
-                "this strategy would pass the deadline: it is expected to take at least {:.0} s",
+                "this strategy would overrun the deadline: it is expected to take at least {:.0} s",
                 least.as_secs_f64()
             )
         };

@@ -64,7 +64,7 @@ impl Operation for ThickenWalls {
         if !thickened.added_faces.is_empty() {
             *surface = thickened.surface;
         }
-        // Another measure than that of the thickening decides what is left.
+        // A measurement that is independent of the thickening decides which walls are still thin.
         let limit = rounded_limit(surface, settings.min_wall);
         let thin = thin_features(surface, limit, Space::Material, context)?;
         let left: Vec<&ThinRegion> =
@@ -80,7 +80,7 @@ impl Operation for ThickenWalls {
             named.push(format!("{} more places stay thin", left.len() - MAX_NAMED));
         }
         if !thin.pairs.is_complete {
-            named.push("some walls could not be measured within the budget".to_owned());
+            named.push("some walls could not be measured: the model needs too many measurements".to_owned());
         }
         let left = (!named.is_empty()).then(|| named.join("; "));
         Ok(Applied { changes, left, ..Applied::default() })
@@ -88,7 +88,7 @@ impl Operation for ThickenWalls {
 }
 
 impl ThickenWalls {
-    /// A wall that stays thin, with the reason at the nearest place that the thickening left.
+    /// The sentence about a wall that stays thin, with the reason at the nearest place that was not thickened.
     fn thin_in_words(&self, region: &ThinRegion, places: &[ThickenedPlace]) -> String {
         let [x, y, z] = region.at.to_array();
         let wall = region.least * self.millimetres;
@@ -102,13 +102,13 @@ impl ThickenWalls {
     }
 }
 
-/// Why a wall stays thin.
+/// The reason why a wall stays thin, in words.
 fn in_words(reason: ThinReason) -> &'static str {
     match reason {
         ThinReason::Gap => "a thicker wall would close a gap",
         ThinReason::SharpEdge => "the wall ends in a sharp edge",
         ThinReason::Topology => "a thicker wall would join parts or close a hole",
         ThinReason::Union => "the added layer could not be united exactly",
-        ThinReason::Rounds => "three rounds did not suffice",
+        ThinReason::Rounds => "the wall was still thin after three rounds",
     }
 }

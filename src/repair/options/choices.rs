@@ -25,7 +25,7 @@ pub enum Preset {
     ManifoldRepair,
     /// Basic cleanup, then a remesh with Blender: for severe damage.
     BlenderRemesh,
-    /// Repair a model of a 3D generator: keep the outer skin, seal pinholes, and fill the inside.
+    /// Repair a model from a 3D model generator: keep the outer skin, seal pinholes, and fill the inside.
     Generated,
 }
 

@@ -22,26 +22,28 @@ pub struct PrintOptions {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
     pub min_wall: Option<f64>,
-    /// Whether thin walls are thickened to the limit of the process. The option needs `process`; `min_wall` overrides the limit.
+    /// Whether thin walls are thickened to the process's limit for free walls. The option needs `process`; `min_wall` overrides the limit.
     pub thicken_to_process: bool,
     /// Side on which thin walls grow.
     pub wall_growth: WallGrowth,
-    /// Treatment of the space inside a model. `auto` fills it if the model is a double shell, as generators of 3D models make them.
+    /// Treatment of the space inside a model. `auto` fills the space in a double shell, which 3D model generators often produce.
     pub interior: Interior,
-    /// Widest opening, in millimetres, that is sealed when the interior is filled. Default: it follows from the model.
+    /// Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the bounding box's diagonal,
+    /// depending on the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
     pub seal_mm: Option<f64>,
-    /// Treatment of separate solids that are smaller than the process allows, or than 0.01 % of the whole without a process.
+    /// Treatment of small separate solids: smaller than the process allows or, without a process, than 0.01 % of the model's volume.
     pub islands: Islands,
     /// Treatment of sealed cavities.
     pub voids: Voids,
-    /// Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller ones are filled. Default: no limit; `voids`
-    /// holds for all.
+    /// Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller cavities are filled. Default: `voids`
+    /// applies to all cavities.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
     pub keep_cavities_over_mm3: Option<f64>,
-    /// Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process.
+    /// Diameter of the holes that `voids=vent` drills, in millimetres. Default: the diameter of the process's escape holes, or 4 mm without a
+    /// process.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
     pub vent_diameter_mm: Option<f64>,
@@ -61,12 +63,12 @@ pub struct PrintOptions {
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum WallGrowth {
-    /// Grow to both sides.
+    /// Grow walls on both sides.
     #[default]
     Both,
-    /// Grow outward. Inner surfaces, such as those that hold another part, stay.
+    /// Grow walls outward. Inner surfaces, such as those that hold another part, stay.
     Outward,
-    /// Grow inward. Outer surfaces stay.
+    /// Grow walls inward. Outer surfaces stay.
     Inward,
 }
 
@@ -91,14 +93,14 @@ pub enum Interior {
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Islands {
-    /// Keep them. If the interior of a generated model is filled, remove them.
+    /// Keep small solids. Remove them only if the interior of a double shell is filled.
     #[default]
     Auto,
-    /// Keep them.
+    /// Keep small solids.
     Keep,
-    /// Remove them.
+    /// Remove small solids.
     Drop,
-    /// Attach them to the nearest larger solid with a strut.
+    /// Remove small solids, and attach all other separate solids to the largest solid with struts.
     Attach,
 }
 
@@ -120,12 +122,12 @@ impl Islands {
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Voids {
-    /// Keep them hollow.
+    /// Keep cavities hollow.
     #[default]
     Keep,
-    /// Make them solid.
+    /// Make cavities solid.
     Fill,
-    /// Drill holes through which powder or resin can leave.
+    /// Drill holes through which powder or resin can leave each cavity.
     Vent,
 }
 

@@ -129,7 +129,7 @@ pub enum AssumptionKind {
     CavitiesKept,
     /// Sealed cavities were filled. The amount is their volume.
     CavitiesFilled,
-    /// A double shell was taken as a solid, and its interior was filled.
+    /// A double shell was assumed to be a solid, and its interior was filled.
     InteriorFilled,
     /// A measure over a red flag's threshold is a property of the input, because independent methods agree on it. The amount is that
     /// measure.

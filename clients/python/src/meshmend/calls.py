@@ -1,4 +1,4 @@
-"""What every call to the engine has: limits, threads, progress and cancellation."""
+"""Settings of a call to the engine: limits, threads, progress and cancellation."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import Any, TypeAlias
 from . import _engine
 from .errors import InvalidOption
 
-#: Gets the stage of the work (``read``, ``inspect``, ``repair``, ``wait``, ``verify`` or ``finish``) and the finished
-#: fraction of the whole, from 0 to 1.
+#: A function that receives the stage of the work and the finished fraction of the whole, from 0 to 1. The stages are
+#: ``read``, ``inspect``, ``repair``, ``wait``, ``verify`` and ``finish``.
 ProgressCallback: TypeAlias = Callable[[str, float], object]
 
 logger = logging.getLogger("meshmend")
@@ -22,7 +22,7 @@ logger = logging.getLogger("meshmend")
 def limits_of(
     max_file_mib: int | None, max_file_faces: int | None, max_file_vertices: int | None
 ) -> tuple[int, int, int]:
-    """The limits on a model; those not given have the command line's defaults."""
+    """Returns the limits on a model: bytes, faces and vertices. Absent limits have the command line's defaults."""
     size, faces, vertices = _engine.DEFAULT_LIMITS
     return (
         size if max_file_mib is None else _natural("max_file_mib", max_file_mib) << 20,
@@ -38,13 +38,13 @@ def settings_of(
     progress: ProgressCallback | bool | None,
     cancel: threading.Event | None,
 ) -> Iterator[_engine.Settings]:
-    """The settings of one call. Closes the progress bar at the end."""
+    """Yields the settings of one call, and closes the progress bar at the end."""
     count = 0 if threads is None else _natural("threads", threads)
     log = logger.debug if logger.isEnabledFor(logging.DEBUG) else None
-    asked = None if cancel is None else cancel.is_set
+    is_cancelled = None if cancel is None else cancel.is_set
     if progress is not True:
         callback = (lambda stage, _, fraction: progress(stage, fraction)) if callable(progress) else None
-        yield _engine.Settings(limits, count, callback, log, asked)
+        yield _engine.Settings(limits, count, callback, log, is_cancelled)
         return
     try:
         tqdm = importlib.import_module("tqdm.auto").tqdm
@@ -56,11 +56,11 @@ def settings_of(
             bar.set_description(stage, refresh=False)
             bar.update(100 * fraction - bar.n)
 
-        yield _engine.Settings(limits, count, show, log, asked)
+        yield _engine.Settings(limits, count, show, log, is_cancelled)
 
 
 def changed(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that are given. None stands for an option's default."""
+    """Returns the options that are given. None stands for an option's default."""
     return {name: value for name, value in options.items() if value is not None}
 
 

@@ -1,4 +1,4 @@
-"""The types of a comparison, which the HTTP API does not have."""
+"""Types of the result of `compare`. The HTTP API has no comparison, so they are not generated."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ComparisonFigures(shapes.Changes):
 
     version: int
     faithful: bool
-    """Whether the second model keeps the first's shape."""
+    """Whether the second model keeps the shape of the first."""
     visible_pct: float | None
     """Share of the first model's surface that is visible from outside, in percent."""
     deviation: shapes.Deviation | None

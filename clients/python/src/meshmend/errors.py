@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .asynchronous.job import AsyncJob
     from .synchronous.job import Job
 
-#: What is wrong with a model, for programs.
+#: Kinds of errors in a model file, for programs.
 ReadErrorKind: TypeAlias = Literal[
     "empty",
     "unknown_format",
@@ -24,7 +24,8 @@ ReadErrorKind: TypeAlias = Literal[
     "no_faces",
 ]
 
-#: The service's error codes, and two codes of this package. A later service may send further codes.
+#: The service's error codes, and two codes of this package: ``unreachable`` for a request without a response, and
+#: ``unexplained`` for a response that does not come from a meshmend service. A later service may send further codes.
 Code: TypeAlias = ProblemCode | Literal["unreachable", "unexplained"]
 
 
@@ -125,11 +126,11 @@ class InvalidModel(MeshmendError, ValueError):
         self, message: str, kind: ReadErrorKind = "malformed", byte: int | None = None, line: int | None = None
     ) -> None:
         super().__init__(message)
-        #: What is wrong, for programs.
+        #: The kind of error, for programs.
         self.kind = kind
-        #: Where in the file, as an offset in bytes; None if unknown.
+        #: Position of the error in the file, as an offset in bytes; None if unknown.
         self.byte = byte
-        #: Where in the file, as a line counted from 1; None if unknown.
+        #: Line of the error in the file, counted from 1; None if unknown.
         self.line = line
 
 
@@ -142,4 +143,4 @@ class Cancellation(MeshmendError):
 
 
 class EngineFailure(MeshmendError):
-    """The engine has no result for another reason, for example because the output format cannot hold the model."""
+    """The engine failed for another reason, for example because the output format cannot hold the model."""

@@ -1,4 +1,4 @@
-"""Models that the engine takes: files, arrays, and meshes of other libraries."""
+"""Models that the engine accepts: files, arrays, and meshes of other libraries."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy.typing as npt
 from . import _engine
 from .errors import InvalidModel
 
-#: A path; the bytes of a file; a pair of arrays ``(vertices, faces)``; or a mesh of trimesh, meshio, open3d or pyvista.
+#: A path; the bytes of a file; a pair of arrays ``(vertices, faces)``; or a trimesh, meshio, open3d or pyvista mesh.
 #: Any object with ``vertices`` and ``faces`` counts as a mesh.
 ModelLike: TypeAlias = Union[str, "os.PathLike[str]", bytes, bytearray, memoryview, tuple[Any, Any], Any]
 
-#: Name and content of a model, as the engine takes it.
+#: Name and content of a model, in the form that the engine accepts.
 EngineModel: TypeAlias = tuple[str, Union[bytes, str, "os.PathLike[str]"]]
 
 Limits: TypeAlias = tuple[int, int, int]
@@ -75,10 +75,10 @@ def _meshio_faces(mesh: Any, name: str) -> npt.NDArray[Any]:
 
 def _pyvista_arrays(mesh: Any) -> tuple[Any, Any]:
     surface = mesh
-    # A grid of volumes has no `faces`; its surface has.
+    # A volumetric grid has no `faces`, but its surface has.
     if not hasattr(mesh, "is_all_triangles"):
         with warnings.catch_warnings():
-            # pyvista announces another default, with the same surface.
+            # pyvista warns of a new default, which gives the same surface.
             warnings.simplefilter("ignore")
             surface = mesh.extract_surface()
     triangles = surface if surface.is_all_triangles else surface.triangulate()

@@ -1,4 +1,4 @@
-"""Files to send. A retry reads them again."""
+"""Files to send to the service. A retry reads the file again."""
 
 from __future__ import annotations
 

@@ -31,10 +31,10 @@ def repair(
     max_file_vertices: int | None = None,
     **options: Unpack[shapes.Options],
 ) -> Result:
-    """Repairs a model with the engine, on this machine, and verifies the file that it returns.
+    """Repairs a model on this machine, and verifies the file that the repair returns.
 
-    ``model`` is a path, the bytes of a file, a pair of arrays ``(vertices, faces)``, or a mesh of trimesh, meshio,
-    open3d or pyvista. The content decides a file's format.
+    ``model`` is a path, the bytes of a file, a pair of arrays ``(vertices, faces)``, or a trimesh, meshio, open3d or
+    pyvista mesh. The format of a file is recognised by its content.
 
     >>> import meshmend
     >>> corners = [(x, y, z) for x in (0, 9) for y in (0, 9) for z in (0, 9)]
@@ -47,30 +47,30 @@ def repair(
     ((12, 3), 3)
 
     ``options`` are the options of the HTTP API, such as ``output``, ``max_tier``, ``deadline_s`` or ``require``. The
-    option ``with``, a word of Python, is ``with_`` here. A mesh is returned as PLY by default, which holds its
-    coordinates exactly; a file is returned as by the API, which writes STL unless that loses something. A model that
-    cannot be repaired is a result, not an error.
+    option ``with`` is called ``with_`` here, because ``with`` is a keyword of Python. By default, the result of a mesh
+    is a PLY file, which holds the coordinates exactly. The result of a file is an STL file, unless STL cannot store all
+    that the input holds. A model that cannot be repaired is a result, not an error.
 
     >>> meshmend.repair((corners, faces), max_tier=9)
     Traceback (most recent call last):
     meshmend.errors.InvalidOption: `max_tier` must be 1, 2 or 3; got 9.
 
-    Other threads of Python run meanwhile. Ctrl-C cancels the repair, and so does ``cancel`` once it is set. The same
-    model and options give the same bytes, for any number of ``threads``; by default there are as many as processors.
-    ``progress`` gets the stage and the finished fraction; True shows a bar of tqdm. ``blender`` names the program of
-    tier 3; by default it is looked for as in the command line (``MESHMEND_BLENDER``, then PATH), and False turns
-    tier 3 off.
+    The repair releases the GIL, so other Python threads keep running. Ctrl-C cancels the repair, and so does setting
+    the event ``cancel``. The same model and options give the same bytes, for any number of ``threads``; the default is
+    one thread per processor. ``progress`` is a function that receives the stage and the finished fraction; True shows a
+    tqdm progress bar. ``blender`` is the path of the program for tier 3. By default, the variable ``MESHMEND_BLENDER``
+    names the program, or PATH is searched, as by the command line. False turns tier 3 off.
 
     Raises `InvalidModel` and `InvalidOption`, which are ValueErrors, OSError for a file that cannot be opened,
     `DeadlineExceeded`, `Cancellation`, and `EngineFailure`.
     """
     limits = limits_of(max_file_mib, max_file_faces, max_file_vertices)
     given, is_mesh = engine_model(model, limits, name)
-    asked = changed({**options, "with": options.get("with", None if with_ is None else list(with_))})
+    given_options = changed({**options, "with": options.get("with", None if with_ is None else list(with_))})
     if is_mesh:
-        asked.setdefault("output", "ply")
+        given_options.setdefault("output", "ply")
     with settings_of(limits, threads, progress, cancel) as settings:
-        return Result(_engine.repair(given, json.dumps(asked), _program(blender), settings))
+        return Result(_engine.repair(given, json.dumps(given_options), _program(blender), settings))
 
 
 def inspect(
@@ -96,9 +96,9 @@ def inspect(
     limits = limits_of(max_file_mib, max_file_faces, max_file_vertices)
     names = [None] if len(models) == 1 else [_numbered(model, at) for at, model in enumerate(models)]
     given = [engine_model(model, limits, name)[0] for model, name in zip(models, names, strict=True)]
-    asked = changed(cast("dict[str, Any]", options))
+    given_options = changed(cast("dict[str, Any]", options))
     with settings_of(limits, threads, progress, cancel) as settings:
-        return Inspection(_engine.inspect(given, json.dumps(asked), settings))
+        return Inspection(_engine.inspect(given, json.dumps(given_options), settings))
 
 
 def compare(
@@ -132,7 +132,7 @@ def compare(
 
 
 def _program(blender: bool | str | os.PathLike[str]) -> str | os.PathLike[str] | None:
-    """The program for the engine: none without tier 3, and an empty one to look for it."""
+    """Returns the program for tier 3: None turns tier 3 off, and an empty text makes the engine search PATH."""
     if blender is False:
         return None
     return os.environ.get("MESHMEND_BLENDER", "") if blender is True else blender

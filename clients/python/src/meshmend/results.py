@@ -1,4 +1,4 @@
-"""Results of the engine."""
+"""Results of the engine: `Result` of a repair, and `Inspection`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Result:
-    """A repaired model. Every part of it is made at the first use."""
+    """A repaired model. Each property is computed when it is first used."""
 
     def __init__(self, repaired: _engine.Repaired) -> None:
         self._repaired = repaired
@@ -29,7 +29,7 @@ class Result:
 
     @cached_property
     def report(self) -> shapes.RepairReport:
-        """The report of the repair, in the form of the HTTP API and of ``meshmend repair --report``."""
+        """The report of the repair, as in the HTTP API and in ``meshmend repair --report``."""
         return cast(shapes.RepairReport, json.loads(self._repaired.report()))
 
     @property
@@ -44,7 +44,7 @@ class Result:
 
     @property
     def summary(self) -> str:
-        """The outcome in words."""
+        """The outcome in one or two sentences."""
         return self.report["summary"]
 
     @property
@@ -54,24 +54,24 @@ class Result:
 
     @cached_property
     def bytes(self) -> bytes:
-        """The file: the bytes that were verified. Raises `MeshmendError` if the repair returns no file."""
+        """The bytes of the verified file. Raises `MeshmendError` if the repair returns no file."""
         if self.format is None:
             raise MeshmendError(f"The repair returned no model: {self.summary}")
         return self._repaired.bytes()
 
     @property
     def vertices(self) -> npt.NDArray[np.float64]:
-        """The vertices, as an array of n rows and 3 columns, read from the file."""
+        """The vertices of the result, as an array of n rows and 3 columns."""
         return self._arrays[0]
 
     @property
     def faces(self) -> npt.NDArray[np.int32]:
-        """The triangles, as indices into `vertices` in an array of n rows and 3 columns."""
+        """The triangles of the result: indices into `vertices`, as an array of n rows and 3 columns."""
         return self._arrays[1]
 
     @property
     def mesh(self) -> trimesh.Trimesh:
-        """The result as a mesh of trimesh, which must be installed."""
+        """The result as a trimesh mesh. The package trimesh must be installed."""
         import trimesh
 
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
@@ -112,7 +112,7 @@ class Inspection:
 
     @property
     def files(self) -> list[shapes.FileAnalysis]:
-        """The results for each model, in the order of the call."""
+        """The results for each model, in the order of the arguments."""
         return self.report["files"]
 
     @property
@@ -122,7 +122,7 @@ class Inspection:
 
 
 def save(path: str | os.PathLike[str], content: bytes) -> None:
-    """Writes a file as a whole: first under another name in the same folder."""
+    """Writes a file atomically: to a temporary file in the same folder, which then replaces ``path``."""
     folder = os.path.dirname(os.path.abspath(path))
     file, part = tempfile.mkstemp(prefix=".meshmend-", dir=folder)
     try:

@@ -12,7 +12,7 @@ MAX_PAUSE = 15.0
 
 
 class Deadline:
-    """The end of a time limit."""
+    """The point in time at which a time limit ends."""
 
     def __init__(self, seconds: float) -> None:
         self._at = time.monotonic() + seconds
@@ -23,6 +23,6 @@ class Deadline:
 
 
 def pause_after(failures: int, problem: Problem) -> float:
-    """Seconds to wait: exponential with jitter, and at least the ``Retry-After`` of the service."""
+    """Returns the seconds to wait: exponential backoff with jitter, plus the ``Retry-After`` of the service."""
     steps = min(0.25 * 2.0 ** min(failures - 1, 8), MAX_PAUSE)
     return (problem.retry_after or 0) + steps * random.uniform(0.5, 1)

@@ -43,7 +43,7 @@ class AsyncWebhooks:
         )
 
     async def rotate(self, endpoint_id: str) -> shapes.WebhookEndpoint:
-        """Gives the endpoint a new secret. The old secret stays valid for a while."""
+        """Gives the endpoint a new secret. The old secret stays valid for 24 hours."""
         return cast(shapes.WebhookEndpoint, await self._ask("POST", f"{_path(endpoint_id)}/rotate"))
 
     async def test(self, endpoint_id: str) -> shapes.WebhookDelivery:

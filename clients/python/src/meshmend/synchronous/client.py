@@ -96,7 +96,7 @@ class Client:
         metadata: Mapping[str, str] | None = None,
         callback_url: str | None = None,
     ) -> Job:
-        """Analyses one or several files without changing them, and returns the job like `repair`."""
+        """Analyses one or several files without changing them. Waits for the job and returns it, like `repair`."""
         asked = {**(options or {}), "mode": "analyze"}
         deadline = Deadline(timeout)
         models = [Model(file, None) for file in files]
@@ -181,7 +181,7 @@ class Client:
         on_progress: Callable[[ProgressEvent], object] | None = None,
         timeout: float | None = None,
     ) -> Job:
-        """Waits until a job ends, and returns it whatever its status. The job goes on after a `JobTimeout`."""
+        """Waits until a job ends, and returns it whatever its status. The job continues after a `JobTimeout`."""
         deadline = Deadline(RUN if timeout is None else timeout)
         return Job(self, follow(self.server, _id(job), deadline, on_progress))
 

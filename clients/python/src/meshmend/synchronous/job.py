@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Job:
-    """A job as in the latest response; `data` has the whole JSON of the service."""
+    """A job as of the latest response; `data` is the whole JSON of the service."""
 
     def __init__(self, client: Client, data: shapes.Job) -> None:
         self._client = client
@@ -50,7 +50,7 @@ class Job:
 
     @property
     def quote(self) -> shapes.Quote | None:
-        """What a shop needs to price the model, such as size and volume. None before the job has a report."""
+        """The figures that a shop needs for a price, such as size and volume. None before the job has a report."""
         return self.data.get("quote")
 
     @property

@@ -44,7 +44,7 @@ class Webhooks:
         )
 
     def rotate(self, endpoint_id: str) -> shapes.WebhookEndpoint:
-        """Gives the endpoint a new secret. The old secret stays valid for a while."""
+        """Gives the endpoint a new secret. The old secret stays valid for 24 hours."""
         return cast(shapes.WebhookEndpoint, self._ask("POST", f"{_path(endpoint_id)}/rotate"))
 
     def test(self, endpoint_id: str) -> shapes.WebhookDelivery:
