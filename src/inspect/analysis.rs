@@ -9,7 +9,7 @@ use super::matching::FaceKeys;
 use super::solids::depths_of;
 use super::{Intersections, Measures, Meeting, Solid, nesting, solids};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Dipoles, Hit, Tree, area_vanishes, collinear, to_unit_range, unit_scale};
+use crate::math::{Box3, Dipoles, Hit, Tree, area_vanishes, collinear, threads, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
 use crate::scene::LengthUnit;
 
@@ -101,7 +101,8 @@ impl<'a> Analysis<'a> {
             let solids = solids(&surface, &edges, &parts);
             (parts, solids)
         };
-        let ((parts, solids), fans) = rayon::join(parts_and_solids, || Fans::new(&surface, &edges));
+        let ((parts, solids), fans) =
+            threads::join(surface.faces.len(), parts_and_solids, || Fans::new(&surface, &edges));
         context.check()?;
         Ok(Self {
             subject,

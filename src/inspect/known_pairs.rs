@@ -4,8 +4,10 @@
 //! positions, the pair needs no second test: it is among the known intersections, or the faces do not intersect.
 
 use super::analysis::KnownPairs;
-use super::matching::{NO_FACE, matched};
-use super::{Analysis, Intersections};
+use super::matching::{FaceKeys, NO_FACE, matched};
+use super::{Analysis, Intersections, intersections};
+use crate::context::{Cancelled, Context};
+use crate::mesh::{Soup, Surface};
 
 impl Analysis<'_> {
     /// Reuses the known intersections between faces that `earlier` has at the same positions. The search for intersecting faces
@@ -16,8 +18,51 @@ impl Analysis<'_> {
     pub fn reuse_intersections(&mut self, earlier: &Analysis<'_>) {
         let is_assembly = self.subject.materials.is_some() || earlier.subject.materials.is_some();
         let known = earlier.intersections.get().filter(|known| !is_assembly && known.lists_all_pairs());
-        self.known_pairs = known.map(|known| KnownPairs::new(self, earlier, known));
+        self.known_pairs = known.map(|known| {
+            let scale = earlier.scale();
+            let keys = &earlier.keys(scale);
+            let file_faces = earlier.subject.soup.faces.len();
+            KnownPairs::new(self, &Earlier { surface: &earlier.surface, keys, scale, file_faces }, known)
+        });
     }
+}
+
+/// A mesh with its intersecting faces. The search of a later mesh tests only pairs with a face that this mesh does not have.
+pub struct SearchedMesh {
+    /// The intersections of the mesh.
+    pub intersections: Intersections,
+    surface: Surface,
+    keys: FaceKeys,
+    scale: f64,
+    file_faces: usize,
+}
+
+impl SearchedMesh {
+    /// Finds the intersecting faces of a mesh. Takes over those of an earlier mesh if they are complete.
+    ///
+    /// # Errors
+    /// [`Cancelled`] on cancellation or timeout.
+    pub fn search(soup: &Soup, earlier: Option<&Self>, context: &Context<'_>) -> Result<Self, Cancelled> {
+        let mut analysis = Analysis::new(soup.into(), context)?;
+        analysis.known_pairs = earlier.filter(|earlier| earlier.intersections.lists_all_pairs()).map(|searched| {
+            let &Self { ref surface, ref keys, scale, file_faces, .. } = searched;
+            KnownPairs::new(&analysis, &Earlier { surface, keys, scale, file_faces }, &searched.intersections)
+        });
+        let intersections = intersections(&analysis, context)?;
+        let scale = analysis.scale();
+        let keys = analysis.keys(scale).into_owned();
+        Ok(Self { intersections, surface: analysis.surface, keys, scale, file_faces: soup.faces.len() })
+    }
+}
+
+/// The faces of a mesh that was searched before.
+struct Earlier<'a> {
+    surface: &'a Surface,
+    keys: &'a FaceKeys,
+    /// The scale of the keys.
+    scale: f64,
+    /// The number of faces before faces were omitted.
+    file_faces: usize,
 }
 
 impl Intersections {
@@ -28,14 +73,13 @@ impl Intersections {
 }
 
 impl KnownPairs {
-    fn new(mesh: &Analysis<'_>, earlier: &Analysis<'_>, known: &Intersections) -> Self {
-        let scale = earlier.scale();
-        let counterparts = matched(&mesh.keys(scale), &earlier.keys(scale));
+    fn new(mesh: &Analysis<'_>, earlier: &Earlier<'_>, known: &Intersections) -> Self {
+        let counterparts = matched(&mesh.keys(earlier.scale), earlier.keys);
         let mut changed = vec![true; counterparts.len()];
         // For each face of the earlier file, which the known pairs name, the face of this mesh at the same positions.
-        let mut counterpart_of = vec![NO_FACE; earlier.subject.soup.faces.len()];
+        let mut counterpart_of = vec![NO_FACE; earlier.file_faces];
         for ((&other, face), changed) in counterparts.iter().zip(0u32..).zip(&mut changed) {
-            if other != NO_FACE && is_same(mesh, face, earlier, other) {
+            if other != NO_FACE && is_same(&mesh.surface, face, earlier.surface, other) {
                 *changed = false;
                 counterpart_of[earlier.surface.source[other as usize] as usize] = face;
             }
@@ -48,8 +92,8 @@ impl KnownPairs {
 }
 
 /// Whether two faces of two meshes have exactly the same corners, in any order. Equal keys prove only that the corners agree in f32.
-fn is_same(mesh: &Analysis<'_>, face: u32, earlier: &Analysis<'_>, other: u32) -> bool {
-    let (corners, others) = (mesh.surface.corners(face as usize), earlier.surface.corners(other as usize));
+fn is_same(surface: &Surface, face: u32, earlier: &Surface, other: u32) -> bool {
+    let (corners, others) = (surface.corners(face as usize), earlier.corners(other as usize));
     corners.iter().all(|corner| others.contains(corner)) && others.iter().all(|corner| corners.contains(corner))
 }
 
@@ -61,8 +105,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::context::{Context, NoProgress};
-    use crate::mesh::Soup;
+    use crate::context::NoProgress;
 
     /// Two crossing squares of two faces each, the second moved by `shift`.
     fn squares(shift: f64) -> Soup {
@@ -94,5 +137,20 @@ mod tests {
         // In f32 the moved square is at the same place.
         assert_eq!(known(&moved, &still, true), Some((vec![false, false, true, true], 0)));
         assert_eq!(known(&still, &still, false), None);
+    }
+
+    #[test]
+    fn a_search_after_an_earlier_one_finds_what_a_full_search_finds() {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
+        let search = |mesh: &Soup, earlier: Option<&SearchedMesh>| {
+            SearchedMesh::search(mesh, earlier, &context).expect("not cancelled")
+        };
+        let first = search(&squares(0.0), None);
+        for shift in [0.0, 1e-12, 0.25, 2.0] {
+            let (again, full) = (search(&squares(shift), Some(&first)), search(&squares(shift), None));
+            assert_eq!(again.intersections.counts, full.intersections.counts, "{shift}");
+            assert_eq!(again.intersections.takes_part, full.intersections.takes_part, "{shift}");
+        }
     }
 }

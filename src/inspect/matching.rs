@@ -5,6 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::math::Box3;
+use crate::math::threads::{self, FEW_CHEAP_ITEMS};
 use crate::mesh::Surface;
 
 /// Faces grouped by their three vertices, regardless of vertex order.
@@ -100,15 +101,16 @@ impl FaceKeys {
     /// [`to_unit_range`](crate::math::to_unit_range).
     #[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
     pub fn new(surface: &Surface, unit: &[DVec3], scale: f64) -> Self {
-        let mut sorted: Vec<_> = (0..surface.faces.len())
-            .into_par_iter()
-            .map(|f| {
-                let mut key = surface.corners(f).map(|p| p.to_array().map(|x| ((x * scale) as f32 + 0.0).to_bits()));
-                key.sort_unstable();
-                (key, f as u32)
-            })
-            .collect();
-        sorted.par_sort_unstable();
+        let mut sorted = threads::map(surface.faces.len(), FEW_CHEAP_ITEMS, |f| {
+            let mut key = surface.corners(f).map(|p| p.to_array().map(|x| ((x * scale) as f32 + 0.0).to_bits()));
+            key.sort_unstable();
+            (key, f as u32)
+        });
+        if sorted.len() < FEW_CHEAP_ITEMS {
+            sorted.sort_unstable();
+        } else {
+            sorted.par_sort_unstable();
+        }
         let bounds = Box3::of(unit.iter().copied());
         // Unit coordinates reach 2.
         Self { sorted, fine: bounds.diagonal() * MAX_DIAGONALS_FROM_ORIGIN >= 2.0 }

@@ -7,6 +7,7 @@ use super::analysis::get_or_try_init;
 use super::intersections::materials_in;
 use super::{Analysis, BoundingBox, Measures, Subject, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
+use crate::math::threads;
 use crate::mesh::{Edges, Soup, Surface, count_boundary_chains, weld_exactly};
 use crate::scene::{Unit, UnitSource};
 
@@ -73,7 +74,8 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
     let count_degenerate =
         || (0u32..).take(surface.faces.len()).filter(|&f| analysis.is_without_area(f)).count() as u64;
-    (counts.degenerate_faces, counts.duplicate_faces) = rayon::join(count_degenerate, count_duplicate);
+    (counts.degenerate_faces, counts.duplicate_faces) =
+        threads::join(surface.faces.len(), count_degenerate, count_duplicate);
     counts.unshared_edges = unshared_edges(analysis).count() as u64;
     counts.near_coincident_defects = near_coincident_defects(analysis);
     context.check()?;
@@ -104,7 +106,8 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
         a.dot(b.cross(c)) / 6.0
     };
     let area = || (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).sum();
-    let (area, value): (f64, f64) = rayon::join(area, || (0..surface.faces.len()).map(tetrahedron).sum());
+    let (area, value): (f64, f64) =
+        threads::join(surface.faces.len(), area, || (0..surface.faces.len()).map(tetrahedron).sum());
     // A duplicate face counts twice in the volume.
     counts.volume = Volume { value: finite(value), reliable: counts.closed && balanced && counts.duplicate_faces == 0 };
     counts.area = finite(area);

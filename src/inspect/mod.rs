@@ -17,6 +17,7 @@ mod measure;
 mod measures;
 mod options;
 mod print;
+mod ray_winding;
 mod sampling;
 mod set;
 mod shells;
@@ -39,6 +40,7 @@ pub use inspection::{
     goodness, inspect, inspect_analysis,
 };
 pub use intersections::{InstanceContact, instance_contacts, intersections, intersections_between};
+pub use known_pairs::SearchedMesh;
 pub use matching::{FaceGroups, group_faces};
 pub use measure::{Decimals, joined_by_decimals, measure, measure_analysis, measures};
 pub use measures::{BoundingBox, IntersectingPair, Intersections, Measures, SelfIntersections, Volume};

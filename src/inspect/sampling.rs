@@ -14,6 +14,10 @@ use crate::math::{Dipoles, hit, r2, ray_direction};
 pub(super) const QUERY_BUDGET_DIVISOR: u64 = 16;
 /// Number of queries in the first block, and the minimum and maximum for later blocks.
 const BLOCK: [usize; 3] = [64, 16, 4096];
+/// Minimum number of queries per thread.
+const MIN_PER_THREAD: usize = 16;
+/// Expected number of steps of a block below which one thread runs the block: to wake others would take longer.
+const SERIAL_STEPS: u64 = 20_000;
 /// Number of ray directions in which visibility from outside is tested.
 const DIRECTIONS: u32 = 32;
 /// Offset of a ray's start from its face, as a fraction of the diagonal.
@@ -55,7 +59,9 @@ pub(super) fn run_queries<T: Send>(
             break;
         }
         let end = count.min(done + block);
-        for (number, answer, left) in run_each(order.numbers(done..end), BLOCK[1], most, &query) {
+        let is_small = done == 0 || spent / done as u64 * ((end - done) as u64) < SERIAL_STEPS;
+        let task = if is_small { end - done } else { MIN_PER_THREAD };
+        for (number, answer, left) in run_each(order, done..end, (task, most), &query) {
             answers.values[number] = answer;
             answers.complete &= left > 0;
             spent += most - left;
@@ -68,20 +74,52 @@ pub(super) fn run_queries<T: Send>(
     Ok(answers)
 }
 
-/// Runs queries in parallel, each with the given number of steps, with at least `task` queries per thread. Returns
-/// for each its index, its result and its remaining steps.
+/// Number of consecutive queries that share a memory.
+const CHUNK: usize = 16;
+
+/// Runs queries as [`run_queries`] does, in chunks of consecutive numbers. `query` also receives what it remembers from the queries of its
+/// chunk before. The answers must not depend on the memory, only the number of steps may.
+///
+/// # Errors
+/// [`Cancelled`] on cancellation or timeout.
+pub(super) fn run_coherent_queries<T: Send, M: Default>(
+    count: usize,
+    budget: u64,
+    context: &Context<'_>,
+    query: impl Fn(usize, &mut M, &mut u64) -> Option<T> + Sync,
+) -> Result<Answers<T>, Cancelled> {
+    let chunks = run_queries(count.div_ceil(CHUNK), budget, context, |chunk, steps| {
+        let mut memory = M::default();
+        let numbers = chunk * CHUNK..count.min((chunk + 1) * CHUNK);
+        let answers = numbers.map(|number| if *steps > 0 { query(number, &mut memory, steps) } else { None });
+        Some(answers.collect::<Vec<Option<T>>>())
+    })?;
+    let mut answers = Answers { values: Vec::with_capacity(count), complete: chunks.complete };
+    for (chunk, values) in chunks.values.into_iter().enumerate() {
+        let end = count.min((chunk + 1) * CHUNK);
+        answers.values.extend(values.into_iter().flatten());
+        answers.values.resize_with(end, || None);
+    }
+    Ok(answers)
+}
+
+/// Runs the queries at some positions of an order in parallel, with at least `task` queries per thread, and each with the
+/// given number of steps. Returns for each its index, its result and its remaining steps.
 pub(super) fn run_each<T: Send>(
-    numbers: impl IndexedParallelIterator<Item = usize>,
-    task: usize,
-    steps: u64,
+    order: SpreadOrder,
+    positions: Range<usize>,
+    (task, steps): (usize, u64),
     query: impl Fn(usize, &mut u64) -> Option<T> + Sync,
 ) -> Vec<(usize, Option<T>, u64)> {
-    let run = |number| {
-        let mut left = steps;
+    let run = |position| {
+        let (number, mut left) = (order.number(position), steps);
         let answer = query(number, &mut left);
         (number, answer, left)
     };
-    numbers.with_min_len(task).map(run).collect()
+    if positions.len() <= task {
+        return positions.map(run).collect();
+    }
+    positions.into_par_iter().with_min_len(task).map(run).collect()
 }
 
 /// A permutation of the numbers below `count` whose every prefix is spread evenly over the range.
@@ -97,9 +135,9 @@ impl SpreadOrder {
         Self { count, stride: stride(count) }
     }
 
-    /// The numbers at the given positions of the permutation.
-    pub fn numbers(self, places: Range<usize>) -> impl IndexedParallelIterator<Item = usize> {
-        places.into_par_iter().map(move |i| (i as u128 * self.stride as u128 % self.count as u128) as usize)
+    /// The number at a position of the permutation.
+    pub fn number(self, position: usize) -> usize {
+        (position as u128 * self.stride as u128 % self.count as u128) as usize
     }
 }
 
@@ -132,7 +170,14 @@ pub(super) struct Sample {
 pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
     let faces = (0u32..).take(analysis.surface.faces.len());
     let spread = spread_by_area(analysis, faces, count, |face| analysis.unit_area_vector(face).length());
-    let sample = |(face, point)| Sample { face, point, normal: analysis.unit_normal(face) };
+    // Samples of a face follow each other, and share its normal.
+    let mut last = (u32::MAX, DVec3::ZERO);
+    let sample = |(face, point)| {
+        if last.0 != face {
+            last = (face, analysis.unit_normal(face));
+        }
+        Sample { face, point, normal: last.1 }
+    };
     spread.into_iter().map(sample).collect()
 }
 
@@ -197,31 +242,44 @@ pub(super) fn visible(
     patches: Option<&Patches<'_>>,
     context: &Context<'_>,
 ) -> Result<Vec<Option<bool>>, Cancelled> {
-    let (unit, faces, tree) = (analysis.unit(), &analysis.surface.faces, analysis.tree());
+    let tree = analysis.tree();
     let diagonal = analysis.extent().diagonal();
-    let sees_outside = |sample: &Sample, steps: &mut u64| {
-        for number in 0..DIRECTIONS {
-            let direction = ray_direction(number);
+    let directions: Vec<(usize, DVec3)> = (0..DIRECTIONS).map(ray_direction).enumerate().collect();
+    // Remembers for each direction the last face that blocked a ray: it mostly blocks the rays from neighbouring samples too.
+    let sees_outside = |sample: &Sample, blockers: &mut [Option<u32>; DIRECTIONS as usize], steps: &mut u64| {
+        // Most rays on the outer side of a face are free, so they come first.
+        let of_side = |is_front: bool| {
+            directions.iter().filter(move |(_, direction)| (sample.normal.dot(*direction) > 0.0) == is_front)
+        };
+        for &(number, direction) in of_side(true).chain(of_side(false)) {
             let from = sample.point + sample.normal * sample.normal.dot(direction).signum() * (LIFT * diagonal);
             let ray = direction * (2.0 * diagonal);
-            let mut free = true;
-            tree.along(from, from + ray, |face| {
-                *steps = steps.saturating_sub(1);
-                free = hit(from, ray, faces[face as usize].map(|v| unit[v as usize])).is_none();
-                free && *steps > 0
-            });
-            free = free && patches.is_none_or(|patches| patches.let_pass(from, ray, steps));
+            let blocks = |face: u32| hit(from, ray, analysis.unit_corners(face)).is_some();
+            let mut blocker = blockers[number].filter(|&face| blocks(face));
+            *steps = steps.saturating_sub(u64::from(blocker.is_some()));
+            if blocker.is_none() {
+                tree.along(from, from + ray, |face| {
+                    *steps = steps.saturating_sub(1);
+                    blocker = Some(face).filter(|&face| blocks(face));
+                    blocker.is_none() && *steps > 0
+                });
+            }
+            let is_free = blocker.is_none() && patches.is_none_or(|patches| patches.let_pass(from, ray, steps));
             if *steps == 0 {
                 return None;
             }
-            if free {
+            if is_free {
                 return Some(true);
             }
+            blockers[number] = blocker;
         }
         Some(false)
     };
     let budget = BUDGET + BUDGET_PER_POINT * samples.len() as u64;
-    Ok(run_queries(samples.len(), budget, context, |i, steps| sees_outside(&samples[i], steps))?.values)
+    let answers = run_coherent_queries(samples.len(), budget, context, |i, blockers, steps| {
+        sees_outside(&samples[i], blockers, steps)
+    })?;
+    Ok(answers.values)
 }
 
 /// Winding number queries on one mesh.
@@ -291,5 +349,35 @@ mod tests {
         let answers = costly(1000, 1600, 1_000_000);
         assert!(!answers.complete);
         assert_eq!(answers.values.iter().flatten().count(), BLOCK[0]);
+    }
+
+    #[test]
+    fn coherent_queries_answer_each_number_in_its_place() {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1));
+        for count in [0, 1, CHUNK, 1000] {
+            let answers = run_coherent_queries(count, u64::MAX, &context, |i, last: &mut usize, _| {
+                assert!(i % CHUNK == 0 || *last == i - 1);
+                *last = i;
+                (i % 3 > 0).then_some(i)
+            })
+            .unwrap();
+            assert!(answers.complete);
+            assert_eq!(answers.values, (0..count).map(|i| (i % 3 > 0).then_some(i)).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn coherent_queries_beyond_the_budget_have_no_answer() {
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(1));
+        let answers = run_coherent_queries(10_000, 20_000, &context, |i, (): &mut (), steps| {
+            *steps = steps.saturating_sub(100);
+            Some(i)
+        })
+        .unwrap();
+        assert!(!answers.complete);
+        assert_eq!(answers.values.len(), 10_000);
+        assert!(answers.values.iter().enumerate().all(|(i, answer)| answer.is_none_or(|answer| answer == i)));
     }
 }

@@ -11,6 +11,7 @@ mod precision;
 mod predicates;
 mod segment;
 mod sequence;
+pub(crate) mod threads;
 mod tree;
 mod triangle;
 mod triangle_pair;

@@ -1,6 +1,7 @@
 //! Distance queries on a [`Tree`]: the nearest point of a surface, and the largest empty ball that touches a point.
 
 use glam::DVec3;
+use smallvec::{SmallVec, smallvec};
 
 use super::tree::{DEPTH, FAR, Tree, box_distance_squared, spend, triangles_of};
 use super::triangle::{nearest_on_triangle, nearest_within};
@@ -38,17 +39,55 @@ impl Tree {
         steps: &mut u64,
         triangle: impl Fn(u32) -> [DVec3; 3],
     ) -> Option<Nearest> {
-        let bvh = self.bvh.as_ref()?;
-        let query = self.frame.to_tree(point);
-        if !query.abs().cmplt(DVec3::splat(FAR)).all() {
+        if self.is_far(point) {
             return self.nearest_from_afar(point, bound, triangle);
         }
-        let mut best = None;
         let limit = bound.max(0.0) * self.frame.scale();
-        let mut best_square = if limit < FAR { limit * limit } else { f64::INFINITY };
+        let square = if limit < FAR { limit * limit } else { f64::INFINITY };
+        self.nearer(point, (None, square), steps, triangle)
+    }
+
+    /// The distance from a point to the triangles, as [`Tree::nearest`] finds it without a bound. `last` is a triangle that may be
+    /// near, such as the nearest one of a neighbouring point, and becomes the nearest one: the closer it is, the shorter the search.
+    pub fn distance(
+        &self,
+        point: DVec3,
+        last: &mut Option<u32>,
+        steps: &mut u64,
+        triangle: impl Fn(u32) -> [DVec3; 3],
+    ) -> Option<f64> {
+        if self.is_far(point) {
+            return self.nearest_from_afar(point, f64::INFINITY, triangle).map(|nearest| nearest.distance);
+        }
+        let start = last.map(|face| (face, nearest_on_triangle(point, triangle(face))));
+        let square = start.map_or(f64::INFINITY, |(_, found)| self.framed_square(point, found));
+        let nearest = self.nearer(point, (start, square), steps, triangle)?;
+        *last = Some(nearest.face);
+        Some(nearest.distance)
+    }
+
+    /// Whether a point is so far away that the model is a point to it.
+    fn is_far(&self, point: DVec3) -> bool {
+        !self.frame.to_tree(point).abs().cmplt(DVec3::splat(FAR)).all()
+    }
+
+    /// The square of the distance of two points, in the tree's frame.
+    fn framed_square(&self, p: DVec3, q: DVec3) -> f64 {
+        ((q - p) * self.frame.scale()).length_squared()
+    }
+
+    /// The point of the triangles nearest to `point`, from a start with its squared distance in the tree's frame.
+    fn nearer(
+        &self,
+        point: DVec3,
+        (mut best, mut best_square): (Option<(u32, DVec3)>, f64),
+        steps: &mut u64,
+        triangle: impl Fn(u32) -> [DVec3; 3],
+    ) -> Option<Nearest> {
+        let bvh = self.bvh.as_ref()?;
+        let query = self.frame.to_tree(point);
         let square = |node: u32| box_distance_squared(bvh.nodes[node as usize].aabb(), query);
-        let mut stack = Vec::with_capacity(DEPTH);
-        stack.push((square(0), 0u32));
+        let mut stack: SmallVec<[(f64, u32); DEPTH]> = smallvec![(square(0), 0)];
         while let Some((at_least, at)) = stack.pop() {
             if at_least >= best_square {
                 continue;
@@ -60,7 +99,7 @@ impl Tree {
             if node.is_leaf() {
                 for &face in triangles_of(bvh, node) {
                     let found = nearest_on_triangle(point, triangle(face));
-                    let square = ((found - point) * self.frame.scale()).length_squared();
+                    let square = self.framed_square(point, found);
                     if square < best_square {
                         best_square = square;
                         best = Some((face, found));
@@ -80,7 +119,7 @@ impl Tree {
         best.map(|(face, found)| Nearest { face, point: found, distance: best_square.sqrt() / self.frame.scale() })
     }
 
-    /// The distance from a point so far away that the model is a point to it.
+    /// The distance from a point for which [`Tree::is_far`] holds.
     fn nearest_from_afar(&self, point: DVec3, bound: f64, triangle: impl Fn(u32) -> [DVec3; 3]) -> Option<Nearest> {
         let face = *self.bvh.as_ref()?.primitive_indices.first()?;
         let found = triangle(face)[0];
@@ -128,8 +167,7 @@ impl Tree {
         let start = self.frame.to_tree(point);
         let distance = |node: u32, from: DVec3| box_distance_squared(bvh.nodes[node as usize].aabb(), from);
         // Nodes to visit, each with the ball's radius when the node was found to meet the ball.
-        let mut stack = Vec::with_capacity(DEPTH);
-        stack.push((0u32, f64::INFINITY));
+        let mut stack: SmallVec<[(u32, f64); DEPTH]> = smallvec![(0, f64::INFINITY)];
         while let Some((at, radius_at_push)) = stack.pop() {
             let node = &bvh.nodes[at as usize];
             if !spend(steps, node) {
@@ -198,6 +236,7 @@ mod tests {
             let (positions, faces) = triangles(300, size);
             let tree = Tree::new(&positions, &faces);
             let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
+            let mut last = None;
             for i in 0..200 {
                 let point = (DVec3::from(r3(f64::from(i) + 0.3)) * 3.0 - 1.0) * size;
                 let least =
@@ -208,6 +247,8 @@ mod tests {
                 assert_eq!(found.point, nearest_on_triangle(point, corners(found.face)));
                 assert_eq!(tree.nearest(point, least * (1.0 - 1e-9), &mut few, corners), None);
                 assert_eq!(tree.nearest(point, least * (1.0 + 1e-9), &mut few, corners), Some(found));
+                assert_eq!(tree.distance(point, &mut last, &mut few, corners), Some(found.distance));
+                assert_eq!(last, Some(found.face));
             }
         }
     }

@@ -4,9 +4,9 @@
 
 use glam::{DVec3, Vec3A};
 use obvhs::bvh2::Bvh2;
-use rayon::prelude::*;
 use smallvec::SmallVec;
 
+use super::threads::{self, FEW_SEARCHES};
 use super::tree::{DEPTH, Tree, spend, triangles_of, vec3a};
 
 /// Maximum faces of a cluster, which is tested as a whole.
@@ -110,11 +110,11 @@ impl OppositeFaces<'_> {
         let Some(bvh) = &self.tree.bvh else { return answers };
         #[expect(clippy::cast_possible_truncation, reason = "rounded; the slack covers the rounding")]
         let reach = (reach * self.tree.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK;
-        let remaining: Vec<u32> = clusters(bvh, &self.below)
-            .into_par_iter()
-            .filter(|&node| self.meets_swept(bvh, &self.below[node as usize], reach))
-            .collect();
-        for node in remaining {
+        let clusters = clusters(bvh, &self.below);
+        let may_meet = threads::map(clusters.len(), FEW_SEARCHES, |i| {
+            self.meets_swept(bvh, &self.below[clusters[i] as usize], reach)
+        });
+        for (&node, _) in clusters.iter().zip(may_meet).filter(|(_, may_meet)| *may_meet) {
             for face in faces_below(bvh, node) {
                 answers[face as usize] = true;
             }

@@ -4,8 +4,8 @@
 use glam::Vec3A;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
-use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
+use super::threads;
 use super::tree::{Tree, triangles_of};
 
 /// Node pairs that a round starts from, and the steps of each before the round ends. A round of 2^18 steps takes some
@@ -107,7 +107,7 @@ impl<L> PairSearch<L> {
                 return Ok(false);
             }
             let starts = open.split_off(open.len().saturating_sub(MAX_STARTS));
-            let results: Vec<StartResult<T>> = starts.par_iter().map(|&start| walk.from(start)).collect();
+            let results: Vec<StartResult<T>> = threads::map(starts.len(), 2, |i| walk.from(starts[i]));
             let mut hits = Vec::with_capacity(results.iter().map(|e| e.hits.len()).sum());
             for end in results {
                 spent += end.steps;

@@ -5,6 +5,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use smallvec::SmallVec;
 
 use super::boxes::Box3;
 
@@ -99,7 +100,7 @@ impl Tree {
     pub(super) fn walk(&self, accepts: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(u32) -> bool) {
         let Some(bvh) = &self.bvh else { return };
         let accepts = |node: &u32| accepts(bvh.nodes[*node as usize].aabb());
-        let mut stack = Vec::with_capacity(DEPTH);
+        let mut stack: SmallVec<[u32; DEPTH]> = SmallVec::new();
         stack.extend(Some(0u32).filter(accepts));
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];

@@ -56,14 +56,15 @@ pub fn nearest_on_triangle(p: DVec3, [a, b, c]: [DVec3; 3]) -> DVec3 {
     {
         return foot;
     }
-    let [first, rest @ ..] = [[a, b], [b, c], [c, a]].map(|edge| nearest_on_segment(p, edge));
-    rest.into_iter()
-        .chain(foot)
-        .fold(first, |best, q| if p.distance_squared(q) < p.distance_squared(best) { q } else { best })
+    let nearer = |best: DVec3, q: DVec3| if p.distance_squared(q) < p.distance_squared(best) { q } else { best };
+    let of_two = nearer(nearest_on_segment(p, [a, b]), nearest_on_segment(p, [b, c]));
+    let of_edges = nearer(of_two, nearest_on_segment(p, [c, a]));
+    foot.map_or(of_edges, |foot| nearer(of_edges, foot))
 }
 
 /// The point of a segment nearest to `p`.
 #[must_use]
+#[inline]
 pub fn nearest_on_segment(p: DVec3, [a, b]: [DVec3; 2]) -> DVec3 {
     let ab = b - a;
     let (along, whole) = ((p - a).dot(ab), ab.length_squared());

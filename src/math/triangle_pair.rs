@@ -188,7 +188,8 @@ fn are_separated_at_vertex(p: &[DVec3; 3], i: usize, q: &[DVec3; 3], j: usize) -
 
 /// Whether a plane meets a triangle at most in a vertex that is known to lie in the plane.
 fn on_one_side(sides: [Sign; 3], vertex_in_plane: bool) -> bool {
-    let count = |sign| sides.map(|side| u8::from(side == sign)).into_iter().sum::<u8>();
+    let [a, b, c] = sides;
+    let count = |sign| u8::from(a == sign) + u8::from(b == sign) + u8::from(c == sign);
     let all = if vertex_in_plane { 2 } else { 3 };
     count(Sign::Positive) == all || count(Sign::Negative) == all
 }

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use smallvec::{SmallVec, smallvec};
 
 use super::tree::{DEPTH, Tree, box_distance_squared, spend, triangles_of};
 
@@ -115,8 +116,7 @@ impl Tree {
         let shared_from = (aside.length() * SHARED_DISTANCE).powi(2);
         let mut sides = [HalfAngles::NONE; 2];
         let (mut angle, mut shared) = (0.0, HalfAngles::NONE);
-        let mut stack = Vec::with_capacity(DEPTH);
-        stack.push(0u32);
+        let mut stack: SmallVec<[u32; DEPTH]> = smallvec![0];
         while let Some(at) = stack.pop() {
             let (node, dipole) = (&bvh.nodes[at as usize], &dipoles.nodes[at as usize]);
             if !spend(steps, node) {
@@ -129,7 +129,8 @@ impl Tree {
             } else if node.is_leaf() {
                 let is_near = shared_from > 0.0 && box_distance_squared(node.aabb(), query) < shared_from;
                 for &face in triangles_of(bvh, node) {
-                    let corners = self.framed(triangle(face)).map(|p| p - query);
+                    let [a, b, c] = self.framed(triangle(face));
+                    let corners = [a - query, b - query, c - query];
                     if is_near {
                         sides[0].add(corners.map(|p| p - aside));
                         sides[1].add(corners.map(|p| p + aside));
@@ -147,15 +148,17 @@ impl Tree {
     }
 
     /// Transforms a triangle into the tree's frame.
+    #[inline]
     fn framed(&self, triangle: [DVec3; 3]) -> [DVec3; 3] {
-        triangle.map(|p| self.frame.to_tree(p))
+        let [a, b, c] = triangle;
+        [self.frame.to_tree(a), self.frame.to_tree(b), self.frame.to_tree(c)]
     }
 }
 
 /// The generalized winding number of triangles around a point, summed exactly over all triangles.
 pub fn winding_exact(point: DVec3, triangles: impl IntoIterator<Item = [DVec3; 3]>) -> f64 {
     let mut angles = HalfAngles::NONE;
-    triangles.into_iter().for_each(|t| angles.add(t.map(|p| p - point)));
+    triangles.into_iter().for_each(|[a, b, c]| angles.add([a - point, b - point, c - point]));
     angles.sum() / (4.0 * PI)
 }
 
@@ -189,7 +192,7 @@ impl HalfAngles {
             self.turns += if above > 0.0 { 1 } else { -1 };
         }
         let size = next[0].abs().max(next[1].abs());
-        self.product = next.map(|part| part / size);
+        self.product = [next[0] / size, next[1] / size];
     }
 
     fn sum(self) -> f64 {

@@ -76,7 +76,8 @@ impl<'a> Field<'a> {
 
     /// The corners of a triangle.
     pub fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.faces[face as usize].map(|v| self.points[v as usize])
+        let [a, b, c] = self.faces[face as usize];
+        [self.points[a as usize], self.points[b as usize], self.points[c as usize]]
     }
 
     /// The unit normal of a triangle; zero if it has no area.

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::super::analysis::Pair;
 use super::super::distribution::percentile;
-use super::super::sampling::{InsideTest, Sample, run_queries};
+use super::super::ray_winding::RayWinding;
+use super::super::sampling::{InsideTest, Sample, run_coherent_queries, run_queries};
 use super::super::{Analysis, finite, percent};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, r3};
@@ -105,11 +106,12 @@ pub(super) fn distances(
     let own_positions = pair.from.unit();
     let tree = pair.to.tree();
     let count = missing.len() + apart.len();
-    let answers = run_queries(count, BUDGET + BUDGET_PER_POINT * count as u64, context, |i, steps| {
+    let budget = BUDGET + BUDGET_PER_POINT * count as u64;
+    let answers = run_coherent_queries(count, budget, context, |i, last, steps| {
         let point =
             missing.get(i).map_or_else(|| own_positions[apart[i - missing.len()] as usize], |&i| samples[i].point);
-        let nearest = tree.nearest(point * pair.ratio, f64::INFINITY, steps, |f| pair.to.unit_corners(f));
-        nearest.map(|nearest| nearest.distance / pair.ratio)
+        let distance = tree.distance(point * pair.ratio, last, steps, |f| pair.to.unit_corners(f));
+        distance.map(|distance| distance / pair.ratio)
     })?;
     all.complete = answers.complete;
     let (of_samples, of_vertices) = answers.values.split_at(missing.len());
@@ -233,7 +235,7 @@ pub(super) fn inside_agreement(
     if points == 0 || pair.from.surface.faces.is_empty() || pair.to.surface.faces.is_empty() {
         return Ok(None);
     }
-    let insides = [InsideTest::new(pair.from), InsideTest::new(pair.to)];
+    let insides = [RayWinding::new(pair.from), RayWinding::new(pair.to)];
     context.check()?;
     let answers = run_queries(
         points as usize,

@@ -7,7 +7,8 @@ use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 use crate::inspect::analysis::Pair;
 use crate::inspect::matching::NO_FACE;
-use crate::inspect::sampling::{InsideTest, run_queries, spread_by_area};
+use crate::inspect::ray_winding::RayWinding;
+use crate::inspect::sampling::{run_queries, spread_by_area};
 use crate::math::nearest_on_triangle;
 use crate::mesh::Parts;
 
@@ -86,7 +87,7 @@ pub(super) struct PointLocator<'a> {
     before: &'a Analysis<'a>,
     after: &'a Analysis<'a>,
     has_kept_face: &'a [bool],
-    inside: InsideTest<'a>,
+    inside: RayWinding<'a>,
     /// Factor from unit coordinates of the input to unit coordinates of the result.
     ratio: f64,
 }
@@ -95,7 +96,7 @@ impl<'a> PointLocator<'a> {
     /// Prepares queries. `has_kept_face` holds for each input part whether the result has one of its faces.
     pub fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>, has_kept_face: &'a [bool]) -> Self {
         let ratio = Pair::new(before, after).ratio;
-        Self { before, after, has_kept_face, inside: InsideTest::new(after), ratio }
+        Self { before, after, has_kept_face, inside: RayWinding::new(after), ratio }
     }
 
     /// Locates each point; `None` for points beyond the budget.

@@ -1,11 +1,10 @@
 //! Search for sheets: zero-thickness surface whose two sides coincide.
 
-use rayon::prelude::*;
-
 use super::super::{Analysis, DefectKind, Level};
 use super::parts::report_parts;
 use super::scan::{ROUNDING, Scan};
 use crate::context::Cancelled;
+use crate::math::threads::{self, FEW_SEARCHES};
 use crate::math::{Sign, Tree, orient3d, within};
 use crate::mesh::{Parts, UnionFind};
 
@@ -74,7 +73,7 @@ fn search(
     for batch in remaining.chunks(BATCH) {
         scan.context().check()?;
         let most = (budget / batch.len() as u64).clamp(MIN_NEIGHBOURS, MAX_NEIGHBOURS);
-        let partners: Vec<(Partner, u64)> = batch.par_iter().map(|&f| search.partner(f, most)).collect();
+        let partners: Vec<(Partner, u64)> = threads::map(batch.len(), FEW_SEARCHES, |i| search.partner(batch[i], most));
         for (&f, (partner, examined)) in batch.iter().zip(partners) {
             budget = budget.saturating_sub(examined);
             match partner {

@@ -365,7 +365,7 @@ impl<'a> WallSearch<'a> {
             }
             let end = count.min(done + block);
             let known = &*self;
-            let answers = run_each(order.numbers(done..end), MIN_PER_THREAD, most, |i, steps| query(i, known, steps));
+            let answers = run_each(order, done..end, (MIN_PER_THREAD, most), |i, steps| query(i, known, steps));
             for (_, wall, steps) in answers {
                 wall.into_iter().for_each(|wall| self.add(wall));
                 self.complete &= steps > 0;

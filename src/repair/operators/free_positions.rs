@@ -287,7 +287,7 @@ impl MoveClearance {
                     return false;
                 }
                 let other = old(f);
-                if self.is_collinear(other) || self.are_apart(face, other) {
+                if !self.boxes_meet(face, other) || self.is_collinear(other) || self.are_apart(face, other) {
                     return false;
                 }
                 let parent = old(parent);
@@ -303,11 +303,14 @@ impl MoveClearance {
 
     /// The slots of a face's vertices, with [`NEW`] in slot `at_new`.
     fn slots(&self, face: [u32; 3], at_new: u32) -> [u32; 3] {
-        face.map(|v| if v == NEW { at_new } else { self.slot[v as usize] })
+        let slot = |v: u32| if v == NEW { at_new } else { self.slot[v as usize] };
+        let [a, b, c] = face;
+        [slot(a), slot(b), slot(c)]
     }
 
     fn corners(&self, face: [u32; 3]) -> [DVec3; 3] {
-        face.map(|slot| self.unit[slot as usize])
+        let [a, b, c] = face;
+        [self.unit[a as usize], self.unit[b as usize], self.unit[c as usize]]
     }
 
     fn is_collinear(&self, face: [u32; 3]) -> bool {
@@ -318,6 +321,10 @@ impl MoveClearance {
     fn area_vanishes(&self, face: [u32; 3]) -> bool {
         let [a, b, c] = self.corners(face);
         area_vanishes(a, b, c)
+    }
+
+    fn boxes_meet(&self, a: [u32; 3], b: [u32; 3]) -> bool {
+        Box3::of(self.corners(a)).meets(&Box3::of(self.corners(b)))
     }
 
     fn are_apart(&self, a: [u32; 3], b: [u32; 3]) -> bool {
@@ -364,4 +371,39 @@ pub(super) fn keeps_orientation(surface: &Surface, mut faces: impl Iterator<Item
         let [a, b, c] = surface.faces[f as usize].map(position);
         (b - a).cross(c - a).dot(surface.area_vector(f as usize)) > 0.0 && !collinear(a, b, c)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A triangle to move, and the corners of another face.
+    fn surface(other: [DVec3; 3]) -> Surface {
+        let own = [DVec3::ZERO, DVec3::X, DVec3::Y];
+        Surface {
+            positions: own.into_iter().chain(other).collect(),
+            faces: vec![[0, 1, 2], [3, 4, 5]],
+            source: vec![0, 1],
+        }
+    }
+
+    fn is_clear(other: [DVec3; 3], q: DVec3) -> bool {
+        let surface = surface(other);
+        MoveClearance::new(&surface).is_clear(&surface, &[([NEW, 1, 2], 0)], &[], q)
+    }
+
+    #[test]
+    fn a_vertex_may_not_move_through_another_face() {
+        let wall = [DVec3::new(-0.5, -2.0, -2.0), DVec3::new(-0.5, 2.0, -2.0), DVec3::new(-0.5, 0.0, 2.0)];
+        assert!(is_clear(wall, DVec3::new(-0.25, 0.0, 0.0)));
+        assert!(!is_clear(wall, DVec3::new(-1.0, 0.0, 0.0)));
+    }
+
+    #[test]
+    fn a_face_with_two_corners_at_one_position_is_no_obstacle() {
+        let needle = [DVec3::new(-0.5, 0.0, -2.0), DVec3::new(-0.5, 0.0, -2.0), DVec3::new(-0.5, 0.0, 2.0)];
+        assert!(is_clear(needle, DVec3::new(-1.0, 0.0, 0.0)));
+        let doubled = [DVec3::X, DVec3::X, DVec3::Y];
+        assert!(is_clear(doubled, DVec3::new(-1.0, 0.0, 0.0)));
+    }
 }

@@ -69,8 +69,8 @@ impl SelfUnionRounds {
         if let Err(open) = ClosedSurface::new(surface, &edges) {
             return Ok(undone(0, open.into()));
         }
-        let intersections = crossings(surface, context)?;
-        let before = count(&intersections);
+        let searched = crossings(surface, None, context)?;
+        let before = count(&searched.intersections);
         // Without intersections, one part may still enclose another because its holes were filled.
         let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_generated(source));
         if before == 0 && !may_open && !self.always {
@@ -82,17 +82,19 @@ impl SelfUnionRounds {
         let mut done = Totals::default();
         let mut work = surface.clone();
         let mut pairs = before;
-        if let Some(dense) = dense_faces(&intersections) {
+        if let Some(dense) = dense_faces(&searched.intersections) {
             let step = grid_step(&work, DENSE_GRID);
             if step <= self.max_deviation {
                 (done.snapped, done.moved) = snap(&mut work, &dense, step);
-                pairs = if is_tangled(before, &work) { count(&crossings(&work, context)?) } else { before };
+                if is_tangled(before, &work) {
+                    pairs = count(&crossings(&work, Some(&searched), context)?.intersections);
+                }
             }
         }
         if is_tangled(pairs, &work) {
             return Ok(undone(before, ArrangeError::Tangled(pairs)));
         }
-        let mut rounds = Rounds::new(self, done, engine, context);
+        let mut rounds = Rounds::new(self, done, engine, context, searched);
         let best = match rounds.run(work) {
             Ok(best) => best,
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
@@ -165,7 +167,7 @@ impl SelfUnionRounds {
         if cut > 0 {
             *surface = whole;
         }
-        all.pairs_left = count(&crossings(surface, context)?);
+        all.pairs_left = count(&crossings(surface, None, context)?.intersections);
         Ok(all)
     }
 }

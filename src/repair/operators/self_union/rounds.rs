@@ -6,7 +6,7 @@ use glam::DVec3;
 use rustc_hash::FxHashSet;
 
 use crate::arrange::{ArrangeError, Arrangement, Rule, Solid, WindingRule};
-use crate::inspect::{Analysis, Intersections, intersections};
+use crate::inspect::{Intersections, SearchedMesh};
 use crate::math::Precision;
 use crate::mesh::{ClosedSurface, Edges, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, position_key, weld_exactly};
 use crate::repair::operators::degenerate::{remove_caps, remove_collapsed};
@@ -104,6 +104,8 @@ pub(super) struct Rounds<'a> {
     context: &'a Context<'a>,
     /// The counts over all rounds so far.
     pub totals: Totals,
+    /// The surface that was last searched for intersecting faces.
+    searched: SearchedMesh,
     best: Option<Best>,
     /// The surface with the fewest intersecting pairs, and their number: used only where no round ended without any.
     crossing: Option<(u64, Surface)>,
@@ -112,14 +114,15 @@ pub(super) struct Rounds<'a> {
 }
 
 impl<'a> Rounds<'a> {
-    /// Prepares the rounds; `totals` holds the counts of earlier snapping.
+    /// Prepares the rounds; `totals` holds the counts of earlier snapping, and `searched` the surface before the rounds.
     pub fn new(
         settings: &'a SelfUnionRounds,
         totals: Totals,
         engine: &'a dyn Arrangement,
         context: &'a Context<'a>,
+        searched: SearchedMesh,
     ) -> Self {
-        Self { settings, engine, context, totals, best: None, crossing: None, fewest: [u64::MAX; 2] }
+        Self { settings, engine, context, totals, searched, best: None, crossing: None, fewest: [u64::MAX; 2] }
     }
 
     /// Runs all rounds.
@@ -144,12 +147,13 @@ impl<'a> Rounds<'a> {
                 Err(_) => break,
             };
             self.round_new(&mut work, &known_positions)?;
-            let intersections = crossings(&work, self.context)?;
-            let pairs = count(&intersections);
+            self.searched = crossings(&work, Some(&self.searched), self.context)?;
+            let intersections = &self.searched.intersections;
+            let pairs = count(intersections);
+            let [mut takes_part, _] = intersections.takes_part.clone();
             if self.has_grown(pairs, &work) {
                 break;
             }
-            let [mut takes_part, _] = intersections.takes_part;
             if self.compare(&work, pairs, &mut takes_part)? {
                 break;
             }
@@ -232,7 +236,11 @@ impl<'a> Rounds<'a> {
     fn perturb(&self, work: &Surface, pairs: u64, takes_part: &mut [bool]) -> Result<Best, Cancelled> {
         let mut surface = work.clone();
         let perturbed = Perturb { max_deviation: self.settings.max_deviation }.apply(&mut surface, self.context)?.moved;
-        let pairs = if surface == *work { pairs } else { count(&crossings(&surface, self.context)?) };
+        let pairs = if surface == *work {
+            pairs
+        } else {
+            count(&crossings(&surface, Some(&self.searched), self.context)?.intersections)
+        };
         let pinched = mark_pinched(&surface, work, takes_part);
         Ok(Best { pairs, pinched, surface, perturbed })
     }
@@ -331,10 +339,13 @@ fn mark_pinched(perturbed: &Surface, work: &Surface, takes_part: &mut [bool]) ->
     count
 }
 
-/// Finds the faces that intersect.
-pub(super) fn crossings(surface: &Surface, context: &Context<'_>) -> Result<Intersections, Cancelled> {
-    let soup = surface.to_soup();
-    intersections(&Analysis::new((&soup).into(), context)?, context)
+/// Finds the faces that intersect. Faces that `earlier` has too are not tested against each other again.
+pub(super) fn crossings(
+    surface: &Surface,
+    earlier: Option<&SearchedMesh>,
+    context: &Context<'_>,
+) -> Result<SearchedMesh, Cancelled> {
+    SearchedMesh::search(&surface.to_soup(), earlier, context)
 }
 
 /// The number of face pairs that intersect.
