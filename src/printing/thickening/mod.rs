@@ -5,23 +5,36 @@
 //! are then measured again: up to three rounds add what is missing. Where a round breaks a promise, the layer of the thin
 //! places that cause it is taken back (`rounds`).
 
+mod bodies;
+mod fill;
 mod growth;
 mod layer;
 mod mitre;
 mod outcome;
 mod places;
 mod refine;
+mod results;
 mod rounds;
 mod sides;
 mod spread;
 mod unite;
 mod walls;
 
+use fill::Filling;
+use results::{Grown, Thin};
+
 use crate::context::Context;
 use crate::mesh::{ClosedSurface, Surface};
 
 pub use outcome::{Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
 pub use unite::SelfUnion;
+
+/// Share of the remaining time that the growth may take; the rest is for the last measure and for the checks of the result.
+const TIME_SHARE: f64 = 0.6;
+/// Share of that time for the prisms.
+const PRISM_SHARE: f64 = 0.4;
+/// Most thin faces for which prisms are tried: they keep edges sharp, but often fail on many small faces.
+const MAX_PRISMS: usize = 1500;
 
 impl Thickening {
     /// Thickens the walls of a solid. The surface must be closed, oriented outward and without intersections; its
@@ -43,6 +56,34 @@ impl Thickening {
             return Err(ThickeningError::Settings { min_wall, min_gap });
         }
         ClosedSurface::try_from(surface)?;
-        rounds::Rounds::run(*self, surface, union, context)
+        let mut start = surface.clone();
+        start.source = (0u32..).take(surface.faces.len()).collect();
+        let before = Thin::of(&start, min_wall, context)?;
+        let mut grown = Grown { surface: start.clone(), thin: before.clone(), ..Grown::default() };
+        let limited = context.limited_to(context.remaining().mul_f64(TIME_SHARE));
+        let grows = self.growth != Growth::Both || before.count() <= MAX_PRISMS;
+        if grows && !before.is_empty() {
+            let prisms = limited.limited_to(limited.remaining().mul_f64(PRISM_SHARE));
+            let result = match rounds::Rounds::run(*self, surface, union, &prisms) {
+                Err(ThickeningError::Cancelled(_)) if !context.is_cancelled() => None,
+                result => Some(result?),
+            };
+            if let Some(surface) = result {
+                let thin = Thin::of(&surface, min_wall, context)?;
+                if thin.area < before.area {
+                    grown = Grown { surface, thin, ..Grown::default() };
+                }
+            }
+        }
+        if self.growth == Growth::Both {
+            let filling = Filling { settings: *self, union, context: &limited, faces: count(surface) };
+            grown = filling.run(grown)?;
+        }
+        Ok(results::Results { settings: *self, input: surface, before: &before }.finish(grown))
     }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+fn count(surface: &Surface) -> u32 {
+    surface.faces.len() as u32
 }

@@ -110,5 +110,6 @@ fn in_words(reason: ThinReason) -> &'static str {
         ThinReason::Topology => "a thicker wall would join parts or close a hole",
         ThinReason::Union => "the added layer could not be united exactly",
         ThinReason::Rounds => "three rounds did not suffice",
+        ThinReason::Time => "the time ran out",
     }
 }
