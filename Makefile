@@ -5,7 +5,7 @@ CARGO_DENY_VERSION := 0.20.2
 BINARY ?= target/release/meshmend
 VERSION = $(shell sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 
-.PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench audit blender tools postgres check-api check-deploy page \
+.PHONY: serve test lint fmt clippy check-engine deny openapi check-openapi build bench bench-peers audit blender tools postgres check-api check-deploy page \
 	check-page test-browser screenshots clients check-clients test-clients test-generators docs \
 	pictures packed dist check-dist image check-image deploy-tools simulate check-model
 
@@ -33,14 +33,16 @@ fmt:
 clippy:
 	cargo clippy --locked --all-targets --features failpoints -- -D warnings
 
-## The engine alone, as a library user builds it: no tokio, sqlx or axum.
+## The engine alone, as a library user builds it, and the command line without the service.
 check-engine:
-	cargo check --locked --lib --no-default-features
+	cargo check --locked --lib
+	cargo check --locked --features cli
 
 ## Licences, sources and duplicate versions of all dependencies.
 deny:
 	@cargo deny --version >/dev/null 2>&1 || cargo install --locked cargo-deny --version $(CARGO_DENY_VERSION)
 	cargo deny --log-level error check bans licenses sources
+	cargo deny --log-level error --manifest-path clients/python/Cargo.toml --config deny.toml check bans licenses sources
 
 ## Known vulnerabilities; needs the advisory database from the network.
 audit:
@@ -48,7 +50,7 @@ audit:
 
 ## Write the OpenAPI document anew.
 openapi:
-	cargo run --locked --quiet -- openapi > openapi/openapi.json.new
+	cargo run --locked --quiet --features failpoints -- openapi > openapi/openapi.json.new
 	mv openapi/openapi.json.new openapi/openapi.json
 
 check-openapi:
@@ -65,7 +67,7 @@ check-page:
 test-browser: tools
 	@sh scripts/test-browser.sh
 
-## Write what is generated of the clients anew, from the OpenAPI document.
+## Write the generated files of the clients: types from the OpenAPI document, and the synchronous Python client from the asynchronous one.
 clients:
 	@sh scripts/clients.sh generate
 
@@ -102,10 +104,10 @@ check-deploy:
 	@sh scripts/check-deploy.sh
 
 build:
-	cargo build --release --locked
+	cargo build --release --locked --features service
 
 packed: tools
-	@[ "$(BINARY)" != target/release/meshmend ] || cargo build --release --locked
+	@[ "$(BINARY)" != target/release/meshmend ] || cargo build --release --locked --features service
 
 ## Everything that a release consists of, in dist/: program, symbols, Debian package, clients, crate, chart, bill of materials, checksums.
 dist: packed
@@ -125,9 +127,14 @@ check-image:
 	@python3 scripts/check-image.py dist/meshmend-$(VERSION)-image-slim.tar slim
 	@python3 scripts/check-image.py dist/meshmend-$(VERSION)-image.tar full
 
-## Jobs per second through the whole service.
-bench:
-	cargo bench --locked --bench jobs_per_second
+## What one API process, one worker, one PostgreSQL and one bucket carry, and jobs per second through the whole service; four minutes.
+bench: tools postgres
+	cargo bench --locked --features service --bench capacity
+	cargo bench --locked --features service --bench jobs_per_second -- 100
+
+## Large models: meshmend beside pymeshfix, MeshLib and manifold3d, where PEER_PYTHON (default python3) has them; it needs numpy.
+bench-peers: build
+	$${PEER_PYTHON:-python3} benches/peers/giants.py --program target/release/meshmend $(PEER_ARGS)
 
 ## The queue's protocol on a simulated fleet: 100,000 histories, about a minute of one core (opt-level 1). FLEET_SEED and FLEET_HISTORIES choose others.
 simulate:

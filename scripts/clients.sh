@@ -1,9 +1,9 @@
 #!/bin/sh
-# The clients of Python and TypeScript: what is generated of them, their types, their tests. Where there is no Python or no node it says
-# so, loudly, and passes: what is committed is taken as it is.
-#   clients.sh generate     writes the types anew from openapi/openapi.json
-#   clients.sh check        fails where they are stale, or where a client's types don't agree
-#   clients.sh test         runs both clients and their examples against the built program; installs what is missing
+# The packages for Python and TypeScript: their generated files, their types, their tests. Without Python or node, the script prints a
+# warning and succeeds.
+#   clients.sh generate     writes the types from openapi/openapi.json, and the synchronous Python client from the asynchronous one
+#   clients.sh check        fails if generated files are stale, if types don't agree, or if the Python package's Rust code has warnings
+#   clients.sh test         builds the wheel, and runs both packages and their examples against the program; installs missing tools
 set -eu
 
 cd "$(dirname "$0")/.."
@@ -41,7 +41,21 @@ packages() {
     (cd clients/typescript && npm ci --silent --no-audit --no-fund >&2 && cp package-lock.json node_modules/.lock)
 }
 
-# generated FILE: what the document makes of the types for Python.
+# The synchronous client, from the asynchronous one, in a folder.
+synchronous() {
+    "$venv/bin/python" scripts/sync-client.py "$1"
+    "$venv/bin/ruff" format --quiet --config $python/pyproject.toml "$1"
+}
+
+# Builds the wheel as in development and installs it.
+wheel() {
+    rm -rf "$venv/wheels"
+    "$venv/bin/maturin" build --quiet --locked --profile dev --manifest-path $python/Cargo.toml --target-dir "$(cd "$target" && pwd)" \
+        --interpreter "$venv/bin/python" --out "$venv/wheels" >&2
+    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --force-reinstall "$venv"/wheels/*.whl
+}
+
+# generated FILE: the types for Python from the document.
 generated() {
     "$venv/bin/datamodel-codegen" --input openapi/openapi.json --input-file-type openapi --output "$1" \
         --output-model-type typing.TypedDict --target-python-version 3.10 --enum-field-as-literal all --use-type-alias \
@@ -51,14 +65,28 @@ generated() {
 
 for_python() {
     case $verb in
-    generate) generated $shapes ;;
+    generate)
+        generated $shapes
+        synchronous $python/src/meshmend/synchronous
+        ;;
     check)
         generated "$venv/shapes.py"
+        rm -rf "$venv/synchronous"
+        synchronous "$venv/synchronous"
+        for file in "$venv"/synchronous/*; do
+            stale=$python/src/meshmend/synchronous/${file##*/}
+            cmp -s "$file" "$stale" || { say "$stale is stale: run \`make clients\`"; exit 1; }
+        done
+        cargo fmt --check --manifest-path $python/Cargo.toml
+        PYO3_PYTHON=$venv/bin/python cargo clippy --quiet --locked --manifest-path $python/Cargo.toml --target-dir "$target" -- -D warnings
         cmp -s $shapes "$venv/shapes.py" || { say "$shapes is stale: run \`make clients\`"; exit 1; }
         (cd $python && "$venv/bin/ruff" format --quiet --check . && "$venv/bin/ruff" check --quiet . && "$venv/bin/mypy" --no-error-summary \
             --cache-dir "$venv/mypy" src examples)
         ;;
-    test) (cd $python && PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=src "$venv/bin/python" -m pytest) ;;
+    test)
+        wheel
+        (cd $python && PYTHONDONTWRITEBYTECODE=1 "$venv/bin/python" -m pytest)
+        ;;
     esac
 }
 

@@ -59,14 +59,18 @@ else
     say "## npm is missing: there is no npm package ##"
 fi
 python3 -c 'import venv, ensurepip' 2>/dev/null || install_packages python3 python3-venv || { say "python3 with venv is missing"; exit 1; }
-venv=$target/dist-venv
+venv=$target/dist-maturin
 [ -f "$venv/is-installed" ] || {
     rm -rf "$venv"
     python3 -m venv "$venv"
-    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --only-binary=:all: build==1.6.1
+    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --only-binary=:all: maturin==1.16.0
     touch "$venv/is-installed"
 }
-"$venv/bin/python" -m build --outdir dist clients/python >"$target/dist.log" 2>&1 || { cat "$target/dist.log" >&2; exit 1; }
+# The engine is inside the wheel, so this builds it once more.
+for verb in "build --release --locked --interpreter python3 --target-dir $target" sdist; do
+    # shellcheck disable=SC2086
+    "$venv/bin/maturin" $verb --manifest-path clients/python/Cargo.toml --out dist >"$target/dist.log" 2>&1 || { cat "$target/dist.log" >&2; exit 1; }
+done
 
 say "the crate"
 cargo package --quiet --locked --no-verify --allow-dirty --target-dir $stage/crate

@@ -89,12 +89,16 @@ fi
 mkdir -p "$dist"
 rm -f "$archive"
 case $engine in
-docker | podman)
-    $engine build --quiet -f "$dockerfile" --target "$target" -t "$name" "$context" >/dev/null
-    $engine save -o "$archive" "$name"
+docker)
+    docker build --quiet -f "$dockerfile" --target "$target" -t "$name" "$context" >/dev/null
+    docker save -o "$archive" "$name"
+    ;;
+# The health check exists only in docker's format.
+podman)
+    podman build --quiet --format docker -f "$dockerfile" --target "$target" -t "$name" "$context" >/dev/null
+    podman save --format docker-archive -o "$archive" "$name"
     ;;
 buildah)
-    # The health check exists only in docker's format.
     own_buildah build --quiet --format docker -f "$dockerfile" --target "$target" -t "$name" "$context" >"$work/log" 2>&1 ||
         { cat "$work/log" >&2; exit 1; }
     own_buildah push --quiet "$name" "docker-archive:$archive:$name" >/dev/null

@@ -10,5 +10,5 @@ if [ -z "${BUILD:-}" ] && [ "$(meshmend --version 2>/dev/null)" = "meshmend $ver
     exec meshmend serve
 fi
 sh scripts/install-tools.sh
-cargo build --release --locked
+cargo build --release --locked --features service
 exec "${CARGO_TARGET_DIR:-target}/release/meshmend" serve

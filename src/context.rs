@@ -24,12 +24,24 @@ pub enum Stage {
     Finish,
 }
 
+/// The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Estimate {
+    /// Expected duration of the whole repair in milliseconds, on one idle core.
+    pub milliseconds: u64,
+    /// Expected peak of the memory in bytes.
+    pub memory_bytes: u64,
+}
+
 /// Receives the progress of a repair.
 pub trait Progress: Sync {
     /// Reports the stage. `tier` is set while a tier runs. `percent` (0 to 100) counts the whole repair and never decreases.
     fn report(&self, stage: Stage, tier: Option<u8>, percent: u8);
     /// Adds a line of text to the job's log.
     fn log(&self, line: &str);
+    /// Receives the expected effort of the repair, once the input is inspected. By default it is ignored.
+    fn estimate(&self, _estimate: Estimate) {}
 }
 
 /// Discards all progress.
@@ -158,6 +170,11 @@ impl<'a> Context<'a> {
     /// Adds a line of text to the job's log.
     pub fn log(&self, line: &str) {
         self.progress.log(line);
+    }
+
+    /// Reports the expected effort of the repair.
+    pub fn estimate(&self, estimate: Estimate) {
+        self.progress.estimate(estimate);
     }
 }
 

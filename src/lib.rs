@@ -16,10 +16,13 @@
 //! ```
 //!
 //! The engine (`math`, `mesh`, `format`, `inspect`, `printing`, `analyze`, `arrange`, `simplify`, `remesh`, `repair`, `blender`) does not depend on
-//! tokio, axum or sqlx. On systems other than Linux the crate is the engine without `blender`, and without the feature `service`.
+//! tokio, axum or sqlx. Without cargo features the crate is the engine. The program needs the feature `cli`, and with the service the feature
+//! `service`. On systems other than Linux there is neither `blender` nor the feature `service`.
 
 #[cfg(all(feature = "service", not(target_os = "linux")))]
-compile_error!("the feature `service` needs Linux; build the library with `default-features = false`");
+compile_error!(
+    "the feature `service` needs Linux; build the program with the feature `cli`, or the library without features"
+);
 
 #[cfg(feature = "service")]
 pub mod access;
@@ -40,6 +43,8 @@ pub mod jobs;
 pub mod manual;
 pub mod math;
 pub mod mesh;
+#[cfg(feature = "openapi")]
+pub mod options;
 pub mod printing;
 pub mod remesh;
 pub mod render;

@@ -110,7 +110,7 @@ async fn client(service: Service, models: Vec<Vec<u8>>) -> Done {
     Done { submits, result }
 }
 
-async fn submit(http: &Client, service: &Service, model: Vec<u8>) -> String {
+pub async fn submit(http: &Client, service: &Service, model: Vec<u8>) -> String {
     let mut form = Form::new().part("file", Part::bytes(model).file_name("model.stl"));
     if let Some(options) = &service.options {
         form = form.text("options", options.to_string());
@@ -121,7 +121,7 @@ async fn submit(http: &Client, service: &Service, model: Vec<u8>) -> String {
     job["id"].as_str().expect("an id").to_owned()
 }
 
-async fn get(http: &Client, url: &str) -> reqwest::Response {
+pub async fn get(http: &Client, url: &str) -> reqwest::Response {
     let answer = http.get(url).send().await.expect("an answer");
     assert_eq!(answer.status(), 200, "{url}");
     answer

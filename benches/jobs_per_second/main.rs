@@ -2,7 +2,7 @@
 //! and on PostgreSQL, which both sync what they accept to disk, and by a plain service of FastAPI and pymeshfix (benches/peers),
 //! where `MESHMEND_PEER_PYTHON` names a Python that has its requirements. Then what the queue itself costs on each store.
 //!
-//! `cargo bench --bench jobs_per_second -- [JOBS] [CLIENTS] [ROUNDS]`; of several rounds each figure is the median. With the word `queue`
+//! `cargo bench --features service --bench jobs_per_second -- [JOBS] [CLIENTS] [ROUNDS]`; of several rounds each figure is the median. With the word `queue`
 //! only what the queue costs.
 
 #![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use meshmend::access::SystemIds;
 use meshmend::context::Stage;
 use meshmend::format::Format;
 use meshmend::jobs::{
@@ -15,7 +16,7 @@ pub async fn times(store: &dyn Store, jobs: usize, report: &JobReport) -> Vec<Du
     let mut times = Vec::with_capacity(jobs);
     for _ in 0..jobs {
         let started = Instant::now();
-        let id = JobId::new();
+        let id = JobId::new(&SystemIds);
         let input = Input {
             key: format!("uploads/{id}"),
             name: "model.stl".to_owned(),
@@ -26,7 +27,7 @@ pub async fn times(store: &dyn Store, jobs: usize, report: &JobReport) -> Vec<Du
         store.queued_counts("default").await.expect("an answer");
         store.submit(NewJob::new(id, "default", vec![input], JobOptions::default())).await.expect("accepted");
         let claim = store.claim("bench", LEASE, u32::MAX).await.expect("an answer").expect("a job");
-        let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 50 };
+        let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 50, estimate: None };
         store.heartbeat(&claim.lease, LEASE, Some(progress)).await.expect("ours");
         let artifacts = ["model", "report.json", "log.txt"].map(|name| {
             let key = format!("jobs/{id}/{}/{name}", claim.lease.token);

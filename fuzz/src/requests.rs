@@ -9,12 +9,12 @@ use std::time::Duration;
 use axum::Router;
 use axum::body::{Body, Bytes, to_bytes};
 use axum::http::{Method, Request, StatusCode, header};
-use meshmend::access::TenantLimits;
+use meshmend::access::{SystemIds, TenantLimits};
 use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, router};
 use meshmend::blobs::Blobs;
 use meshmend::format::Limits;
 use meshmend::jobs::{RetryPolicy, SqliteStore, Store, SystemClock};
-use meshmend::webhooks::{SystemRandom, TargetPolicy};
+use meshmend::webhooks::TargetPolicy;
 use metrics_exporter_prometheus::PrometheusBuilder;
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
@@ -179,7 +179,7 @@ async fn state(data: &Path) -> ApiState {
         capabilities: Arc::new(Capabilities::new(limits, max_files, Err("none is asked for".to_owned()), None)),
         health,
         clock: Arc::new(SystemClock),
-        random: Arc::new(SystemRandom),
+        ids: Arc::new(SystemIds),
         stopping,
     }
 }

@@ -3,6 +3,7 @@
 //! A secret is shown once, when it is created; the store keeps only its hash. The jobs and all other data of a tenant are invisible to
 //! other tenants.
 
+mod ids;
 mod tenant;
 
 use std::collections::BTreeSet;
@@ -13,8 +14,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use time::OffsetDateTime;
 use utoipa::ToSchema;
-use uuid::Uuid;
 
+pub use ids::{IdSource, SystemIds, random_bytes};
 pub use tenant::{
     DEFAULT_TENANT, STANDARD_CLASS, Tenant, TenantChange, TenantClass, TenantClassError, TenantLimits, TenantName,
     TenantNameError,
@@ -65,20 +66,14 @@ impl FromStr for KeyKind {
     }
 }
 
-/// Returns an unguessable text: 64 hexadecimal digits with 244 random bits from the operating system.
-#[must_use]
-pub fn random_hex() -> String {
-    format!("{}{}", Uuid::new_v4().simple(), Uuid::new_v4().simple())
-}
-
-/// A secret in clear text: the prefix of its kind, and [`random_hex`].
+/// A secret in clear text: the prefix of its kind, and 64 hexadecimal digits of [`random_bytes`].
 pub struct Secret(String);
 
 impl Secret {
     /// Creates a random secret.
     #[must_use]
-    pub fn new(kind: KeyKind) -> Self {
-        Self(format!("{}{}", kind.prefix(), random_hex()))
+    pub fn new(kind: KeyKind, ids: &dyn IdSource) -> Self {
+        Self(format!("{}{}", kind.prefix(), hex::encode(random_bytes(ids))))
     }
 
     /// Returns the clear text, to be shown to the holder once.
@@ -304,7 +299,7 @@ mod tests {
 
     #[test]
     fn a_secret_is_random_and_its_debug_output_hides_it() {
-        let (first, second) = (Secret::new(KeyKind::Api), Secret::new(KeyKind::Api));
+        let (first, second) = (Secret::new(KeyKind::Api, &SystemIds), Secret::new(KeyKind::Api, &SystemIds));
         assert_ne!(first.reveal(), second.reveal());
         assert!(first.reveal().starts_with("mm_key_") && first.reveal().len() == 7 + 64, "{}", first.reveal());
         assert!(!format!("{first:?}").contains(&first.reveal()[7..]));

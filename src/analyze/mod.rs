@@ -16,9 +16,9 @@ use crate::inspect::{
 use crate::mesh::Soup;
 use crate::printing::profile::{ProcessLimits, checked_profile};
 use crate::printing::readiness::{AssessedFile, PrintReadiness, assess};
-use crate::printing::unit_candidates::{UnitCandidates, units_in_doubt};
+use crate::printing::unit_candidates::{FileEvidence, UnitCandidates, units_in_doubt};
 use crate::render::{Drawing, Marked, RenderError, draw_inspected, names_of_inspection};
-use crate::scene::{LengthUnit, Unit};
+use crate::scene::{LengthUnit, Unit, UnitSource};
 
 /// Options of an analysis. Every field has a default.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -203,6 +203,7 @@ pub struct Analyst<'a> {
     of: usize,
     files: Vec<FileAnalysis>,
     meshes: Vec<Soup>,
+    evidence: Vec<FileEvidence>,
 }
 
 impl<'a> Analyst<'a> {
@@ -219,7 +220,8 @@ impl<'a> Analyst<'a> {
         options.validate()?;
         let context = context.limited_to(Duration::from_secs_f64(options.deadline_s));
         let start = context.now();
-        Ok(Self { options, limits, context, start, of, files: Vec::with_capacity(of), meshes: Vec::with_capacity(of) })
+        let (files, meshes, evidence) = (Vec::with_capacity(of), Vec::with_capacity(of), Vec::with_capacity(of));
+        Ok(Self { options, limits, context, start, of, files, meshes, evidence })
     }
 
     /// Reads and inspects a file.
@@ -236,8 +238,8 @@ impl<'a> Analyst<'a> {
         let analysis = Analysis::new(subject(&mesh, Some(&unit)), &self.context)?;
         let (inspection, _) = inspect_analysis(&analysis, &self.options.inspect, &self.context)?;
         let print_ready = self.assess(&analysis, &inspection, bytes.len())?;
+        self.evidence.push(FileEvidence::of(&analysis, &unit, format::program_of(bytes, mesh.format)));
         drop(analysis);
-        let unit_candidates = units_in_doubt(&inspection, &unit, None);
         let measures = &inspection.measures;
         let warnings = mesh.warnings.iter().cloned().chain(measures.omitted()).collect();
         self.context.log(&format!("{}{}: {}", file_prefix(index, name, self.of), mesh.dialect, measures.in_short()));
@@ -250,7 +252,7 @@ impl<'a> Analyst<'a> {
             unit,
             printable: measures.verdict(),
             inspection,
-            unit_candidates,
+            unit_candidates: None,
             print_ready,
             warnings,
         });
@@ -277,7 +279,8 @@ impl<'a> Analyst<'a> {
     ///
     /// # Errors
     /// [`AnalyzeError::Cancelled`].
-    pub fn finish(self) -> Result<AnalysisReport, AnalyzeError> {
+    pub fn finish(mut self) -> Result<AnalysisReport, AnalyzeError> {
+        self.rank_units();
         let meshes: Vec<_> = self.meshes.iter().collect();
         let (intersections, spacing) = (self.options.intersections, self.options.spacing);
         let set = SetReport::of(&meshes, intersections, spacing, &self.context)?;
@@ -300,12 +303,29 @@ impl<'a> Analyst<'a> {
         })
     }
 
+    /// Ranks the units of each file whose unit is in doubt. Units that other files state are evidence too.
+    fn rank_units(&mut self) {
+        let units: Vec<LengthUnit> = self.files.iter().map(|file| file.unit.clone()).collect();
+        for (number, (file, evidence)) in self.files.iter_mut().zip(&mut self.evidence).enumerate() {
+            let others = units.iter().enumerate().filter(|&(other, _)| other != number).map(|(_, unit)| unit);
+            evidence.siblings = agreed_unit(others);
+            file.unit_candidates = units_in_doubt(&file.inspection, &file.unit, evidence, None);
+        }
+    }
+
     /// Reports overall progress when `percent` of the current file is done. All files count the same, since file size
     /// hardly predicts the time.
     fn report(&self, stage: Stage, percent: usize) {
         let done = (self.files.len() * 100 + percent) / self.of.max(1);
         self.context.report(stage, None, u8::try_from(done.min(99)).unwrap_or(99));
     }
+}
+
+/// The unit that files state, if all that state one agree.
+fn agreed_unit<'a>(units: impl Iterator<Item = &'a LengthUnit>) -> Option<Unit> {
+    let mut stated = units.filter(|unit| unit.source != UnitSource::Assumed).map(|unit| unit.used);
+    let first = stated.next()?;
+    stated.all(|unit| unit == first).then_some(first)
 }
 
 /// Reads a file and converts its lengths to the unit of the options.

@@ -3,23 +3,55 @@ use std::ops::Range;
 use std::time::Duration;
 
 use axum::body::Body;
-use axum::extract::State;
+use axum::extract::{FromRequestParts, State};
+use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use http_range_header::StartPosition;
+use serde::Deserialize;
+use utoipa::IntoParams;
 
 use super::authenticate::RequireJobsRead;
-use super::extract::{ApiPath, RawModel, contains_etag, text_header};
+use super::extract::{ApiPath, ApiQuery, RawModel, contains_etag, text_header};
 use super::job::{JobWatcher, find_job, job_id};
 use super::problem::{Problem, ProblemCode, truncated};
 use super::state::ApiState;
 use crate::blobs::BlobError;
-use crate::jobs::{Artifact, Job, JobReport, Status, StoredFile};
+use crate::jobs::{Artifact, Job, JobId, JobReport, Status, StoredFile};
+use crate::repair::DEFAULT_CHOICE;
 
 /// How long a request waits for images that are rendered on demand.
 const RENDER_TIMEOUT: Duration = Duration::from_secs(30);
 /// How long a presigned download URL is valid.
 const REDIRECT_LIFE: Duration = Duration::from_secs(300);
+
+/// Query parameters of a download.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ArtifactQuery {
+    /// The id of one of the job's `alternatives`, whose `model`, `report-full.json` or `after.png` to send. Nothing is repaired again.
+    /// Default: `default`, the result that the job's report describes.
+    #[param(example = "interior-keep")]
+    choice: Option<String>,
+}
+
+/// The job, the name and the choice that a download asks for.
+pub(super) struct ArtifactAddress {
+    job: JobId,
+    name: String,
+    choice: Option<String>,
+}
+
+impl FromRequestParts<ApiState> for ArtifactAddress {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &ApiState) -> Result<Self, Problem> {
+        let ApiPath((id, name)) = ApiPath::<(String, String)>::from_request_parts(parts, state).await?;
+        let ApiQuery(ArtifactQuery { choice }) = ApiQuery::from_request_parts(parts, state).await?;
+        Ok(Self { job: job_id(&id)?, name, choice })
+    }
+}
 
 /// Download an artifact.
 ///
@@ -32,12 +64,16 @@ const REDIRECT_LIFE: Duration = Duration::from_secs(300);
 /// remaining defects of a result that is not printable. Models of more than 400,000 faces also have the coarse previews
 /// `defects-preview.glb` and `change-preview.glb`.
 ///
+/// If the job has the option `alternatives`, the job's `alternatives` list further results. Each has the artifacts `model-ID`,
+/// `report-ID.json` and, unless `pictures` is false, `after-ID.png`. The query parameter `choice` takes them by their usual names.
+///
 /// Single ranges, `If-Range` and `If-None-Match` are supported. The entity tag is the file's SHA-256 hash.
 #[utoipa::path(
     get, path = "/v1/jobs/{id}/artifacts/{name}", tag = "jobs",
     params(
         ("id" = String, Path, description = "The job's id"),
         ("name" = String, Path, description = "The name of one of the job's artifacts, such as model or before.png"),
+        ArtifactQuery,
     ),
     responses(
         (status = 200, description = "The file", content(
@@ -71,14 +107,19 @@ const REDIRECT_LIFE: Duration = Duration::from_secs(300);
 pub(super) async fn get_artifact(
     State(state): State<ApiState>,
     RequireJobsRead(caller): RequireJobsRead,
-    ApiPath((id, name)): ApiPath<(String, String)>,
+    address: ArtifactAddress,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let job = find_job(&state, &caller, job_id(&id)?).await?;
+    let ArtifactAddress { job: id, name, choice } = address;
+    let job = find_job(&state, &caller, id).await?;
     if job.status == Status::Expired {
         return Err(Problem::new(ProblemCode::JobExpired, format!("The files of the job '{}' have expired.", job.id)));
     }
+    let name = match choice.filter(|choice| choice != DEFAULT_CHOICE) {
+        Some(choice) => name_of_alternative(&job, &name, &choice)?,
+        None => name,
+    };
     let is_unrendered = |job: &Job| job.artifacts.get(&name).is_some_and(|artifact| artifact.file.is_none());
     let job = if is_unrendered(&job) { render(&state, job, is_unrendered).await? } else { job };
     let (artifact, file) = job
@@ -119,6 +160,29 @@ pub(super) async fn get_artifact(
         insert(response.headers_mut(), header::CONTENT_RANGE, &value);
     }
     Ok(response)
+}
+
+/// The name of the artifact that holds an alternative's file.
+fn name_of_alternative(job: &Job, name: &str, choice: &str) -> Result<String, Problem> {
+    let artifact = match name {
+        "model" | "original" => format!("model-{choice}"),
+        "report.json" | "report-full.json" => format!("report-{choice}.json"),
+        "after.png" => format!("after-{choice}.png"),
+        _ => {
+            let detail = format!(
+                "An alternative has no artifact '{}'. Its artifacts are: model, report-full.json, after.png.",
+                truncated(name)
+            );
+            return Err(Problem::new(ProblemCode::ArtifactNotFound, detail));
+        }
+    };
+    if job.artifacts.contains_key(&artifact) || !job.status.is_final() {
+        return Ok(artifact);
+    }
+    let choices: Vec<&str> = job.artifacts.keys().filter_map(|name| name.strip_prefix("model-")).collect();
+    let choices = if choices.is_empty() { String::new() } else { format!(", {}", choices.join(", ")) };
+    let detail = format!("The job has no alternative '{}'. Its choices are: default{choices}.", truncated(choice));
+    Err(Problem::new(ProblemCode::ArtifactNotFound, detail))
 }
 
 /// Creates the problem for a file that the job does not have, or not yet.

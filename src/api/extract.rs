@@ -20,7 +20,7 @@ use super::problem::{FieldError, Problem, ProblemCode};
 use super::state::ApiState;
 use super::validation::{object_errors, unknown_field, value_errors};
 use crate::blobs::{BlobError, Blobs, Stored, UploadError};
-use crate::jobs::whole_number;
+use crate::options::whole_number;
 
 /// Query parameters, each validated against its documented schema.
 pub(super) struct ApiQuery<T>(pub T);

@@ -20,12 +20,13 @@ use super::extract::ApiPath;
 use super::problem::{Problem, ProblemCode, truncated};
 use super::problem_code::describe_job_problem;
 use super::state::ApiState;
-use crate::context::Stage;
+use crate::context::{Estimate, Stage};
 use crate::format::{FileLocation, Format};
 use crate::jobs::{
     Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoreError,
     StoredReport,
 };
+use crate::repair::Alternatives;
 use crate::scene::{LengthUnit, Unit, UnitSource};
 
 /// Parses the id of a job in a path or query. A malformed id is answered like an unknown one.
@@ -178,6 +179,10 @@ pub(super) struct JobView {
     /// Data for pricing the model. Present once the job has a report of a single file; omitted in lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quote: Option<Quote>,
+    /// The results to choose from, where the file leaves the model's intent open. Present if the job has the option `alternatives`, once it
+    /// has a report; omitted in lists. The artifacts `model-ID`, `report-ID.json` and `after-ID.png` are the files of an alternative.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alternatives: Option<Alternatives>,
     /// The report, if requested with `include=report`. Its lists are shortened as in the artifact `report.json`. The artifact
     /// `report-full.json` contains everything.
     #[schema(value_type = Option<JobReport>)]
@@ -218,7 +223,7 @@ pub(super) struct UnitView {
 }
 
 /// The progress of a job.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Default, Serialize, ToSchema)]
 #[schema(as = Progress)]
 pub(super) struct ProgressView {
     /// The current stage. `null` while the job is queued.
@@ -229,6 +234,9 @@ pub(super) struct ProgressView {
     pub tier: Option<u8>,
     /// Percentage of the work that is done, 0 to 100.
     pub percent: u8,
+    /// Expected effort of a repair: its duration on one idle core, and its memory. Omitted until the file is inspected.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub estimate: Option<Estimate>,
     /// Number of your jobs ahead of this one, while the job is queued.
     #[schema(required)]
     pub queue_position: Option<u64>,
@@ -280,6 +288,7 @@ impl JobView {
             stage: job.progress.map(|p| p.stage),
             tier: job.progress.and_then(|p| p.tier),
             percent: job.progress.map_or(0, |p| p.percent),
+            estimate: job.progress.and_then(|p| p.estimate),
             queue_position,
         });
         let link = |(name, artifact): (String, crate::jobs::Artifact)| {
@@ -319,6 +328,7 @@ impl JobView {
             metadata: job.metadata,
             reused_from: job.reused_from,
             quote: job.report.as_ref().and_then(Quote::of),
+            alternatives: job.report.as_ref().and_then(StoredReport::alternatives),
             report: None,
             artifacts: job.artifacts.into_iter().map(link).collect(),
             problem,

@@ -253,7 +253,7 @@ pub(super) async fn delete_job(
 pub(super) struct StreamEvent {
     /// `progress`, or `done` as the last event.
     event: String,
-    /// JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job.
+    /// JSON. For `progress`: the status, stage, tier, percent, queue position and estimate. For `done`: the job.
     data: String,
     /// The job's version, a number that grows with each change.
     id: String,
@@ -321,11 +321,13 @@ async fn event(state: &ApiState, job: Job, include: Option<Include>) -> Event {
     let event = if done {
         Event::default().event("done").json_data(view)
     } else {
-        let ProgressView { stage, tier, percent, queue_position } =
-            view.progress.unwrap_or(ProgressView { stage: None, tier: None, percent: 0, queue_position: None });
-        let data = serde_json::json!({
+        let ProgressView { stage, tier, percent, estimate, queue_position } = view.progress.unwrap_or_default();
+        let mut data = serde_json::json!({
             "status": status, "stage": stage, "tier": tier, "percent": percent, "queue_position": queue_position,
         });
+        if let Some(estimate) = estimate {
+            data["estimate"] = serde_json::json!(estimate);
+        }
         Event::default().event("progress").json_data(data)
     };
     event.unwrap_or_default().id(id)

@@ -142,7 +142,7 @@ pub(super) async fn create_key(
         )));
     }
     let scopes: Scopes = requested.scopes.map_or_else(Scopes::of_a_tenant, |scopes| scopes.into_iter().collect());
-    let secret = Secret::new(KeyKind::Api);
+    let secret = Secret::new(KeyKind::Api, state.ids.as_ref());
     let new = NewKey {
         tenant,
         kind: KeyKind::Api,
@@ -349,7 +349,7 @@ pub(super) async fn make_token(
         return Err(Problem::invalid_field("max_bytes", "`max_bytes` must be at least 1; got 0."));
     }
     let max_bytes = requested.max_bytes.unwrap_or(u64::MAX).min(caller.max_bytes(state.config.limits.max_bytes));
-    let secret = Secret::new(KeyKind::Browser);
+    let secret = Secret::new(KeyKind::Browser, state.ids.as_ref());
     let new = NewKey {
         tenant: caller.tenant,
         kind: KeyKind::Browser,

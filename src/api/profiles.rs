@@ -14,7 +14,8 @@ use super::extract::{ApiPath, contains_etag, json_object, read_small, text_heade
 use super::problem::{FieldError, Problem, ProblemCode, truncated};
 use super::state::ApiState;
 use super::validation::object_errors;
-use crate::jobs::{NewProfile, ProfileName, TenantProfile, with_whole_numbers};
+use crate::jobs::{NewProfile, ProfileName, TenantProfile};
+use crate::options::with_whole_numbers;
 use crate::printing::profile::{ProcessLimits, Profile};
 
 /// Maximum number of profiles of a tenant.

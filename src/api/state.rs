@@ -18,7 +18,7 @@ use tokio_util::sync::CancellationToken;
 use utoipa::ToSchema;
 
 use super::problem::{Problem, ProblemCode};
-use crate::access::{TenantLimits, TenantName};
+use crate::access::{IdSource, TenantLimits, TenantName};
 use crate::analyze::AnalyzeOptions;
 use crate::blobs::Blobs;
 use crate::format::{Format, Limits};
@@ -26,7 +26,7 @@ use crate::inspect::Level;
 use crate::jobs::{Clock, Mode, Store};
 use crate::repair::{Options, Preset, RemesherInfo};
 use crate::sandbox::SandboxStatus;
-use crate::webhooks::{Random, TargetPolicy};
+use crate::webhooks::TargetPolicy;
 
 /// Limits and timeouts of the API.
 #[derive(Debug, Clone, Copy)]
@@ -74,8 +74,8 @@ pub struct ApiState {
     pub health: Health,
     /// The wall clock.
     pub clock: Arc<dyn Clock>,
-    /// The source of random secrets.
-    pub random: Arc<dyn Random>,
+    /// The source of ids and secrets.
+    pub ids: Arc<dyn IdSource>,
     /// Cancelled when this process has no more jobs to finish. Requests that are waiting then end.
     pub stopping: CancellationToken,
 }

@@ -72,7 +72,7 @@ pub(super) async fn submit_job(
 ) -> Result<Response, Problem> {
     let bytes = declared_bytes(&state, &caller, &request)?;
     state.check_free_space(bytes)?;
-    let id = JobId::new();
+    let id = JobId::new(state.ids.as_ref());
     let key = idempotency::hold(&state.store, &caller.tenant, request.headers(), id).await?;
     // A retry whose job already exists needs no place in the queue.
     if !matches!(key, IdempotencyState::Used { .. }) {

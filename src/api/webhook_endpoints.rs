@@ -191,7 +191,7 @@ pub(super) async fn create_endpoint(
         url: clean_url(state.config.webhook_targets, &requested.url)?,
         description: clean_description(requested.description)?,
         events: clean_events(requested.events.unwrap_or_else(|| JobEvent::ALL.to_vec()))?,
-        secret: new_secret(state.random.as_ref()),
+        secret: new_secret(state.ids.as_ref()),
     };
     let Some(endpoint) = state.store.create_endpoint(new, MAX_ENDPOINTS).await? else {
         let detail = format!("You already have {MAX_ENDPOINTS} webhook endpoints, the maximum. Delete one first.");
@@ -307,7 +307,7 @@ pub(super) async fn rotate_endpoint(
     check_id(&id)?;
     let rotated = state
         .store
-        .rotate_endpoint(caller.tenant.as_str(), &id, &new_secret(state.random.as_ref()), SECRET_OVERLAP)
+        .rotate_endpoint(caller.tenant.as_str(), &id, &new_secret(state.ids.as_ref()), SECRET_OVERLAP)
         .await?;
     rotated.map(|endpoint| with_secret(StatusCode::OK, endpoint)).ok_or_else(|| not_found(&id))
 }
@@ -342,7 +342,7 @@ pub(super) async fn get_secret(
     State(state): State<ApiState>,
     RequireWebhooks(caller): RequireWebhooks,
 ) -> Result<Response, Problem> {
-    Ok(secret_response(state.store.callback_secrets(caller.tenant.as_str(), &new_secret(state.random.as_ref())).await?))
+    Ok(secret_response(state.store.callback_secrets(caller.tenant.as_str(), &new_secret(state.ids.as_ref())).await?))
 }
 
 /// Rotate the secret for callbacks.
@@ -362,7 +362,7 @@ pub(super) async fn rotate_secret(
     Ok(secret_response(
         state
             .store
-            .rotate_callback_secret(caller.tenant.as_str(), &new_secret(state.random.as_ref()), SECRET_OVERLAP)
+            .rotate_callback_secret(caller.tenant.as_str(), &new_secret(state.ids.as_ref()), SECRET_OVERLAP)
             .await?,
     ))
 }

@@ -173,6 +173,7 @@ pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<Owner>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::access::SystemIds;
 
     const HOUR: Duration = Duration::from_secs(3600);
 
@@ -191,7 +192,7 @@ mod tests {
     #[test]
     fn an_upload_with_a_growing_file_is_not_abandoned() {
         let root = tempfile::tempdir().expect("a folder");
-        let (abandoned, growing) = (JobId::new(), JobId::new());
+        let (abandoned, growing) = (JobId::new(&SystemIds), JobId::new(&SystemIds));
         for id in [abandoned, growing] {
             write(&root.path().join("uploads").join(id.to_string()), true);
             let more = root.path().join("more").join(id.to_string());
@@ -206,7 +207,7 @@ mod tests {
     #[test]
     fn removing_uploads_removes_partly_written_files() {
         let root = tempfile::tempdir().expect("a folder");
-        let (id, other) = (JobId::new(), JobId::new());
+        let (id, other) = (JobId::new(&SystemIds), JobId::new(&SystemIds));
         for id in [id, other] {
             write(&root.path().join("uploads").join(format!("{id}#1")), false);
             write(&root.path().join("more").join(id.to_string()).join("1#1"), false);

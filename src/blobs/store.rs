@@ -21,7 +21,8 @@ use tokio_util::io::ReaderStream;
 use super::bucket::{Bucket, S3Config};
 use super::local;
 use super::stored::{BlobError, CHUNK, Stored, Summary, UploadError, folder_error, not_found};
-use crate::jobs::{IdSource, JobId, SystemIds, UploadId};
+use crate::access::{IdSource, SystemIds};
+use crate::jobs::{JobId, UploadId};
 
 /// The lifetime of a signed address that is only parsed, never requested.
 const SHORTEST: Duration = Duration::from_secs(1);

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 
 use clap::{Args, Subcommand, ValueEnum};
 use meshmend::access::{
-    AccessKey, KeyKind, KeyQuery, NewKey, STANDARD_CLASS, Scope, Scopes, Secret, Tenant, TenantChange, TenantClass,
-    TenantLimits, TenantName,
+    AccessKey, KeyKind, KeyQuery, NewKey, STANDARD_CLASS, Scope, Scopes, Secret, SystemIds, Tenant, TenantChange,
+    TenantClass, TenantLimits, TenantName,
 };
 use meshmend::jobs::{BackupError, SqliteStore};
 use serde_json::{Value, json};
@@ -77,7 +77,7 @@ pub fn keys(args: KeysArgs) -> ExitCode {
         KeysCommand::Create { tenant, scopes, label, expires_d, data } => run(&data, async |data: ServiceData| {
             let life_s = expires_d.map(|days| u64::from(days) * 24 * 3600);
             let kind = KeyKind::Api;
-            let secret = Secret::new(kind);
+            let secret = Secret::new(kind, &SystemIds);
             let new = NewKey { tenant, kind, label, scopes, origin: None, max_bytes: None, life_s, parent: None };
             let key = data.store.create_key(new, &secret.hash()).await?;
             // Scripts read the secret from standard output, so only the secret goes there.

@@ -2,11 +2,11 @@
 
 use std::fs::File;
 use std::io::{Read, Write};
-use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+#[cfg(target_os = "linux")]
 use meshmend::blender::BlenderConfig;
 use meshmend::format::Limits;
 use meshmend::repair::{Progress, Stage};
@@ -38,11 +38,12 @@ impl LimitArgs {
 }
 
 /// The Blender to use, and its memory.
+#[cfg(target_os = "linux")]
 #[derive(Debug, Clone, Args)]
 pub struct BlenderArgs {
     /// Blender program, or a Python that has the module bpy. Default: `blender` on PATH, then `.venv-blender`.
     #[arg(long, env = "MESHMEND_BLENDER", value_name = "PROGRAM")]
-    pub blender: Option<PathBuf>,
+    pub blender: Option<std::path::PathBuf>,
     /// Memory for one Blender process, in MiB. Voxels are enlarged until the estimate is below this limit. 0: no
     /// limit.
     #[arg(long, env = "MESHMEND_BLENDER_MEMORY_MIB", default_value_t = 4096)]
@@ -54,9 +55,10 @@ pub struct BlenderArgs {
     /// Folder of the lock files with which all processes on this machine share the Blender slots. Default: one folder
     /// per user in /tmp.
     #[arg(long, env = "MESHMEND_BLENDER_SLOTS", value_name = "FOLDER")]
-    pub blender_slots: Option<PathBuf>,
+    pub blender_slots: Option<std::path::PathBuf>,
 }
 
+#[cfg(target_os = "linux")]
 impl BlenderArgs {
     /// The settings as the Blender module takes them.
     pub fn config(&self) -> BlenderConfig {
@@ -92,10 +94,12 @@ pub fn read_file(path: &Path, limits: &Limits) -> Result<Vec<u8>, String> {
 /// The folder is missing or not writable.
 pub fn temporary_file_next_to(path: &Path) -> std::io::Result<NamedTempFile> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    tempfile::Builder::new()
-        .prefix(".meshmend-")
-        .permissions(std::fs::Permissions::from_mode(0o644))
-        .tempfile_in(folder)
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".meshmend-");
+    // Elsewhere the folder decides who may read the file.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o644));
+    builder.tempfile_in(folder)
 }
 
 /// Writes a file atomically: into a temporary file, which is then renamed.

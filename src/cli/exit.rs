@@ -34,6 +34,7 @@ pub const BAD_INPUT: u8 = 2;
 /// The program or the machine failed.
 pub const INTERNAL: u8 = 3;
 /// The service could not be reached, or refused the request.
+#[cfg(feature = "service")]
 pub const REFUSED: u8 = 4;
 /// The result does not meet `--require`.
 pub const NOT_PRINTABLE: u8 = 5;

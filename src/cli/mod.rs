@@ -1,21 +1,37 @@
-//! The command line: its commands, and the commands that need no file of their own (`openapi`, `completions`, `man`).
+//! The command line: its commands, and the commands that need no file of their own (`completions`, `man`).
+//!
+//! The feature `cli` has the commands that work on files. The feature `service` adds those that run, manage or call a service.
 
+#[cfg(feature = "service")]
 mod administration;
+mod alternatives;
 mod compare;
+#[cfg(feature = "service")]
 mod config;
 mod engine;
 mod exit;
 mod inspect;
+#[cfg(feature = "service")]
 mod listen;
 mod print_options;
 mod profiles;
+#[cfg(feature = "service")]
 mod remote;
 mod repair;
+#[cfg(feature = "service")]
 mod service;
+#[cfg(feature = "service")]
+mod service_commands;
+#[cfg(feature = "service")]
 mod service_error;
+#[cfg(feature = "service")]
 mod settings;
+#[cfg(feature = "service")]
 mod submit;
+#[cfg(feature = "service")]
 mod telemetry;
+#[cfg(feature = "service")]
+mod tenant_profiles;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -26,6 +42,10 @@ use clap_complete::Shell;
 
 /// Repairs broken 3D models, checks that the result is printable, and reports exactly what changed.
 #[derive(Debug, Parser)]
+#[cfg_attr(
+    not(feature = "service"),
+    command(before_help = "This program was built without the service: it has no commands that run or call one.")
+)]
 #[command(name = "meshmend", version, propagate_version = true, max_term_width = 110, after_help = exit::HELP)]
 struct Cli {
     #[command(subcommand)]
@@ -34,41 +54,17 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Serve the API and run workers in one process.
-    Serve(settings::ServeArgs),
-    /// Run workers only. Needs a `serve` process that uses the same database and file store.
-    Work(settings::WorkArgs),
     /// Repair one file. Needs no server.
-    Repair(repair::RepairArgs),
+    Repair(Box<repair::RepairArgs>),
     /// List the defects of files and measure them. Needs no server.
     Inspect(inspect::InspectArgs),
     /// Measure how one file differs from another. Needs no server.
     Compare(compare::CompareArgs),
-    /// Let a service repair or analyse files, and download the results.
-    ///
-    /// Each file becomes one job. While the service is unreachable, busy or full, the same request is sent again.
-    /// After an interrupt, submitted jobs continue, and the last line shows the command that follows them.
-    Submit(submit::SubmitArgs),
-    /// Follow jobs of a service until they end.
-    Watch(submit::WatchArgs),
-    /// Create or update the database's tables, then exit.
-    Migrate(settings::MigrateArgs),
-    /// Create, list and revoke API keys.
-    Keys(administration::KeysArgs),
-    /// Set the limits of single tenants, and list tenants.
-    Tenants(administration::TenantsArgs),
     /// List the printing processes and their limits, or change the processes of tenants.
     Profiles(profiles::ProfilesArgs),
-    /// Copy the SQLite database while the service runs.
-    ///
-    /// The copy is a consistent snapshot that only the current user can read. Copy the files of jobs separately,
-    /// after the database. The service deletes files that the copied database does not list, but it cannot
-    /// restore missing files. Copy a PostgreSQL database with `pg_dump`.
-    Backup(administration::BackupArgs),
-    /// Print the settings of a command and the source of each, with secrets hidden.
-    Config(config::ConfigArgs),
-    /// Print the OpenAPI document, or check a file against it.
-    Openapi(OpenapiArgs),
+    #[cfg(feature = "service")]
+    #[command(flatten)]
+    Service(Box<service_commands::ServiceCommand>),
     /// Print a shell script that completes commands and flags; for example `meshmend completions bash`.
     Completions(CompletionsArgs),
     /// Write the manual pages of all commands into a folder; for packages.
@@ -76,13 +72,12 @@ enum Command {
     Man(ManArgs),
 }
 
+#[cfg(feature = "service")]
 impl Command {
     /// Whether the command reads the settings of the service.
     fn uses_service_settings(&self) -> bool {
         match self {
-            Self::Serve(_) | Self::Work(_) | Self::Migrate(_) | Self::Keys(_) | Self::Tenants(_) | Self::Backup(_) => {
-                true
-            }
+            Self::Service(command) => command.uses_service_settings(),
             Self::Profiles(args) => args.uses_service_settings(),
             _ => false,
         }
@@ -92,72 +87,21 @@ impl Command {
 /// Parses the command line, runs the command, and returns its exit code.
 pub fn run() -> ExitCode {
     let command = Cli::parse().command;
+    #[cfg(feature = "service")]
     if command.uses_service_settings()
         && let Some(message) = config::unknown_variables_error(&Cli::command())
     {
         return exit::fail(exit::BAD_INPUT, message);
     }
     match command {
-        Command::Serve(args) => service::serve(args),
-        Command::Work(args) => service::work(args),
         Command::Repair(args) => repair::run(&args),
         Command::Inspect(args) => inspect::run(&args),
         Command::Compare(args) => compare::run(&args),
-        Command::Submit(args) => submit::submit(&args),
-        Command::Watch(args) => submit::watch(&args),
-        Command::Migrate(args) => service::migrate(&args),
-        Command::Keys(args) => administration::keys(args),
-        Command::Tenants(args) => administration::tenants(args),
         Command::Profiles(args) => profiles::run_profiles(args),
-        Command::Backup(args) => administration::backup(&args),
-        Command::Config(args) => config::run(&args, Cli::command()),
-        Command::Openapi(args) => openapi(&args),
+        #[cfg(feature = "service")]
+        Command::Service(command) => service_commands::run(*command, Cli::command()),
         Command::Completions(args) => completions(&args, Cli::command()),
         Command::Man(args) => man(&args, Cli::command()),
-    }
-}
-
-/// Arguments of `meshmend openapi`.
-#[derive(Debug, Args)]
-struct OpenapiArgs {
-    /// Check that this file equals the document instead of printing the document; exit code 1 if the file is
-    /// outdated.
-    #[arg(long, env = "MESHMEND_OPENAPI_CHECK", value_name = "FILE")]
-    check: Option<PathBuf>,
-    /// OpenAPI version of the document. `3.0` is for code generators that cannot read 3.1: each body has one media
-    /// type, and a job is submitted as raw bytes.
-    #[arg(long, env = "MESHMEND_OPENAPI_SPEC", default_value = "3.1")]
-    spec: Spec,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum Spec {
-    #[value(name = "3.0")]
-    V3_0,
-    #[value(name = "3.1")]
-    V3_1,
-}
-
-/// Runs `meshmend openapi`.
-fn openapi(args: &OpenapiArgs) -> ExitCode {
-    let document = match args.spec {
-        Spec::V3_0 => meshmend::api::document_3_0().and_then(|document| serde_json::to_string_pretty(&document)),
-        Spec::V3_1 => meshmend::api::document().to_pretty_json(),
-    };
-    let document = match document {
-        Ok(document) => document + "\n",
-        Err(error) => return exit::fail(exit::INTERNAL, error),
-    };
-    let Some(path) = &args.check else {
-        return match std::io::stdout().write_all(document.as_bytes()) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => exit::fail(exit::INTERNAL, error),
-        };
-    };
-    match std::fs::read_to_string(path) {
-        Ok(kept) if kept == document => ExitCode::SUCCESS,
-        Ok(_) => exit::fail(exit::PARTIAL, format!("{} is outdated; run `make openapi`", path.display())),
-        Err(error) => exit::fail(exit::BAD_INPUT, format!("{}: {error}", path.display())),
     }
 }
 

@@ -58,6 +58,9 @@ pub struct PrintOptionArgs {
     /// Treatment of sealed cavities.
     #[arg(long, env = "MESHMEND_VOIDS", value_enum, default_value_t)]
     voids: Voids,
+    /// Volume in mm³ above which sealed cavities are kept or vented; smaller ones are filled.
+    #[arg(long, env = "MESHMEND_KEEP_CAVITIES_OVER_MM3", value_name = "MM3")]
+    keep_cavities_over_mm3: Option<f64>,
     /// Diameter of the holes that `--voids vent` drills, in millimetres.
     #[arg(long, env = "MESHMEND_VENT_DIAMETER_MM", value_name = "MM")]
     vent_diameter_mm: Option<f64>,
@@ -86,6 +89,7 @@ impl PrintOptionArgs {
             seal_mm: self.seal_mm,
             islands: self.islands,
             voids: self.voids,
+            keep_cavities_over_mm3: self.keep_cavities_over_mm3,
             vent_diameter_mm: self.vent_diameter_mm,
             target_height_mm: self.target_height_mm,
             target_longest_mm: self.target_longest_mm,

@@ -8,20 +8,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
+#[cfg(target_os = "linux")]
 use meshmend::blender::OnDemandBlender;
-use meshmend::jobs::JobReport;
+#[cfg(feature = "service")]
 use meshmend::printing::profile::Profile;
 use meshmend::render::Drawing;
 use meshmend::repair::operators::holes::HoleFilling;
 use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
-    Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, RepairError,
-    Repaired, Report, Require, WindingRuleChoice, draw, monotonic_clock, repair,
+    AlternativeRequest, Category, Context, Merge, OfferedFile, OpenSheets, Operator, Options, OutputFormat, Overlaps,
+    Preset, Remesher, RepairError, Repaired, Report, Require, Verify, WindingRuleChoice, draw, monotonic_clock, repair,
 };
 use meshmend::scene::Unit;
+use serde::Serialize;
 
-use super::engine::{BlenderArgs, LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
+use super::alternatives::{alternative_lines, write_alternatives};
+#[cfg(target_os = "linux")]
+use super::engine::BlenderArgs;
+use super::engine::{LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
 use super::exit;
 use super::print_options::PrintOptionArgs;
 
@@ -48,6 +53,7 @@ pub struct RepairArgs {
     verbose: bool,
     #[command(flatten)]
     limits: LimitArgs,
+    #[cfg(target_os = "linux")]
     #[command(flatten)]
     blender: BlenderArgs,
 }
@@ -67,17 +73,28 @@ pub fn run(args: &RepairArgs) -> ExitCode {
     let clock = monotonic_clock();
     let bar = ProgressReporter::new(args.verbose);
     let context = Context::new(&bar, &cancel, &clock, Duration::from_secs_f64(options.deadline_s));
+    #[cfg(target_os = "linux")]
     let blender = OnDemandBlender::new(args.blender.config());
-    let repaired = repair(&bytes, &options, &limits, Some(&blender), &context);
-    bar.finish();
-    let repaired = match repaired {
+    #[cfg(target_os = "linux")]
+    let remesher: Option<&dyn Remesher> = Some(&blender);
+    // Tier 3 needs the sandbox, which is for Linux.
+    #[cfg(not(target_os = "linux"))]
+    let remesher: Option<&dyn Remesher> = None;
+    let mut repaired = match repair(&bytes, &options, &limits, remesher, &context) {
         Ok(repaired) => repaired,
         Err(error @ (RepairError::Read(_) | RepairError::Options(_))) => {
+            bar.finish();
             return exit::fail(exit::BAD_INPUT, format!("{}: {error}", args.input.display()));
         }
-        Err(error) => return exit::fail(exit::INTERNAL, error),
+        Err(error) => {
+            bar.finish();
+            return exit::fail(exit::INTERNAL, error);
+        }
     };
-    if let Err(message) = write(args, &repaired) {
+    let request = AlternativeRequest { input: &bytes, options: &options, limits: &limits, remesher, context: &context };
+    let written = write(args, request, &mut repaired);
+    bar.finish();
+    if let Err(message) = written {
         return exit::fail(exit::INTERNAL, message);
     }
     if let Some(folder) = &args.pictures {
@@ -92,17 +109,28 @@ pub fn run(args: &RepairArgs) -> ExitCode {
             Err(error) => drop(writeln!(std::io::stderr(), "  note: no pictures were drawn: {error}")),
         }
     }
-    print_summary(&repaired.report, &args.output);
+    print_summary(&repaired, &args.output);
     ExitCode::from(exit::of(&repaired.report))
 }
 
-/// Writes the model, unless the repair gives none out, and the report if `--report` is set.
-fn write(args: &RepairArgs, repaired: &Repaired) -> Result<(), String> {
+/// The report as a job of the service has it: `mode` says which kind.
+#[derive(Serialize)]
+struct JobReport<'a> {
+    mode: &'static str,
+    #[serde(flatten)]
+    report: &'a Report,
+}
+
+/// Writes the model, unless the repair gives none out, its alternatives if they are asked for, and the report if `--report` is set.
+fn write(args: &RepairArgs, request: AlternativeRequest<'_>, repaired: &mut Repaired) -> Result<(), String> {
     if repaired.report.verdict.file != OfferedFile::None {
         write_file(&args.output, &repaired.bytes)?;
     }
+    if request.options.alternatives {
+        write_alternatives(request, repaired, &args.output, args.pictures.as_deref())?;
+    }
     let Some(path) = &args.report else { return Ok(()) };
-    let report = JobReport::Repair(Box::new(repaired.report.clone()));
+    let report = JobReport { mode: "repair", report: &repaired.report };
     serde_json::to_vec_pretty(&report).map_err(|e| e.to_string()).and_then(|json| write_file(path, &json))
 }
 
@@ -119,14 +147,15 @@ pub fn write_drawings(folder: &Path, prefix: &str, drawings: &[Drawing]) -> Resu
 
 /// Prints the summary on standard error; standard output stays free for data. If no model was written, the last line
 /// says why.
-fn print_summary(report: &Report, output: &Path) {
-    let output = output.display();
+fn print_summary(repaired: &Repaired, path: &Path) {
+    let (report, output) = (&repaired.report, path.display());
     let mut lines = vec![format!("{output}: {}", report.summary)];
     lines.extend(report.print_ready.as_ref().map(|readiness| format!("  {}", readiness.in_words())));
     let flags = report.red_flags.iter().map(|flag| flag.detail.as_str());
     let assumptions =
         report.assumptions.iter().map(|assumption| (assumption.detail.as_str(), assumption.option.as_deref()));
     lines.extend(remark_lines(flags, assumptions, &report.warnings));
+    lines.extend(alternative_lines(repaired, path));
     if report.refusal().is_some() {
         lines.push(format!(
             "meshmend: {output} was not written: the result does not meet `--require {}`",
@@ -143,15 +172,11 @@ fn print_summary(report: &Report, output: &Path) {
 fn stop_on_interrupt() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&cancel);
-    std::thread::spawn(move || {
-        let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_all().build() else { return };
-        runtime.block_on(async {
-            while tokio::signal::ctrl_c().await.is_ok() {
-                if flag.swap(true, Ordering::Relaxed) {
-                    std::process::exit(exit::INTERRUPTED.into());
-                }
-            }
-        });
+    // Without a handler, an interrupt ends the process at once.
+    let _ = ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(exit::INTERRUPTED.into());
+        }
     });
     cancel
 }
@@ -171,6 +196,9 @@ pub struct RepairOptionArgs {
     /// Result that the repair must reach to succeed.
     #[arg(long, env = "MESHMEND_REQUIRE", value_enum, default_value_t)]
     require: Require,
+    /// Extent of the check of a result for intersecting faces.
+    #[arg(long, env = "MESHMEND_VERIFY", value_enum, default_value_t)]
+    verify: Verify,
     /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or mm.
     #[arg(long, env = "MESHMEND_UNIT", value_enum)]
     unit: Option<Unit>,
@@ -300,6 +328,9 @@ pub struct RepairOptionArgs {
     /// Most faces that a remesh may have.
     #[arg(long, env = "MESHMEND_MAX_REMESH_FACES", default_value_t = Options::default().max_remesh_faces)]
     max_remesh_faces: u64,
+    /// Offer up to two further results where the file leaves the model's intent open.
+    #[arg(long, env = "MESHMEND_ALTERNATIVES")]
+    alternatives: bool,
     #[command(flatten)]
     print: PrintOptionArgs,
 }
@@ -319,6 +350,7 @@ impl RepairOptionArgs {
     ///
     /// # Errors
     /// The message for the first option that is out of its range.
+    #[cfg(feature = "service")]
     pub fn service_options(&self, output: OutputFormat) -> Result<Options, String> {
         let options = self.unchecked_options(output)?;
         let mut checked = options.clone();
@@ -339,6 +371,7 @@ impl RepairOptionArgs {
             output,
             merge: self.merge,
             require: self.require,
+            verify: self.verify,
             unit: self.unit,
             scale_to: self.scale_to,
             with: self.with.clone(),
@@ -380,6 +413,7 @@ impl RepairOptionArgs {
             voxel_resolution: self.voxel_resolution,
             max_remesh_faces: self.max_remesh_faces,
             pictures: true,
+            alternatives: self.alternatives,
             print: self.print.options()?,
         })
     }

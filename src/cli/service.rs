@@ -10,13 +10,13 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
-use meshmend::access::TenantLimits;
+use meshmend::access::{SystemIds, TenantLimits};
 use meshmend::api::{ApiConfig, ApiState, Auth, Capabilities, Health, Rates, probes, router};
 use meshmend::blender::BlenderRemesher;
 use meshmend::blobs::Blobs;
 use meshmend::jobs::{PostgresStore, RetryPolicy, SqliteStore, Store, SystemClock};
 use meshmend::repair::{Remesher, RemesherInfo};
-use meshmend::webhooks::{Dispatcher, SystemRandom};
+use meshmend::webhooks::Dispatcher;
 use meshmend::worker::{Pool, Shutdown, WorkerConfig};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::task::JoinHandle;
@@ -187,6 +187,7 @@ impl ServiceData {
             limits: args.limits.limits(),
             remesher,
             blender: args.blender.config(),
+            prepared_children: args.prepared_children,
             blender_warm_up: args.blender_warm_up,
         };
         Ok(Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).await?)
@@ -218,7 +219,7 @@ impl ServiceData {
             capabilities: Arc::new(capabilities),
             health,
             clock: Arc::new(SystemClock),
-            random: Arc::new(SystemRandom),
+            ids: Arc::new(SystemIds),
             stopping: CancellationToken::new(),
         }
     }
@@ -246,8 +247,8 @@ async fn serve_until_stopped(args: &ServeArgs) -> Result<(), ServiceError> {
     let grace = seconds(args.work.shutdown_grace_s);
     tokio::spawn(stop_on_signal(shutdown.clone(), grace));
     let dispatcher = delivery.map(|(poster, config)| {
-        let (clock, random) = (Arc::new(SystemClock), Arc::new(SystemRandom));
-        let dispatcher = Dispatcher::new(Arc::clone(&data.store), poster, config, clock, random);
+        let (clock, ids) = (Arc::new(SystemClock), Arc::new(SystemIds));
+        let dispatcher = Dispatcher::new(Arc::clone(&data.store), poster, config, clock, ids);
         tokio::spawn(dispatcher.run(shutdown.drain.clone(), shutdown.now.clone()))
     });
     let workers = tokio::spawn(pool.run(shutdown.clone()));

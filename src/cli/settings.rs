@@ -112,6 +112,10 @@ pub struct WorkArgs {
     /// Separate address for operators, with only /livez, /readyz and /metrics. Requests there need no key.
     #[arg(long, env = "MESHMEND_METRICS_LISTEN")]
     pub(super) metrics_listen: Option<ListenAddress>,
+    /// Keep one child process for each idle worker, waiting in its sandbox, so that jobs start sooner. With `false`, each
+    /// job starts its own child process.
+    #[arg(long, env = "MESHMEND_PREPARED_CHILDREN", default_value_t = true, action = ArgAction::Set)]
+    pub(super) prepared_children: bool,
     /// Run Blender once on a small model when the worker starts. The first job then starts faster, and the log shows
     /// whether Blender works.
     #[arg(long, env = "MESHMEND_BLENDER_WARM_UP", default_value_t = true, action = ArgAction::Set)]

@@ -18,6 +18,7 @@ mod off;
 mod paint;
 mod ply;
 mod polygon;
+mod program;
 mod sidecar;
 mod sniff;
 mod stl;
@@ -29,6 +30,7 @@ pub use content::{Polygons, ReadFile, ReadMesh, ReadScene};
 pub use errors::{FileLocation, ReadError, ReadErrorKind, WriteError};
 pub use formats::{Format, Loss, losses, losses_in_words};
 pub use limits::{Limits, ReadOptions};
+pub use program::program_of;
 pub use sniff::sniff;
 
 use crate::mesh::Soup;

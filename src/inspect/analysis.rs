@@ -7,9 +7,9 @@ use glam::DVec3;
 
 use super::matching::FaceKeys;
 use super::solids::depths_of;
-use super::{Intersections, Measures, Solid, nesting, solids};
+use super::{Intersections, Measures, Meeting, Solid, nesting, solids};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Dipoles, Tree, area_vanishes, collinear, to_unit_range, unit_scale};
+use crate::math::{Box3, Dipoles, Hit, Tree, area_vanishes, collinear, to_unit_range, unit_scale};
 use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Surface};
 use crate::scene::LengthUnit;
 
@@ -71,6 +71,16 @@ pub struct Analysis<'a> {
     pub(super) intersections: OnceLock<Intersections>,
     /// Cache of [`Analysis::faces_in_other_materials`].
     pub(super) faces_in_other_materials: OnceLock<Vec<u32>>,
+    /// Intersections that are known from an earlier mesh.
+    pub(super) known_pairs: Option<KnownPairs>,
+}
+
+/// The faces of a mesh that are not in an earlier mesh, and the known intersections of all other faces with each other.
+pub(super) struct KnownPairs {
+    /// For each face of the mesh's surface, whether the earlier mesh has no face at the same positions.
+    pub changed: Vec<bool>,
+    /// The intersecting pairs of unchanged faces, the smaller index first.
+    pub hits: Vec<Hit<Meeting>>,
 }
 
 impl<'a> Analysis<'a> {
@@ -113,6 +123,7 @@ impl<'a> Analysis<'a> {
             measures: OnceLock::new(),
             intersections: OnceLock::new(),
             faces_in_other_materials: OnceLock::new(),
+            known_pairs: None,
         })
     }
 

@@ -63,7 +63,11 @@ fn intersections_within(
     let tree = analysis.tree();
     context.check()?;
     let mut collector = Collector::new([analysis, analysis]);
-    let complete = if analysis.subject.materials.is_none() {
+    let complete = if let Some(known) = &analysis.known_pairs {
+        collector.add(known.hits.clone(), context)?;
+        let search = PairSearch { look: meeting, budget };
+        search.within_changed(tree, &known.changed, |hits| collector.add(hits, context))?
+    } else if analysis.subject.materials.is_none() {
         PairSearch { look: meeting, budget }.within(tree, |hits| collector.add(hits, context))?
     } else {
         let look = |f: u32, g: u32, steps: &mut u64| {

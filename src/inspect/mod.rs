@@ -11,6 +11,7 @@ mod distribution;
 mod findings;
 mod inspection;
 mod intersections;
+mod known_pairs;
 mod matching;
 mod measure;
 mod measures;

@@ -1,4 +1,4 @@
-//! Ids of jobs, uploads and other rows, and the source of their random numbers.
+//! Ids of jobs and uploads.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,28 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
-/// A source of ids and random numbers, passed in like the clock so that tests can fix them.
-pub trait IdSource: Send + Sync {
-    /// A new UUID that sorts by its creation time.
-    fn sortable(&self) -> Uuid;
-
-    /// A new random UUID that can't be guessed.
-    fn random(&self) -> Uuid;
-}
-
-/// Ids from the operating system's random numbers: UUIDs of versions 7 and 4.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct SystemIds;
-
-impl IdSource for SystemIds {
-    fn sortable(&self) -> Uuid {
-        Uuid::now_v7()
-    }
-
-    fn random(&self) -> Uuid {
-        Uuid::new_v4()
-    }
-}
+use crate::access::IdSource;
 
 /// Defines an id type, a prefix followed by a UUID of version 7, and the error of its parser.
 macro_rules! prefixed_id {
@@ -42,16 +21,10 @@ macro_rules! prefixed_id {
         pub struct $error;
 
         impl $id {
-/// Creates an id with the current time.
+            /// Creates an id with the current time.
             #[must_use]
-            pub fn new() -> Self {
-                Self(SystemIds.sortable())
-            }
-        }
-
-        impl Default for $id {
-            fn default() -> Self {
-                Self::new()
+            pub fn new(ids: &dyn IdSource) -> Self {
+                Self(ids.sortable())
             }
         }
 
@@ -73,21 +46,21 @@ macro_rules! prefixed_id {
 }
 
 prefixed_id!(
-/// A job's id: `job_` and a UUID of version 7, so that ids sort by time.
+    /// A job's id: `job_` and a UUID of version 7, so that ids sort by time.
     JobId,
     "job_",
-/// The text is not a job id.
+    /// The text is not a job id.
     JobIdError,
-"a job id must be `job_` and 32 hexadecimal digits"
+    "a job id must be `job_` and 32 hexadecimal digits"
 );
 
 prefixed_id!(
-/// An upload's id: `upl_` and a UUID of version 7.
+    /// An upload's id: `upl_` and a UUID of version 7.
     UploadId,
     "upl_",
-/// The text is not an upload id.
+    /// The text is not an upload id.
     UploadIdError,
-"an upload id must be `upl_` and 32 hexadecimal digits"
+    "an upload id must be `upl_` and 32 hexadecimal digits"
 );
 
 impl Serialize for JobId {
@@ -105,10 +78,11 @@ impl<'de> Deserialize<'de> for JobId {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::access::SystemIds;
 
     #[test]
     fn job_ids_round_trip_through_text_and_other_texts_are_refused() {
-        let id = JobId::new();
+        let id = JobId::new(&SystemIds);
         assert_eq!(id.to_string().parse(), Ok(id));
         let long = format!("{id}0");
         let bare = id.to_string().replace("job_", "");
@@ -119,7 +93,7 @@ mod tests {
 
     #[test]
     fn job_ids_sort_by_creation_time() {
-        let ids: Vec<JobId> = (0..100).map(|_| JobId::new()).collect();
+        let ids: Vec<JobId> = (0..100).map(|_| JobId::new(&SystemIds)).collect();
         assert!(ids.is_sorted());
     }
 }

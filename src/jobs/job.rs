@@ -10,9 +10,9 @@ use utoipa::ToSchema;
 
 use super::id::JobId;
 use super::options::JobOptions;
-use crate::context::Stage;
+use crate::context::{Estimate, Stage};
 use crate::format::{FileLocation, Format};
-use crate::repair::{AssumptionKind, RedFlagCode};
+use crate::repair::{Alternatives, AssumptionKind, RedFlagCode};
 use crate::scene::LengthUnit;
 
 /// The status of a job.
@@ -106,6 +106,9 @@ pub struct JobProgress {
     pub tier: Option<u8>,
     /// The share of the work that is done, 0 to 100.
     pub percent: u8,
+    /// The expected effort of a repair, once its input is inspected.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub estimate: Option<Estimate>,
 }
 
 /// A result file of a job.
@@ -303,6 +306,16 @@ impl StoredReport {
             }
             Read { verdict, .. } => verdict?.print_ready,
         }
+    }
+
+    /// The results of a repair to choose from; `None` without the option `alternatives`.
+    #[must_use]
+    pub fn alternatives(&self) -> Option<Alternatives> {
+        #[derive(Deserialize)]
+        struct Read {
+            alternatives: Option<Alternatives>,
+        }
+        serde_json::from_str::<Read>(self.json()).ok()?.alternatives
     }
 
     /// The unit of each file's lengths, in the order of the files; empty for reports that predate units.

@@ -17,12 +17,12 @@ pub mod timestamp;
 mod webhooks;
 
 pub use error::{OpenFailure, StoreError};
-pub use id::{IdSource, JobId, JobIdError, SystemIds, UploadId, UploadIdError};
+pub use id::{JobId, JobIdError, UploadId, UploadIdError};
 pub use job::{
     Artifact, Artifacts, Input, Job, JobOutcome, JobProblem, JobProgress, Metadata, ProblemKind, Status, StoredFile,
     StoredReport,
 };
-pub use options::{JobOptions, JobOptionsError, Mode, whole_number, with_whole_numbers};
+pub use options::{JobOptions, JobOptionsError, Mode};
 pub use profiles::{NewProfile, ProfileName, TenantProfile, TenantProfileError};
 pub use queue::{
     Claim, ClassLoad, Completion, Failure, FailureKind, KEY_HOLD, KEY_LIFE, KeyState, Lease, NewJob, NewUpload,

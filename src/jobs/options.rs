@@ -1,14 +1,14 @@
 //! The options of a job: which ones its mode has, and how they are read and checked.
 
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Number, Value};
-use utoipa::{IntoParams, ToSchema};
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
 
 use crate::analyze::AnalyzeOptions;
-use crate::inspect::{InspectOptions, OptionsError};
+use crate::inspect::OptionsError;
+use crate::options::{OptionsInJson, ReadOptionsError, read_options};
 use crate::printing::profile::ProcessLimits;
-use crate::repair::{Options, PrintOptions};
+use crate::repair::Options;
 
 /// What a job does with its files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, ToSchema)]
@@ -37,17 +37,9 @@ impl Mode {
     /// The names of the mode's options.
     #[must_use]
     pub fn option_names(self) -> Vec<String> {
-        let names = |parameters: Vec<utoipa::openapi::path::Parameter>| parameters.into_iter().map(|p| p.name);
         match self {
-            Self::Repair => {
-                names(Options::into_params(|| None)).chain(names(PrintOptions::into_params(|| None))).collect()
-            }
-            Self::Analyze => {
-                let own =
-                    ["deadline_s", "intersections", "spacing", "pictures", "scale_to", "process", "process_limits"]
-                        .map(str::to_owned);
-                names(InspectOptions::into_params(|| None)).chain(own).collect()
-            }
+            Self::Repair => Options::names(),
+            Self::Analyze => AnalyzeOptions::names(),
         }
     }
 }
@@ -98,6 +90,20 @@ pub enum JobOptionsError {
 }
 
 impl JobOptionsError {
+    /// The error of options that were read for a mode.
+    fn of_mode(mode: Mode, error: ReadOptionsError) -> Self {
+        match error {
+            ReadOptionsError::Unknown { option, .. } => {
+                match Mode::ALL.into_iter().find(|of| of.option_names().contains(&option)) {
+                    Some(of) => Self::OtherMode { option, of, mode },
+                    None => Self::Unknown { option, mode },
+                }
+            }
+            ReadOptionsError::Unreadable { option, .. } => Self::Unreadable(option),
+            ReadOptionsError::Range(error) => Self::Range(error),
+        }
+    }
+
     /// The name of the wrong option.
     #[must_use]
     pub fn option(&self) -> Option<&str> {
@@ -166,61 +172,12 @@ impl JobOptions {
             None => Mode::default(),
             Some(mode) => serde_json::from_value(mode.clone()).map_err(|_| JobOptionsError::Mode(mode))?,
         };
-        let own = mode.option_names();
-        fields.values_mut().for_each(with_whole_numbers);
-        if let Some(option) = fields.keys().find(|option| !own.contains(option)).cloned() {
-            return Err(match Mode::ALL.into_iter().find(|of| of.option_names().contains(&option)) {
-                Some(of) => JobOptionsError::OtherMode { option, of, mode },
-                None => JobOptionsError::Unknown { option, mode },
-            });
-        }
-        let options = match mode {
-            Mode::Repair => Self::Repair(read(fields)?),
-            Mode::Analyze => Self::Analyze(read(fields)?),
-        };
-        match &options {
-            Self::Repair(options) => options.validate()?,
-            Self::Analyze(options) => options.validate()?,
-        }
-        Ok(options)
+        let of_mode = |error| JobOptionsError::of_mode(mode, error);
+        Ok(match mode {
+            Mode::Repair => Self::Repair(read_options(fields).map_err(of_mode)?),
+            Mode::Analyze => Self::Analyze(read_options(fields).map_err(of_mode)?),
+        })
     }
-}
-
-/// A JSON number as a whole number, also if it is written with a fraction of zero. JSON Schema counts `30.0` as an integer, but
-/// serde does not. Returns `None` for negative numbers, for fractions, and for floats from 2^53 on.
-#[must_use]
-pub fn whole_number(number: &Number) -> Option<u64> {
-    /// Larger floats have no fractional digits, so they may have been rounded.
-    const FLOAT_LIMIT: f64 = (1_u64 << 53) as f64;
-    let written_as_float =
-        || number.as_f64().filter(|value| value.fract() == 0.0 && (0.0..FLOAT_LIMIT).contains(value));
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a whole number within the range")]
-    number.as_u64().or_else(|| written_as_float().map(|value| value as u64))
-}
-
-/// Converts each number in the value to a whole number if [`whole_number`] can.
-pub fn with_whole_numbers(value: &mut Value) {
-    match value {
-        Value::Number(number) => {
-            if let Some(whole) = whole_number(number) {
-                *number = whole.into();
-            }
-        }
-        Value::Array(items) => items.iter_mut().for_each(with_whole_numbers),
-        Value::Object(fields) => fields.values_mut().for_each(with_whole_numbers),
-        _ => {}
-    }
-}
-
-/// Reads the options one by one first, so that an error names its option.
-fn read<T: DeserializeOwned>(fields: Map<String, Value>) -> Result<T, JobOptionsError> {
-    for (option, value) in &fields {
-        let alone = Map::from_iter([(option.clone(), value.clone())]);
-        if serde_json::from_value::<T>(Value::Object(alone)).is_err() {
-            return Err(JobOptionsError::Unreadable(option.clone()));
-        }
-    }
-    serde_json::from_value(Value::Object(fields)).map_err(|_| JobOptionsError::Unreadable("options".to_owned()))
 }
 
 impl Default for JobOptions {
@@ -231,7 +188,7 @@ impl Default for JobOptions {
 
 #[cfg(test)]
 mod tests {
-    use crate::repair::Category;
+    use crate::repair::{Category, PrintOptions};
     use crate::scene::Unit;
     use serde_json::json;
 
@@ -274,6 +231,7 @@ mod tests {
                 process_limits: Some(ProcessLimits::default()),
                 min_wall: some,
                 seal_mm: some,
+                keep_cavities_over_mm3: some,
                 vent_diameter_mm: some,
                 target_height_mm: some,
                 target_longest_mm: some,

@@ -107,6 +107,17 @@ impl JobReport {
         }
     }
 
+    /// The alternatives that the job offers beside its default result: pairs of an id and the format of the model.
+    #[must_use]
+    pub fn alternatives(&self) -> Vec<(&str, Format)> {
+        let Self::Repair(report) = self else { return Vec::new() };
+        let offered = report.alternatives.iter().flat_map(|alternatives| &alternatives.offered);
+        offered
+            .filter(|offered| !offered.is_default)
+            .map(|offered| (offered.id.as_str(), offered.file.format))
+            .collect()
+    }
+
     /// The pictures that can be drawn of the job's files: pairs of a file's number, counted from 0, and the picture's name.
     #[must_use]
     pub fn drawings(&self) -> Vec<(usize, &'static str)> {

@@ -41,6 +41,7 @@ pub const PAGES: &[(&str, &str)] = pages! {
     "glossary"
     "operations"
     "metrics"
+    "capacity"
     "versions"
 };
 

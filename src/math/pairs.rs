@@ -36,7 +36,34 @@ impl<L> PairSearch<L> {
         L: Fn(u32, u32, &mut u64) -> Option<T> + Sync,
     {
         let Some(bvh) = &tree.bvh else { return Ok(true) };
-        self.search(bvh, bvh, true, take)
+        self.search(&Walk { a: bvh, b: bvh, same: true, look: &self.look, only: None }, take)
+    }
+
+    /// Calls `look` like [`PairSearch::within`], but only for pairs of which at least one triangle is marked in `changed`.
+    ///
+    /// # Errors
+    /// Returns the error of `take`.
+    pub fn within_changed<T: Send, E>(
+        &self,
+        tree: &Tree,
+        changed: &[bool],
+        take: impl FnMut(Vec<Hit<T>>) -> Result<(), E>,
+    ) -> Result<bool, E>
+    where
+        L: Fn(u32, u32, &mut u64) -> Option<T> + Sync,
+    {
+        let Some(bvh) = &tree.bvh else { return Ok(true) };
+        let mut nodes = vec![false; bvh.nodes.len()];
+        for at in tree.children_first() {
+            let node = &bvh.nodes[at as usize];
+            nodes[at as usize] = if node.is_leaf() {
+                triangles_of(bvh, node).iter().any(|&triangle| changed[triangle as usize])
+            } else {
+                nodes[node.first_index as usize] || nodes[node.first_index as usize + 1]
+            };
+        }
+        let only = Some(Changed { triangles: changed, nodes: &nodes });
+        self.search(&Walk { a: bvh, b: bvh, same: true, look: &self.look, only }, take)
     }
 
     /// Calls `look` for all pairs of a triangle in `a` and one in `b` whose boxes meet. Both trees must have been built
@@ -62,20 +89,17 @@ impl<L> PairSearch<L> {
     {
         debug_assert!(a.frame == b.frame, "the trees must have the same frame");
         let (Some(a), Some(b)) = (&a.bvh, &b.bvh) else { return Ok(true) };
-        self.search(a, b, false, take)
+        self.search(&Walk { a, b, same: false, look: &self.look, only: None }, take)
     }
 
     fn search<T: Send, E>(
         &self,
-        a: &Bvh2,
-        b: &Bvh2,
-        same: bool,
+        walk: &Walk<'_, L>,
         mut take: impl FnMut(Vec<Hit<T>>) -> Result<(), E>,
     ) -> Result<bool, E>
     where
         L: Fn(u32, u32, &mut u64) -> Option<T> + Sync,
     {
-        let walk = Walk { a, b, same, look: &self.look };
         let mut open = vec![(0u32, 0u32)];
         let mut spent = 0u64;
         while !open.is_empty() {
@@ -111,6 +135,16 @@ struct Walk<'a, L> {
     /// Whether both trees are the same tree, in which each pair is visited once.
     same: bool,
     look: &'a L,
+    /// For a search within one tree: the triangles of which a pair must have at least one; `None` for all.
+    only: Option<Changed<'a>>,
+}
+
+/// The triangles of which a pair must have at least one.
+#[derive(Clone, Copy)]
+struct Changed<'a> {
+    triangles: &'a [bool],
+    /// For each node, whether its subtree has such a triangle.
+    nodes: &'a [bool],
 }
 
 impl<L> Walk<'_, L> {
@@ -154,10 +188,10 @@ impl<L> Walk<'_, L> {
         end
     }
 
-    /// Whether a node's subtree has more than one triangle.
+    /// Whether a node's subtree has more than one triangle, and one of those that a pair must have.
     #[inline]
     fn has_pairs(&self, k: u32) -> bool {
-        self.a.nodes[k as usize].prim_count != 1
+        self.a.nodes[k as usize].prim_count != 1 && self.only.is_none_or(|only| only.nodes[k as usize])
     }
 
     /// Continues with a pair of nodes if their boxes meet. Pairs of leaves, the most frequent case, are tested at once.
@@ -166,6 +200,9 @@ impl<L> Walk<'_, L> {
     where
         L: Fn(u32, u32, &mut u64) -> Option<T>,
     {
+        if self.only.is_some_and(|only| !only.nodes[i as usize] && !only.nodes[j as usize]) {
+            return;
+        }
         let (x, y) = (&self.a.nodes[i as usize], &self.b.nodes[j as usize]);
         if meet(x, y) {
             if x.is_leaf() && y.is_leaf() {
@@ -183,6 +220,9 @@ impl<L> Walk<'_, L> {
         let (first, second) = (triangles_of(self.a, x), triangles_of(self.b, y));
         for (at, &f) in first.iter().enumerate() {
             for &g in if one { &second[at + 1..] } else { second } {
+                if self.only.is_some_and(|only| !only.triangles[f as usize] && !only.triangles[g as usize]) {
+                    continue;
+                }
                 let pair = if self.same && g < f { [g, f] } else { [f, g] };
                 end.steps += 1;
                 if let Some(found) = (self.look)(pair[0], pair[1], &mut end.steps) {
@@ -295,6 +335,28 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_search_of_changed_triangles_visits_exactly_the_pairs_with_one(
+            seed in proptest::collection::vec((0u32..9, 0u32..9, 0u32..9, 0u8..9), 0..80),
+            changed in proptest::collection::vec(proptest::bool::weighted(0.2), 80),
+        ) {
+            let (positions, faces) = triangles(&seed, DVec3::ZERO);
+            let tree = Tree::new(&positions, &faces);
+            let mut expected = pairs_within(&tree);
+            expected.retain(|pair| pair.iter().any(|&t| changed[t as usize]));
+            let mut found = Vec::new();
+            let search = PairSearch { look: accept_all, budget: NO_LIMIT };
+            let Ok(complete) = search.within_changed::<_, Infallible>(&tree, &changed[..faces.len()], |hits| {
+                found.extend(hits.into_iter().map(|(pair, ())| pair));
+                Ok(())
+            });
+            prop_assert!(complete);
+            found.sort_unstable();
+            prop_assert_eq!(found, expected);
         }
     }
 

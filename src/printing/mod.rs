@@ -4,6 +4,7 @@
 //! [`profile`] holds each process's limits. [`readiness`] measures a file against the limits.
 
 pub mod cups;
+pub mod designed_sizes;
 mod features;
 pub mod fill;
 pub mod hollows;

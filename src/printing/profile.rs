@@ -1,10 +1,13 @@
-//! Process profiles: the limits of each printing process, with their sources, and a request's own limits.
+//! Process profiles: the limits of each printing process, with their sources.
+
+mod limits;
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 
+pub use self::limits::ProcessLimits;
 use crate::inspect::OptionsError;
 
 /// The profiles that the program brings along. Sources disagree by a factor of two to three, because some state what a
@@ -49,6 +52,9 @@ pub struct Profile {
     /// Whether the process prints in liquid resin, so that hollows which open upward fill while they are printed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub checks_cups: bool,
+    /// Density of the printed material in g/cm³; absent if the process prints several materials.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub material_density_g_cm3: Option<f64>,
     /// Build volume of a common machine; absent if there is no limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build_volume_mm: Option<BuildVolume>,
@@ -74,13 +80,6 @@ pub struct Limit {
     /// Titles of the sources.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sources: Vec<String>,
-}
-
-impl Limit {
-    /// A limit that a request or a tenant sets.
-    fn requested(limit: f64) -> Self {
-        Self { limit, minimum: limit, basis: Basis::Requested, sources: Vec::new() }
-    }
 }
 
 /// Where a limit comes from.
@@ -126,76 +125,6 @@ pub struct BuildVolume {
     /// Titles of the sources.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sources: Vec<String>,
-}
-
-/// Limits that replace those of a profile. Absent limits stay as the profile has them.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(default, deny_unknown_fields)]
-pub struct ProcessLimits {
-    /// Name of the profile that the limits change. Default: the profile that the option `process` names.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub based_on: Option<String>,
-    /// Title for people.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub title: Option<String>,
-    /// See `supported_wall_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub supported_wall_mm: Option<f64>,
-    /// See `free_wall_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub free_wall_mm: Option<f64>,
-    /// See `wire_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub wire_mm: Option<f64>,
-    /// See `pin_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub pin_mm: Option<f64>,
-    /// See `hole_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub hole_mm: Option<f64>,
-    /// See `gap_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub gap_mm: Option<f64>,
-    /// See `clearance_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub clearance_mm: Option<f64>,
-    /// See `embossed_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub embossed_mm: Option<f64>,
-    /// See `engraved_mm` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub engraved_mm: Option<f64>,
-    /// See `part_volume_mm3` of a profile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub part_volume_mm3: Option<f64>,
-    /// Least diameter of an escape hole. 0 lets cavities stay closed.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
-    pub escape_hole_mm: Option<f64>,
-    /// Least number of escape holes per cavity. 0 lets cavities stay closed.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub escape_hole_count: Option<u32>,
-    /// Side lengths of the build volume along x, y and z.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(min_items = 3, max_items = 3))]
-    pub build_volume_mm: Option<[f64; 3]>,
-    /// Most faces that the print service accepts.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_faces: Option<u64>,
-    /// Largest file that the print service accepts, in bytes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub max_bytes: Option<u64>,
 }
 
 /// Why a process has no profile.
@@ -277,49 +206,7 @@ impl ProcessLimits {
     /// # Errors
     /// [`ProfileError::Limit`] for the first invalid limit.
     pub fn validate(&self) -> Result<(), ProfileError> {
-        let lengths = [
-            ("supported_wall_mm", self.supported_wall_mm),
-            ("free_wall_mm", self.free_wall_mm),
-            ("wire_mm", self.wire_mm),
-            ("pin_mm", self.pin_mm),
-            ("hole_mm", self.hole_mm),
-            ("gap_mm", self.gap_mm),
-            ("clearance_mm", self.clearance_mm),
-            ("embossed_mm", self.embossed_mm),
-            ("engraved_mm", self.engraved_mm),
-            ("part_volume_mm3", self.part_volume_mm3),
-            ("escape_hole_mm", self.escape_hole_mm),
-        ];
-        let sides = self.build_volume_mm.iter().flatten().map(|&side| ("build_volume_mm", Some(side)));
-        let mut all = lengths.into_iter().chain(sides);
-        match all.find(|(_, value)| value.is_some_and(|value| !(value.is_finite() && value >= 0.0))) {
-            Some((limit, _)) => Err(ProfileError::Limit { limit }),
-            None => Ok(()),
-        }
-    }
-
-    /// These limits, with the gaps filled from `other`.
-    #[must_use]
-    pub fn or(self, other: Self) -> Self {
-        Self {
-            based_on: self.based_on.or(other.based_on),
-            title: self.title.or(other.title),
-            supported_wall_mm: self.supported_wall_mm.or(other.supported_wall_mm),
-            free_wall_mm: self.free_wall_mm.or(other.free_wall_mm),
-            wire_mm: self.wire_mm.or(other.wire_mm),
-            pin_mm: self.pin_mm.or(other.pin_mm),
-            hole_mm: self.hole_mm.or(other.hole_mm),
-            gap_mm: self.gap_mm.or(other.gap_mm),
-            clearance_mm: self.clearance_mm.or(other.clearance_mm),
-            embossed_mm: self.embossed_mm.or(other.embossed_mm),
-            engraved_mm: self.engraved_mm.or(other.engraved_mm),
-            part_volume_mm3: self.part_volume_mm3.or(other.part_volume_mm3),
-            escape_hole_mm: self.escape_hole_mm.or(other.escape_hole_mm),
-            escape_hole_count: self.escape_hole_count.or(other.escape_hole_count),
-            build_volume_mm: self.build_volume_mm.or(other.build_volume_mm),
-            max_faces: self.max_faces.or(other.max_faces),
-            max_bytes: self.max_bytes.or(other.max_bytes),
-        }
+        self.first_invalid().map_or(Ok(()), |limit| Err(ProfileError::Limit { limit }))
     }
 
     fn applied_to(&self, mut profile: Profile) -> Profile {
@@ -337,17 +224,20 @@ impl ProcessLimits {
         ];
         for (limit, requested) in lengths {
             if let Some(requested) = requested {
-                *limit = Limit::requested(requested);
+                *limit = requested_limit(requested);
             }
         }
         if let Some(title) = &self.title {
             profile.title.clone_from(title);
         }
+        if let Some(density) = self.material_density_g_cm3 {
+            profile.material_density_g_cm3 = Some(density).filter(|&density| density > 0.0);
+        }
         if let Some(size) = self.build_volume_mm {
             profile.build_volume_mm = Some(BuildVolume { size, basis: Basis::Requested, sources: Vec::new() });
         }
         #[expect(clippy::cast_precision_loss, reason = "counts far below 2^53")]
-        let counted = |requested: u64| Limit::requested(requested as f64);
+        let counted = |requested: u64| requested_limit(requested as f64);
         profile.max_faces = self.max_faces.map(counted).or(profile.max_faces);
         profile.max_bytes = self.max_bytes.map(counted).or(profile.max_bytes);
         profile.escape_holes = self.escape_holes(profile.escape_holes.take());
@@ -363,6 +253,11 @@ impl ProcessLimits {
         let holes = EscapeHoles { diameter_mm, count, basis: Basis::Requested, sources: Vec::new() };
         (diameter_mm > 0.0 && count > 0).then_some(holes)
     }
+}
+
+/// A limit that a request or a tenant sets.
+fn requested_limit(limit: f64) -> Limit {
+    Limit { limit, minimum: limit, basis: Basis::Requested, sources: Vec::new() }
 }
 
 /// Names of the built-in profiles.

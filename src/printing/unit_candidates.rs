@@ -3,11 +3,15 @@
 //! The score of a unit is the logarithm of its prior, plus a log ratio for each piece of evidence. Priors, weights and
 //! caps are judgement, tested with typical cases.
 
+mod reasons;
+
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::inspect::{BoundingBox, Inspection};
+pub use self::reasons::UnitReason;
+use super::designed_sizes::{DesignedSizes, designed_sizes};
+use crate::inspect::{Analysis, BoundingBox, Inspection};
 use crate::math::Box3;
 use crate::scene::{LengthUnit, Unit, UnitSource};
 
@@ -108,89 +112,6 @@ impl SizeEvidence<'_> {
     }
 }
 
-/// A piece of evidence for or against a unit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(rename_all = "snake_case", tag = "reason")]
-pub enum UnitReason {
-    /// The request declares this unit.
-    Declared,
-    /// The file states this unit.
-    StatedByFile,
-    /// The program that wrote the file writes this unit.
-    Program,
-    /// Other files of the job have this unit.
-    Siblings,
-    /// The size in this unit is usual, small or large for a print.
-    Size {
-        /// The longest side, in millimetres.
-        longest_mm: f64,
-        /// Whether the process prints this size.
-        is_printed: bool,
-    },
-    /// The walls in this unit.
-    Walls {
-        /// The median wall, in millimetres.
-        median_mm: f64,
-        /// Whether they are as thick as usual walls.
-        is_usual: bool,
-    },
-    /// Lengths in this unit are round.
-    RoundLengths {
-        /// Lengths that are multiples of 0.5 mm.
-        metric: usize,
-        /// Lengths that are multiples of 1/32 inch.
-        imperial: usize,
-        /// All lengths.
-        of: usize,
-    },
-    /// Holes in this unit fit metric screws.
-    ScrewHoles {
-        /// Holes that fit.
-        fit: usize,
-        /// All holes.
-        of: usize,
-    },
-}
-
-impl UnitReason {
-    /// The evidence in words.
-    #[must_use]
-    pub fn in_words(&self) -> String {
-        match *self {
-            Self::Declared => "the request declares it".to_owned(),
-            Self::StatedByFile => "the file states it".to_owned(),
-            Self::Program => "the program that wrote the file writes it".to_owned(),
-            Self::Siblings => "other files of the job have it".to_owned(),
-            Self::Size { longest_mm, is_printed } => {
-                let can = if is_printed { "a size the process prints" } else { "a size the process does not print" };
-                format!("the longest side would be {} mm, {can}", short(longest_mm))
-            }
-            Self::Walls { median_mm, is_usual } => {
-                let usual = if is_usual { "as usual" } else { "which is unusual" };
-                format!("walls would be {} mm thick, {usual}", short(median_mm))
-            }
-            Self::RoundLengths { metric, imperial, of } if imperial > metric => {
-                format!("{imperial} of {of} lengths would be multiples of 1/32 inch")
-            }
-            Self::RoundLengths { metric, of, .. } => format!("{metric} of {of} lengths would be multiples of 0.5 mm"),
-            Self::ScrewHoles { fit, of } => format!("{fit} of {of} holes would fit metric screws"),
-        }
-    }
-}
-
-/// A number with three significant digits.
-fn short(x: f64) -> String {
-    if x == 0.0 || !x.is_finite() {
-        return format!("{x}");
-    }
-    #[expect(clippy::cast_possible_truncation, reason = "an exponent")]
-    let digits = (2 - x.abs().log10().floor() as i32).clamp(0, 12);
-    #[expect(clippy::cast_sign_loss, reason = "clamped")]
-    let text = format!("{x:.*}", digits as usize);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-}
-
 /// A unit that the file may have.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -238,17 +159,48 @@ impl fmt::Display for UnitCandidates {
     }
 }
 
+/// What a file says about its unit besides its size and its walls.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FileEvidence {
+    /// Sizes that a designer chose, in the file's unit.
+    pub sizes: DesignedSizes,
+    /// Text about the program that wrote the file.
+    pub program: Option<String>,
+    /// The unit of other files of the same job, if they agree.
+    pub siblings: Option<Unit>,
+}
+
+impl FileEvidence {
+    /// The evidence of a file's surface and of the text in which it names a program; empty if the unit is declared.
+    #[must_use]
+    pub fn of(analysis: &Analysis<'_>, unit: &LengthUnit, program: Option<String>) -> Self {
+        if unit.source == UnitSource::Declared {
+            return Self::default();
+        }
+        Self { sizes: designed_sizes(&analysis.surface, &analysis.edges), program, siblings: None }
+    }
+}
+
 /// The units that an inspected file may have, ranked; `None` if the unit is known and plausible.
 #[must_use]
 pub fn units_in_doubt(
     inspection: &Inspection,
     unit: &LengthUnit,
+    file: &FileEvidence,
     build_volume_mm: Option<[f64; 3]>,
 ) -> Option<UnitCandidates> {
     let wall = inspection.print.as_ref().and_then(|print| print.thinnest_wall.as_ref());
     let bounds = inspection.measures.bounding_box?;
-    let walls = (wall.map(|wall| wall.median), wall.map(|wall| wall.thickness));
-    in_doubt(bounds, walls, unit, build_volume_mm)
+    let evidence = SizeEvidence {
+        median_wall: wall.map(|wall| wall.median),
+        least_wall: wall.map(|wall| wall.thickness),
+        lengths: &file.sizes.lengths,
+        holes: &file.sizes.holes,
+        program: file.program.as_deref(),
+        siblings: file.siblings,
+        ..evidence_of_box(bounds, unit, build_volume_mm)
+    };
+    in_doubt(&evidence, unit)
 }
 
 /// The units that a file with these bounds may have, ranked; `None` if the unit is known and plausible.
@@ -258,22 +210,20 @@ pub fn units_of_box_in_doubt(
     unit: &LengthUnit,
     build_volume_mm: Option<[f64; 3]>,
 ) -> Option<UnitCandidates> {
-    in_doubt(bounds, (None, None), unit, build_volume_mm)
+    in_doubt(&evidence_of_box(bounds, unit, build_volume_mm), unit)
 }
 
-fn in_doubt(
-    bounds: BoundingBox,
-    walls: (Option<f64>, Option<f64>),
-    unit: &LengthUnit,
-    build_volume_mm: Option<[f64; 3]>,
-) -> Option<UnitCandidates> {
+fn evidence_of_box(bounds: BoundingBox, unit: &LengthUnit, build_volume_mm: Option<[f64; 3]>) -> SizeEvidence<'static> {
     let mut evidence = SizeEvidence::of(Box3 { min: bounds.min.into(), max: bounds.max.into() });
-    (evidence.median_wall, evidence.least_wall) = walls;
     evidence.stated = (unit.source != UnitSource::Assumed).then_some((unit.used, unit.source));
     if let Some(volume) = build_volume_mm {
         evidence.printed_mm[1] = volume.into_iter().fold(0.0, f64::max);
     }
-    let candidates = unit_candidates(&evidence);
+    evidence
+}
+
+fn in_doubt(evidence: &SizeEvidence<'_>, unit: &LengthUnit) -> Option<UnitCandidates> {
+    let candidates = unit_candidates(evidence);
     let is_in_doubt = candidates.likely.is_some() || candidates.normalised;
     (is_in_doubt && unit.source != UnitSource::Declared).then_some(candidates)
 }

@@ -66,10 +66,18 @@ pub fn draw_repaired(
 ) -> Result<Vec<Drawing>, RenderError> {
     let mut drawings = draw_input(before, "before.png", "before", context)?;
     if let Some(after) = after {
-        let scene = Scene::new(after.soup, after.findings, context)?;
-        drawings.push(Drawing { name: "after.png", bytes: write_picture(&scene, "after", context)? });
+        drawings.push(draw_result(after, context)?);
     }
     Ok(drawings)
+}
+
+/// Draws the result of a repair: `after.png`.
+///
+/// # Errors
+/// [`RenderError`].
+pub fn draw_result(after: Marked<'_>, context: &Context<'_>) -> Result<Drawing, RenderError> {
+    let scene = Scene::new(after.soup, after.findings, context)?;
+    Ok(Drawing { name: "after.png", bytes: write_picture(&scene, "after", context)? })
 }
 
 /// Draws the remaining defects of a result that is not printable: `remaining.glb`.

@@ -4,7 +4,7 @@ use super::change::ChangeKind;
 use super::input::{Input, RepairError};
 use super::judge::Judged;
 use super::operators::thicken::THICKNESS;
-use super::options::{Category, Interior, Islands, Operator, Options, Preset, Voids, WindingRuleChoice};
+use super::options::{Category, Interior, Islands, Operator, Options, Preset, WindingRuleChoice};
 use super::presets::changes_printable;
 use super::report::{Assumption, AssumptionKind, Candidate, OmittedSection, Outcome, Plan, Step, StepStatus, Strategy};
 use super::report_draft::ReportDraft;
@@ -393,7 +393,7 @@ fn cavities(judged: &Judged, input: &Analysis<'_>, options: &Options) -> Vec<Ass
     }
     let mut filled = parts_with_reason(judged, input, |reason| reason == PartReason::InsideAnother);
     filled.retain(|part| part.closed && part.volume < 0.0);
-    let is_requested = options.print.voids == Voids::Fill || options.print.interior == Interior::Fill;
+    let is_requested = options.print.fills_cavities() || options.print.interior == Interior::Fill;
     if !filled.is_empty() && !is_requested {
         let (count, volume) = (filled.len() as u64, filled.iter().map(|cavity| cavity.volume.abs()).sum());
         let detail = format!("{} filled.", counted(count, "sealed cavity was", "sealed cavities were"));

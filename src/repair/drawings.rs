@@ -13,6 +13,7 @@ use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::mesh::Soup;
 use crate::printing::thickness::{Space, thickness_field};
 use crate::render::{self, Drawing, Marked, draw_change, draw_remaining, draw_repaired, draw_thickness};
+use crate::scene::LengthUnit;
 
 impl Report {
     /// The names of the drawings that [`draw`] makes of the input and of the returned file.
@@ -77,6 +78,18 @@ pub fn draw(
             draw_both(&after, Marked { soup: &mesh.soup, findings: &findings }, inspection.measures.printable())
         }
     }
+}
+
+/// Draws a returned file alone, with its remaining defects: `after.png`. `report` is the report of its repair.
+///
+/// # Errors
+/// [`DrawError`] if the file cannot be read, the drawing fails, or the time is over.
+pub fn draw_result(repaired: &[u8], report: &Report, context: &Context<'_>) -> Result<Drawing, DrawError> {
+    let LengthUnit { used, up, .. } = report.unit;
+    let mesh = format::read_shape(repaired, &ReadOptions::within(Limits::NONE))?.mesh_in(used, up);
+    let analysis = Analysis::new(subject(&mesh, Some(&report.unit)), context)?;
+    let (_, findings) = inspect_measured(&analysis, context)?;
+    Ok(render::draw_result(Marked { soup: &mesh.soup, findings: &findings }, context)?)
 }
 
 /// The wall thickness, in millimetres, to which a drawing of walls relates; `None` if no option states one.

@@ -2,12 +2,14 @@
 
 use std::time::Duration;
 
+use super::estimate::estimate;
 use super::judge::{
     Details, JudgeError, Judged, Judging, Patches, inspect_counts, inspect_in_time, read_own, surface_shares,
 };
 use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::Orient;
 use super::options::{Nested, Options};
+use super::presets::changes_printable;
 use super::red_flags::AddedSurface;
 use super::remesher::Remesher;
 use super::report::OmittedSection;
@@ -252,6 +254,9 @@ pub(super) fn with_inspected_input<T>(
     let &MeshSource { bytes, mesh, unit } = source;
     let analysis = &Analysis::new(subject(mesh, unit), &context.for_verification())?;
     let (before, time) = &inspect_input(analysis, began, context)?;
+    let keeps_whole = !changes_printable(options) && !options.asks_for_fewer_faces_than(before.measures.faces);
+    let is_whole = before.measures.printable() && keeps_whole;
+    context.estimate(estimate(&before.measures, is_whole));
     let settled = settle_orientation(analysis, &before.measures, options, context)?;
     let settled = analyse_settled(settled.as_ref(), context)?;
     let original = Original::new(analysis, &before.measures, CompareOptions::BRIEF).with_settled(settled.as_ref());

@@ -1,6 +1,6 @@
 //! The judging of results: each result is written, read back, measured and compared with the input, and gets a rank.
 
-use super::options::{Options, OutputFormat};
+use super::options::{Options, OutputFormat, Verify};
 use super::part_accounting::{part_accounting, parts_dropped, surviving_input};
 use super::red_flags::{AddedSurface, Comparison, part_lost, red_flags, surface_invented};
 use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode};
@@ -110,7 +110,10 @@ impl Judging<'_, '_> {
         let bytes = format::write(&surface.to_soup(), format)?;
         let read = read_own(&bytes)?;
         let unit = input.analysis().subject.unit.map(|unit| unit_for_readers(unit, options.output));
-        let analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
+        let mut analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
+        if options.verify == Verify::Changed {
+            analysis.reuse_intersections(input.analysis());
+        }
         let measures = measure_analysis(&analysis, verification)?;
         let part_accounting = part_accounting(input, &analysis, options, is_interior_filled, verification)?;
         // The format keeps the order of faces, so `patches` fits the faces that were read back.

@@ -3,6 +3,7 @@
 //! [`repair`] is the entry point. A plan ([`make_plan`]) is a list of strategies, a strategy is a list of actions, and an action is a list
 //! of [`operators`]. Operators work on a [`crate::mesh::Surface`] and return their changes as [`Change`]s.
 
+mod alternatives;
 mod attribute_transfer;
 mod body;
 mod change;
@@ -10,6 +11,7 @@ mod common_start;
 mod conclusion;
 mod drawings;
 mod escalation;
+mod estimate;
 mod export;
 mod forecast;
 mod input;
@@ -40,12 +42,13 @@ mod unite;
 
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use crate::inspect::{AccountedPart, Changes, LostPart, OptionsError, PartAccounting, PartReason};
+pub use alternatives::{AlternativeRequest, AlternativeRuns, DEFAULT_CHOICE, RepairedAlternative};
 pub use change::{Change, ChangeKind};
-pub use drawings::draw;
+pub use drawings::{draw, draw_result};
 pub use input::RepairError;
 pub use options::{
     Category, Interior, Islands, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, PrintOptions,
-    Require, Voids, WallGrowth, WindingRuleChoice,
+    Require, Verify, Voids, WallGrowth, WindingRuleChoice,
 };
 pub use options_not_applied::options_accounted_for;
 pub use part_accounting::part_accounting;
@@ -54,8 +57,9 @@ pub use plan::{categorise, make_plan};
 pub use red_flags::{Comparison, SurvivingInput, red_flags};
 pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};
 pub use report::{
-    Action, Assumption, AssumptionKind, Candidate, FileSummary, NotAppliedCause, ObjectReport, OfferedFile,
-    OmittedSection, OptionNotApplied, Outcome, Plan, PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode,
-    Report, ReportedOptions, Step, StepStatus, Strategy, UnfixedFaces, Verdict, When,
+    Action, Alternative, Alternatives, Assumption, AssumptionKind, Candidate, FileSummary, NotAppliedCause, NotOffered,
+    NotOfferedCause, ObjectReport, OfferedFile, OmittedSection, OpenQuestion, OptionNotApplied, Outcome, Plan,
+    PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode, Report, ReportedOptions, Step, StepStatus, Strategy,
+    UnfixedFaces, Verdict, When,
 };
 pub use time_budget::promised_overrun;

@@ -8,7 +8,9 @@ mod print;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-pub use self::choices::{Category, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require, WindingRuleChoice};
+pub use self::choices::{
+    Category, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require, Verify, WindingRuleChoice,
+};
 pub use self::print::{Interior, Islands, PrintOptions, Voids, WallGrowth};
 pub use super::operators::Operator;
 pub use super::operators::holes::HoleFilling;
@@ -35,6 +37,8 @@ pub struct Options {
     pub merge: Merge,
     /// Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned.
     pub require: Require,
+    /// Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer.
+    pub verify: Verify,
     /// Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<Unit>,
@@ -181,6 +185,9 @@ pub struct Options {
     /// Whether pictures of the defects and of the changes are offered: `before.png`, `after.png`, `defects.glb`, `defects.ply`,
     /// `change.png`, `change.glb` and `change.ply`. The first request for one of them draws all.
     pub pictures: bool,
+    /// Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
+    /// A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
+    pub alternatives: bool,
     /// Options that prepare the model for a printing process.
     #[serde(flatten)]
     #[cfg_attr(feature = "openapi", param(ignore))]
@@ -195,6 +202,7 @@ impl Default for Options {
             output: OutputFormat::Auto,
             merge: Merge::Auto,
             require: Require::Any,
+            verify: Verify::Changed,
             unit: None,
             scale_to: None,
             with: Vec::new(),
@@ -236,6 +244,7 @@ impl Default for Options {
             voxel_resolution: 300,
             max_remesh_faces: 1_000_000,
             pictures: true,
+            alternatives: false,
             print: PrintOptions::default(),
         }
     }

@@ -19,6 +19,7 @@ use super::size::{other_units, settle_size};
 use super::time_budget::with_overrun;
 use crate::context::{Context, Stage};
 use crate::format::{self, Format, Limits, ReadFile, ReadOptions};
+use crate::printing::unit_candidates::FileEvidence;
 use crate::scene::Scene;
 
 /// A repaired file and its report.
@@ -92,7 +93,8 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
             options_not_applied: merge_not_applied(options, file.has_objects(), opened.separate_objects),
             warnings: scene.and_then(|scene| format::losses_in_words(scene, opened.format)).into_iter().collect(),
         });
-        report.unit_candidates = other_units(&report);
+        let evidence = FileEvidence::of(input.analysis, &report.unit, format::program_of(bytes, file.mesh.format));
+        report.unit_candidates = other_units(&report, &evidence);
         report.scaled_by = (opened.scaled_by != 1.0).then_some(opened.scaled_by);
         if let Some(profile) = options.print.profile().filter(|_| report.output.is_some()) {
             let readiness = assess_output(&repaired.bytes, &report, &profile, &context.for_verification())?;

@@ -245,7 +245,7 @@ fn operators_asked_for(options: &Options) -> Vec<Operator> {
         (above_zero(options.stitch_threshold) || above_zero(options.stitch_distance), Operator::Stitch),
         (options.min_part_volume_pct > 0.0, Operator::DropSmallParts),
         (matches!(options.print.islands, Islands::Drop | Islands::Attach), Operator::TreatIslands),
-        (options.print.voids == Voids::Fill, Operator::FillVoids),
+        (options.print.fills_cavities(), Operator::FillVoids),
         (options.print.voids == Voids::Vent, Operator::VentVoids),
         (options.print.wall_to_reach_mm().is_some(), Operator::ThickenWalls),
     ];

@@ -1,11 +1,15 @@
 //! The report of a repair and of its objects, as it is written to JSON.
 
+mod alternatives;
+mod file_summary;
 mod findings;
 mod outcome;
 mod steps;
 
 use serde::{Deserialize, Serialize};
 
+pub use self::alternatives::{Alternative, Alternatives, NotOffered, NotOfferedCause, OpenQuestion};
+pub use self::file_summary::FileSummary;
 pub use self::findings::{
     Assumption, AssumptionKind, NotAppliedCause, OmittedSection, OptionNotApplied, RedFlag, RedFlagCode,
     ReportedOptions,
@@ -14,7 +18,6 @@ pub use self::outcome::{OfferedFile, Outcome, Property, Verdict};
 pub use self::steps::{Action, Candidate, Plan, PlannedAction, Step, StepStatus, Strategy, UnfixedFaces, When};
 use self::steps::{abridge_candidates, abridge_steps};
 use super::options::Require;
-use crate::format::Format;
 use crate::inspect::{Changes, Inspection, Measures, PartAccounting};
 use crate::printing::readiness::PrintReadiness;
 use crate::printing::unit_candidates::UnitCandidates;
@@ -29,7 +32,8 @@ use crate::scene::LengthUnit;
 /// - 6: adds `verdict`, `assumptions`, `options_not_applied`, `steps[].unfixed` and the red flags `surface_invented`,
 ///   `objects_intersect` and `vertex_loss`.
 /// - 7: adds `abridged`, and `operators` of a planned action may be missing.
-/// - 8: renames fields, and adds `print_ready`, `unit_candidates`, `scaled_by` and the assumption `interior_filled`.
+/// - 8: renames fields, and adds `print_ready`, `unit_candidates`, `scaled_by`, `alternatives` and the assumption
+///   `interior_filled`.
 pub const REPORT_VERSION: u32 = 8;
 
 /// Most candidates for the unit in an abridged report.
@@ -81,6 +85,9 @@ pub struct Report {
     /// Whether the returned file meets each rule of the process. Missing without the option `process`, or if there was no time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub print_ready: Option<PrintReadiness>,
+    /// The results to choose from, where the file leaves the model's intent open. Missing without the option `alternatives`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alternatives: Option<Alternatives>,
     /// The changes from `before` to `after`.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub changes: Option<Changes>,
@@ -111,25 +118,6 @@ pub struct Report {
     pub warnings: Vec<String>,
     /// Time from the first byte read to the last byte written, in milliseconds.
     pub milliseconds: f64,
-}
-
-/// The format and size of the input file or of the returned file.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct FileSummary {
-    /// The file format.
-    pub format: Format,
-    /// The dialect of the format, such as `binary STL`.
-    pub dialect: String,
-    /// The size in bytes.
-    pub bytes: u64,
-}
-
-impl FileSummary {
-    /// The summary of written bytes.
-    pub(super) fn of(format: Format, dialect: &str, bytes: &[u8]) -> Self {
-        Self { format, dialect: dialect.to_owned(), bytes: bytes.len() as u64 }
-    }
 }
 
 /// The report of one object that was repaired separately, in its own coordinates.

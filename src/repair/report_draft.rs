@@ -103,6 +103,7 @@ impl ReportDraft {
             verified_from_output_bytes: self.after.is_some(),
             after: self.after,
             print_ready: None,
+            alternatives: None,
             changes: self.changes,
             part_accounting: self.part_accounting,
             plan: self.plan,

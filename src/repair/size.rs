@@ -6,7 +6,7 @@ use crate::format::ReadFile;
 use crate::inspect::OptionsError;
 use crate::math::Box3;
 use crate::printing::target_size::{TargetSize, scale_to_target};
-use crate::printing::unit_candidates::{UnitCandidates, units_in_doubt};
+use crate::printing::unit_candidates::{FileEvidence, UnitCandidates, units_in_doubt};
 use crate::scene::{LengthUnit, UnitSource, Up};
 
 /// Settles the unit of a file's lengths, and scales the model to the size that the options ask for. Returns the unit and the
@@ -37,8 +37,8 @@ fn target_of(options: &PrintOptions) -> Option<(&'static str, TargetSize)> {
 }
 
 /// The units that the file may have, ranked; `None` if the unit is known and plausible.
-pub(super) fn other_units(report: &Report) -> Option<UnitCandidates> {
+pub(super) fn other_units(report: &Report, file: &FileEvidence) -> Option<UnitCandidates> {
     let inspection = report.after.as_ref().unwrap_or(&report.before);
     let printed = report.options.print.profile().and_then(|profile| profile.build_volume_mm);
-    units_in_doubt(inspection, &report.unit, printed.map(|volume| volume.size))
+    units_in_doubt(inspection, &report.unit, file, printed.map(|volume| volume.size))
 }

@@ -12,9 +12,9 @@ use time::OffsetDateTime;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
-use uuid::Uuid;
 
 use super::post::{Envelope, PostResult, Poster};
+use crate::access::{IdSource, random_bytes};
 use crate::jobs::{Clock, DeliveryAttempt, DeliveryResult, DueDelivery, Secrets, SigningSecret, Store, StoreError};
 use crate::telemetry;
 
@@ -79,7 +79,7 @@ pub struct Dispatcher {
     poster: Poster,
     config: DispatcherConfig,
     clock: Arc<dyn Clock>,
-    random: Arc<dyn Random>,
+    ids: Arc<dyn IdSource>,
 }
 
 impl Dispatcher {
@@ -90,9 +90,9 @@ impl Dispatcher {
         poster: Poster,
         config: DispatcherConfig,
         clock: Arc<dyn Clock>,
-        random: Arc<dyn Random>,
+        ids: Arc<dyn IdSource>,
     ) -> Self {
-        Self { store, poster, config, clock, random }
+        Self { store, poster, config, clock, ids }
     }
 
     /// Runs until `drain` is cancelled, then waits for running deliveries until `abort` is cancelled. After an interrupted delivery's
@@ -150,7 +150,7 @@ impl Dispatcher {
     async fn try_deliver(&self, due: &DueDelivery) -> Result<bool, StoreError> {
         let secrets = match &due.secrets {
             Some(secrets) => secrets.clone(),
-            None => self.store.callback_secrets(&due.tenant, &new_secret(self.random.as_ref())).await?,
+            None => self.store.callback_secrets(&due.tenant, &new_secret(self.ids.as_ref())).await?,
         };
         let at = self.clock.now_ms() / 1000;
         let signatures = signatures(&secrets, &due.message, at, &due.payload);
@@ -185,7 +185,7 @@ impl Dispatcher {
 
     /// Decides how a delivery goes on after a response.
     fn judge(&self, response: &PostResult, tries: u32) -> DeliveryResult {
-        let random = (self.random.bits() >> 64) as u64;
+        let random = self.ids.random().as_u64_pair().0;
         match response.status {
             Some(200..300) => DeliveryResult::Delivered,
             Some(410) => DeliveryResult::Gone,
@@ -200,27 +200,10 @@ impl Dispatcher {
 /// Prefix of every secret, by which secret scanners recognise leaked secrets.
 const SECRET_PREFIX: &str = "whsec_";
 
-/// A source of random numbers, which tests replace by a fixed one.
-pub trait Random: Send + Sync {
-    /// Returns 128 bits in the form of a random UUID, 122 of which are random.
-    fn bits(&self) -> u128;
-}
-
-/// The operating system's random number generator.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct SystemRandom;
-
-impl Random for SystemRandom {
-    fn bits(&self) -> u128 {
-        Uuid::new_v4().as_u128()
-    }
-}
-
 /// Creates a signing secret of 32 bytes, with 244 random bits.
 #[must_use]
-pub fn new_secret(random: &dyn Random) -> SigningSecret {
-    let bytes = [random.bits().to_be_bytes(), random.bits().to_be_bytes()].concat();
-    SigningSecret::new(format!("{SECRET_PREFIX}{}", STANDARD.encode(bytes)))
+pub fn new_secret(ids: &dyn IdSource) -> SigningSecret {
+    SigningSecret::new(format!("{SECRET_PREFIX}{}", STANDARD.encode(random_bytes(ids))))
 }
 
 /// Returns the header `webhook-signature` of a message sent at `timestamp`, in seconds since the Unix epoch. The header has one
@@ -246,6 +229,7 @@ fn signature(secret: &SigningSecret, message: &str, timestamp: i64, payload: &st
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::access::SystemIds;
     use crate::jobs::SystemClock;
     use standardwebhooks::Webhook;
 
@@ -276,7 +260,7 @@ mod tests {
     #[test]
     fn both_secrets_sign_until_the_old_one_expires() {
         let now = SystemClock.now_ms() / 1000;
-        let (old, new) = (new_secret(&SystemRandom), new_secret(&SystemRandom));
+        let (old, new) = (new_secret(&SystemIds), new_secret(&SystemIds));
         assert_ne!(old, new);
         assert!(!format!("{new:?}").contains(&new.reveal()[6..]));
         let until = OffsetDateTime::from_unix_timestamp(now).expect("a time") + Duration::from_secs(60);
@@ -292,7 +276,7 @@ mod tests {
             Webhook::new(secret.reveal()).expect("a secret").verify(b"{}", &headers).is_ok()
         };
         assert!(verifies(&old, now) && verifies(&new, now));
-        assert!(!verifies(&new_secret(&SystemRandom), now));
+        assert!(!verifies(&new_secret(&SystemIds), now));
         assert!(!verifies(&old, now + 60) && verifies(&new, now + 60));
     }
 }

@@ -8,6 +8,6 @@ mod dispatcher;
 mod post;
 mod target;
 
-pub use dispatcher::{Dispatcher, DispatcherConfig, Random, Schedule, ScheduleError, SystemRandom, new_secret};
+pub use dispatcher::{Dispatcher, DispatcherConfig, Schedule, ScheduleError, new_secret};
 pub use post::{Poster, PosterError};
 pub use target::{TargetError, TargetPolicy};

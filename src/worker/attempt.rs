@@ -17,9 +17,10 @@ use tokio_util::sync::CancellationToken;
 use tracing::{Instrument, Span};
 
 use super::context::{AttemptError, Shutdown, WorkerContext, pictures, result_files, retry_with_backoff};
+use super::prepared::PreparedChild;
 use super::process::{Excess, JobProcess, explain_excess, explain_exit};
 use super::scratch::sanitize;
-use super::task::{JOB, ProgressLine, Task, pause_alone_at};
+use super::task::{ProgressLine, Task, pause_alone_at};
 use crate::blobs::BlobError;
 use crate::context::Stage;
 use crate::jobs::{
@@ -107,7 +108,7 @@ impl<'a> Attempt<'a> {
 
     async fn try_run(&self, shutdown: &Shutdown) -> Result<Option<Job>, AttemptError> {
         pause_alone_at("worker-claimed").await;
-        let scratch = self.context.scratch.attempt()?;
+        let PreparedChild { scratch, process } = self.context.child()?;
         let folder = scratch.path();
         tokio::select! {
             fetched = self.context.fetch_inputs(&self.job, folder) => fetched?,
@@ -118,14 +119,18 @@ impl<'a> Attempt<'a> {
             }
         }
         pause_alone_at("worker-spawn").await;
-        let child = self.run_child(folder, shutdown).await?;
+        let child = self.run_child(process, folder, shutdown).await?;
         self.settle(folder, child).await
     }
 
     /// Runs the child to its end and appends its standard error and the reason of its end to the job's log.
-    async fn run_child(&self, folder: &Path, shutdown: &Shutdown) -> Result<ChildResult, AttemptError> {
-        let (program, first) = (&self.context.config.program, self.lease.attempt == 1);
-        let mut process = JobProcess::start(program, JOB, folder, first, &self.context.task(&self.job, None))?;
+    async fn run_child(
+        &self,
+        mut process: JobProcess,
+        folder: &Path,
+        shutdown: &Shutdown,
+    ) -> Result<ChildResult, AttemptError> {
+        process.send(&self.context.task(&self.job, self.lease.attempt, None)).await?;
         tracing::info!(process = process.group().as_raw_nonzero(), "started child process");
         let ended = self.watch(&mut process, folder, &shutdown.now).instrument(tracing::info_span!("run")).await;
         let (status, stderr) = process.end(self.context.may_leave_group()).await?;

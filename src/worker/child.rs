@@ -1,32 +1,31 @@
 //! The child process of a job: reads its task, enters its sandbox and runs the engine.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use rustix::process::{Signal, getpgrp, kill_process_group};
 use serde::de::DeserializeOwned;
 
-use super::task::{Confinement, Task, pause_at};
+use super::reporter::Reporter;
+use super::task::{ChildSetup, ProcessLimits, Task, pause_at};
 use crate::analyze::{self, Analyst, AnalyzeError, AnalyzeOptions};
 use crate::blender::{BlenderConfig, BlenderRemesher};
-use crate::context::{Context, Progress, Stage, monotonic_clock};
+use crate::context::{Context, monotonic_clock};
 use crate::format::{ReadError, ReadErrorKind};
-use crate::jobs::{JobOptions, JobProblem, JobProgress, JobReport, ProblemKind};
+use crate::jobs::{JobOptions, JobProblem, JobReport, ProblemKind};
 use crate::render::Drawing;
-use crate::repair::{self, OfferedFile, Options, Remesher, RepairError, repair};
+use crate::repair::{
+    self, AlternativeRequest, AlternativeRuns, OfferedFile, Options, Remesher, RepairError, Repaired,
+    RepairedAlternative, draw_result, repair,
+};
 
-/// The largest size of a job's log, in bytes.
-const LOG_BYTES: u64 = 1 << 20;
 /// The largest size of a job's files, in bytes, for which one thread runs the job. Below it, waking other threads costs more
 /// than they save.
 const FOR_ONE_THREAD: u64 = 256 << 10;
-/// The least time between two progress lines of the same stage: the worker wakes up for every line.
-const REPORT_EVERY: Duration = Duration::from_millis(50);
 
 /// The entry point of a job's child process: reads its task, enters its sandbox, does the work, and writes its files to
 /// `folder`. A hostile file's memory use, or a crash that it causes, is confined to this process.
@@ -41,8 +40,10 @@ pub(super) fn run_job(folder: &Path) -> ExitCode {
 }
 
 fn try_run(folder: &Path) -> io::Result<ExitCode> {
-    let task: Task = read_request()?;
-    enter_sandbox(folder, &task.confinement, task.remesher.as_ref().map(|_| &task.blender))?;
+    read_request::<ChildSetup>()?.enter(folder)?;
+    let Some(task) = read_line::<Task>()? else { return Ok(ExitCode::SUCCESS) };
+    ProcessLimits::limit_cpu(task.cpu)?;
+    apply_failpoints(task.first_attempt);
     end_with_worker()?;
     if task.inputs.iter().map(|input| input.bytes).sum::<u64>() <= FOR_ONE_THREAD {
         let current_only = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
@@ -51,7 +52,7 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let clock = monotonic_clock();
     let progress = Reporter::new(folder, &clock)?;
     let cancel = AtomicBool::new(false);
-    let deadline = Duration::from_secs_f64(task.options.deadline_s().clamp(1.0, 3600.0));
+    let deadline = task.deadline();
     let context = Context::new(&progress, &cancel, &clock, deadline);
     match work(folder, &task, &context) {
         Ok(()) => Ok(ExitCode::SUCCESS),
@@ -64,32 +65,27 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     }
 }
 
-/// Applies the resource limits and enters the sandbox. The caller must have a single thread, and must not have read
-/// untrusted bytes yet. With `blender`, the sandbox permits access to the lock files of Blender's slots.
-///
-/// # Errors
-/// When a limit can't be set, or the sandbox can't be entered.
-pub(super) fn enter_sandbox(
-    folder: &Path,
-    confinement: &Confinement,
-    blender: Option<&BlenderConfig>,
-) -> io::Result<()> {
-    confinement.limits.apply()?;
-    let mut sandbox = confinement.sandbox.clone();
-    if let Some(blender) = blender {
-        sandbox.readable.push(blender.prepare_slots()?);
+/// Removes tests' failpoints from this process, except in a first attempt.
+fn apply_failpoints(_first_attempt: bool) {
+    #[cfg(feature = "failpoints")]
+    if !_first_attempt {
+        fail::list().into_iter().for_each(|(name, _)| fail::remove(name));
     }
-    sandbox.enter(folder)
 }
 
 /// Reads the worker's request: the first line on standard input.
 ///
 /// # Errors
-/// When the line can't be read or is not the expected JSON.
+/// When there is no line, or it is not the expected JSON.
 pub(super) fn read_request<T: DeserializeOwned>() -> io::Result<T> {
+    read_line()?.ok_or_else(|| io::Error::other("the worker sent no request"))
+}
+
+/// Reads the next line on standard input; `None` if the worker closed the pipe.
+fn read_line<T: DeserializeOwned>() -> io::Result<Option<T>> {
     let mut line = String::new();
-    io::stdin().read_line(&mut line)?;
-    Ok(serde_json::from_str(&line)?)
+    let bytes = io::stdin().read_line(&mut line)?;
+    Ok(if bytes == 0 { None } else { Some(serde_json::from_str(&line)?) })
 }
 
 /// Starts a thread that watches the lifeline and kills the process group when the worker has ended. Nobody needs this job's
@@ -104,74 +100,6 @@ pub(super) fn end_with_worker() -> io::Result<()> {
         let _ = kill_process_group(getpgrp(), Signal::KILL);
     })?;
     Ok(())
-}
-
-/// Writes progress as lines on standard output, and the log to a file of bounded size.
-struct Reporter<'a> {
-    clock: &'a (dyn Fn() -> Duration + Sync),
-    /// The last reported stage and tier, and the time of that report.
-    last: Mutex<Option<(Stage, Option<u8>, Duration)>>,
-    log: Mutex<Log>,
-}
-
-struct Log {
-    file: File,
-    /// Bytes that may still be written.
-    remaining: u64,
-}
-
-impl<'a> Reporter<'a> {
-    fn new(folder: &Path, clock: &'a (dyn Fn() -> Duration + Sync)) -> io::Result<Self> {
-        let file = File::options().create(true).append(true).open(folder.join(Task::LOG))?;
-        Ok(Self { clock, last: Mutex::new(None), log: Mutex::new(Log { file, remaining: LOG_BYTES }) })
-    }
-
-    /// Whether a report of this stage and tier is due; if so, it is recorded as reported.
-    fn is_due(&self, stage: Stage, tier: Option<u8>) -> bool {
-        let now = (self.clock)();
-        let Ok(mut last) = self.last.lock() else { return false };
-        let is_recent = |&(s, t, at): &(_, _, Duration)| (s, t) == (stage, tier) && now < at + REPORT_EVERY;
-        let due = !last.as_ref().is_some_and(is_recent);
-        if due {
-            *last = Some((stage, tier, now));
-        }
-        due
-    }
-}
-
-impl Progress for Reporter<'_> {
-    fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
-        let line = serde_json::to_string(&JobProgress { stage, tier, percent });
-        if let Some(line) = line.ok().filter(|_| self.is_due(stage, tier)) {
-            // A worker that closed the pipe is about to kill this process.
-            let _ = writeln!(io::stdout(), "{line}");
-            let _ = io::stdout().flush();
-        }
-        match (stage, tier) {
-            (Stage::Read, _) => pause_at("child-read"),
-            (Stage::Inspect, _) => pause_at("child-inspect"),
-            (Stage::Repair, Some(1)) => pause_at("child-tier1"),
-            (Stage::Repair, Some(2)) => pause_at("child-tier2"),
-            (Stage::Repair, Some(3)) => pause_at("child-tier3"),
-            (Stage::Verify, _) => pause_at("child-verify"),
-            (Stage::Finish, _) => pause_at("child-finish"),
-            (Stage::Repair | Stage::Wait, _) => {}
-        }
-    }
-
-    fn log(&self, line: &str) {
-        let Ok(mut log) = self.log.lock() else { return };
-        let bytes = line.len() as u64 + 1;
-        if log.remaining == 0 {
-            return;
-        }
-        let remaining = log.remaining.saturating_sub(bytes);
-        let line = if remaining == 0 { "log truncated: size limit reached" } else { line };
-        // One system call for the whole line.
-        if log.file.write_all(format!("{line}\n").as_bytes()).is_ok() {
-            log.remaining = remaining;
-        }
-    }
 }
 
 /// Why a task has no result.
@@ -199,11 +127,37 @@ fn run_repair(folder: &Path, task: &Task, options: &Options, context: &Context<'
     });
     let remesher = remesher.as_ref().map(|r| -> &dyn Remesher { r });
     let bytes = fs::read(folder.join(Task::input(0)))?;
-    let repaired = repair(&bytes, options, &task.limits, remesher, context)?;
+    let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
+    let mut repaired = repair(&bytes, options, &task.limits, remesher, context)?;
     if repaired.report.verdict.file == OfferedFile::Model {
         fs::write(folder.join(Task::MODEL), &repaired.bytes)?;
     }
-    write_report(folder, &JobReport::Repair(Box::new(repaired.report)))
+    if options.alternatives {
+        let request = AlternativeRequest { input: &bytes, options, limits: &task.limits, remesher, context };
+        write_alternatives(folder, request, &mut repaired)?;
+    }
+    write_report(folder, Task::FULL_REPORT, &JobReport::Repair(Box::new(repaired.report)))
+}
+
+/// Makes the alternatives of a repair, writes the files of each, and adds them to the report. The report is written before the first
+/// one, so that an alternative that exceeds a limit costs only itself.
+fn write_alternatives(folder: &Path, request: AlternativeRequest<'_>, default: &mut Repaired) -> Result<(), Failed> {
+    let mut runs = AlternativeRuns::new(request, default)?;
+    default.report.alternatives = Some(runs.summary());
+    write_report(folder, Task::FULL_REPORT, &JobReport::Repair(Box::new(default.report.clone())))?;
+    while let Some(RepairedAlternative { id, repaired }) = runs.make_next()? {
+        pause_at("child-alternative");
+        write_whole(folder, &Task::model_of(&id), &repaired.bytes)?;
+        if request.options.pictures {
+            match draw_result(&repaired.bytes, &repaired.report, request.context) {
+                Ok(drawing) => write_whole(folder, &Task::picture_of(&id), &drawing.bytes)?,
+                Err(error) => request.context.log(&format!("{id}: no picture was drawn: {error}")),
+            }
+        }
+        write_report(folder, &Task::report_of(&id), &JobReport::Repair(Box::new(repaired.report)))?;
+    }
+    default.report.alternatives = Some(runs.summary());
+    Ok(())
 }
 
 fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &Context<'_>) -> Result<(), Failed> {
@@ -211,7 +165,7 @@ fn run_analysis(folder: &Path, task: &Task, options: &AnalyzeOptions, context: &
     for (number, input) in task.inputs.iter().enumerate() {
         analyst.add(&input.name, Some(&input.sha256), &fs::read(folder.join(Task::input(number)))?)?;
     }
-    write_report(folder, &JobReport::Analyze(Box::new(analyst.finish()?)))
+    write_report(folder, Task::FULL_REPORT, &JobReport::Analyze(Box::new(analyst.finish()?)))
 }
 
 fn draw_repair(
@@ -252,7 +206,7 @@ fn write_drawings(folder: &Path, number: usize, drawings: Vec<Drawing>) -> Resul
     Ok(drawings.iter().try_for_each(write)?)
 }
 
-fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
+fn write_report(folder: &Path, name: &str, report: &JobReport) -> Result<(), Failed> {
     let report = serde_json::to_vec_pretty(report).map_err(io::Error::from)?;
     if report.len() > Task::REPORT_BYTES {
         let max = Task::REPORT_BYTES >> 20;
@@ -260,7 +214,7 @@ fn write_report(folder: &Path, report: &JobReport) -> Result<(), Failed> {
             format!("The report is larger than the maximum of {max} MiB. Request fewer places, or send fewer files.");
         return Err(problem(ProblemKind::FileLimit, detail, None).into());
     }
-    Ok(write_whole(folder, Task::FULL_REPORT, &report)?)
+    Ok(write_whole(folder, name, &report)?)
 }
 
 /// Writes a file by renaming a temporary file, so that an interrupted process leaves either the whole file or none.
@@ -319,42 +273,4 @@ fn problem(code: ProblemKind, mut detail: String, read: Option<&ReadError>) -> J
         detail = format!("{}. Send the model with fewer faces.", detail.trim_end_matches('.'));
     }
     JobProblem { place: read.and_then(|read| read.place), ..JobProblem::new(code, detail) }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::atomic::{AtomicU64, Ordering};
-
-    use super::*;
-
-    #[test]
-    fn progress_is_due_at_each_new_stage_and_then_at_intervals() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let now = AtomicU64::new(0);
-        let clock = || Duration::from_millis(now.load(Ordering::Relaxed));
-        let reporter = Reporter::new(folder.path(), &clock).expect("a log");
-        let at = |milliseconds, stage, tier| {
-            now.store(milliseconds, Ordering::Relaxed);
-            reporter.is_due(stage, tier)
-        };
-        assert!(at(0, Stage::Read, None));
-        assert!(at(1, Stage::Repair, Some(1)));
-        assert!(!at(2, Stage::Repair, Some(1)));
-        assert!(at(3, Stage::Repair, Some(2)));
-        assert!(!at(52, Stage::Repair, Some(2)));
-        assert!(at(53, Stage::Repair, Some(2)));
-        assert!(!at(54, Stage::Repair, Some(2)));
-        assert!(at(54, Stage::Verify, None));
-    }
-
-    #[test]
-    fn a_log_is_truncated_at_its_size_limit() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let reporter = Reporter::new(folder.path(), &|| Duration::ZERO).expect("a log");
-        let line = "x".repeat(1000);
-        (0..2000).for_each(|_| reporter.log(&line));
-        let log = fs::read_to_string(folder.path().join(Task::LOG)).expect("a log");
-        assert!(log.len() as u64 <= LOG_BYTES && log.len() > 1_000_000, "{}", log.len());
-        assert!(log.ends_with("x\nlog truncated: size limit reached\n"));
-    }
 }

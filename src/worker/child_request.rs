@@ -14,10 +14,10 @@ use serde::{Deserialize, Serialize};
 use tokio::io::AsyncReadExt;
 use tokio_util::sync::CancellationToken;
 
-use super::child::{end_with_worker, enter_sandbox, read_request};
+use super::child::{end_with_worker, read_request};
 use super::context::WorkerContext;
 use super::process::JobProcess;
-use super::task::{Confinement, TRIAL, WARM_UP};
+use super::task::{ChildSetup, Confinement, TRIAL, WARM_UP};
 use crate::blender::{BlenderConfig, WarmUpResult, warm_up};
 use crate::repair::RemesherInfo;
 use crate::sandbox::{Protections, SandboxMode, Trial};
@@ -46,7 +46,7 @@ impl<Q: Serialize> ChildRequest<'_, Q> {
     /// # Errors
     /// When the process can't be started or gives no complete response; the error then has its standard error.
     async fn send<A: DeserializeOwned>(self, stop: &CancellationToken) -> io::Result<A> {
-        let mut process = JobProcess::start(self.program, self.verb, self.folder, false, &self.body)?;
+        let mut process = JobProcess::start(self.program, self.verb, self.folder, &self.body)?;
         let mut response = Vec::new();
         if let Some(stdout) = process.stdout() {
             let mut stdout = stdout.take(RESPONSE_BYTES);
@@ -149,7 +149,7 @@ pub(super) async fn warm_blender_up(context: Arc<WorkerContext>, remesher: Remes
 /// The child entry point of Blender's warm-up; `folder` is the child's scratch folder.
 pub(super) fn run_warm_up(folder: &Path) -> ExitCode {
     answer_request(|WarmUpRequest { confinement, remesher, blender }| {
-        enter_sandbox(folder, &confinement, Some(&blender))?;
+        ChildSetup { confinement, blender: Some(blender.clone()) }.enter(folder)?;
         end_with_worker()?;
         Ok(warm_up(remesher, BlenderConfig { scratch: Some(folder.to_owned()), ..blender }))
     })

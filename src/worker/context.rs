@@ -12,9 +12,10 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
-use super::process::{Excess, SharedLimits};
+use super::prepared::{PreparedChild, PreparedChildren};
+use super::process::{Excess, JobProcess, SharedLimits};
 use super::scratch::Scratch;
-use super::task::{Confinement, ProcessLimits, Task};
+use super::task::{ChildSetup, Confinement, JOB, MAX_DEADLINE, ProcessLimits, Task, deadline};
 use crate::blender::BlenderConfig;
 use crate::blobs::{BlobError, Blobs, Stored, free_bytes};
 use crate::format::{Format, Limits};
@@ -67,6 +68,8 @@ pub struct WorkerConfig {
     pub remesher: Option<RemesherInfo>,
     /// The settings of tier 3.
     pub blender: BlenderConfig,
+    /// Whether each idle slot keeps a child process that waits for a task.
+    pub prepared_children: bool,
     /// Whether to run Blender once on a small model at the start.
     pub blender_warm_up: bool,
 }
@@ -116,6 +119,8 @@ pub(super) struct WorkerContext {
     pub scratch: Scratch,
     /// The sandbox of every job.
     pub sandbox: Sandbox,
+    /// The child processes that wait for a task.
+    pub prepared: PreparedChildren,
     /// The protections found by the sandbox trial; `None` before the trial.
     pub status: Option<SandboxStatus>,
 }
@@ -147,14 +152,15 @@ impl WorkerContext {
     }
 
     /// The task of a job's child process: to run the job, or, with `draw`, to draw the pictures of that file.
-    pub(super) fn task(&self, job: &Job, draw: Option<OfferedFile>) -> Task {
+    pub(super) fn task(&self, job: &Job, attempt: u32, draw: Option<OfferedFile>) -> Task {
         let config = &self.config;
         Task {
             inputs: job.inputs.clone(),
             options: job.options.clone(),
             draw,
             limits: config.limits,
-            confinement: self.confinement(self.time_limit(job)),
+            cpu: self.confinement(self.time_limit(job)).limits.cpu,
+            first_attempt: attempt == 1,
             remesher: config.remesher.clone().filter(|_| draw.is_none()),
             blender: config.blender.clone(),
         }
@@ -162,7 +168,11 @@ impl WorkerContext {
 
     /// The time after which a job's processes are killed. A repair that keeps its own deadline ends before.
     fn time_limit(&self, job: &Job) -> Duration {
-        let deadline = Duration::from_secs_f64(job.options.deadline_s().clamp(1.0, 3600.0));
+        self.longest_run(deadline(&job.options))
+    }
+
+    /// The same for a job with this deadline.
+    fn longest_run(&self, deadline: Duration) -> Duration {
         deadline + promised_overrun(deadline) + self.config.deadline_grace
     }
 
@@ -180,6 +190,33 @@ impl WorkerContext {
         let files = self.blobs.free_bytes().ok().flatten();
         let free = [scratch, files].into_iter().flatten().min().unwrap_or(u64::MAX);
         if free < self.config.min_free { Err(free) } else { Ok(free) }
+    }
+
+    /// A child process for one task: one that waits, or a new one if none waits.
+    ///
+    /// # Errors
+    /// When the scratch folder can't be created or the process can't be started.
+    pub(super) fn child(&self) -> io::Result<PreparedChild> {
+        self.prepared.take().map_or_else(|| self.start_child(), Ok)
+    }
+
+    /// Starts one more child that waits, unless one waits for each slot already. A failure is logged only, since a job starts
+    /// its own child where none waits.
+    pub(super) fn prepare_child(&self) {
+        let max = if self.config.prepared_children { self.config.slots } else { 0 };
+        if let Err(error) = self.prepared.refill(max, || self.start_child()) {
+            tracing::warn!(%error, "could not start a child process ahead");
+        }
+    }
+
+    fn start_child(&self) -> io::Result<PreparedChild> {
+        let scratch = self.scratch.attempt()?;
+        let setup = ChildSetup {
+            confinement: self.confinement(self.longest_run(MAX_DEADLINE)),
+            blender: self.config.remesher.as_ref().map(|_| self.config.blender.clone()),
+        };
+        let process = JobProcess::start(&self.config.program, JOB, scratch.path(), &setup)?;
+        Ok(PreparedChild { scratch, process })
     }
 }
 
@@ -204,7 +241,7 @@ const JOB_ARTIFACTS: [(&str, &str); 3] = [
 ];
 
 /// The artifacts of each of a job's files.
-const FILE_ARTIFACTS: [(&str, &str); 11] = [
+const FILE_ARTIFACTS: [(&str, &str); 14] = [
     ("before.png", "image/png"),
     ("after.png", "image/png"),
     ("defects.png", "image/png"),
@@ -216,6 +253,9 @@ const FILE_ARTIFACTS: [(&str, &str); 11] = [
     ("change.glb", "model/gltf-binary"),
     ("change.ply", "application/octet-stream"),
     ("change-preview.glb", "model/gltf-binary"),
+    ("thickness.png", "image/png"),
+    ("thickness.glb", "model/gltf-binary"),
+    ("thickness.ply", "application/octet-stream"),
 ];
 
 /// The pictures of a job on `inputs`, as artifacts that are not drawn yet.
@@ -260,7 +300,15 @@ pub(super) fn result_files(inputs: &[Input], report: Option<&JobReport>) -> Vec<
         }),
         (OfferedFile::None, _) => None,
     });
-    once.chain(offered_file).collect()
+    let alternatives = report.into_iter().flat_map(JobReport::alternatives).flat_map(|(id, format)| {
+        let file = |name: String, filename, media_type| ArtifactSource::new(name, filename, media_type);
+        [
+            file(Task::model_of(id), format!("{first}-{id}.{}", format.extension()), media_type(format)),
+            file(Task::report_of(id), format!("{first}-report-{id}.json"), "application/json"),
+            file(Task::picture_of(id), format!("{first}-after-{id}.png"), "image/png"),
+        ]
+    });
+    once.chain(offered_file).chain(alternatives).collect()
 }
 
 impl ArtifactSource {

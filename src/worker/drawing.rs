@@ -9,9 +9,9 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use super::context::{AttemptError, Shutdown, WorkerContext, retry_with_backoff, undrawn_files};
-use super::process::JobProcess;
+use super::prepared::PreparedChild;
 use super::scratch::sanitize;
-use super::task::{JOB, Task};
+use super::task::Task;
 use crate::jobs::{Artifacts, Claim, Job, Lease, StoreError};
 use crate::repair::OfferedFile;
 
@@ -59,7 +59,7 @@ async fn try_draw(
     job: &Job,
     stop: &CancellationToken,
 ) -> Result<Artifacts, AttemptError> {
-    let scratch = context.scratch.attempt()?;
+    let PreparedChild { scratch, mut process } = context.child()?;
     let folder = scratch.path();
     context.fetch_inputs(job, folder).await?;
     let model = job.artifacts.get(Task::MODEL).and_then(|model| model.file.as_ref());
@@ -72,8 +72,7 @@ async fn try_draw(
         None if job.artifacts.contains_key(Task::ORIGINAL) => OfferedFile::Original,
         None => OfferedFile::None,
     };
-    let task = context.task(job, Some(offered_file));
-    let mut process = JobProcess::start(&context.config.program, JOB, folder, held.attempt == 1, &task)?;
+    process.send(&context.task(job, held.attempt, Some(offered_file))).await?;
     // The progress is not used, but the pipe must not fill up.
     if let Some(mut progress) = process.stdout() {
         tokio::spawn(async move { copy(&mut progress, &mut sink()).await });

@@ -10,7 +10,9 @@ mod child_request;
 mod context;
 mod drawing;
 mod pool;
+mod prepared;
 mod process;
+mod reporter;
 mod scratch;
 mod task;
 

@@ -14,10 +14,12 @@ use super::attempt::Attempt;
 use super::child_request::{try_sandbox, warm_blender_up};
 use super::context::{Retention, Shutdown, WORKER_COUNT, WorkerConfig, WorkerContext};
 use super::drawing::draw;
+use super::prepared::PreparedChildren;
 use super::scratch::Scratch;
+use crate::access::{IdSource, SystemIds};
 use crate::blender::installation;
 use crate::blobs::{BlobError, Blobs, Owner};
-use crate::jobs::{Claim, IdSource, Job, Status, Store, StoreError, SystemIds, UPLOAD_LIFE};
+use crate::jobs::{Claim, Job, Status, Store, StoreError, UPLOAD_LIFE};
 use crate::sandbox::{Protection, Sandbox, SandboxStatus};
 use crate::telemetry;
 
@@ -50,7 +52,16 @@ impl Pool {
         let blender = config.remesher.iter().flat_map(|info| installation(info.program.as_ref(), &config.private));
         let readable = blender.chain(config.readable.iter().cloned()).collect();
         let sandbox = Sandbox { mode: config.sandbox, readable, max_processes: config.job_processes };
-        let mut context = WorkerContext { name, store, blobs, config, scratch, sandbox, status: None };
+        let mut context = WorkerContext {
+            name,
+            store,
+            blobs,
+            config,
+            scratch,
+            sandbox,
+            prepared: PreparedChildren::default(),
+            status: None,
+        };
         if context.config.slots > 0 {
             context.status = Some(sandbox_status(&context).await.map_err(PoolError::Sandbox)?);
         }
@@ -85,6 +96,7 @@ impl Pool {
                 tracing::error!(%error, "worker task panicked");
             }
         }
+        context.prepared.end().await;
         tracing::info!(worker = context.name, "workers stopped");
     }
 }
@@ -135,6 +147,7 @@ async fn slot(context: Arc<WorkerContext>, shutdown: Shutdown) {
             sleep_unless(&shutdown.drain, context.config.poll).await;
             continue;
         }
+        context.prepare_child();
         // Pictures go first, because a client waits for them, but never twice in a row.
         if !drew && let Some(claim) = claim_drawings(&context).await {
             drew = true;

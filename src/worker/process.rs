@@ -34,24 +34,17 @@ pub(super) struct JobProcess {
     group: Pid,
     folder: PathBuf,
     stderr: JoinHandle<Vec<u8>>,
-    _lifeline: JoinHandle<ChildStdin>,
+    lifeline: JoinHandle<ChildStdin>,
 }
 
 impl JobProcess {
-    /// Starts `program verb folder` with a minimal environment. The child reads its task as one line of JSON from standard
-    /// input. The pipe then stays open as a lifeline: it closes when this process ends.
+    /// Starts `program verb folder` with a minimal environment. The child reads each request as one line of JSON from standard
+    /// input; `request` is the first. The pipe then stays open as a lifeline: it closes when this process ends.
     ///
     /// # Errors
-    /// When the task can't be serialized or the process can't be started.
-    pub fn start(
-        program: &Path,
-        verb: &str,
-        folder: &Path,
-        first_attempt: bool,
-        task: &impl Serialize,
-    ) -> io::Result<Self> {
-        let mut task = serde_json::to_vec(task)?;
-        task.push(b'\n');
+    /// When the request can't be serialized or the process can't be started.
+    pub fn start(program: &Path, verb: &str, folder: &Path, request: &impl Serialize) -> io::Result<Self> {
+        let request = json_line(request)?;
         let mut command = Command::new(program);
         command
             .arg(verb)
@@ -69,7 +62,7 @@ impl JobProcess {
             .stderr(Stdio::piped())
             .process_group(0)
             .kill_on_drop(true);
-        if cfg!(feature = "failpoints") && first_attempt {
+        if cfg!(feature = "failpoints") {
             command.envs(std::env::var_os("FAILPOINTS").map(|v| ("FAILPOINTS", v)));
         }
         let mut child = command.spawn()?;
@@ -78,8 +71,24 @@ impl JobProcess {
         let (Some(stdin), Some(stderr)) = (child.stdin.take(), child.stderr.take()) else {
             return Err(io::Error::other("the child process has no standard input or error"));
         };
-        let (lifeline, stderr) = (tokio::spawn(write_task(stdin, task)), tokio::spawn(read_tail(stderr)));
-        Ok(Self { child, group, folder: folder.to_owned(), stderr, _lifeline: lifeline })
+        let (lifeline, stderr) = (tokio::spawn(write_line(stdin, request)), tokio::spawn(read_tail(stderr)));
+        Ok(Self { child, group, folder: folder.to_owned(), stderr, lifeline })
+    }
+
+    /// Sends the child one more request.
+    ///
+    /// # Errors
+    /// When the request can't be serialized.
+    pub async fn send(&mut self, request: &impl Serialize) -> io::Result<()> {
+        let request = json_line(request)?;
+        let stdin = (&mut self.lifeline).await.map_err(io::Error::from)?;
+        self.lifeline = tokio::spawn(write_line(stdin, request));
+        Ok(())
+    }
+
+    /// Whether the child has not ended.
+    pub fn is_running(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(None))
     }
 
     /// The id of the child's process group.
@@ -131,10 +140,16 @@ impl JobProcess {
     }
 }
 
-/// Writes a process's task to its standard input, and returns the pipe, which the caller keeps as the lifeline.
-async fn write_task(mut stdin: ChildStdin, task: Vec<u8>) -> ChildStdin {
-    // The exit status of a process that ended before it read its task gives the reason.
-    let _ = stdin.write_all(&task).await;
+fn json_line(request: &impl Serialize) -> io::Result<Vec<u8>> {
+    let mut line = serde_json::to_vec(request)?;
+    line.push(b'\n');
+    Ok(line)
+}
+
+/// Writes a line to a process's standard input, and returns the pipe, which the caller keeps as the lifeline.
+async fn write_line(mut stdin: ChildStdin, line: Vec<u8>) -> ChildStdin {
+    // The exit status of a process that ended before it read the line gives the reason.
+    let _ = stdin.write_all(&line).await;
     stdin
 }
 

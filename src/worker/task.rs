@@ -1,6 +1,7 @@
 //! The protocol between a worker and its child process: the task, its files, and the child's confinement.
 
 use std::io;
+use std::path::Path;
 use std::time::Duration;
 
 use rlimit::Resource;
@@ -21,12 +22,39 @@ pub(super) const TRIAL: &str = "sandbox-trial";
 /// Runs Blender once on a small model.
 pub(super) const WARM_UP: &str = "warm-up-child";
 
+/// The first line of JSON on a job child's standard input: how to confine itself. The child enters its sandbox at once, and then
+/// waits for the line with its [`Task`], which may come much later. If the pipe closes instead, the child ends.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct ChildSetup {
+    /// Resource limits and the sandbox.
+    pub confinement: Confinement,
+    /// The settings of tier 3, if the task may need it: the sandbox then permits access to the lock files of Blender's slots.
+    pub blender: Option<BlenderConfig>,
+}
+
+impl ChildSetup {
+    /// Applies the resource limits to this process, and enters the sandbox with `folder` as the writable folder. The process
+    /// must have a single thread, and must not have read untrusted bytes yet.
+    ///
+    /// # Errors
+    /// When a limit can't be set, or the sandbox can't be entered.
+    pub fn enter(&self, folder: &Path) -> io::Result<()> {
+        self.confinement.limits.apply()?;
+        let mut sandbox = self.confinement.sandbox.clone();
+        if let Some(blender) = &self.blender {
+            sandbox.readable.push(blender.prepare_slots()?);
+        }
+        sandbox.enter(folder)
+    }
+}
+
 /// The task of a child process: one line of JSON on its standard input. The pipe then serves as a lifeline: when it closes, the
 /// worker is gone, and the child ends its process group.
 ///
 /// The [`input`](Self::input) files lie in the scratch folder, and the child writes its files there. It writes
 /// [`MODEL`](Self::MODEL) if it has a result, then [`FULL_REPORT`](Self::FULL_REPORT), whose presence means that the work is done.
-/// It also writes [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) if the job itself is to blame. A task with `draw` finds
+/// With the option `alternatives` it also writes the files of each alternative, and the report again after the last one.
+/// It writes [`LOG`](Self::LOG), and [`PROBLEM`](Self::PROBLEM) if the job itself is to blame. A task with `draw` finds
 /// [`MODEL`](Self::MODEL) in the folder and writes only pictures. On standard output the child writes one [`JobProgress`] a line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Task {
@@ -38,8 +66,10 @@ pub(super) struct Task {
     pub draw: Option<OfferedFile>,
     /// Limits of the file readers.
     pub limits: Limits,
-    /// Resource limits and the sandbox.
-    pub confinement: Confinement,
+    /// The processor time that the child may use.
+    pub cpu: Duration,
+    /// Whether this is the first attempt. Tests' failpoints apply to first attempts only.
+    pub first_attempt: bool,
     /// The remesher of tier 3, if there is one.
     pub remesher: Option<RemesherInfo>,
     /// The settings of tier 3.
@@ -78,9 +108,29 @@ impl Task {
     /// The largest size of a report, in bytes.
     pub const REPORT_BYTES: usize = 16 << 20;
 
+    /// How long the work may take.
+    pub fn deadline(&self) -> Duration {
+        deadline(&self.options)
+    }
+
     /// The name of uploaded file `number`, counted from 0, in the folder.
     pub fn input(number: usize) -> String {
         format!("input-{number}")
+    }
+
+    /// The name of an alternative's model.
+    pub fn model_of(choice: &str) -> String {
+        format!("{}-{choice}", Self::MODEL)
+    }
+
+    /// The name of an alternative's full report.
+    pub fn report_of(choice: &str) -> String {
+        format!("report-{choice}.json")
+    }
+
+    /// The name of an alternative's picture.
+    pub fn picture_of(choice: &str) -> String {
+        format!("after-{choice}.png")
     }
 
     /// The name of a drawing of the job's file `number`, counted from 0. The first file's drawing keeps `name`; the others get a
@@ -88,6 +138,14 @@ impl Task {
     pub fn drawing(number: usize, name: &str) -> String {
         if number == 0 { name.to_owned() } else { format!("{}-{name}", number + 1) }
     }
+}
+
+/// The longest deadline of a job.
+pub(super) const MAX_DEADLINE: Duration = Duration::from_secs(3600);
+
+/// The deadline that a job's options set, within the bounds of deadlines.
+pub(super) fn deadline(options: &JobOptions) -> Duration {
+    Duration::from_secs_f64(options.deadline_s().clamp(1.0, MAX_DEADLINE.as_secs_f64()))
 }
 
 /// The most files that a process may have open.
@@ -112,9 +170,17 @@ impl ProcessLimits {
     pub fn apply(&self) -> io::Result<()> {
         Self::lower(Resource::AS, self.memory_bytes)?;
         Self::lower(Resource::FSIZE, self.file_bytes)?;
-        Self::lower(Resource::CPU, self.cpu.as_secs().max(1))?;
+        Self::limit_cpu(self.cpu)?;
         Self::lower(Resource::NOFILE, OPEN_FILES)?;
         Self::lower(Resource::CORE, 0)
+    }
+
+    /// Limits the processor time of the calling process; a limit that is lower already stays.
+    ///
+    /// # Errors
+    /// When the operating system refuses.
+    pub fn limit_cpu(time: Duration) -> io::Result<()> {
+        Self::lower(Resource::CPU, time.as_secs().max(1))
     }
 
     /// Sets the soft and the hard limit, never above the current hard limit.

@@ -1,6 +1,7 @@
 //! Tier 3 with a real Blender, and with fake programs that hang, crash or write broken results.
 //!
 //! The real Blender is the one that `MESHMEND_BLENDER` names, or else one that is found; `make test` installs one.
+#![cfg(target_os = "linux")]
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod fake;

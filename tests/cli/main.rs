@@ -8,11 +8,13 @@ mod files;
 #[allow(dead_code, reason = "shared with the tests of the engine")]
 mod meshes;
 
-mod commands;
+mod compare;
 mod example;
 mod inspect;
 mod inspect_options;
 mod repair;
 mod repair_options;
+#[cfg(feature = "service")]
+mod service;
 mod support;
 mod verdict;

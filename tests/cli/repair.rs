@@ -116,3 +116,21 @@ fn flags_can_be_set_by_the_environment_and_the_command_line_wins() {
     assert_eq!(report["options"]["max_tier"], 1);
     assert_eq!(report["options"]["preset"], "fill-holes");
 }
+
+#[test]
+fn repair_writes_alternatives_beside_the_result_and_names_them() {
+    let workspace = Workspace::new();
+    workspace.put("in.stl", &files::hollow_box());
+    let args = ["repair", "in.stl", "-o", "out.stl", "--max-tier", "2", "--report", "r.json"];
+    assert_eq!(exit_code(&workspace.run(&args)), 0);
+    assert!(!workspace.path().join("out.voids-fill.stl").exists(), "only on request");
+    let output = workspace.run(&[&args[..], &["--alternatives", "--pictures", "seen"]].concat());
+    assert_eq!(exit_code(&output), 0, "{}", stderr(&output));
+    let faces = |name: &str| read(&workspace.get(name), &Limits::default()).expect("a model").soup.faces.len();
+    assert_eq!((faces("out.stl"), faces("out.voids-fill.stl")), (24, 12));
+    let line = "alternative: out.voids-fill.stl: Sealed cavities are solid. (8.000 cm³, 1 part)";
+    assert!(stderr(&output).contains(line), "{}", stderr(&output));
+    assert!(workspace.path().join("seen/after-voids-fill.png").exists());
+    let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
+    assert_eq!(report["alternatives"]["offered"][1]["id"], "voids-fill");
+}

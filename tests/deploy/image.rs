@@ -9,6 +9,9 @@ use crate::support::image::Image;
 use crate::support::program::settings;
 use crate::support::source::{files, root, text};
 
+/// The command that builds the program.
+const BUILD: &str = "cargo build --release --locked --features service";
+
 #[test]
 fn all_files_that_the_build_copies_exist_and_no_others_are_sent() {
     let ignored = text(".dockerignore");
@@ -52,8 +55,8 @@ fn the_dependency_layer_is_a_package_that_cargo_accepts() {
         std::fs::copy(root().join(file), folder.path().join(file)).expect("copied");
     }
     let layer = image.all("RUN").into_iter().find(|run| run.contains("benches")).expect("the layer");
-    let layer = layer
-        .replace("cargo build --release --locked", "cargo metadata --format-version 1 --no-deps --locked --offline");
+    let layer = layer.replace(BUILD, "cargo metadata --format-version 1 --no-deps --locked --offline");
+    assert!(layer.contains("cargo metadata"), "the layer runs another command than {BUILD}: {layer}");
     let ran = Command::new("bash").args(["-euo", "pipefail", "-c", &layer]).current_dir(folder.path()).output();
     let ran = ran.expect("bash");
     assert!(ran.status.success(), "{layer}: {}", String::from_utf8_lossy(&ran.stderr));
@@ -62,6 +65,7 @@ fn the_dependency_layer_is_a_package_that_cargo_accepts() {
     let kinds = |kind: &str| targets.iter().filter(|target| target["kind"][0] == kind).count();
     assert_eq!((kinds("lib"), kinds("bin")), (1, 1));
     assert_eq!(kinds("bench"), text("Cargo.toml").matches("[[bench]]").count());
+    assert_eq!(kinds("test"), text("Cargo.toml").matches("[[test]]").count());
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use meshmend::access::SystemIds;
 use meshmend::format::Format;
 use meshmend::jobs::{Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, QueueStore, RetryPolicy};
 use serde_json::Value;
@@ -216,7 +217,7 @@ async fn the_autoscalers_query_counts_the_jobs_that_wait_and_run() {
     assert_eq!(count().await, 0);
     for _ in 0..3 {
         let input = Input { key: "k".into(), name: "a.stl".into(), bytes: 1, sha256: "00".into(), format: Format::Stl };
-        let (id, options) = (JobId::new(), JobOptions::default());
+        let (id, options) = (JobId::new(&SystemIds), JobOptions::default());
         let job = NewJob::new(id, "shop", vec![input], options);
         store.submit(job).await.expect("noted");
     }

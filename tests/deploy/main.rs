@@ -17,6 +17,7 @@ mod compose;
 mod compose_run;
 mod helm;
 mod image;
+mod image_script;
 mod kubernetes;
 mod metrics;
 mod settings;

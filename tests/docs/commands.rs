@@ -43,7 +43,7 @@ fn script(page: &Page) -> String {
     let run = blocks.iter().filter(|block| block.kind == "sh");
     let lines: String = run.map(|block| block.code.clone()).collect();
     // The program is already built and on PATH.
-    lines.replace("cargo build --release\n", "").replace("./target/release/meshmend", "meshmend")
+    lines.replace("cargo build --release --features service\n", "").replace("./target/release/meshmend", "meshmend")
 }
 
 /// Runs the commands of a page in one folder against a new service, and returns what they print.

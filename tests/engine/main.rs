@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 mod alarms;
+mod alternatives;
 mod analyze;
 mod arrange;
 mod change;
@@ -45,4 +46,5 @@ mod stitch;
 mod support;
 mod threads;
 mod unions;
+mod verify;
 mod walls;

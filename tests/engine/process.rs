@@ -75,6 +75,23 @@ fn a_sealed_cavity_is_kept_by_default_and_filled_on_request() {
 }
 
 #[test]
+fn only_cavities_up_to_a_volume_are_filled() {
+    let small = inside_out(cube(DVec3::splat(1.0), 2.0, 1));
+    let soup = join(&hollow_cube(), &small);
+    let print = PrintOptions { keep_cavities_over_mm3: Some(8.0), ..PrintOptions::default() };
+    let filled = run(&soup, print);
+    assert_outcome(&filled, Outcome::Repaired);
+    assert!((volume(&filled) - 7000.0).abs() < 1e-6, "the small cavity of 8 mm³ is filled, and the large one is kept");
+    let all = PrintOptions { keep_cavities_over_mm3: Some(1e6), ..PrintOptions::default() };
+    assert!((volume(&run(&soup, all)) - 8000.0).abs() < 1e-6);
+    let none = PrintOptions { keep_cavities_over_mm3: Some(7.9), ..PrintOptions::default() };
+    let unchanged = run(&soup, none);
+    assert!((volume(&unchanged) - 6992.0).abs() < 1e-6);
+    let not_applied = &unchanged.report.options_not_applied;
+    assert_eq!(not_applied.iter().map(|entry| entry.option.as_str()).collect::<Vec<_>>(), ["keep_cavities_over_mm3"]);
+}
+
+#[test]
 fn a_vented_cavity_is_open_and_its_process_accepts_it() {
     let process = Some("sla".to_owned());
     let sealed = run(&hollow_cube(), PrintOptions { process: process.clone(), ..PrintOptions::default() });

@@ -4,10 +4,11 @@
 use std::cell::Cell;
 use std::rc::Rc;
 
+use meshmend::access::IdSource;
 use meshmend::format::Format;
 use meshmend::jobs::{
-    DeliveryAttempt, DeliveryResult, DueDelivery, IdSource, Input, Job, JobId, JobOptions, KeyState, NewJob,
-    RequestKey, StoreError,
+    DeliveryAttempt, DeliveryResult, DueDelivery, Input, Job, JobId, JobOptions, KeyState, NewJob, RequestKey,
+    StoreError,
 };
 use meshmend::webhooks::Schedule;
 use time::OffsetDateTime;

@@ -199,7 +199,7 @@ impl Attempt {
                 () = self.lost.wait() => return RunEnd::LeaseLost,
                 () = self.sleep(PROGRESS_EVERY) => {
                     percent += 5;
-                    let progress = JobProgress { stage: Stage::Inspect, tier: None, percent };
+                    let progress = JobProgress { stage: Stage::Inspect, tier: None, percent, estimate: None };
                     if let Err(StoreError::LeaseLost) = self.link.heartbeat(&self.lease, Some(progress)).await {
                         return RunEnd::LeaseLost;
                     }

@@ -2,7 +2,7 @@
 //! requests through the HTTP surface.
 //!
 //! A short run is part of the tests. A long run takes its seconds and its seed from the environment:
-//! `MESHMEND_FUZZ_SECONDS=600 MESHMEND_FUZZ_SEED=1 cargo test --test fuzz -- --ignored --nocapture for_long`
+//! `MESHMEND_FUZZ_SECONDS=600 MESHMEND_FUZZ_SEED=1 cargo test --features service --test fuzz -- --ignored --nocapture for_long`
 #![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
 
 #[path = "../support/damage.rs"]

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each module, and the modules it may import from. `ARCHITECTURE.md` describes them.
-const MODULES: [(&str, &[&str]); 25] = [
+const MODULES: [(&str, &[&str]); 26] = [
     ("math", &[]),
     ("context", &[]),
     ("telemetry", &[]),
@@ -29,11 +29,15 @@ const MODULES: [(&str, &[&str]); 25] = [
             "remesh", "printing",
         ],
     ),
+    ("options", &["inspect", "analyze", "repair"]),
     ("sandbox", &[]),
     ("blender", &["math", "mesh", "context", "repair", "sandbox"]),
     ("access", &[]),
-    ("jobs", &["access", "context", "scene", "format", "inspect", "printing", "analyze", "repair", "telemetry"]),
-    ("blobs", &["jobs", "telemetry", "tls"]),
+    (
+        "jobs",
+        &["access", "context", "scene", "format", "inspect", "printing", "analyze", "repair", "options", "telemetry"],
+    ),
+    ("blobs", &["access", "jobs", "telemetry", "tls"]),
     ("webhooks", &["access", "jobs", "telemetry", "tls"]),
     ("web", &[]),
     ("manual", &["web"]),
@@ -48,6 +52,7 @@ const MODULES: [(&str, &[&str]); 25] = [
             "repair",
             "sandbox",
             "blender",
+            "access",
             "jobs",
             "blobs",
             "telemetry",
@@ -64,6 +69,7 @@ const MODULES: [(&str, &[&str]); 25] = [
             "printing",
             "analyze",
             "repair",
+            "options",
             "sandbox",
             "jobs",
             "blobs",
@@ -76,9 +82,9 @@ const MODULES: [(&str, &[&str]); 25] = [
 ];
 
 /// Modules of the engine, which may not use the crates below.
-const ENGINE: [&str; 14] = [
+const ENGINE: [&str; 15] = [
     "math", "context", "mesh", "scene", "format", "inspect", "render", "analyze", "arrange", "simplify", "remesh",
-    "printing", "repair", "blender",
+    "printing", "repair", "options", "blender",
 ];
 const NOT_IN_THE_ENGINE: [&str; 5] = ["tokio", "axum", "sqlx", "object_store", "tower_http"];
 
@@ -232,6 +238,28 @@ fn the_engine_does_not_use_crates_of_the_service() {
     }
 }
 
+/// The names of all packages that the library or the program needs with these features.
+fn packages(features: &str) -> BTreeSet<String> {
+    let mut cargo = std::process::Command::new(env!("CARGO"));
+    cargo.args(["tree", "--offline", "--locked", "--edges", "normal", "--prefix", "none", "--features", features]);
+    let output = cargo.current_dir(env!("CARGO_MANIFEST_DIR")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.lines().filter_map(|line| line.split(' ').next()).map(|name| name.replace('-', "_")).collect()
+}
+
+#[test]
+fn only_the_feature_service_brings_the_crates_of_the_service() {
+    for (features, has_service, has_clap) in [("", false, false), ("cli", false, true), ("service", true, true)] {
+        let packages = packages(features);
+        assert!(packages.contains("rayon"), "'{features}' has no engine: {packages:?}");
+        assert_eq!(packages.contains("clap"), has_clap, "'{features}': {packages:?}");
+        for name in NOT_IN_THE_ENGINE {
+            assert_eq!(packages.contains(name), has_service, "'{features}', {name}");
+        }
+    }
+}
+
 #[test]
 fn metric_names_are_defined_in_one_place() {
     let mut used = 0;
@@ -270,6 +298,24 @@ fn no_file_has_more_than_450_lines() {
         let lines = std::fs::read_to_string(&file).unwrap().lines().count();
         assert!(lines <= MAX_LINES_PER_FILE, "{} has {lines} lines", file.display());
     }
+}
+
+/// Name and version of each package in a lock file.
+fn locked(path: &str) -> BTreeSet<(String, String)> {
+    let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(path)).unwrap();
+    let value = |line: Option<&str>| line.unwrap().split('"').nth(1).unwrap().to_owned();
+    let packages = text.split("[[package]]\n").skip(1).map(str::lines);
+    packages.map(|mut lines| (value(lines.next()), value(lines.next()))).collect()
+}
+
+#[test]
+fn the_python_package_has_the_versions_of_the_command_line() {
+    let (program, package) = (locked("Cargo.lock"), locked("clients/python/Cargo.lock"));
+    let names: BTreeSet<&String> = program.iter().map(|(name, _)| name).collect();
+    let others: Vec<_> = package.difference(&program).filter(|(name, _)| names.contains(name)).collect();
+    assert!(others.is_empty(), "Cargo.lock has other versions than clients/python/Cargo.lock: {others:?}");
+    let version = env!("CARGO_PKG_VERSION").to_owned();
+    assert!(package.contains(&("meshmend-python".to_owned(), version.clone())), "the package is not version {version}");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use meshmend::access::{
-    AccessKey, KeyKind, KeyQuery, NewKey, Scope, Secret, SecretHash, TenantChange, TenantClass, TenantLimits,
+    AccessKey, KeyKind, KeyQuery, NewKey, Scope, Secret, SecretHash, SystemIds, TenantChange, TenantClass, TenantLimits,
 };
 use meshmend::jobs::{ClassLoad, ListQuery, Store};
 use reqwest::Method;
@@ -42,7 +42,7 @@ fn new_key(life_s: Option<u64>, parent: Option<String>) -> NewKey {
 }
 
 async fn create_key_in(store: &dyn Store, key: NewKey) -> (String, SecretHash) {
-    let token = Secret::new(key.kind).hash();
+    let token = Secret::new(key.kind, &SystemIds).hash();
     (store.create_key(key, &token).await.expect("a key").id, token)
 }
 

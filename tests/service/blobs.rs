@@ -6,6 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
+use meshmend::access::SystemIds;
 use meshmend::blobs::{BlobError, Blobs, Owner, S3Config, Stored, UploadError};
 use meshmend::jobs::{JobId, UploadId};
 use sha2::{Digest, Sha256};
@@ -239,7 +240,7 @@ async fn a_damaged_file_is_never_served_completely(bench: Bench) {
 
 /// A job with two files, and one file of each of two attempts.
 async fn a_job(bench: &Bench) -> (JobId, [String; 4]) {
-    let id = JobId::new();
+    let id = JobId::new(&SystemIds);
     let keys = [
         Blobs::input_key(id, 0),
         Blobs::input_key(id, 1),
@@ -306,7 +307,7 @@ async fn the_files_of_one_attempt_are_deleted_without_the_rest_of_its_job(bench:
 
 async fn an_upload_that_waited_too_long_for_its_job_is_deleted(bench: Bench) {
     bench.blobs.delete_stale_incoming(HOUR).await.expect("nothing to delete");
-    let [old, young] = [UploadId::new(), UploadId::new()].map(Blobs::incoming_key);
+    let [old, young] = [UploadId::new(&SystemIds), UploadId::new(&SystemIds)].map(Blobs::incoming_key);
     for key in [&old, &young] {
         bench.put(key, b"12345").await;
         assert_eq!(bench.blobs.bytes(key).await.expect("there"), 5);
@@ -341,7 +342,7 @@ async fn an_unreachable_bucket_fails_soon_with_a_transient_error_and_works_again
             bench.blobs.fetch("uploads/x", &kept.sha256, &path.with_extension("copy")).await,
             put_file(&bench.blobs, "uploads/y", &path).await.map(drop),
             bench.blobs.delete("uploads/x").await,
-            bench.blobs.delete_job(JobId::new()).await,
+            bench.blobs.delete_job(JobId::new(&SystemIds)).await,
             bench.blobs.probe().await,
         ];
         for (number, result) in away.into_iter().enumerate() {

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::files;
-use crate::server::{Api, Start, descendants, is_alive, stored_files, until};
+use crate::server::{Api, Start, is_alive, stored_files, until};
 use crate::support::fake_blender::hanging_blender;
 
 #[tokio::test]
@@ -15,7 +15,7 @@ async fn cancelling_a_running_job_ends_its_whole_process_tree() {
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
     api.wait_for_stage(&id, "repair", Some(3)).await;
     let processes = until("Blender runs", async || {
-        let tree = descendants(program.pid());
+        let tree = program.job_processes();
         (tree.len() >= 2).then_some(tree)
     })
     .await;
@@ -80,7 +80,7 @@ async fn deleting_a_running_job_stops_it() {
     let api = Api::new(&program);
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh"})).await;
     api.wait_for_stage(&id, "repair", Some(3)).await;
-    let processes = descendants(program.pid());
+    let processes = program.job_processes();
     assert_eq!(api.delete(&format!("/v1/jobs/{id}")).send().await.expect("a response").status(), 204);
     until("the processes are gone", async || processes.iter().all(|pid| !is_alive(*pid)).then_some(())).await;
     until("its files are gone", async || stored_files(data.path(), &id).is_empty().then_some(())).await;

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
+use meshmend::access::SystemIds;
 use meshmend::format::Format;
 use meshmend::jobs::{
     Artifacts, Completion, Input, JobId, JobOptions, JobStore, NewJob, PostgresStore, QueueStore, RetryPolicy, Store,
@@ -34,7 +35,7 @@ async fn changes_in_the_database_notify_every_process() {
     let open = || PostgresStore::open(&url, 4, None, RetryPolicy::default());
     let (one, other) = (open().await.expect("a store"), open().await.expect("another"));
     let mut changes = other.notifier().listen();
-    let id = JobId::new();
+    let id = JobId::new(&SystemIds);
     let input = Input { key: "k".into(), name: "a.stl".into(), bytes: 684, sha256: "00".into(), format: Format::Stl };
     // The listener may not be ready for the first job; then the next job notifies it.
     let mut all = vec![id];
@@ -44,7 +45,7 @@ async fn changes_in_the_database_notify_every_process() {
             one.submit(NewJob::new(id, "shop", vec![input.clone()], JobOptions::default())).await.expect("noted");
             match tokio::time::timeout(Duration::from_secs(1), changes.recv()).await {
                 Ok(changed) => break changed.expect("a ring"),
-                Err(_) => all.push(JobId::new()),
+                Err(_) => all.push(JobId::new(&SystemIds)),
             }
         }
     };

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::files;
-use crate::server::{Api, Program, Start, descendants, is_alive, signal, stored_files, stored_uploads, until};
+use crate::server::{Api, Program, Start, is_alive, signal, stored_files, stored_uploads, until};
 use crate::support::FILES_PER_JOB;
 use crate::support::fake_blender::hanging_blender;
 
@@ -176,7 +176,7 @@ async fn hanging_in_tier_three(program: &Program, api: &Api) -> (String, Vec<u32
     let id = api.submit(files::boxes_on_an_edge(), json!({"preset": "blender-remesh", "deadline_s": 30})).await;
     api.wait_for_stage(&id, "repair", Some(3)).await;
     let processes = until("Blender runs", async || {
-        let tree = descendants(program.pid());
+        let tree = program.job_processes();
         (tree.len() >= 2).then_some(tree)
     })
     .await;

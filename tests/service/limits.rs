@@ -13,7 +13,9 @@ use crate::support::fake_blender::hanging_blender;
 fn scratch_is_empty(data: &Path) -> bool {
     let worker = std::fs::read_dir(data.join("scratch")).expect("a folder").flatten().next().expect("one worker");
     let folders = std::fs::read_dir(worker.path()).expect("a folder").flatten();
-    folders.filter(|entry| entry.path().is_dir()).count() == 0
+    // A child that waits for a job has an empty folder.
+    let files = |folder: &Path| std::fs::read_dir(folder).map_or(0, Iterator::count);
+    folders.filter(|entry| entry.path().is_dir()).all(|entry| files(&entry.path()) == 0)
 }
 
 async fn still_serves(api: &Api, program: &Program, data: &Path) {

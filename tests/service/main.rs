@@ -8,6 +8,7 @@ mod server;
 
 mod access;
 mod administration;
+mod alternatives;
 mod analyze;
 mod blender;
 mod blobs;
@@ -30,6 +31,7 @@ mod outbox;
 mod page;
 #[path = "../support/postgres.rs"]
 mod postgres;
+mod prepared;
 mod problems;
 mod profiles;
 #[path = "../support/proxy.rs"]

@@ -15,7 +15,7 @@ use tokio::task::JoinHandle;
 use crate::files;
 use crate::postgres::Postgres;
 use crate::s3::S3;
-use crate::server::{Api, Program, Start, descendants, files_below, is_alive, mounts_small_disks, signal, until};
+use crate::server::{Api, Program, Start, files_below, is_alive, mounts_small_disks, signal, until};
 use crate::support::FILES_PER_JOB;
 use crate::support::audit::Audit;
 use crate::support::disk::{disk, fill, has_spool_open};
@@ -182,7 +182,7 @@ impl JobsAtStages {
 
     /// The processes of all jobs.
     fn of_jobs(&self) -> Vec<u32> {
-        self.workers.iter().flat_map(|worker| descendants(worker.pid())).collect()
+        self.workers.iter().flat_map(Program::job_processes).collect()
     }
 
     /// Sends the rest of the upload, and repeats the whole upload until it is accepted.

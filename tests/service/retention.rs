@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use meshmend::access::SystemIds;
 use meshmend::jobs::{
     Artifact, Artifacts, Completion, FailureKind, JobId, ListQuery, NewJob, Reused, Status, StoredFile, StoredReport,
 };
@@ -82,7 +83,7 @@ async fn a_result_is_found_by_its_fingerprint_as_long_as_it_is_kept(bench: Bench
 async fn a_job_that_is_given_a_result_has_ended_when_it_is_accepted(bench: Bench) {
     bench.submit().await;
     let first = bench.get(succeed(&bench).await).await;
-    let (id, report) = (JobId::new(), first.report.clone().expect("a report"));
+    let (id, report) = (JobId::new(&SystemIds), first.report.clone().expect("a report"));
     let (outcome, artifacts) = (first.outcome.expect("an outcome"), artifacts(id));
     let result = Reused { from: first.id, outcome, report, artifacts: artifacts.clone() };
     let mut job = Bench::job("shop");

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicI64;
 use std::time::Duration;
 
+use meshmend::access::SystemIds;
 use meshmend::context::Stage;
 use meshmend::jobs::{
     Artifacts, CancelResult, Clock, Completion, Connections, FailureKind, JobId, JobOptions, JobProgress, JobStore,
@@ -76,7 +77,7 @@ async fn a_heartbeat_extends_the_lease_and_an_expired_lease_makes_the_job_claima
     let job = bench.submit().await;
     let first = bench.claim().await.expect("a job");
     bench.advance(LEASE / 2);
-    let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 40 };
+    let progress = JobProgress { stage: Stage::Repair, tier: Some(1), percent: 40, estimate: None };
     bench.store.heartbeat(&first.lease, LEASE, Some(progress)).await.expect("still held");
     assert_eq!(bench.get(job.id).await.progress, Some(progress));
     bench.advance(LEASE / 2 + Duration::from_secs(1));
@@ -165,7 +166,7 @@ async fn a_cancelled_job_is_taken_from_its_worker(bench: Bench) {
     assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(CancelResult::Canceled(_))));
     assert!(matches!(bench.store.heartbeat(&claim.lease, LEASE, None).await, Err(StoreError::LeaseLost)));
     assert!(matches!(bench.store.cancel(job.id).await.expect("a result"), Some(CancelResult::Canceled(_))));
-    assert_eq!(bench.store.cancel(JobId::new()).await.expect("a result"), None);
+    assert_eq!(bench.store.cancel(JobId::new(&SystemIds)).await.expect("a result"), None);
 }
 
 async fn a_final_failure_is_not_tried_again_and_can_not_be_cancelled(bench: Bench) {
@@ -195,7 +196,7 @@ async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {
             .items
             .is_empty()
     );
-    assert!(!bench.store.purge(JobId::new()).await.expect("a result"));
+    assert!(!bench.store.purge(JobId::new(&SystemIds)).await.expect("a result"));
 }
 
 async fn the_queue_position_counts_those_ahead(bench: Bench) {
@@ -235,7 +236,7 @@ async fn each_change_grows_the_version_and_a_quiet_heartbeat_does_not(bench: Ben
     let job = bench.submit().await;
     let claim = bench.claim().await.expect("a job");
     assert!(claim.job.version > job.version);
-    let progress = JobProgress { stage: Stage::Inspect, tier: None, percent: 5 };
+    let progress = JobProgress { stage: Stage::Inspect, tier: None, percent: 5, estimate: None };
     bench.store.heartbeat(&claim.lease, LEASE, Some(progress)).await.expect("held");
     let news = bench.get(job.id).await.version;
     assert!(news > claim.job.version);
@@ -262,7 +263,7 @@ async fn a_completion_whose_response_was_lost_may_be_repeated(bench: Bench) {
 }
 
 async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(bench: Bench) {
-    let [first, second] = [JobId::new(), JobId::new()];
+    let [first, second] = [JobId::new(&SystemIds), JobId::new(&SystemIds)];
     let hold = async |job| bench.store.hold_key("shop", "k", job).await.expect("a result");
     let submit = async |id, fingerprint: &str| {
         let key = Some(RequestKey { key: "k".into(), fingerprint: fingerprint.into() });
@@ -294,7 +295,7 @@ async fn a_key_is_held_by_one_request_until_it_is_accepted_given_back_or_late(be
 
 fn new_upload() -> NewUpload {
     let (tenant, name, token) = ("default".to_owned(), Some("a.stl".to_owned()), Some("00".to_owned()));
-    NewUpload { id: UploadId::new(), tenant, name, token_sha256: token }
+    NewUpload { id: UploadId::new(&SystemIds), tenant, name, token_sha256: token }
 }
 
 async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_most(bench: Bench) {
@@ -315,9 +316,9 @@ async fn an_upload_is_open_for_a_while_waits_for_longer_and_becomes_one_job_at_m
     assert!(find(used).await.expect("there").is_open);
     bench.advance(Duration::from_millis(1));
     assert!(!find(used).await.expect("there").is_open);
-    let [first, second] = [JobId::new(), JobId::new()];
+    let [first, second] = [JobId::new(&SystemIds), JobId::new(&SystemIds)];
     submit(first, used.id).await.expect("accepted");
-    for upload in [used.id, UploadId::new()] {
+    for upload in [used.id, UploadId::new(&SystemIds)] {
         assert!(matches!(submit(second, upload).await, Err(StoreError::UploadTaken)));
         assert_eq!(bench.store.get(second).await.expect("a result"), None);
     }
@@ -339,7 +340,8 @@ async fn no_more_uploads_wait_than_may(bench: Bench) {
     bench.advance(Duration::from_secs(60));
     assert!(add().await.is_some() && add().await.is_none());
     let inputs = bench.submit().await.inputs;
-    let job = NewJob { upload: Some(first), ..NewJob::new(JobId::new(), "default", inputs, JobOptions::default()) };
+    let job =
+        NewJob { upload: Some(first), ..NewJob::new(JobId::new(&SystemIds), "default", inputs, JobOptions::default()) };
     bench.store.submit(job).await.expect("accepted");
     assert!(add().await.is_some() && add().await.is_none(), "one became a job");
     bench.advance(UPLOAD_LIFE);
@@ -356,7 +358,7 @@ async fn jobs_of_the_first_version_are_read_claimed_and_purged() {
     let old = sqlx::SqlitePool::connect_with(SqliteConnectOptions::new().filename(&path).create_if_missing(true));
     let old = old.await.expect("a database");
     sqlx::migrate::Migrator::new(first).await.expect("a migration").run(&old).await.expect("tables");
-    let (queued, done) = (JobId::new(), JobId::new());
+    let (queued, done) = (JobId::new(&SystemIds), JobId::new(&SystemIds));
     for (id, status, finished, report) in
         [(queued, "queued", None, None), (done, "succeeded", Some(2), Some("{\"version\":1}"))]
     {

@@ -35,6 +35,14 @@ pub fn whole_box() -> Vec<u8> {
     stl(&BOX)
 }
 
+/// A box of 20 with a sealed cubic cavity of 10.
+#[allow(dead_code, reason = "not every test that shares this file looks at it")]
+pub fn hollow_box() -> Vec<u8> {
+    let outer = BOX.map(|triangle| triangle.map(|corner| corner.map(|side| 20. * side)));
+    let inner = BOX.map(|[a, b, c]| [a, c, b].map(|corner| corner.map(|side| 5. + 10. * side)));
+    stl(&[outer, inner].concat())
+}
+
 /// A box without half of its top and with one face flipped: tier 1 repairs it.
 pub fn broken_box() -> Vec<u8> {
     let mut triangles = BOX[..11].to_vec();

@@ -202,9 +202,19 @@ impl Program {
         }
     }
 
-    /// The processes that run one job each.
+    /// The processes that run one job each, without those that still wait for one.
     pub fn job_children(&self) -> Vec<u32> {
-        children(self.pid())
+        children(self.pid()).into_iter().filter(|&child| !waits_for_a_job(child)).collect()
+    }
+
+    /// The processes that wait for a job.
+    pub fn waiting_children(&self) -> Vec<u32> {
+        children(self.pid()).into_iter().filter(|&child| waits_for_a_job(child)).collect()
+    }
+
+    /// The processes of all running jobs, at any depth.
+    pub fn job_processes(&self) -> Vec<u32> {
+        self.job_children().into_iter().flat_map(|child| [vec![child], descendants(child)].concat()).collect()
     }
 }
 
@@ -222,6 +232,23 @@ impl Drop for Program {
 pub fn signal(pid: u32, name: &str) {
     let status = Command::new("kill").arg(format!("-{name}")).arg(pid.to_string()).status().expect("kill runs");
     assert!(status.success(), "kill -{name} {pid}");
+}
+
+/// Whether a child process has no task yet: it opens its log when it gets one.
+fn waits_for_a_job(child: u32) -> bool {
+    let arguments = std::fs::read(format!("/proc/{child}/cmdline")).unwrap_or_default();
+    let arguments: Vec<String> =
+        arguments.split(|&byte| byte == 0).map(|argument| String::from_utf8_lossy(argument).into_owned()).collect();
+    match &arguments[..] {
+        // A new process has its parent's command line until it runs the program.
+        [_, verb, ..] if verb == "serve" || verb == "work" => true,
+        [_, verb, folder, ..] if verb == "job-child" => {
+            // The folder may be in another mount namespace, and the link may not be readable for this user.
+            let folders = [folder.clone(), format!("/proc/{child}/cwd")];
+            !folders.iter().any(|folder| Path::new(folder).join("log.txt").exists())
+        }
+        _ => false,
+    }
 }
 
 /// The direct children of a process.

@@ -170,7 +170,6 @@ def example(name: str, *arguments: str, cwd: Path, env: dict[str, str] | None = 
         env={
             **os.environ,
             **(env or {}),
-            "PYTHONPATH": str(Path(__file__).parents[1] / "src"),
             "PYTHONUNBUFFERED": "1",
         },
         stdout=subprocess.PIPE,

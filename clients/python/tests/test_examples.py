@@ -35,6 +35,19 @@ def test_the_examples_repair_analyse_and_report_progress_and_errors(service: str
     assert code == 0 and out.startswith("box.stl: printable\nopen.stl: not printable 1 hole"), (out, err)
 
 
+def test_the_examples_repair_without_a_service_and_several_models_at_once(service: str, tmp_path: Path) -> None:
+    (tmp_path / "open.stl").write_bytes(box(without=1))
+    (tmp_path / "box.stl").write_bytes(box())
+    (tmp_path / "notes.txt").write_text("no model at all")
+    code, out, err = run("engine", "open.stl", "engine.stl", cwd=tmp_path)
+    assert code == 0 and out.startswith("repaired: ") and out.endswith("8 vertices, 12 faces\n"), (out, err)
+    code, _, err = run("engine", "notes.txt", "none.stl", cwd=tmp_path)
+    assert code == 1 and err.startswith("refused: unknown_format: notes.txt: "), err
+    code, out, err = run("several", service, "open.stl", "box.stl", cwd=tmp_path)
+    assert (code, out) == (0, "open.stl: repaired\nbox.stl: already_printable\n"), (out, err)
+    assert (tmp_path / "open.stl.repaired.stl").read_bytes() == (tmp_path / "engine.stl").read_bytes()
+
+
 def test_a_webhook_is_verified_and_a_forged_one_is_rejected(service: str, tmp_path: Path) -> None:
     client = Client(service)
     secret = client.webhooks.secret()["secret"]

@@ -215,6 +215,9 @@ export interface paths {
          *     remaining defects of a result that is not printable. Models of more than 400,000 faces also have the coarse previews
          *     `defects-preview.glb` and `change-preview.glb`.
          *
+         *     If the job has the option `alternatives`, the job's `alternatives` list further results. Each has the artifacts `model-ID`,
+         *     `report-ID.json` and, unless `pictures` is false, `after-ID.png`. The query parameter `choice` takes them by their usual names.
+         *
          *     Single ranges, `If-Range` and `If-None-Match` are supported. The entity tag is the file's SHA-256 hash.
          */
         get: operations["get_artifact"];
@@ -695,6 +698,60 @@ export interface components {
          * @enum {string}
          */
         Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "full_repair" | "conservative_repair" | "make_manifold" | "clean_and_patch" | "close_sheets" | "self_union" | "perturb" | "simplify" | "drop_small_parts" | "fill_interior" | "treat_islands" | "treat_voids" | "thicken_walls" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
+        /** @description One result to choose from. Lengths are in millimetres whatever the file's unit. */
+        Alternative: {
+            /**
+             * Format: double
+             * @description Surface area, in mm².
+             */
+            area_mm2: number;
+            /** @description What this result is, as text. */
+            detail: string;
+            /**
+             * Format: int64
+             * @description Number of faces.
+             */
+            faces: number;
+            /** @description The file of the result. */
+            file: components["schemas"]["FileSummary"];
+            /** @description The id by which the alternative is chosen: `default`, or the option and its value, such as `interior-keep`. */
+            id: string;
+            /** @description Whether the job returns this result if nothing is chosen. */
+            is_default: boolean;
+            /** @description The option in which the alternative differs from the default, as `name=value`. Missing for the default. */
+            option?: string | null;
+            /** @description The outcome for this result. */
+            outcome: components["schemas"]["Outcome"];
+            /**
+             * Format: int64
+             * @description Number of connected parts, the surfaces of cavities included.
+             */
+            parts: number;
+            /** @description Whether the result meets every rule of the process. Null without the option `process`. */
+            print_ready: boolean | null;
+            /** @description Whether the result is printable. */
+            printable: boolean;
+            question?: components["schemas"]["OpenQuestion"] | null;
+            /** @description Side lengths of the bounding box, in mm. */
+            size_mm: number[] | null;
+            /**
+             * Format: double
+             * @description Enclosed volume, in mm³. Null if the mesh encloses no volume.
+             */
+            volume_mm3: number | null;
+            /**
+             * Format: double
+             * @description Weight in grams, from the volume and the density of the process's material. Null if either is unknown.
+             */
+            weight_g: number | null;
+        };
+        /** @description The results to choose from, where the file leaves the intent of the model open. */
+        Alternatives: {
+            /** @description The answers to open questions that are not offered, each with the reason. */
+            not_offered?: components["schemas"]["NotOffered"][];
+            /** @description The results to choose from. The first one is the default, which the rest of the report describes. */
+            offered: components["schemas"]["Alternative"][];
+        };
         /** @description Report of one analysis. */
         AnalysisReport: {
             /**
@@ -1315,6 +1372,19 @@ export interface components {
             /** @description Titles of the sources. */
             sources?: string[];
         };
+        /** @description The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely. */
+        Estimate: {
+            /**
+             * Format: int64
+             * @description Expected peak of the memory in bytes.
+             */
+            memory_bytes: number;
+            /**
+             * Format: int64
+             * @description Expected duration of the whole repair in milliseconds, on one idle core.
+             */
+            milliseconds: number;
+        };
         /** @description An error in one field of a request. */
         FieldError: {
             /** @description The field, such as `max_tier`. A nested field is named by its path, such as `tolerances.slit` or `file[1]`. */
@@ -1507,6 +1577,7 @@ export interface components {
         Islands: "auto" | "keep" | "drop" | "attach";
         /** @description A job. */
         Job: {
+            alternatives?: components["schemas"]["Alternatives"] | null;
             /** @description The files to download, by name. */
             artifacts: {
                 [key: string]: components["schemas"]["ArtifactLink"];
@@ -1909,6 +1980,24 @@ export interface components {
          * @enum {string}
          */
         NotAppliedCause: "nothing_to_do" | "limited" | "excluded" | "unavailable" | "made_worse";
+        /** @description An answer to an open question that is not offered. */
+        NotOffered: {
+            /** @description The kind of reason. */
+            cause: components["schemas"]["NotOfferedCause"];
+            /** @description The id that the alternative would have. */
+            id: string;
+            /** @description The option that gives this answer, as `name=value`. */
+            option: string;
+            /** @description The open question. */
+            question: components["schemas"]["OpenQuestion"];
+            /** @description The reason as text. */
+            reason: string;
+        };
+        /**
+         * @description The kinds of reason why an answer is not offered.
+         * @enum {string}
+         */
+        NotOfferedCause: "same_result" | "not_printable" | "requirement_missed" | "failed" | "no_time" | "over_limit";
         /** @description The report of one object that was repaired separately, in its own coordinates. */
         ObjectReport: {
             after?: components["schemas"]["Inspection"] | null;
@@ -1965,6 +2054,11 @@ export interface components {
          */
         OmittedSection: "input_verification" | "input_details" | "repair" | "verification" | "attributes" | "result_details" | "surface_changes" | "print_readiness";
         /**
+         * @description A question about the intent of the model that the file leaves open.
+         * @enum {string}
+         */
+        OpenQuestion: "interior" | "cavities" | "islands" | "objects";
+        /**
          * @description The treatment of open sheets: parts that enclose nothing, such as terrain or a single wall.
          * @enum {string}
          */
@@ -1987,6 +2081,12 @@ export interface components {
         };
         /** @description The options of a repair. Every field has a default. */
         Options: components["schemas"]["PrintOptions"] & {
+            /**
+             * @description Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
+             *     A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
+             * @default false
+             */
+            alternatives?: boolean;
             /** @default null */
             category?: components["schemas"]["Category"] | null;
             /**
@@ -2224,6 +2324,11 @@ export interface components {
             /** @default null */
             unit?: components["schemas"]["Unit"] | null;
             /**
+             * @description Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer.
+             * @default changed
+             */
+            verify?: components["schemas"]["Verify"];
+            /**
              * Format: int32
              * @description Number of voxels along the bounding box's diagonal in a remesh. More voxels keep finer detail and take more time and memory.
              * @default 300
@@ -2451,6 +2556,13 @@ export interface components {
             islands?: components["schemas"]["Islands"];
             /**
              * Format: double
+             * @description Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller ones are filled. Default: no limit; `voids`
+             *     holds for all.
+             * @default null
+             */
+            keep_cavities_over_mm3?: number | null;
+            /**
+             * Format: double
              * @description Least wall thickness in millimetres. Thinner walls are thickened; all other surface stays. Default: walls keep their thickness.
              * @default null
              */
@@ -2637,6 +2749,12 @@ export interface components {
              */
             hole_mm?: number | null;
             /**
+             * Format: double
+             * @description Density of the printed material in g/cm³, from which weights follow. 0 leaves it unknown.
+             * @default null
+             */
+            material_density_g_cm3?: number | null;
+            /**
              * Format: int64
              * @description Largest file that the print service accepts, in bytes.
              * @default null
@@ -2716,6 +2834,11 @@ export interface components {
             gap_mm: components["schemas"]["Limit"];
             /** @description Narrowest hole. */
             hole_mm: components["schemas"]["Limit"];
+            /**
+             * Format: double
+             * @description Density of the printed material in g/cm³; absent if the process prints several materials.
+             */
+            material_density_g_cm3?: number | null;
             max_bytes?: components["schemas"]["Limit"] | null;
             max_faces?: components["schemas"]["Limit"] | null;
             /** @description Name of the profile, as in the option `process`. */
@@ -2733,6 +2856,7 @@ export interface components {
         };
         /** @description The progress of a job. */
         Progress: {
+            estimate?: components["schemas"]["Estimate"] | null;
             /**
              * Format: int32
              * @description Percentage of the work that is done, 0 to 100.
@@ -2886,6 +3010,7 @@ export interface components {
              */
             abridged?: boolean;
             after: components["schemas"]["Inspection"] | null;
+            alternatives?: components["schemas"]["Alternatives"] | null;
             /** @description Decisions that the input does not prove. */
             assumptions?: components["schemas"]["Assumption"][];
             /** @description The inspection of the input after its unit was settled, before any repair. All objects are in their places, as one mesh. */
@@ -3355,7 +3480,7 @@ export interface components {
         };
         /** @description One event of a job's event stream. */
         StreamEvent: {
-            /** @description JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job. */
+            /** @description JSON. For `progress`: the status, stage, tier, percent, queue position and estimate. For `done`: the job. */
             data: string;
             /** @description `progress`, or `done` as the last event. */
             event: string;
@@ -3804,6 +3929,11 @@ export interface components {
             proven: components["schemas"]["Property"][];
         };
         /**
+         * @description The extent of the check of a result.
+         * @enum {string}
+         */
+        Verify: "changed" | "full";
+        /**
          * @description The treatment of sealed cavities.
          * @enum {string}
          */
@@ -4030,6 +4160,8 @@ export interface components {
 }
 export type AccountedPart = components['schemas']['AccountedPart'];
 export type Action = components['schemas']['Action'];
+export type Alternative = components['schemas']['Alternative'];
+export type Alternatives = components['schemas']['Alternatives'];
 export type AnalysisReport = components['schemas']['AnalysisReport'];
 export type AnalyzeJobOptions = components['schemas']['AnalyzeJobOptions'];
 export type AnalyzeOptions = components['schemas']['AnalyzeOptions'];
@@ -4066,6 +4198,7 @@ export type Distribution = components['schemas']['Distribution'];
 export type EdgeAngles = components['schemas']['EdgeAngles'];
 export type Elements = components['schemas']['Elements'];
 export type EscapeHoles = components['schemas']['EscapeHoles'];
+export type Estimate = components['schemas']['Estimate'];
 export type FieldError = components['schemas']['FieldError'];
 export type FileAnalysis = components['schemas']['FileAnalysis'];
 export type FileSummary = components['schemas']['FileSummary'];
@@ -4104,9 +4237,12 @@ export type NewBrowserToken = components['schemas']['NewBrowserToken'];
 export type NewWebhookEndpoint = components['schemas']['NewWebhookEndpoint'];
 export type NoWallReason = components['schemas']['NoWallReason'];
 export type NotAppliedCause = components['schemas']['NotAppliedCause'];
+export type NotOffered = components['schemas']['NotOffered'];
+export type NotOfferedCause = components['schemas']['NotOfferedCause'];
 export type ObjectReport = components['schemas']['ObjectReport'];
 export type OfferedFile = components['schemas']['OfferedFile'];
 export type OmittedSection = components['schemas']['OmittedSection'];
+export type OpenQuestion = components['schemas']['OpenQuestion'];
 export type OpenSheets = components['schemas']['OpenSheets'];
 export type Operator = components['schemas']['Operator'];
 export type OptionNotApplied = components['schemas']['OptionNotApplied'];
@@ -4198,6 +4334,7 @@ export type UploadLimits = components['schemas']['UploadLimits'];
 export type UploadPut = components['schemas']['UploadPut'];
 export type UploadRequest = components['schemas']['UploadRequest'];
 export type Verdict = components['schemas']['Verdict'];
+export type Verify = components['schemas']['Verify'];
 export type Voids = components['schemas']['Voids'];
 export type Volume = components['schemas']['Volume'];
 export type WallGrowth = components['schemas']['WallGrowth'];
@@ -4677,6 +4814,8 @@ export interface operations {
                 merge?: components["schemas"]["Merge"];
                 /** @description Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned. */
                 require?: components["schemas"]["Require"];
+                /** @description Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer. */
+                verify?: components["schemas"]["Verify"];
                 /** @description Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none. */
                 unit?: components["schemas"]["Unit"];
                 /** @description Unit to convert the model to. Default: no conversion. Options that are lengths are in this unit. */
@@ -4820,6 +4959,11 @@ export interface operations {
                  */
                 pictures?: boolean;
                 /**
+                 * @description Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
+                 *     A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
+                 */
+                alternatives?: boolean;
+                /**
                  * @description Printing process to check the result against, such as `fdm-0.4` or `sls-pa12`. `GET /v1/profiles` and `meshmend profiles` list all
                  *     names. The report's `print_ready` has the result for each rule.
                  */
@@ -4840,6 +4984,11 @@ export interface operations {
                 islands?: components["schemas"]["Islands"];
                 /** @description Treatment of sealed cavities. */
                 voids?: components["schemas"]["Voids"];
+                /**
+                 * @description Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller ones are filled. Default: no limit; `voids`
+                 *     holds for all.
+                 */
+                keep_cavities_over_mm3?: number;
                 /** @description Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process. */
                 vent_diameter_mm?: number;
                 /** @description Height of the result in millimetres, along the file's up axis. The model is scaled evenly before the repair. */
@@ -5219,7 +5368,14 @@ export interface operations {
     };
     get_artifact: {
         parameters: {
-            query?: never;
+            query?: {
+                /**
+                 * @description The id of one of the job's `alternatives`, whose `model`, `report-full.json` or `after.png` to send. Nothing is repaired again.
+                 *     Default: `default`, the result that the job's report describes.
+                 * @example interior-keep
+                 */
+                choice?: string;
+            };
             header?: never;
             path: {
                 /** @description The job's id */

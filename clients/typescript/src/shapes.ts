@@ -2,6 +2,8 @@
 import type * as all from "./generated.js";
 
 export type {
+  Alternative,
+  Alternatives,
   BrowserToken,
   Capabilities,
   Inspection,
@@ -17,7 +19,9 @@ export type {
   ProcessProfiles,
   NewBrowserToken,
   NewWebhookEndpoint,
+  NotOffered,
   ObjectReport,
+  OpenQuestion,
   ProblemCode,
   Progress,
   Readiness,

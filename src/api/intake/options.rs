@@ -6,7 +6,8 @@ use crate::api::authenticate::Caller;
 use crate::api::problem::{FieldError, Problem, ProblemCode, truncated};
 use crate::api::state::ApiState;
 use crate::api::validation::{field_schema, unknown_field, value_errors};
-use crate::jobs::{JobOptions, Mode, ProfileName, TenantProfile, with_whole_numbers};
+use crate::jobs::{JobOptions, Mode, ProfileName, TenantProfile};
+use crate::options::with_whole_numbers;
 use crate::printing::profile::{ProcessLimits, Profile};
 
 /// The options that name the process and its limits.

@@ -11,7 +11,7 @@ use time::OffsetDateTime;
 use utoipa::{IntoParams, ToSchema};
 
 use super::submission::clean_name;
-use crate::access::{SecretHash, random_hex};
+use crate::access::{SecretHash, random_bytes};
 use crate::api::authenticate::RequireJobsWrite;
 use crate::api::extract::{
     ApiPath, ApiQuery, RawModel, UploadBudget, parse, read_small, text_header, too_large, whole, with_idle_limit,
@@ -104,12 +104,12 @@ pub async fn announce_upload(
         return Err(too_large(max_bytes));
     }
     state.check_free_space(requested.bytes.unwrap_or(0))?;
-    let id = UploadId::new();
+    let id = UploadId::new(state.ids.as_ref());
     let signed = match state.config.presigned_uploads {
         true => state.blobs.presigned_put(&Blobs::incoming_key(id), UPLOAD_OPEN).await?,
         false => None,
     };
-    let token = random_hex();
+    let token = hex::encode(random_bytes(state.ids.as_ref()));
     let upload = NewUpload {
         id,
         tenant: caller.tenant.to_string(),

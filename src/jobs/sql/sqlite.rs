@@ -19,8 +19,8 @@ use tokio::task::JoinSet;
 use super::jobs::job_columns;
 use super::statement::{SqlConnection, Statement};
 use super::store::{Dialect, SqlStore, unsynced};
+use crate::access::SystemIds;
 use crate::jobs::error::StoreError;
-use crate::jobs::id::SystemIds;
 use crate::jobs::queue::{Notifier, RetryPolicy};
 use crate::jobs::timestamp::Clock;
 
@@ -191,7 +191,7 @@ mod tests {
     use uuid::Uuid;
 
     use super::*;
-    use crate::jobs::id::IdSource;
+    use crate::access::IdSource;
     use crate::jobs::timestamp::SystemClock;
 
     struct Fixed;

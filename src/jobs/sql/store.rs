@@ -8,8 +8,9 @@ use sqlx::{Database, Pool, Transaction};
 use tokio::task::JoinSet;
 
 use super::statement::{SqlConnection, Statement, sql};
+use crate::access::IdSource;
 use crate::jobs::error::StoreError;
-use crate::jobs::id::{IdSource, JobId};
+use crate::jobs::id::JobId;
 use crate::jobs::queue::{Notifier, RetryPolicy};
 use crate::jobs::store::{Connections, Store};
 use crate::jobs::timestamp::Clock;

@@ -1,8 +1,11 @@
 //! The reasons to skip a strategy or its remesh: no time, no Blender, or nothing to gain.
 
+use std::time::Duration;
+
 use super::Escalation;
 use crate::context::Cancelled;
 use crate::mesh::Surface;
+use crate::repair::estimate::least_duration;
 use crate::repair::forecast::Forecast;
 use crate::repair::judge::{Judging, rank_of_input};
 use crate::repair::method_agreement::Method;
@@ -20,7 +23,13 @@ impl Escalation<'_> {
     pub(super) fn skipped_for_time(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
         let Runner { context, time, .. } = self.runner;
         let faces = self.common_start.state.surface.faces.len();
-        if !time.for_operators(faces, context).is_late() {
+        let time_left = time.for_operators(faces, context).remaining();
+        // Without a result, even a strategy that is cut short may leave one.
+        let least = match self.attempts.best {
+            Some(_) => least_duration(strategy, self.input.original.measures()),
+            None => Duration::ZERO,
+        };
+        if context.is_cancelled() || (!time_left.is_zero() && time_left >= least) {
             return None;
         }
         time.omit(OmittedSection::Repair);
@@ -31,7 +40,15 @@ impl Escalation<'_> {
             return None;
         }
         let last = last_action(strategy)?;
-        let note = Some("the deadline passed before this strategy could start".to_owned());
+        let note = if time_left.is_zero() {
+            "the deadline passed before this strategy could start".to_owned()
+        } else {
+            format!(
+                "this strategy would pass the deadline: it is expected to take at least {:.0} s",
+                least.as_secs_f64()
+            )
+        };
+        let note = Some(note);
         Some(Step { status: StepStatus::Skipped, note, ..Step::new(index, strategy.tier, last, None) })
     }
 

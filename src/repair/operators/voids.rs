@@ -23,17 +23,21 @@ const MAX_ROUNDING: f64 = 1e-4;
 /// ```
 ///
 /// Precondition: a closed surface without intersections. Result: the faces around each sealed cavity and everything inside
-/// it are gone; all other faces stay. Leaves: a surface whose nesting is undecided.
+/// it are gone; all other faces stay. Leaves: cavities larger than a limit, and a surface whose nesting is undecided.
 #[derive(Debug, Clone, Copy)]
-pub struct FillVoids;
+pub struct FillVoids {
+    /// The largest cavity to fill, in cubic units.
+    max_volume: f64,
+}
 
 impl Operation for FillVoids {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &[];
     const CHANGES_SOUND_MODEL: bool = true;
 
-    fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let limit = scope.options.print.keep_cavities_over_mm3;
+        Self { max_volume: limit.map_or(f64::INFINITY, |limit| limit / scope.millimetres.powi(3)) }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
@@ -43,7 +47,7 @@ impl Operation for FillVoids {
             Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
         };
         let voids = voids_of(surface, &regions, context)?;
-        let filled = fill_voids(surface, &regions, &voids, |_| true);
+        let filled = fill_voids(surface, &regions, &voids, |void| voids[void].volume <= self.max_volume);
         *surface = filled.surface;
         Ok(Change::list([
             (ChangeKind::VoidsFilled, filled.filled.len() as u64),

@@ -173,6 +173,20 @@ impl Require {
     }
 }
 
+/// The extent of the check of a result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum Verify {
+    /// Test new and moved faces for intersections with all faces near them. Faces at exactly the positions of input faces
+    /// were tested against each other in the input.
+    #[default]
+    Changed,
+    /// Test all faces of the result for intersections.
+    Full,
+}
+
 /// The winding rule: the space that counts as solid, by how often the surface winds around it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

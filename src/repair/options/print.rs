@@ -36,6 +36,11 @@ pub struct PrintOptions {
     pub islands: Islands,
     /// Treatment of sealed cavities.
     pub voids: Voids,
+    /// Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller ones are filled. Default: no limit; `voids`
+    /// holds for all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(minimum = 0.0))]
+    pub keep_cavities_over_mm3: Option<f64>,
     /// Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
@@ -148,6 +153,10 @@ impl PrintOptions {
                 OptionsError::unless_within(option, length, (f64::MIN_POSITIVE, f64::MAX), expected)?;
             }
         }
+        if let Some(volume) = self.keep_cavities_over_mm3 {
+            let expected = "a volume of zero or more, in mm³";
+            OptionsError::unless_within("keep_cavities_over_mm3", volume, (0.0, f64::MAX), expected)?;
+        }
         if self.target_height_mm.is_some() && self.target_longest_mm.is_some() {
             let expected = "absent if `target_height_mm` is set";
             return Err(wrong("target_longest_mm", self.target_longest_mm.unwrap_or_default().to_string(), expected));
@@ -176,6 +185,12 @@ impl PrintOptions {
     pub fn min_island_volume(&self, millimetres: f64, whole: impl FnOnce() -> f64) -> f64 {
         self.profile()
             .map_or_else(|| whole() * ISLAND_SHARE, |profile| profile.part_volume_mm3.limit / millimetres.powi(3))
+    }
+
+    /// Whether sealed cavities are filled: all of them, or those up to `keep_cavities_over_mm3`.
+    #[must_use]
+    pub fn fills_cavities(&self) -> bool {
+        self.voids == Voids::Fill || self.keep_cavities_over_mm3.is_some()
     }
 
     /// Diameter of vents, in millimetres, and their number per cavity.

@@ -49,6 +49,16 @@ export function soundBox() {
   return stl(box([0, 0, 0], [40, 30, 20]));
 }
 
+/** A box of 40 by 30 by 20 mm with a sealed cavity of 20 by 10 by 10 mm: whether it is meant to be hollow is open. */
+export function hollowBox() {
+  return stl([...box([0, 0, 0], [40, 30, 20]), ...box([10, 10, 5], [20, 10, 10]).map(([a, b, c]) => [a, c, b])]);
+}
+
+/** A plate of 3 by 2 by 1/8 inches, in inches. */
+export function inchPlate() {
+  return stl(box([0, 0, 0], [3, 2, 0.125]));
+}
+
 /** That box without half of its lid, which is a large hole. */
 export function openBox() {
   return stl(box([0, 0, 0], [40, 30, 20]).filter((_, i) => i !== 2));

@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use meshmend::jobs::{Clock, IdSource, Job, JobId, Lease, RetryPolicy, Status};
+use meshmend::access::IdSource;
+use meshmend::jobs::{Clock, Job, JobId, Lease, RetryPolicy, Status};
 use time::OffsetDateTime;
 use uuid::Uuid;
 

@@ -3,9 +3,10 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
+use meshmend::access::IdSource;
 use meshmend::jobs::{
-    Claim, ClassLoad, Completion, Failure, FailureKind, IdSource, Job, JobId, JobProblem, JobProgress, Lease,
-    QueueStore, QueuedCounts, Status, StoreError,
+    Claim, ClassLoad, Completion, Failure, FailureKind, Job, JobId, JobProblem, JobProgress, Lease, QueueStore,
+    QueuedCounts, Status, StoreError,
 };
 
 use super::{Guard, Row, SimDatabase, Tables, time_of};

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::time::Duration;
 
+use meshmend::access::SystemIds;
 use meshmend::context::{Context, NoProgress};
 use meshmend::format::{Format, Limits};
 use meshmend::jobs::{
@@ -91,7 +92,7 @@ impl Bench {
     }
 
     pub fn job(tenant: &str) -> NewJob {
-        let id = JobId::new();
+        let id = JobId::new(&SystemIds);
         let input = |number: usize| Input {
             key: format!("uploads/{id}/{number}"),
             name: "a.stl".into(),

@@ -9,7 +9,20 @@ import httpx
 from .shapes import FieldError, ProblemCode
 
 if TYPE_CHECKING:
-    from .job import Job
+    from .asynchronous.job import AsyncJob
+    from .synchronous.job import Job
+
+#: What is wrong with a model, for programs.
+ReadErrorKind: TypeAlias = Literal[
+    "empty",
+    "unknown_format",
+    "unsupported_format",
+    "truncated",
+    "malformed",
+    "index_out_of_range",
+    "too_large",
+    "no_faces",
+]
 
 #: The service's error codes, and two codes of this package. A later service may send further codes.
 Code: TypeAlias = ProblemCode | Literal["unreachable", "unexplained"]
@@ -83,7 +96,7 @@ class JobFailed(MeshmendError):
     defects.
     """
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job | AsyncJob) -> None:
         super().__init__(job.problem["detail"] if job.problem else f"The job '{job.id}' is {job.status}.")
         self.job = job
 
@@ -94,3 +107,39 @@ class JobTimeout(MeshmendError, TimeoutError):
 
 class DamagedDownload(MeshmendError):
     """The SHA-256 of a downloaded file differs from the one in the job."""
+
+
+class InvalidOption(MeshmendError, ValueError):
+    """An option of a call to the engine has an unknown name, a wrong type, or a value out of range."""
+
+    def __init__(self, message: str, option: str) -> None:
+        super().__init__(message)
+        #: The option's name.
+        self.option = option
+
+
+class InvalidModel(MeshmendError, ValueError):
+    """A model that the engine cannot read."""
+
+    def __init__(
+        self, message: str, kind: ReadErrorKind = "malformed", byte: int | None = None, line: int | None = None
+    ) -> None:
+        super().__init__(message)
+        #: What is wrong, for programs.
+        self.kind = kind
+        #: Where in the file, as an offset in bytes; None if unknown.
+        self.byte = byte
+        #: Where in the file, as a line counted from 1; None if unknown.
+        self.line = line
+
+
+class DeadlineExceeded(MeshmendError, TimeoutError):
+    """The deadline of a call to the engine passed before there was a result."""
+
+
+class Cancellation(MeshmendError):
+    """The ``cancel`` event of a call to the engine was set."""
+
+
+class EngineFailure(MeshmendError):
+    """The engine has no result for another reason, for example because the output format cannot hold the model."""

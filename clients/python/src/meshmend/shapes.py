@@ -203,6 +203,15 @@ class EscapeHoles(TypedDict, closed=True):
     """Titles of the sources."""
 
 
+class Estimate(TypedDict):
+    """The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely."""
+
+    memory_bytes: int
+    """Expected peak of the memory in bytes."""
+    milliseconds: int
+    """Expected duration of the whole repair in milliseconds, on one idle core."""
+
+
 class FieldError(TypedDict):
     """An error in one field of a request."""
 
@@ -369,12 +378,20 @@ NotAppliedCause: TypeAlias = Literal['nothing_to_do', 'limited', 'excluded', 'un
 """The kinds of reason why an option was not applied."""
 
 
+NotOfferedCause: TypeAlias = Literal['same_result', 'not_printable', 'requirement_missed', 'failed', 'no_time', 'over_limit']
+"""The kinds of reason why an answer is not offered."""
+
+
 OfferedFile: TypeAlias = Literal['model', 'original', 'none']
 """The file that a repair returns."""
 
 
 OmittedSection: TypeAlias = Literal['input_verification', 'input_details', 'repair', 'verification', 'attributes', 'result_details', 'surface_changes', 'print_readiness']
 """Work that was left out because the deadline left no time for it."""
+
+
+OpenQuestion: TypeAlias = Literal['interior', 'cavities', 'islands', 'objects']
+"""A question about the intent of the model that the file leaves open."""
 
 
 OpenSheets: TypeAlias = Literal['auto', 'leave', 'thicken', 'base']
@@ -504,6 +521,8 @@ class ProcessLimits(TypedDict, closed=True):
     """See `gap_mm` of a profile."""
     hole_mm: NotRequired[float | None]
     """See `hole_mm` of a profile."""
+    material_density_g_cm3: NotRequired[float | None]
+    """Density of the printed material in g/cm³, from which weights follow. 0 leaves it unknown."""
     max_bytes: NotRequired[int | None]
     """Largest file that the print service accepts, in bytes."""
     max_faces: NotRequired[int | None]
@@ -541,6 +560,8 @@ class Profile(TypedDict, closed=True):
     """Narrowest gap between two surfaces of one solid, such as a slot."""
     hole_mm: Limit
     """Narrowest hole."""
+    material_density_g_cm3: NotRequired[float | None]
+    """Density of the printed material in g/cm³; absent if the process prints several materials."""
     max_bytes: NotRequired[Limit | None]
     max_faces: NotRequired[Limit | None]
     name: str
@@ -769,7 +790,7 @@ class StreamEvent(TypedDict):
     """One event of a job's event stream."""
 
     data: str
-    """JSON. For `progress`: the status, stage, tier, percent and queue position. For `done`: the job."""
+    """JSON. For `progress`: the status, stage, tier, percent, queue position and estimate. For `done`: the job."""
     event: str
     """`progress`, or `done` as the last event."""
     id: str
@@ -1080,6 +1101,10 @@ class Verdict(TypedDict):
     """Whether the file can be printed as it is: the outcome is `already_printable` or `repaired`."""
     proven: list[Property]
     """Properties that were verified on the file's own bytes."""
+
+
+Verify: TypeAlias = Literal['changed', 'full']
+"""The extent of the check of a result."""
 
 
 Voids: TypeAlias = Literal['keep', 'fill', 'vent']
@@ -1546,6 +1571,21 @@ class NewApiKey(TypedDict, closed=True):
     """The key's tenant: 1 to 63 lower-case letters, digits and hyphens. A tenant's first key creates the tenant."""
 
 
+class NotOffered(TypedDict):
+    """An answer to an open question that is not offered."""
+
+    cause: NotOfferedCause
+    """The kind of reason."""
+    id: str
+    """The id that the alternative would have."""
+    option: str
+    """The option that gives this answer, as `name=value`."""
+    question: OpenQuestion
+    """The open question."""
+    reason: str
+    """The reason as text."""
+
+
 class Overhang(TypedDict):
     """Downward-facing surface that may need support."""
 
@@ -1622,6 +1662,11 @@ class PrintOptions(TypedDict):
     """Treatment of the space inside a model. `auto` fills it if the model is a double shell, as generators of 3D models make them."""
     islands: NotRequired[Islands]
     """Treatment of separate solids that are smaller than the process allows, or than 0.01 % of the whole without a process."""
+    keep_cavities_over_mm3: NotRequired[float | None]
+    """
+    Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller ones are filled. Default: no limit; `voids`
+    holds for all.
+    """
     min_wall: NotRequired[float | None]
     """Least wall thickness in millimetres. Thinner walls are thickened; all other surface stays. Default: walls keep their thickness."""
     process: NotRequired[str | None]
@@ -1689,6 +1734,7 @@ class ProcessProfiles(TypedDict):
 class Progress(TypedDict):
     """The progress of a job."""
 
+    estimate: NotRequired[Estimate | None]
     percent: int
     """Percentage of the work that is done, 0 to 100."""
     queue_position: int | None
@@ -1940,6 +1986,49 @@ class WebhookMessage(TypedDict):
     """The event."""
 
 
+class Alternative(TypedDict):
+    """One result to choose from. Lengths are in millimetres whatever the file's unit."""
+
+    area_mm2: float
+    """Surface area, in mm²."""
+    detail: str
+    """What this result is, as text."""
+    faces: int
+    """Number of faces."""
+    file: FileSummary
+    """The file of the result."""
+    id: str
+    """The id by which the alternative is chosen: `default`, or the option and its value, such as `interior-keep`."""
+    is_default: bool
+    """Whether the job returns this result if nothing is chosen."""
+    option: NotRequired[str | None]
+    """The option in which the alternative differs from the default, as `name=value`. Missing for the default."""
+    outcome: Outcome
+    """The outcome for this result."""
+    parts: int
+    """Number of connected parts, the surfaces of cavities included."""
+    print_ready: bool | None
+    """Whether the result meets every rule of the process. Null without the option `process`."""
+    printable: bool
+    """Whether the result is printable."""
+    question: NotRequired[OpenQuestion | None]
+    size_mm: list[float] | None
+    """Side lengths of the bounding box, in mm."""
+    volume_mm3: float | None
+    """Enclosed volume, in mm³. Null if the mesh encloses no volume."""
+    weight_g: float | None
+    """Weight in grams, from the volume and the density of the process's material. Null if either is unknown."""
+
+
+class Alternatives(TypedDict):
+    """The results to choose from, where the file leaves the intent of the model open."""
+
+    not_offered: NotRequired[list[NotOffered]]
+    """The answers to open questions that are not offered, each with the reason."""
+    offered: list[Alternative]
+    """The results to choose from. The first one is the default, which the rest of the report describes."""
+
+
 class AnalyzeOptions(InspectOptions):
     """Options of an analysis. Every field has a default."""
 
@@ -2077,6 +2166,7 @@ Options = TypedDict(
     {
         'interior': NotRequired[Interior],
         'islands': NotRequired[Islands],
+        'keep_cavities_over_mm3': NotRequired[float | None],
         'min_wall': NotRequired[float | None],
         'process': NotRequired[str | None],
         'process_limits': NotRequired[ProcessLimits | None],
@@ -2087,6 +2177,7 @@ Options = TypedDict(
         'vent_diameter_mm': NotRequired[float | None],
         'voids': NotRequired[Voids],
         'wall_growth': NotRequired[WallGrowth],
+        'alternatives': NotRequired[bool],
         'category': NotRequired[Category | None],
         'deadline_s': NotRequired[float],
         'degenerate_tolerance': NotRequired[float],
@@ -2127,6 +2218,7 @@ Options = TypedDict(
         'thickness': NotRequired[float | None],
         'twist_angle_deg': NotRequired[float],
         'unit': NotRequired[Unit | None],
+        'verify': NotRequired[Verify],
         'voxel_resolution': NotRequired[int],
         'voxel_size': NotRequired[float | None],
         'weld_tolerance': NotRequired[float],
@@ -2322,6 +2414,7 @@ class Report(TypedDict):
     missing. Counts always cover everything.
     """
     after: Inspection | None
+    alternatives: NotRequired[Alternatives | None]
     assumptions: NotRequired[list[Assumption]]
     """Decisions that the input does not prove."""
     before: Inspection
@@ -2448,6 +2541,7 @@ JobReport: TypeAlias = RepairReport | AnalyzeReport
 class Job(TypedDict):
     """A job."""
 
+    alternatives: NotRequired[Alternatives | None]
     artifacts: dict[str, ArtifactLink]
     """The files to download, by name."""
     attempt: int

@@ -13,6 +13,12 @@ export function readinessIn(report: Job["report"]): PrintReadiness | null {
   return (report.mode === "repair" ? report.print_ready : report.files.length === 1 ? report.files[0]!.print_ready : null) ?? null;
 }
 
+/** The readiness of each file of an analysis that was checked against a process, with the file's name. */
+export function readinessOfFiles(report: Job["report"]): { name: string; readiness: PrintReadiness }[] {
+  if (report?.mode !== "analyze") return [];
+  return report.files.flatMap(({ name, print_ready }) => (print_ready ? [{ name, readiness: print_ready }] : []));
+}
+
 const ORDER: RuleResult["result"][] = ["fail", "undecided", "pass"];
 
 /** The rules of a process: failed rules first, then those that were not decided. */

@@ -22,6 +22,23 @@ export function sizeIn(report: Report, unit: string): [number, number, number] |
   return size ? (size.map((side) => side * factor) as [number, number, number]) : null;
 }
 
+/** A unit that the file may be in, with the size and the median wall of the model in it, in millimetres. */
+export interface UnitChoice {
+  unit: string;
+  size: [number, number, number];
+  wall: number | null;
+}
+
+/** The units to ask for: the likely ones, best first, and the one that was used. */
+export function unitChoices(report: Report): UnitChoice[] {
+  const ranked = report.unit_candidates?.ranked ?? [];
+  const choices = ranked.slice(0, 2).map(({ unit, size_mm, wall_mm }): UnitChoice => ({ unit, size: size_mm as UnitChoice["size"], wall: wall_mm ?? null }));
+  const now = fileUnit(report);
+  const size = sizeIn(report, now);
+  const isListed = choices.some(({ unit }) => unit === now);
+  return isListed || !size ? choices : [...choices, { unit: now, size, wall: null }];
+}
+
 /** The unit of the lengths among the options. */
 function unitOfOptions(report: Report, options: Options): string {
   return String(options["scale_to"] ?? options["unit"] ?? fileUnit(report));

@@ -14,8 +14,9 @@ serviceState.listen(() => {
   );
 });
 
-/** The options for a new file: the chosen process, if the service still has its profile. */
-export function firstOptions(): { process?: string } {
+/** The options for a new file: alternatives where the file leaves its intent open, and the chosen process, if the service has its profile. */
+export function firstOptions(): { alternatives: true; process?: string } {
   const { process } = settings.value;
-  return profiles.value.some(({ profile }) => profile.name === process) ? { process } : {};
+  const isKnown = profiles.value.some(({ profile }) => profile.name === process);
+  return { alternatives: true, ...(isKnown && { process }) };
 }

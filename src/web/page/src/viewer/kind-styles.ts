@@ -53,7 +53,7 @@ const KINDS: Record<string, Family> = {
 };
 
 export function styleOf(kind: string): KindStyle {
-  const family = KINDS[kind] ?? "needless";
+  const family = KINDS[kind] ?? (kind.startsWith("thickness_") ? "thin" : "needless");
   return { family, ...FAMILIES[family] };
 }
 

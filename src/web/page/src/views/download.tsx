@@ -1,6 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, Problem } from "meshmend-client";
-import { weightOf } from "../report/files";
+import { DEFAULT_CHOICE, modelOf } from "../report/alternatives";
 import { claimsOf } from "../report/verdict";
 import { convert, save } from "../state/download";
 import { lockIfUnauthorized } from "../state/server";
@@ -9,13 +9,15 @@ import { Icon } from "./icons";
 import { ProblemNote } from "./problem-note";
 
 /** Download buttons for the result, in its format or another. */
-export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
+export function Download({ job, can, choice }: { job: Job; can: Capabilities | null; choice: string }) {
   const { words, figures } = usePageWords();
   const [making, setMaking] = useState("");
   const [problem, setProblem] = useState<Problem | null>(null);
   const stop = useRef(new AbortController());
   useEffect(() => () => stop.current.abort(), []);
-  const { model, original, isPrintable } = claimsOf(job);
+  const { model: own, original, isPrintable } = claimsOf(job);
+  const isOwn = choice === DEFAULT_CHOICE;
+  const model = isOwn ? own : modelOf(job, choice);
   const format = String(job.report?.mode === "repair" ? (job.report.output?.format ?? "") : "").toUpperCase();
 
   const doing = async (work: () => Promise<void>): Promise<void> => {
@@ -46,9 +48,9 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
       {model && (
         <>
           <button type="button" class={isPrintable ? "primary large" : "plain large"} onClick={() => void doing(() => save(model))}>
-            <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(weightOf(job, "model"))}</span>
+            <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(model.bytes ?? 0)}</span>
           </button>
-          <label class="other">
+          {isOwn && <label class="other">
             <span class="hidden">{words.otherFormat}</span>
             <select value="" disabled={making !== ""} onChange={(event) => other(event.currentTarget.value)}>
               <option value="" disabled>
@@ -60,7 +62,7 @@ export function Download({ job, can }: { job: Job; can: Capabilities | null }) {
                 </option>
               ))}
             </select>
-          </label>
+          </label>}
         </>
       )}
       <p class="links">

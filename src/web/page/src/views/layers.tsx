@@ -8,6 +8,7 @@ import { unitOfJob } from "../report/summary";
 import { claimsOf } from "../report/verdict";
 import { usePageWords } from "../words/page-locale";
 import { Icon } from "./icons";
+import { ThicknessLayer } from "./thickness-layer";
 import { ThinWalls } from "./thin-walls";
 import { useStore } from "./use-store";
 import type { Shown } from "./viewer-pane";
@@ -49,6 +50,7 @@ export function Layers({ job, shown }: { job: Job; shown: Shown | null }) {
           <LayerRow key={layer.kind} layer={layer} shown={shown} />
         ))}
         <ThinWalls job={job} shown={shown} />
+        <ThicknessLayer job={job} shown={shown} />
       </ul>
       {shown && clean.length > 0 && (
         <p class="clean">

@@ -8,21 +8,23 @@ interface Props {
   job: Job;
   readiness: PrintReadiness;
   heading?: "h2" | "h3";
+  /** The name of the file, if the job has several. */
+  name?: string | undefined;
   /** Submits another job with other options, if the user may. */
   retry?: ((options: Options) => void) | undefined;
   /** A button that shows the places of a rule. */
-  placesOf?: (rule: RuleResult) => ComponentChildren;
+  placesOf?: ((rule: RuleResult) => ComponentChildren) | undefined;
 }
 
 /** Whether the file meets each rule of the process: limit, measured value, and what to do. */
-export function PrintReady({ job, readiness, heading: Heading = "h2", retry, placesOf }: Props) {
+export function PrintReady({ job, readiness, heading: Heading = "h2", name, retry, placesOf }: Props) {
   const { words, figures } = useWords();
   const rules = sortedRules(readiness);
   const count = (result: RuleResult["result"]): number => rules.filter((rule) => rule.result === result).length;
   const [failed, undecided] = [count("fail"), count("undecided")];
   return (
     <section class={readiness.ready ? "print-ready good" : "print-ready"}>
-      <Heading>{words.printReady}</Heading>
+      <Heading>{name ? `${words.printReady}: ${name}` : words.printReady}</Heading>
       <p role="status">
         <Icon name={readiness.ready ? "check" : "warn"} size={18} /> {readiness.ready && words.readyFor(readiness.title)}
         {failed > 0 && words.notReadyFor(readiness.title, failed)} {undecided > 0 && words.undecidedRules(undecided)}

@@ -1,7 +1,8 @@
+import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import type { Job, Options, PrintReadiness, RuleResult } from "meshmend-client";
 import { isRepair, optionsOf } from "../report/advice";
-import { readinessIn, readinessOf, withProcess } from "../report/print-ready";
+import { readinessIn, readinessOf, readinessOfFiles, withProcess } from "../report/print-ready";
 import { fullReport } from "../state/job";
 import { server } from "../state/server";
 import { choose } from "../state/settings";
@@ -45,7 +46,8 @@ export function ProcessCheck({ job, shown, retry }: { job: Job; shown: Shown | n
     const places = () => points.map(({ at }) => shown.viewer.placeAt(at)).filter((place) => place != null);
     return <GoThere label={words.goThere(words.rules[rule.rule] ?? rule.rule)} places={places} shown={shown} />;
   };
-  if (!isRepair(job) || job.status === "expired" || !job.report) return null;
+  if (job.status === "expired" || !job.report) return null;
+  if (!isRepair(job)) return <AnalysedFiles job={job} placesOf={placesOf} />;
   const change = (process: string): void => {
     choose({ process });
     retry(withProcess(optionsOf(job), process));
@@ -54,6 +56,20 @@ export function ProcessCheck({ job, shown, retry }: { job: Job; shown: Shown | n
     <section class="process-check">
       {readiness && <PrintReady job={job} readiness={readiness} retry={retry} placesOf={placesOf} />}
       <ProcessSelect value={String(optionsOf(job)["process"] ?? "")} set={change} label={readiness ? words.otherProcess : words.checkProcess} />
+    </section>
+  );
+}
+
+/** The rules of the process for each file of an analysis. Places are shown for a single file, whose model the viewer has. */
+function AnalysedFiles({ job, placesOf }: { job: Job; placesOf: (rule: RuleResult) => ComponentChildren }) {
+  const files = readinessOfFiles(job.report ?? null);
+  if (files.length === 0) return null;
+  const isOnly = files.length === 1 && !job.inputs;
+  return (
+    <section class="process-check">
+      {files.map(({ name, readiness }, number) => (
+        <PrintReady key={number} job={job} readiness={readiness} name={files.length > 1 ? name : undefined} placesOf={isOnly ? placesOf : undefined} />
+      ))}
     </section>
   );
 }

@@ -1,8 +1,11 @@
 import { useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, type Options, Problem } from "meshmend-client";
+import { DEFAULT_CHOICE } from "../report/alternatives";
+import { server } from "../state/server";
 import { settings } from "../state/settings";
 import { again, sendFile } from "../state/items";
 import { usePageWords } from "../words/page-locale";
+import { Alternatives } from "./alternatives";
 import { Download } from "./download";
 import { Layers } from "./layers";
 import { Numbers } from "./numbers";
@@ -13,6 +16,7 @@ import { ProcessCheck } from "./process-check";
 import { Share } from "./share";
 import { Thickness } from "./thickness";
 import { UnitAndSize } from "./unit-and-size";
+import { UnitQuestion } from "./unit-question";
 import { useStore } from "./use-store";
 import { Verdict } from "./verdict";
 import { type Shown, ViewerPane } from "./viewer-pane";
@@ -25,6 +29,7 @@ export function Result({ job, file, can }: { job: Job; file: File | null; can: C
   const { unit } = useStore(settings);
   const [shown, setShown] = useState<Shown | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
+  const [choice, choose] = useState(DEFAULT_CHOICE);
   const isUnderWay = useRef(false);
   const retry = (options: Options): void => {
     if (isUnderWay.current) return;
@@ -57,8 +62,10 @@ export function Result({ job, file, can }: { job: Job; file: File | null; can: C
           {problem && <ProblemNote problem={problem} />}
           {job.problem && <ProblemNote problem={job.problem} />}
           {!isKept && <p>{words.expiredMore}</p>}
+          {report && <UnitQuestion key={`unit-${job.id}`} job={job} report={report} retry={retry} />}
+          {isKept && <Alternatives job={job} server={server} unit={unit} choice={choice} choose={choose} />}
           {report && <Thickness key={job.id} job={job} report={report} viewer={shown?.viewer ?? null} retry={retry} />}
-          <Download job={job} can={can} />
+          <Download job={job} can={can} choice={choice} />
           <WhatToDo job={job} can={can} retry={retry} />
           {job.status === "succeeded" && !isShown && !hasPictures && <p class="aside">{words.noPreview}</p>}
           {isKept && <Share job={job} />}

@@ -1,5 +1,6 @@
 import { render } from "preact";
 import { Problem } from "meshmend-client";
+import { DEFAULT_CHOICE } from "../report/alternatives";
 import { type Unit, UNITS } from "../units";
 import { type Language, firstSupported } from "../words/locale";
 import type { MeshmendUploadElement, MeshmendUploadEventMap } from "./meshmend-upload";
@@ -32,11 +33,15 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   constructor() {
     super();
     this.#root.adoptedStyleSheets = [sheet];
-    this.#session.state.listen(() => this.#internals.setFormValue(this.jobId));
+    this.#session.state.listen(() => this.#internals.setFormValue(this.#formValue()));
   }
 
   get jobId(): string | null {
     return this.#session.state.value.job?.id ?? null;
+  }
+
+  get choice(): string {
+    return this.#session.state.value.choice;
   }
 
   upload(file: File): void {
@@ -66,6 +71,16 @@ export class MeshmendUpload extends HTMLElement implements MeshmendUploadElement
   attributeChangedCallback(name: string): void {
     if (name.startsWith("token")) this.#tokens.forget();
     else if (this.isConnected) this.#draw();
+  }
+
+  /** The job's id under the element's name; with another result than the default also its id, under the name with `-choice`. */
+  #formValue(): FormData | string | null {
+    const [name, id] = [this.getAttribute("name"), this.jobId];
+    if (!name || !id || this.choice === DEFAULT_CHOICE) return id;
+    const value = new FormData();
+    value.set(name, id);
+    value.set(`${name}-choice`, this.choice);
+    return value;
   }
 
   #draw(): void {

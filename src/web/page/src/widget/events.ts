@@ -1,6 +1,7 @@
 import type { Job, Problem } from "meshmend-client";
 import { claimsOf } from "../report/verdict";
-import type { MeshmendUploadEventMap, Outcome } from "./meshmend-upload";
+import { choicesOf } from "../report/alternatives";
+import type { MeshmendUploadEventMap, Outcome, Point } from "./meshmend-upload";
 import { metricsOf } from "./metrics";
 import type { State } from "./session";
 
@@ -47,6 +48,15 @@ export function sendEnd(sink: EventSink, job: Job): void {
   const code = job.problem?.code ?? (status === "succeeded" ? "unrepairable" : status);
   const message = sink.explain(code, job.problem?.title ?? "");
   sink.send("failed", { jobId: job.id, status, outcome, code, message, detail: job.problem?.detail ?? "" });
+}
+
+/** Tells the shop's page which of the job's results the customer chose, with its numbers. */
+export function sendChosen(sink: EventSink, job: Job, choice: string): void {
+  const chosen = choicesOf(job).find(({ id }) => id === choice);
+  if (!chosen) return;
+  const { option, printable, size_mm: size, volume_mm3: volume, area_mm2: areaMm2, weight_g: weight, parts } = chosen;
+  const sizeMm: Point | null = size ? [size[0]!, size[1]!, size[2]!] : null;
+  sink.send("chosen", { jobId: job.id, choice, option: option ?? null, printable, sizeMm, volumeMm3: volume ?? null, areaMm2, weightG: weight ?? null, parts });
 }
 
 export function sendRefusal(sink: EventSink, jobId: string | null, { code, title, detail }: Problem): void {

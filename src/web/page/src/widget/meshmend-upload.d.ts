@@ -59,6 +59,22 @@ export interface RepairedDetail {
   metrics: Metrics;
 }
 
+/** `chosen`: the customer took one of the job's alternatives. Only with the option `alternatives`. */
+export interface ChosenDetail {
+  jobId: string;
+  /** The id of the result, for `GET /v1/jobs/{id}/artifacts/model?choice=`; `default` for the job's own result. */
+  choice: string;
+  /** The option in which the result differs from the default, as `name=value`. */
+  option: string | null;
+  printable: boolean;
+  sizeMm: Point | null;
+  volumeMm3: number | null;
+  areaMm2: number;
+  /** Null if the density of the process's material is unknown. */
+  weightG: number | null;
+  parts: number;
+}
+
 /** `failed`: there is no result, and `code` says why. */
 export interface FailedDetail {
   /** Null if no job was created. */
@@ -78,6 +94,7 @@ export interface MeshmendUploadEventMap {
   uploaded: CustomEvent<UploadedDetail>;
   progress: CustomEvent<ProgressDetail>;
   repaired: CustomEvent<RepairedDetail>;
+  chosen: CustomEvent<ChosenDetail>;
   failed: CustomEvent<FailedDetail>;
 }
 
@@ -86,6 +103,8 @@ export interface MeshmendUploadElement extends HTMLElement {
   getToken: (() => Promise<string>) | null;
   /** Id of the current job. */
   readonly jobId: string | null;
+  /** Id of the result that the customer chose; `default` until then. */
+  readonly choice: string;
   /** Uploads a file, as if the customer had dropped it. */
   upload(file: File): void;
   /** Stops the current upload and shows the drop zone again. */

@@ -2,11 +2,13 @@ import { useState } from "preact/hooks";
 import type { Capabilities, Job, Options } from "meshmend-client";
 import { readinessOf } from "../report/print-ready";
 import type { Unit } from "../units";
+import { Alternatives } from "../views/alternatives";
 import { Facts } from "../views/facts";
 import { PrintReady } from "../views/print-ready";
 import { ProblemNote } from "../views/problem-note";
 import { Thickness } from "../views/thickness";
 import { UnitAndSize } from "../views/unit-and-size";
+import { UnitQuestion } from "../views/unit-question";
 import { Verdict } from "../views/verdict";
 import { WhatToDo } from "../views/what-to-do";
 import type { Viewer } from "../viewer/viewer";
@@ -17,7 +19,7 @@ import type { Session } from "./session";
 import { useTexts } from "./texts";
 
 /** The result: both models, verdict and numbers, and what may help if the model is not printable. */
-export function Outcome({ session, job, can, unit }: { session: Session; job: Job; can: Capabilities | null; unit: Unit }) {
+export function Outcome({ session, job, can, unit, choice }: { session: Session; job: Job; can: Capabilities | null; unit: Unit; choice: string }) {
   const texts = useTexts();
   const { words } = useWords();
   const server = session.server;
@@ -37,6 +39,8 @@ export function Outcome({ session, job, can, unit }: { session: Session; job: Jo
             </Verdict>
           </div>
           {job.problem && <ProblemNote problem={job.problem} />}
+          {report && session.isFree("unit") && session.isFree("scale_to") && <UnitQuestion job={job} report={report} retry={retry} heading="h3" />}
+          {server && <Alternatives job={job} server={server} unit={unit} choice={choice} choose={(id) => session.choose(id)} heading="h3" />}
           {readiness && <PrintReady job={job} readiness={readiness} heading="h3" retry={session.isFree("process") ? retry : undefined} />}
           {hasThickness && <Thickness job={job} report={report} viewer={viewer} retry={retry} heading="h3" />}
           <WhatToDo job={job} can={can} retry={retry} />

@@ -1,7 +1,8 @@
 import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, standing, submitWithRetry } from "meshmend-client";
+import { DEFAULT_CHOICE } from "../report/alternatives";
 import { claimsOf } from "../report/verdict";
 import { Store } from "../state/store";
-import { type EventSink, sendEnd, sendProgress, sendRefusal, sendUploaded } from "./events";
+import { type EventSink, sendChosen, sendEnd, sendProgress, sendRefusal, sendUploaded } from "./events";
 import type { Tokens } from "./tokens";
 
 /** State of the file; `empty` without a file. */
@@ -15,11 +16,13 @@ export interface State {
   progress: ProgressEvent | null;
   job: Job | null;
   problem: Problem | null;
+  /** The id of the result that the customer chose among the alternatives. */
+  choice: string;
   /** The service's capabilities, fetched only if the result is not printable. */
   can: Capabilities | null;
 }
 
-const EMPTY: State = { phase: "empty", name: "", bytes: 0, sent: 0, progress: null, job: null, problem: null, can: null };
+const EMPTY: State = { phase: "empty", name: "", bytes: 0, sent: 0, progress: null, job: null, problem: null, choice: DEFAULT_CHOICE, can: null };
 
 /** The shop's settings for its jobs, from the attributes. Reading them throws a `Problem` if an attribute is malformed. */
 export interface ShopSettings {
@@ -106,6 +109,13 @@ export class Session {
       });
       await (created ? this.#followCreated(created, server, signal) : this.#send(file, options, signal));
     });
+  }
+
+  /** Takes one of the job's results. Nothing is repaired again. */
+  choose(choice: string): void {
+    this.state.change((now) => ({ ...now, choice }));
+    const { job } = this.state.value;
+    if (job) sendChosen(this.sink, job, choice);
   }
 
   reset(): void {

@@ -1,0 +1,70 @@
+//! The files of `meshmend repair --alternatives`: each further result beside the output file.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use meshmend::repair::{
+    Alternative, AlternativeRequest, AlternativeRuns, RepairError, Repaired, RepairedAlternative, draw_result,
+};
+
+use super::engine::write_file;
+
+/// Makes the alternatives of a repair, and writes each one beside `output`, as `OUT.ID.ext`. The report in `default` lists them.
+/// With a folder, each one's picture is written there, as `after-ID.png`.
+///
+/// # Errors
+/// The message of the first file that cannot be written, or of a canceled repair.
+pub fn write_alternatives(
+    request: AlternativeRequest<'_>,
+    default: &mut Repaired,
+    output: &Path,
+    pictures: Option<&Path>,
+) -> Result<(), String> {
+    let text = |error: RepairError| error.to_string();
+    let mut runs = AlternativeRuns::new(request, default).map_err(text)?;
+    while let Some(RepairedAlternative { id, repaired }) = runs.make_next().map_err(text)? {
+        write_file(&path_of(output, &id), &repaired.bytes)?;
+        if let Some(folder) = pictures {
+            let path = folder.join(format!("after-{id}.png"));
+            std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+            match draw_result(&repaired.bytes, &repaired.report, request.context) {
+                Ok(drawing) => write_file(&path, &drawing.bytes)?,
+                Err(error) => drop(writeln!(std::io::stderr(), "  note: {id}: no picture was drawn: {error}")),
+            }
+        }
+    }
+    default.report.alternatives = Some(runs.summary());
+    Ok(())
+}
+
+/// The path of an alternative: the output file's, with the id before the extension.
+fn path_of(output: &Path, id: &str) -> PathBuf {
+    let extension = output.extension().unwrap_or_default().to_string_lossy();
+    output.with_extension(format!("{id}.{extension}"))
+}
+
+/// The lines that say which alternatives were written, and which were not.
+pub fn alternative_lines(repaired: &Repaired, output: &Path) -> Vec<String> {
+    let Some(alternatives) = &repaired.report.alternatives else { return Vec::new() };
+    let offered = alternatives.offered.iter().filter(|offered| !offered.is_default);
+    let mut lines: Vec<String> = offered
+        .map(|offered| {
+            let path = path_of(output, &offered.id);
+            format!("  alternative: {}: {} {}", path.display(), offered.detail, figures(offered))
+        })
+        .collect();
+    if lines.is_empty() {
+        lines.push("  no alternative: the file leaves no question open that another result answers".to_owned());
+    }
+    let not_offered = alternatives.not_offered.iter();
+    lines.extend(not_offered.map(|answer| format!("  not offered: {}: {}", answer.option, answer.reason)));
+    lines
+}
+
+/// The volume, the parts and the weight of an alternative.
+fn figures(offered: &Alternative) -> String {
+    let volume = offered.volume_mm3.map_or_else(|| "unknown volume".to_owned(), |mm3| format!("{:.3} cm³", mm3 / 1e3));
+    let parts = if offered.parts == 1 { "1 part".to_owned() } else { format!("{} parts", offered.parts) };
+    let weight = offered.weight_g.map(|grams| format!(", {grams:.1} g")).unwrap_or_default();
+    format!("({volume}, {parts}{weight})")
+}
