@@ -195,7 +195,7 @@ impl Region for Balls<'_> {
             let root = b * b - a * c;
             let at = (-b - root.max(0.0).sqrt()) / a;
             if root >= 0.0 && (0.0..first.0).contains(&at) {
-                first = (at, Some((offset + step * at).normalize_or_zero()));
+                first = (at, None);
             }
         });
         first

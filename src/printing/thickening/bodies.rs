@@ -51,11 +51,20 @@ pub struct Fillers<'a> {
     surface: &'a Surface,
     tree: Tree,
     settings: Thickening,
-    /// The distance between samples.
-    spacing: f64,
-    /// The share by which a ball is larger than needed, to cover the error of its surface.
-    margin: f64,
+    search: Search,
     noise: f64,
+}
+
+/// How balls are searched.
+#[derive(Debug, Clone, Copy)]
+pub struct Search {
+    /// The distance between samples.
+    pub spacing: f64,
+    /// The share by which a ball is larger than needed, to cover the error of its surface.
+    pub margin: f64,
+    /// Whether this is the first search. A later one also puts balls around the middle of each thin pair, and moves none
+    /// back from a sharp edge.
+    pub is_first: bool,
 }
 
 /// A point of a face with the face's normal.
@@ -67,21 +76,19 @@ struct Contact {
 
 impl<'a> Fillers<'a> {
     /// Prepares the search.
-    pub fn new(surface: &'a Surface, settings: Thickening, spacing: f64, margin: f64) -> Self {
+    pub fn new(surface: &'a Surface, settings: Thickening, search: Search) -> Self {
         let largest = surface.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
         let tree = Tree::new(&surface.positions, &surface.faces);
-        Self { surface, tree, settings, spacing, margin, noise: NOISE * largest }
+        Self { surface, tree, settings, search, noise: NOISE * largest }
     }
 
-    /// The balls of all thin faces; none if there are too many. With `at_witnesses`, a ball around the middle of each
-    /// thin pair too.
+    /// The balls of all thin faces; none if there are too many.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn of(
         &self,
         pairs: &Thin,
-        at_witnesses: bool,
         context: &Context<'_>,
     ) -> Result<Option<Vec<Filler>>, Cancelled> {
         let mut faces: Vec<u32> = pairs.walls.iter().chain(&pairs.tips).map(|pair| pair.faces[0]).collect();
@@ -90,7 +97,7 @@ impl<'a> Fillers<'a> {
         let mut kept: FxHashMap<[i64; 3], usize> = FxHashMap::default();
         let mut fillers: Vec<Filler> = Vec::new();
         let mut take = |found: Filler, fillers: &mut Vec<Filler>| {
-            let cell = (found.centre / self.spacing).floor().to_array().map(|x| x as i64);
+            let cell = (found.centre / self.search.spacing).floor().to_array().map(|x| x as i64);
             let at = *kept.entry(cell).or_insert(fillers.len());
             if at == fillers.len() {
                 fillers.push(found);
@@ -106,8 +113,8 @@ impl<'a> Fillers<'a> {
                 return Ok(None);
             }
         }
-        if at_witnesses {
-            let found: Vec<Option<Filler>> = pairs.walls.par_iter().map(|pair| self.of_pair(pair)).collect();
+        if !self.search.is_first {
+            let found: Vec<Option<Filler>> = pairs.walls.par_iter().chain(&pairs.tips).map(|pair| self.of_pair(pair)).collect();
             found.into_iter().flatten().for_each(|filler| take(filler, &mut fillers));
         }
         Ok(Some(fillers))
@@ -140,7 +147,7 @@ impl<'a> Fillers<'a> {
         let centre = (a + b + c) / 3.0;
         let size = [a, b, c].map(|p| p.distance(centre)).into_iter().fold(0.0, f64::max);
         let thickest = 0.5 * self.settings.min_wall / PERPENDICULAR;
-        let is_last = size <= 0.6 * self.spacing || depth >= MAX_DEPTH;
+        let is_last = size <= 0.6 * self.search.spacing || depth >= MAX_DEPTH;
         let radius = if is_last { thickest } else { thickest + size };
         let ball = self.tree.shrunk_ball([centre, -normal], radius, &mut STEPS.clone(), |f| {
             self.surface.corners(f as usize)
@@ -171,7 +178,7 @@ impl<'a> Fillers<'a> {
     fn retracted(&self, filler: Filler, thin: f64, contacts: [Contact; 2]) -> Filler {
         let sum = contacts[0].normal + contacts[1].normal;
         let taper = sum.length() / 2.0;
-        if filler.is_limited || taper < LEAST_TAPER {
+        if !self.search.is_first || filler.is_limited || taper < LEAST_TAPER {
             return filler;
         }
         let way = sum / (2.0 * taper);
@@ -187,7 +194,7 @@ impl<'a> Fillers<'a> {
 
     /// The ball that replaces a ball of radius `thin`, within the gaps in front of its contacts.
     fn filler(&self, centre: DVec3, thin: f64, contacts: [Contact; 2]) -> Option<Filler> {
-        let radius = thin.max(0.5 * self.settings.min_wall) * (1.0 + self.margin);
+        let radius = thin.max(0.5 * self.settings.min_wall) * (1.0 + self.search.margin);
         let more = radius - thin;
         let allowed = contacts.map(|contact| self.allowed(contact, 2.0 * more));
         let lack = allowed.map(|allowed| (more - allowed).max(0.0));

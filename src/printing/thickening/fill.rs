@@ -4,27 +4,25 @@ use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree};
 use crate::mesh::{Edges, Parts, Surface};
 use crate::remesh::{BallUnion, RemeshError};
-use crate::simplify::Simplify;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::bodies::{Filler, Fillers};
+use super::bodies::{Filler, Fillers, Search};
 use super::outcome::{Thickening, ThinReason};
 use super::results::{Grown, Thin};
+use super::spheres::Spheres;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 
 /// The most rounds.
-const MAX_ROUNDS: usize = 3;
+const MAX_ROUNDS: usize = 6;
 /// Edge lengths of cells as shares of the least wall, finest first, with the shares by which balls are larger than the
 /// least wall to cover the error of their surface.
-const CELLS: [(f64, f64); 3] = [(1.0 / 6.0, 0.04), (0.2, 0.05), (0.25, 0.07)];
+const CELLS: [(f64, f64); 2] = [(0.2, 0.05), (0.25, 0.07)];
 /// How much more a ball grows in each round after the first.
 const MORE: f64 = 0.01;
 /// The most faces of a body, and the most memory of its samples.
 const MAX_FACES: u64 = 600_000;
 const MAX_MEMORY: u64 = 1 << 29;
-/// The error of the body's simplification, as a share of the least wall.
-const SIMPLIFIED: f64 = 0.004;
 /// The most unions of a round.
 const MAX_UNIONS: usize = 10;
 
@@ -35,6 +33,8 @@ pub struct Filling<'a> {
     pub context: &'a Context<'a>,
     /// The number of the input's faces: sources from here on mean added faces.
     pub faces: u32,
+    /// The topology of the input.
+    pub topology: Topology,
 }
 
 /// A closed surface around balls, and its components.
@@ -45,82 +45,106 @@ struct Body {
     count: u32,
 }
 
+/// What a round starts from.
+struct Start<'a> {
+    /// The surface with which balls are united.
+    base: &'a Grown,
+    /// The best result so far, whose thin places get balls.
+    current: &'a Grown,
+    number: usize,
+}
+
 impl Filling<'_> {
-    /// Runs the rounds. Ends early, with what was reached, when the time runs out.
+    /// Runs the rounds. Each unites the balls of all rounds with the first surface, so that no round cuts what another
+    /// added. Ends early, with the best result, when the time runs out.
     ///
     /// # Errors
     /// [`Cancelled`] when the work was cancelled.
-    pub fn run(&self, mut grown: Grown) -> Result<Grown, Cancelled> {
+    pub fn run(&self, base: &Grown) -> Result<Grown, Cancelled> {
+        let (mut best, mut current) = (base.clone(), base.clone());
+        let mut balls = Vec::new();
         for number in 0..MAX_ROUNDS {
-            if grown.thin.is_empty() {
+            if current.thin.is_empty() {
                 break;
             }
-            let Some(next) = self.context.unless_late(self.round(&grown, number))? else {
-                grown.reason = Some(ThinReason::Time);
+            let start = Start { base, current: &current, number };
+            let Some(next) = self.context.unless_late(self.round(&start, &mut balls))? else {
+                best.reason = Some(ThinReason::Time);
                 break;
             };
-            let is_better = next.thin.area < grown.thin.area || next.thin.tips.len() < grown.thin.tips.len();
-            if !is_better {
-                grown.limited.extend(next.limited);
-                grown.reason = next.reason;
+            best.reason = next.reason.or(best.reason);
+            if next.surface == current.surface {
+                best.limited.extend(next.limited);
                 break;
             }
-            grown = next;
+            current = next;
+            if current.thin.lack < best.thin.lack {
+                best = current.clone();
+            }
         }
-        Ok(grown)
+        Ok(best)
     }
 
     /// One round. The surface stays the same if nothing can grow.
-    fn round(&self, grown: &Grown, number: usize) -> Result<Grown, Cancelled> {
-        let mut next = grown.clone();
-        next.reason = Some(ThinReason::Union);
+    fn round(&self, start: &Start<'_>, balls: &mut Vec<Filler>) -> Result<Grown, Cancelled> {
+        let &Start { base, current, number } = start;
+        let mut next = Grown { reason: Some(ThinReason::Union), ..current.clone() };
         for (share, margin) in CELLS {
             let cell = share * self.settings.min_wall;
-            let margin = margin + MORE * number as f64;
-            let finder = Fillers::new(&grown.surface, self.settings, cell, margin);
-            let Some(fillers) = finder.of(&grown.thin, number > 0, self.context)? else { continue };
+            let search = Search { spacing: cell, margin: margin + MORE * number as f64, is_first: number == 0 };
+            let Some(fillers) = Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)?
+            else {
+                continue;
+            };
             next.limited.extend(fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre));
             if fillers.iter().all(|filler| filler.radius <= 0.0) {
-                return Ok(next);
+                return Ok(Grown { reason: None, ..next });
             }
-            self.context.log(&format!("    round {number} cell {share:.3}: {} walls {} tips of {}, {} balls, {} limited", grown.thin.walls.len(), grown.thin.tips.len(), grown.surface.faces.len(), fillers.len(), fillers.iter().filter(|f| f.is_limited).count()));
-            let body = match self.body(&fillers, cell) {
+            let all: Vec<Filler> = balls.iter().chain(&fillers).copied().collect();
+            let body = match self.body(&all, cell) {
                 Ok(body) => body,
                 Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
                 Err(_) => continue,
             };
-            self.context.log(&format!("    body {} faces, {} components", body.surface.faces.len(), body.count));
-            let (result, broken) = self.largest_union(&grown.surface, &body)?;
+            *balls = all;
+            let (result, broken) = self.largest_union(&base.surface, &body)?;
             next.reason = broken.map(|broken| match broken {
                 Broken::Union => ThinReason::Union,
                 Broken::Topology => ThinReason::Topology,
             });
             if let Some(surface) = result {
-                self.context.log(&format!("    union {} faces", surface.faces.len()));
-                next.surface = self.with_sources(surface, &grown.surface);
+                next.surface = self.with_sources(surface, &base.surface);
                 next.thin = Thin::of(&next.surface, self.settings.min_wall, self.context)?;
-                self.context.log(&format!("    then {} walls {} tips thin, least {:.4}", next.thin.walls.len(), next.thin.tips.len(), next.thin.walls.iter().map(|p| p.thickness).fold(f64::INFINITY, f64::min) / self.settings.min_wall));
+                self.debug(number, &next, current, balls, &body);
             }
             return Ok(next);
         }
         Ok(next)
     }
 
-    /// The surface of a union of balls, simplified.
+    fn debug(&self, number: usize, next: &Grown, current: &Grown, fillers: &[Filler], body: &Body) {
+                self.context.log(&format!("    round {number} of {} walls {} tips lack {:.3}, {} balls body {} faces {} comps", current.thin.walls.len(), current.thin.tips.len(), current.thin.lack, fillers.len(), body.surface.faces.len(), body.count));
+                if std::env::var("MM_DUMP").is_ok() {
+                    let mut o = vec![0u8; 80]; o.extend((next.surface.faces.len() as u32).to_le_bytes());
+                    for f in 0..next.surface.faces.len() { o.extend([0u8; 12]); for p in next.surface.corners(f) { for x in p.to_array() { o.extend((x as f32).to_le_bytes()); } } o.extend([0u8; 2]); }
+                    std::fs::write("/tmp/thick/dump.stl", o).unwrap();
+                    let mut t = String::new();
+                    for (f, s) in next.surface.source.iter().enumerate() { let _ = f; t += &format!("S {s}\n"); }
+                    for f in fillers { t += &format!("B {} {} {} {} {}\n", f.centre.x, f.centre.y, f.centre.z, f.radius, f.is_limited); }
+                    for (k, l) in [("W", &next.thin.walls), ("T", &next.thin.tips), ("w", &current.thin.walls), ("t", &current.thin.tips)] { for q in l { t += &format!("{k} {} {} {} {} {} {} {} {} {}\n", q.faces[0], q.faces[1], q.thickness, q.points[0].x, q.points[0].y, q.points[0].z, q.points[1].x, q.points[1].y, q.points[1].z); } }
+                    std::fs::write("/tmp/thick/dump.txt", t).unwrap();
+                    if std::env::var("MM_DUMP").unwrap() == number.to_string() { std::process::exit(0); }
+                }
+                self.context.log(&format!("    then {} walls {} tips thin lack {:.3}, least {:.4} faces {} reason {:?}", next.thin.walls.len(), next.thin.tips.len(), next.thin.lack, next.thin.walls.iter().map(|p| p.thickness).fold(f64::INFINITY, f64::min) / self.settings.min_wall, next.surface.faces.len(), next.reason));
+    }
+
+    /// The surface of a union of balls.
     fn body(&self, fillers: &[Filler], cell: f64) -> Result<Body, RemeshError> {
         let balls: Vec<_> = fillers.iter().map(|filler| (filler.centre, filler.radius)).filter(|b| b.1 > 0.0).collect();
-        let Thickening { precision, min_wall, .. } = self.settings;
+        let precision = self.settings.precision;
         let union = BallUnion { balls: &balls, cell, max_faces: MAX_FACES, max_memory: MAX_MEMORY, precision };
         let mut surface = union.surface(self.context)?;
-        self.context.log(&format!("    contour {} faces", surface.faces.len()));
-        let simplify = Simplify {
-            max_faces: None,
-            max_error: SIMPLIFIED * min_wall,
-            feature_angle_deg: 60.0,
-            precision,
-            toward: None,
-        };
-        simplify.apply(&mut surface, self.context)?;
+        Spheres::new(&balls, cell, precision).fit(&mut surface);
         Ok(Body::new(surface))
     }
 
@@ -130,7 +154,6 @@ impl Filling<'_> {
         surface: &Surface,
         body: &Body,
     ) -> Result<(Option<Surface>, Option<Broken>), Cancelled> {
-        let topology = Topology::of(surface);
         let (mut good, mut best, mut broken) = (Vec::new(), None, None);
         let mut open: Vec<Vec<u32>> = vec![(0..body.count).collect()];
         let mut unions = 0;
@@ -141,7 +164,7 @@ impl Filling<'_> {
             unions += 1;
             let mut with: Vec<u32> = good.iter().chain(&some).copied().collect();
             with.sort_unstable();
-            match self.union_of(surface, body, &with, topology)? {
+            match self.union_of(surface, body, &with, self.topology)? {
                 Ok(result) => (good, best) = (with, Some(result)),
                 Err(reason) => {
                     self.context.log(&format!("    {} components: {reason:?}", some.len()));

@@ -16,6 +16,7 @@ mod refine;
 mod results;
 mod rounds;
 mod sides;
+mod spheres;
 mod spread;
 mod unite;
 mod walls;
@@ -76,8 +77,8 @@ impl Thickening {
             }
         }
         if self.growth == Growth::Both {
-            let filling = Filling { settings: *self, union, context: &limited, faces: count(surface) };
-            grown = filling.run(grown)?;
+            let filling = Filling { settings: *self, union, context: &limited, faces: count(surface), topology: unite::Topology::of(surface) };
+            grown = filling.run(&grown)?;
         }
         Ok(results::Results { settings: *self, input: surface, before: &before }.finish(grown))
     }

@@ -19,6 +19,8 @@ pub struct Thin {
     pub tips: Vec<OpposedPair>,
     /// The area of the faces of thin walls.
     pub area: f64,
+    /// The sum over all thin faces of the area times the lacking share of the thickness.
+    pub lack: f64,
 }
 
 impl Thin {
@@ -30,8 +32,10 @@ impl Thin {
         let limit = rounded_limit(surface, min_wall);
         let pairs = opposed_pairs(surface, limit, Space::Material, context)?;
         let area = |pair: &OpposedPair| surface.area_vector(pair.faces[0] as usize).length() / 2.0;
+        let lack = |pair: &OpposedPair| area(pair) * (1.0 - pair.thickness / limit).max(0.0);
+        let lack = pairs.walls.iter().chain(&pairs.tips).map(lack).sum();
         let area = pairs.walls.iter().map(area).sum();
-        Ok(Self { walls: pairs.walls, tips: pairs.tips, area })
+        Ok(Self { walls: pairs.walls, tips: pairs.tips, area, lack })
     }
 
     /// Whether nothing is thin.
