@@ -147,9 +147,11 @@ impl<'a> Balls<'a> {
                 for x in low[0]..=high[0] {
                     let Some(numbers) = self.boxes.get(&[x, y, z]) else { continue };
                     *steps = steps.saturating_sub(numbers.len() as u64);
-                    near.extend(numbers.iter().map(|&number| self.balls[number as usize]).filter(|&(centre, radius)| {
-                        centre.distance(centre.clamp(bounds.min, bounds.max)) < radius + 2.0 * self.cell
-                    }));
+                    near.extend(numbers.iter().map(|&number| self.balls[number as usize]).filter(
+                        |&(centre, radius)| {
+                            centre.distance(centre.clamp(bounds.min, bounds.max)) < radius + 2.0 * self.cell
+                        },
+                    ));
                 }
             }
         }
@@ -159,7 +161,10 @@ impl<'a> Balls<'a> {
     /// Cells near the boundary, in some directions from every centre.
     fn seeds(&self, grid: &Grid) -> Vec<GridIndex> {
         let of_ball = |&(centre, radius): &Ball| {
-            DIRECTIONS.into_iter().map(move |direction| centre + direction * radius).filter(|&p| self.depth(p) < self.cell)
+            DIRECTIONS
+                .into_iter()
+                .map(move |direction| centre + direction * radius)
+                .filter(|&p| self.depth(p) < self.cell)
         };
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the grid")]
         let cell_of = |p: DVec3| [0, 1, 2].map(|axis| grid.in_cells(axis, p[axis]).max(0.0) as u32);

@@ -20,6 +20,8 @@ use super::walls::{NOISE, trusted_normal};
 const OPPOSED: f64 = -0.8;
 /// The share of the least wall that the perpendicular through a wall measures of the ball's diameter, at least.
 const PERPENDICULAR: f64 = (1.0 - OPPOSED) / 2.0;
+/// The same in later rounds, for the edges beside earlier balls: 60 degrees.
+const WIDE: f64 = -0.5;
 /// Steps of one ball.
 const STEPS: u64 = 1 << 16;
 /// Faces between two checks for cancellation.
@@ -86,11 +88,7 @@ impl<'a> Fillers<'a> {
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
-    pub fn of(
-        &self,
-        pairs: &Thin,
-        context: &Context<'_>,
-    ) -> Result<Option<Vec<Filler>>, Cancelled> {
+    pub fn of(&self, pairs: &Thin, context: &Context<'_>) -> Result<Option<Vec<Filler>>, Cancelled> {
         let mut faces: Vec<u32> = pairs.walls.iter().chain(&pairs.tips).map(|pair| pair.faces[0]).collect();
         faces.sort_unstable();
         faces.dedup();
@@ -114,7 +112,8 @@ impl<'a> Fillers<'a> {
             }
         }
         if !self.search.is_first {
-            let found: Vec<Option<Filler>> = pairs.walls.par_iter().chain(&pairs.tips).map(|pair| self.of_pair(pair)).collect();
+            let found: Vec<Option<Filler>> =
+                pairs.walls.par_iter().chain(&pairs.tips).map(|pair| self.of_pair(pair)).collect();
             found.into_iter().flatten().for_each(|filler| take(filler, &mut fillers));
         }
         Ok(Some(fillers))
@@ -149,9 +148,8 @@ impl<'a> Fillers<'a> {
         let thickest = 0.5 * self.settings.min_wall / PERPENDICULAR;
         let is_last = size <= 0.6 * self.search.spacing || depth >= MAX_DEPTH;
         let radius = if is_last { thickest } else { thickest + size };
-        let ball = self.tree.shrunk_ball([centre, -normal], radius, &mut STEPS.clone(), |f| {
-            self.surface.corners(f as usize)
-        });
+        let ball =
+            self.tree.shrunk_ball([centre, -normal], radius, &mut STEPS.clone(), |f| self.surface.corners(f as usize));
         let Some(ball) = ball else { return };
         let Some(touched) = ball.touches else { return };
         if !is_last {
@@ -164,10 +162,13 @@ impl<'a> Fillers<'a> {
         let middle = centre - normal * ball.radius;
         let outward = (touched.point - middle).normalize_or_zero();
         let cosine = outward.dot(normal);
-        let is_thin = cosine <= OPPOSED && ball.radius * (1.0 - cosine) < self.settings.min_wall * (1.0 - 1e-6);
+        let min_wall = self.settings.min_wall;
+        let is_wall = cosine <= OPPOSED && ball.radius * (1.0 - cosine) < min_wall * (1.0 - 1e-6);
+        // Beside a ball the edge of a solid can become a wall, which the next round would have to thicken.
+        let is_edge = !self.search.is_first && cosine <= WIDE && 2.0 * ball.radius < min_wall;
+        let is_thin = is_wall || is_edge;
         if is_thin && ball.radius > 0.0 {
-            let contacts =
-                [Contact { point: centre, normal }, Contact { point: touched.point, normal: outward }];
+            let contacts = [Contact { point: centre, normal }, Contact { point: touched.point, normal: outward }];
             let filler = self.filler(middle, ball.radius, contacts);
             found.extend(filler.map(|filler| self.retracted(filler, ball.radius, contacts)));
         }
@@ -215,9 +216,9 @@ impl<'a> Fillers<'a> {
     /// How far the solid may grow at a contact, at most `wanted`.
     fn allowed(&self, Contact { point, normal }: Contact, wanted: f64) -> f64 {
         let gap = self.settings.min_gap.max(0.02 * self.settings.min_wall);
-        let ball = self.tree.shrunk_ball([point, normal], wanted + gap / 2.0, &mut STEPS.clone(), |f| {
-            self.surface.corners(f as usize)
-        });
+        let ball = self
+            .tree
+            .shrunk_ball([point, normal], wanted + gap / 2.0, &mut STEPS.clone(), |f| self.surface.corners(f as usize));
         let Some(ball) = ball else { return wanted };
         let Some(touched) = ball.touches else { return wanted };
         let outward = (touched.point - (point + normal * ball.radius)).normalize_or_zero();

@@ -17,7 +17,7 @@ use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 const MAX_ROUNDS: usize = 6;
 /// Edge lengths of cells as shares of the least wall, finest first, with the shares by which balls are larger than the
 /// least wall to cover the error of their surface.
-const CELLS: [(f64, f64); 2] = [(0.2, 0.05), (0.25, 0.07)];
+const CELLS: [(f64, f64); 2] = [(0.2, 0.08), (0.25, 0.1)];
 /// How much more a ball grows in each round after the first.
 const MORE: f64 = 0.01;
 /// The most faces of a body, and the most memory of its samples.
@@ -92,7 +92,8 @@ impl Filling<'_> {
         for (share, margin) in CELLS {
             let cell = share * self.settings.min_wall;
             let search = Search { spacing: cell, margin: margin + MORE * number as f64, is_first: number == 0 };
-            let Some(fillers) = Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)?
+            let Some(fillers) =
+                Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)?
             else {
                 continue;
             };
@@ -115,27 +116,10 @@ impl Filling<'_> {
             if let Some(surface) = result {
                 next.surface = self.with_sources(surface, &base.surface);
                 next.thin = Thin::of(&next.surface, self.settings.min_wall, self.context)?;
-                self.debug(number, &next, current, balls, &body);
             }
             return Ok(next);
         }
         Ok(next)
-    }
-
-    fn debug(&self, number: usize, next: &Grown, current: &Grown, fillers: &[Filler], body: &Body) {
-                self.context.log(&format!("    round {number} of {} walls {} tips lack {:.3}, {} balls body {} faces {} comps", current.thin.walls.len(), current.thin.tips.len(), current.thin.lack, fillers.len(), body.surface.faces.len(), body.count));
-                if std::env::var("MM_DUMP").is_ok() {
-                    let mut o = vec![0u8; 80]; o.extend((next.surface.faces.len() as u32).to_le_bytes());
-                    for f in 0..next.surface.faces.len() { o.extend([0u8; 12]); for p in next.surface.corners(f) { for x in p.to_array() { o.extend((x as f32).to_le_bytes()); } } o.extend([0u8; 2]); }
-                    std::fs::write("/tmp/thick/dump.stl", o).unwrap();
-                    let mut t = String::new();
-                    for (f, s) in next.surface.source.iter().enumerate() { let _ = f; t += &format!("S {s}\n"); }
-                    for f in fillers { t += &format!("B {} {} {} {} {}\n", f.centre.x, f.centre.y, f.centre.z, f.radius, f.is_limited); }
-                    for (k, l) in [("W", &next.thin.walls), ("T", &next.thin.tips), ("w", &current.thin.walls), ("t", &current.thin.tips)] { for q in l { t += &format!("{k} {} {} {} {} {} {} {} {} {}\n", q.faces[0], q.faces[1], q.thickness, q.points[0].x, q.points[0].y, q.points[0].z, q.points[1].x, q.points[1].y, q.points[1].z); } }
-                    std::fs::write("/tmp/thick/dump.txt", t).unwrap();
-                    if std::env::var("MM_DUMP").unwrap() == number.to_string() { std::process::exit(0); }
-                }
-                self.context.log(&format!("    then {} walls {} tips thin lack {:.3}, least {:.4} faces {} reason {:?}", next.thin.walls.len(), next.thin.tips.len(), next.thin.lack, next.thin.walls.iter().map(|p| p.thickness).fold(f64::INFINITY, f64::min) / self.settings.min_wall, next.surface.faces.len(), next.reason));
     }
 
     /// The surface of a union of balls.
@@ -149,11 +133,7 @@ impl Filling<'_> {
     }
 
     /// The union with as many components of a body as possible, and why others are left out. By halving.
-    fn largest_union(
-        &self,
-        surface: &Surface,
-        body: &Body,
-    ) -> Result<(Option<Surface>, Option<Broken>), Cancelled> {
+    fn largest_union(&self, surface: &Surface, body: &Body) -> Result<(Option<Surface>, Option<Broken>), Cancelled> {
         let (mut good, mut best, mut broken) = (Vec::new(), None, None);
         let mut open: Vec<Vec<u32>> = vec![(0..body.count).collect()];
         let mut unions = 0;
@@ -167,7 +147,6 @@ impl Filling<'_> {
             match self.union_of(surface, body, &with, self.topology)? {
                 Ok(result) => (good, best) = (with, Some(result)),
                 Err(reason) => {
-                    self.context.log(&format!("    {} components: {reason:?}", some.len()));
                     broken = Some(reason);
                     if some.len() > 1 {
                         let (left, right) = some.split_at(some.len() / 2);

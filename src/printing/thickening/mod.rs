@@ -23,6 +23,7 @@ mod walls;
 
 use fill::Filling;
 use results::{Grown, Thin};
+use unite::Topology;
 
 use crate::context::Context;
 use crate::mesh::{ClosedSurface, Surface};
@@ -35,7 +36,10 @@ const TIME_SHARE: f64 = 0.6;
 /// Share of that time for the prisms.
 const PRISM_SHARE: f64 = 0.4;
 /// Most thin faces for which prisms are tried: they keep edges sharp, but often fail on many small faces.
-const MAX_PRISMS: usize = 1500;
+const MAX_PRISMS: usize = 400;
+/// The share of the lack of thickness up to which balls add to prisms; above it they replace the prisms, because the
+/// surfaces of both meet at angles that leave slivers.
+const MAX_LACK: f64 = 0.02;
 
 impl Thickening {
     /// Thickens the walls of a solid. The surface must be closed, oriented outward and without intersections; its
@@ -76,9 +80,20 @@ impl Thickening {
                 }
             }
         }
-        if self.growth == Growth::Both {
-            let filling = Filling { settings: *self, union, context: &limited, faces: count(surface), topology: unite::Topology::of(surface) };
-            grown = filling.run(&grown)?;
+        if self.growth == Growth::Both && !grown.thin.is_empty() {
+            let topology = Topology::of(surface);
+            let filling = Filling { settings: *self, union, context: &limited, faces: count(surface), topology };
+            let base = if grown.thin.lack <= MAX_LACK * before.lack {
+                grown.clone()
+            } else {
+                Grown { surface: start, thin: before.clone(), ..Grown::default() }
+            };
+            let filled = filling.run(&base)?;
+            if filled.thin.lack < grown.thin.lack {
+                grown = filled;
+            } else {
+                (grown.limited, grown.reason) = (filled.limited, filled.reason);
+            }
         }
         Ok(results::Results { settings: *self, input: surface, before: &before }.finish(grown))
     }

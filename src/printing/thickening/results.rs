@@ -99,7 +99,9 @@ impl Results<'_> {
             let nearest = tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners)?;
             places.of_face[thin_faces[nearest.face as usize] as usize]
         };
-        for (pair, is_tip) in thin.tips.iter().map(|pair| (pair, true)).chain(thin.walls.iter().map(|pair| (pair, false))) {
+        for (pair, is_tip) in
+            thin.tips.iter().map(|pair| (pair, true)).chain(thin.walls.iter().map(|pair| (pair, false)))
+        {
             let source = surface.source[pair.faces[0] as usize] as usize % count.max(1);
             let Some(number) = places.of_face[source].or_else(|| place_near(pair.points[0])) else { continue };
             let place = &mut results[number as usize];

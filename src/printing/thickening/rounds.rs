@@ -10,9 +10,9 @@ use rustc_hash::FxHashMap;
 use super::growth::{Growths, thin_walls};
 use super::layer::layered;
 use super::outcome::{Thickening, ThickeningError};
-use super::results::deviation;
 use super::places::Places;
 use super::refine::Refined;
+use super::results::deviation;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 

@@ -8,7 +8,7 @@ use crate::math::{Precision, Rounding};
 use crate::mesh::Surface;
 
 /// Times that vertices move towards the mean of their neighbours and back onto a sphere.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 6;
 /// Share of the way to the mean of the neighbours.
 const STEP: f64 = 0.5;
 /// The largest distance from a sphere at which a vertex moves onto it, in cells.
@@ -68,8 +68,47 @@ impl<'a> Spheres<'a> {
         let depth = |&(centre, radius): &(DVec3, f64)| radius - p.distance(centre);
         let deepest = near.max_by(|a, b| depth(a).total_cmp(&depth(b)));
         match deepest {
-            Some(ball) if depth(&ball).abs() < REACH * self.cell => p + (p - ball.0).normalize_or_zero() * depth(&ball),
+            Some(ball) if (0.0..REACH * self.cell).contains(&depth(&ball)) => {
+                p + (p - ball.0).normalize_or_zero() * depth(&ball)
+            }
             _ => p,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::context::{Context, NoProgress, monotonic_clock};
+    use crate::remesh::BallUnion;
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
+    const CELL: f64 = 0.2;
+
+    /// The contour of balls, fitted, with the least and the largest depth of its vertices in the balls.
+    fn fitted(balls: &[(DVec3, f64)]) -> [f64; 2] {
+        let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
+        let precision = Precision::F32;
+        let union = BallUnion { balls, cell: CELL, max_faces: 100_000, max_memory: 1 << 28, precision };
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
+        let mut surface = union.surface(&context).unwrap();
+        Spheres::new(balls, CELL, precision).fit(&mut surface);
+        let depth = |p: &DVec3| balls.iter().map(|&(c, r)| r - p.distance(c)).fold(f64::MIN, f64::max);
+        let depths = || surface.positions.iter().map(depth);
+        [depths().fold(f64::MAX, f64::min), depths().fold(f64::MIN, f64::max)]
+    }
+
+    #[test]
+    fn the_vertices_of_a_ball_lie_on_its_sphere() {
+        let [least, most] = fitted(&[(DVec3::new(1.0, 2.0, 3.0), 1.0)]);
+        assert!(least > -1e-6 && most < 1e-6, "{least} to {most}");
+    }
+
+    #[test]
+    fn a_crease_between_balls_is_filled_and_nothing_is_removed() {
+        let [least, most] = fitted(&[(DVec3::ZERO, 1.0), (DVec3::X * 1.4, 1.0)]);
+        assert!(least < -0.01, "vertices in the crease stay outside: {least}");
+        assert!(most < 1e-6, "no vertex lies inside: {most}");
     }
 }

@@ -5,12 +5,10 @@ use glam::DVec3;
 use smallvec::{SmallVec, smallvec};
 
 use super::facing::{Chord, Least, NUDGE, SMOOTH};
-use super::prepared::{OPPOSED, Prepared, TILT};
+use super::prepared::{Prepared, TILT};
 
 /// Distance in units of a face's longest side at which a point counts as on an edge or a vertex.
 const TOUCHING: f64 = 1e-9;
-/// A bump whose height is less than its width times this is relief.
-const RELIEF: f64 = 1.0;
 
 impl Prepared<'_> {
     /// The shortest chord between a concave edge of `f` and face `h`, if it is thinner than `limit`, lies in the material, and neither end can
@@ -41,18 +39,7 @@ impl Prepared<'_> {
             return Least::Nothing;
         }
         let chord = Chord { points: [p, q], thickness, inside: (first.inner + second.inner) / 2.0 };
-        if self.is_relief([f, h], &chord, steps) {
-            return Least::Nothing;
-        }
         if *steps == 0 { Least::Undecided(chord) } else { Least::Found(chord) }
-    }
-
-    /// Whether a chord is the base of a bump that is lower than it is wide: such relief is a detail, not a wall.
-    fn is_relief(&self, [f, h]: [u32; 2], chord: &Chord, steps: &mut u64) -> bool {
-        let (n, m) = (self.normal(f), self.normal(h));
-        let [p, q] = chord.points;
-        let up = (n + m).normalize_or_zero() * (p.distance(q) * RELIEF);
-        n.dot(m) > OPPOSED && self.blocker([chord.inside, chord.inside + up], steps, |_| false).is_some()
     }
 
     /// The sharp concave edges of a face.

@@ -55,9 +55,11 @@ pub fn least_thickness(surface: &Surface, side: Space, context: &Context<'_>) ->
     Ok(LeastThickness { pair, is_complete: pairs.is_complete })
 }
 
-/// Measures the thickness at every vertex and face with inscribed balls. A ball that touches the surface at two places
-/// less than 143 degrees apart lies in an edge or corner; there the perpendicular chord counts, if it ends at an
-/// opposed face. For pictures and statistics: [`opposed_pairs`] decides. Precondition as there.
+/// Measures the thickness at every vertex and face with inscribed balls, for pictures and statistics. Decisions use
+/// [`opposed_pairs`], whose precondition holds here too.
+///
+/// A ball that touches the surface at two places less than 143 degrees apart lies in an edge or corner. There the
+/// perpendicular chord counts, if it ends at an opposed face.
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
