@@ -174,7 +174,7 @@ impl Filling<'_> {
             }
         }
         both.drop_unreferenced();
-        let expected = Expected { topology, min_wall: self.settings.min_wall, first_added: self.faces };
+        let expected = Expected { topology, settings: self.settings, first_added: self.faces, has_crumbs: false };
         united(&both, expected, self.union, self.context)
     }
 

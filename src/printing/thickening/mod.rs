@@ -81,7 +81,7 @@ impl Thickening {
             }
         }
         if self.growth == Growth::Both && !grown.thin.is_empty() {
-            let topology = Topology::of(surface);
+            let topology = Topology::of(surface, self);
             let filling = Filling { settings: *self, union, context: &limited, faces: count(surface), topology };
             let base = if grown.thin.lack <= MAX_LACK * before.lack {
                 grown.clone()

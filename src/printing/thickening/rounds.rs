@@ -70,7 +70,7 @@ impl<'a> Rounds<'a> {
         let thin_faces: Vec<u32> = (0u32..).zip(&thin_before).filter(|(_, w)| !w.is_empty()).map(|(f, _)| f).collect();
         let corners: Vec<[u32; 3]> = thin_faces.iter().map(|&face| input.faces[face as usize]).collect();
         let thin_faces = (thin_faces, Tree::new(&input.positions, &corners));
-        let topology = Topology::of(input);
+        let topology = Topology::of(input, &settings);
         let mut rounds = Self { settings, input, union, context, topology, places, thin_faces, taken_back };
         let mut best = rounds.grown(&thin_before)?;
         // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
@@ -305,8 +305,12 @@ impl Attempt<'_, '_> {
             return Ok(None);
         }
         self.unions += 1;
-        let expected =
-            Expected { topology: rounds.topology, min_wall: rounds.settings.min_wall, first_added: rounds.faces() };
+        let expected = Expected {
+            topology: rounds.topology,
+            settings: rounds.settings,
+            first_added: rounds.faces(),
+            has_crumbs: true,
+        };
         united(&layered.surface, expected, rounds.union, rounds.context).map(Some)
     }
 
