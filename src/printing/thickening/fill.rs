@@ -14,17 +14,26 @@ use super::spheres::Spheres;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 
 /// The most rounds.
-const MAX_ROUNDS: usize = 6;
-/// Edge lengths of cells as shares of the least wall, finest first, with the shares by which balls are larger than the
-/// least wall to cover the error of their surface.
-const CELLS: [(f64, f64); 2] = [(0.2, 0.08), (0.25, 0.1)];
+const MAX_ROUNDS: usize = 8;
+/// Sizes of cells, finest first. Measuring the result takes longest, so a body of many faces gets larger cells.
+const CELLS: [Cells; 2] =
+    [Cells { share: 0.2, margin: 0.08, max_faces: 50_000 }, Cells { share: 0.32, margin: 0.12, max_faces: 600_000 }];
 /// How much more a ball grows in each round after the first.
 const MORE: f64 = 0.01;
-/// The most faces of a body, and the most memory of its samples.
-const MAX_FACES: u64 = 600_000;
+/// The most memory of a body's samples.
 const MAX_MEMORY: u64 = 1 << 29;
 /// The most unions of a round.
 const MAX_UNIONS: usize = 10;
+
+/// A size of cells.
+struct Cells {
+    /// The edge length as a share of the least wall.
+    share: f64,
+    /// The share by which balls are larger than the least wall, to cover the error of their surface.
+    margin: f64,
+    /// The most faces of a body.
+    max_faces: u64,
+}
 
 /// The settings of the rounds.
 pub struct Filling<'a> {
@@ -89,7 +98,7 @@ impl Filling<'_> {
     fn round(&self, start: &Start<'_>, balls: &mut Vec<Filler>) -> Result<Grown, Cancelled> {
         let &Start { base, current, number } = start;
         let mut next = Grown { reason: Some(ThinReason::Union), ..current.clone() };
-        for (share, margin) in CELLS {
+        for Cells { share, margin, max_faces } in CELLS {
             let cell = share * self.settings.min_wall;
             let search = Search { spacing: cell, margin: margin + MORE * number as f64, is_first: number == 0 };
             let Some(fillers) =
@@ -102,7 +111,7 @@ impl Filling<'_> {
                 return Ok(Grown { reason: None, ..next });
             }
             let all: Vec<Filler> = balls.iter().chain(&fillers).copied().collect();
-            let body = match self.body(&all, cell) {
+            let body = match self.body(&all, cell, max_faces) {
                 Ok(body) => body,
                 Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
                 Err(_) => continue,
@@ -123,10 +132,10 @@ impl Filling<'_> {
     }
 
     /// The surface of a union of balls.
-    fn body(&self, fillers: &[Filler], cell: f64) -> Result<Body, RemeshError> {
+    fn body(&self, fillers: &[Filler], cell: f64, max_faces: u64) -> Result<Body, RemeshError> {
         let balls: Vec<_> = fillers.iter().map(|filler| (filler.centre, filler.radius)).filter(|b| b.1 > 0.0).collect();
         let precision = self.settings.precision;
-        let union = BallUnion { balls: &balls, cell, max_faces: MAX_FACES, max_memory: MAX_MEMORY, precision };
+        let union = BallUnion { balls: &balls, cell, max_faces, max_memory: MAX_MEMORY, precision };
         let mut surface = union.surface(self.context)?;
         Spheres::new(&balls, cell, precision).fit(&mut surface);
         Ok(Body::new(surface))

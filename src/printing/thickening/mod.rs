@@ -1,9 +1,10 @@
 //! Thickening: grows the walls of a solid that are thinner than a limit, and proves the result.
 //!
-//! A layer of prisms stands on the thin faces (`growth`, `refine`, `layer`), and the exact union of the solid with the
-//! layer is the result (`unite`). So every face outside the layer keeps its exact corners. The walls of the rounded result
-//! are then measured again: up to three rounds add what is missing. Where a round breaks a promise, the layer of the thin
-//! places that cause it is taken back (`rounds`).
+//! A few thin faces get a layer of prisms (`growth`, `refine`, `layer`, `rounds`), which keeps edges sharp. Otherwise balls of the
+//! least wall's diameter stand along the middle of the thin places (`bodies`), and one closed surface around all balls is
+//! built (`spheres`, `fill`). The exact union of the solid with the layer or the balls is the result (`unite`). So every
+//! face outside the added material keeps its exact corners. The walls of the rounded result are then measured again, and
+//! further rounds add what is missing. The result with the least lack of thickness counts (`results`).
 
 mod bodies;
 mod fill;
@@ -45,8 +46,9 @@ impl Thickening {
     /// Thickens the walls of a solid. The surface must be closed, oriented outward and without intersections; its
     /// positions must have the precision of the output.
     ///
-    /// Promises: the input is contained in the result. Faces outside the layer keep their corners and sources. Parts and
-    /// handles stay the same. Where a wall stays thin, a place says why.
+    /// Promises: the input is contained in the result. Faces outside the added material keep their corners and sources.
+    /// Handles and large cavities stay, and only touching or small near solids are joined. Where a wall stays thin, a
+    /// place says why.
     ///
     /// # Errors
     /// [`ThickeningError`] for unusable settings, a surface that is not closed, or a cancellation.

@@ -258,6 +258,9 @@ pub(super) fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
     for faces in steps.iter_mut().filter_map(|step| step.unfixed.as_mut()) {
         faces.faces.truncate(most);
     }
+    for thickening in steps.iter_mut().filter_map(|step| step.thickening.as_mut()) {
+        thickening.left.truncate(most);
+    }
 }
 
 /// Keeps the chosen candidate and the first `most` others. The chosen candidate's red flags are already in the report.
