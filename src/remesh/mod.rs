@@ -12,11 +12,13 @@
 //! - The result has **no self-intersections**, because each piece stays in the envelope of its own grid edge
 //!   (`contour`). A later move of a vertex is made only if exact tests confirm that no intersection arises.
 
+mod balls;
 mod band;
 mod contour;
 mod corrections;
 mod field;
 mod grid;
+mod region;
 mod vertices;
 
 use crate::context::{Cancelled, Context};
@@ -26,6 +28,7 @@ use band::{Sampling, SamplingLimits, cells_met};
 use field::{Field, Stop, deviation};
 use grid::{Grid, GridIndex, Samples};
 
+pub use balls::BallUnion;
 pub use field::{Deviation, Distances, WindingRule};
 
 /// Options of a remesh.
@@ -218,7 +221,7 @@ struct Input<'a> {
 
 /// Samples with a well-composed inside, and the cells that the surface passes through.
 struct Sampled<'a> {
-    sampling: Sampling<'a>,
+    sampling: Sampling<'a, Field<'a>>,
     cells: Vec<GridIndex>,
     /// Number of samples forced inside.
     forced: u64,
