@@ -21,9 +21,9 @@ const MAX_BORDER_SHARE: usize = 2;
 
 /// Winding numbers of a mesh around points.
 ///
-/// A cone from an apex to the border closes the mesh. A ray that starts at the point and leads away from the apex never meets the cone, so
-/// its signed crossings with the mesh are the winding number of mesh and cone together. The winding number of the mesh alone is that integer
-/// minus the cone's winding number, which is summed exactly.
+/// A cone from an apex to the border closes the mesh. A ray that starts at the point and leads away from the apex never meets the cone.
+/// So the ray's signed crossings with the mesh are the winding number of mesh and cone together. The winding number of the mesh alone is
+/// that integer minus the cone's winding number, which is summed exactly.
 pub(super) struct RayWinding<'a> {
     analysis: &'a Analysis<'a>,
     apex: DVec3,

@@ -48,7 +48,7 @@ impl Tree {
     }
 
     /// The distance from a point to the triangles, as [`Tree::nearest`] finds it without a bound. `last` is a triangle that may be
-    /// near, such as the nearest one of a neighbouring point, and becomes the nearest one: the closer it is, the shorter the search.
+    /// near, such as the nearest one of a neighbouring point, and becomes the nearest one. The closer it is, the shorter the search.
     pub fn distance(
         &self,
         point: DVec3,
