@@ -5,10 +5,11 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::band::{Sampling, SamplingLimits};
+use super::error::RemeshError;
 use super::field::{LEVEL, Stop};
 use super::grid::{Grid, GridIndex, Samples};
 use super::region::{MixedEdge, Region};
-use super::{RemeshError, contour, vertices};
+use super::{contour, vertices};
 use crate::context::Context;
 use crate::math::{Box3, Precision, Rounding, unit_scale};
 use crate::mesh::{NO_SOURCE, Surface};

@@ -16,6 +16,7 @@ mod balls;
 mod band;
 mod contour;
 mod corrections;
+mod error;
 mod field;
 mod grid;
 mod region;
@@ -29,6 +30,7 @@ use field::{Field, Stop, deviation};
 use grid::{Grid, GridIndex, Samples};
 
 pub use balls::BallUnion;
+pub use error::RemeshError;
 pub use field::{Deviation, Distances, WindingRule};
 
 /// Options of a remesh.
@@ -70,20 +72,6 @@ pub struct Remeshed {
     pub deviation: Deviation,
     /// Number of samples forced inside, to preserve thin parts and to keep the surface manifold.
     pub forced_inside: u64,
-}
-
-/// Why no new surface could be built.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum RemeshError {
-    /// Nothing is inside.
-    #[error("the surface has no inside at any cell size tried")]
-    Empty,
-    /// The limits allow only cells that are too large to resolve the model.
-    #[error("the limits on faces, memory and work are too low for a remesh")]
-    Limits,
-    /// The work was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
 }
 
 /// Cells along the diagonal by default.

@@ -95,6 +95,10 @@ impl<'a> Fillers<'a> {
         let mut kept: FxHashMap<[i64; 3], usize> = FxHashMap::default();
         let mut fillers: Vec<Filler> = Vec::new();
         let mut take = |found: Filler, fillers: &mut Vec<Filler>| {
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "coordinates are far fewer than 2^63 cells from the origin"
+            )]
             let cell = (found.centre / self.search.spacing).floor().to_array().map(|x| x as i64);
             let at = *kept.entry(cell).or_insert(fillers.len());
             if at == fillers.len() {

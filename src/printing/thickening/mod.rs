@@ -40,7 +40,7 @@ const PRISM_SHARE: f64 = 0.4;
 const MAX_PRISMS: usize = 400;
 /// The share of the lack of thickness up to which balls add to prisms; above it they replace the prisms, because the
 /// surfaces of both meet at angles that leave slivers.
-const MAX_LACK: f64 = 0.02;
+const MAX_LACK: f64 = 0.5;
 
 impl Thickening {
     /// Thickens the walls of a solid. The surface must be closed, oriented outward and without intersections; its
