@@ -110,9 +110,7 @@ impl Results<'_> {
             place.result = PlaceResult::LeftThin(reason);
         }
         results.sort_by(|a, b| b.area.total_cmp(&a.area));
-        let is_added = |&&source: &&u32| source as usize >= count;
-        let added_faces: Vec<u32> =
-            (0u32..).zip(&surface.source).filter(|(_, source)| is_added(source)).map(|(face, _)| face).collect();
+        let added_faces = added_faces(&surface, count);
         let max_deviation = deviation(self.input, &surface, &added_faces);
         let added_volume = volume(&surface) - volume(self.input);
         for source in &mut surface.source {
@@ -161,8 +159,19 @@ fn volume(surface: &Surface) -> f64 {
     (0..surface.faces.len()).map(part).sum::<f64>() / 6.0
 }
 
+/// The faces of a surface on the way to a result that are not faces of the input, which has `count` faces.
+fn added_faces(surface: &Surface, count: usize) -> Vec<u32> {
+    let is_added = |&(_, source): &(u32, &u32)| *source as usize >= count;
+    (0u32..).zip(&surface.source).filter(is_added).map(|(face, _)| face).collect()
+}
+
+/// The largest distance of the added faces of a surface on the way to a result from the input.
+pub fn deviation_of_added(input: &Surface, surface: &Surface) -> f64 {
+    deviation(input, surface, &added_faces(surface, input.faces.len()))
+}
+
 /// The largest distance of the corners and the centres of some faces from another surface.
-pub fn deviation(from: &Surface, of: &Surface, faces: &[u32]) -> f64 {
+fn deviation(from: &Surface, of: &Surface, faces: &[u32]) -> f64 {
     let tree = Tree::new(&from.positions, &from.faces);
     let mut most = 0.0f64;
     for &face in faces {

@@ -12,7 +12,7 @@ use super::layer::layered;
 use super::outcome::{Thickening, ThickeningError};
 use super::places::Places;
 use super::refine::Refined;
-use super::results::deviation;
+use super::results::deviation_of_added;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
@@ -106,7 +106,7 @@ impl<'a> Rounds<'a> {
             let area = thin_area(&surface, &thin);
             // The first round is judged place by place.
             let is_better = number == 0 || area < best.area && !self.is_thinner_somewhere(&surface, &thin, &best);
-            if !is_better || self.deviation(&surface) > MAX_DEVIATION * settings.min_wall {
+            if !is_better || deviation_of_added(self.input, &surface) > MAX_DEVIATION * settings.min_wall {
                 break;
             }
             best = Grown { area, surface: surface.clone(), thin: thin.clone() };
@@ -140,16 +140,6 @@ impl<'a> Rounds<'a> {
         let corners = |face: u32| self.input.corners(faces[face as usize] as usize);
         let nearest = tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners)?;
         self.places.of_face[faces[nearest.face as usize] as usize]
-    }
-
-    /// The largest distance of the added faces of a result from the input.
-    fn deviation(&self, surface: &Surface) -> f64 {
-        let added: Vec<u32> = (0u32..)
-            .zip(&surface.source)
-            .filter(|(_, source)| **source >= self.faces())
-            .map(|(face, _)| face)
-            .collect();
-        deviation(self.input, surface, &added)
     }
 
     /// The places that are not yet taken back, and of which much stays thin or a wall got thinner.
