@@ -235,7 +235,8 @@ mod tests {
             .map(|face| surface.corners(face).map(|p| p - balls[0].0))
             .map(|[a, b, c]| a.dot(b.cross(c)) / 6.0)
             .sum();
-        assert!((volume - 6.66).abs() < 0.1, "two overlapping balls and a ball apart, not {volume}");
+        // The balls have 4.189, 2.145 and 1.437, and the first two share 0.926. The surface is inscribed.
+        assert!((6.70..6.845).contains(&volume), "two overlapping balls and a ball apart, not {volume}");
     }
 
     #[test]
