@@ -213,10 +213,12 @@ export interface paths {
          *     show the input and the result with the defects in colour. `defects.glb` and `defects.ply` are the input as coloured meshes with a
          *     legend. `change.png`, `change.glb` and `change.ply` show which surface was kept, moved, added and removed. `remaining.glb` shows the
          *     remaining defects of a result that is not printable. Models of more than 400,000 faces also have the coarse previews
-         *     `defects-preview.glb` and `change-preview.glb`.
+         *     `defects-preview.glb` and `change-preview.glb`. A printable result of a job with `process` or `min_wall` also has `thickness.png`,
+         *     `thickness.glb` and `thickness.ply`, which show its wall thickness in colours.
          *
          *     If the job has the option `alternatives`, the job's `alternatives` list further results. Each has the artifacts `model-ID`,
-         *     `report-ID.json` and, unless `pictures` is false, `after-ID.png`. The query parameter `choice` takes them by their usual names.
+         *     `report-ID.json` and, unless `pictures` is false, `after-ID.png`. With the query parameter `choice=ID`, the names `model`,
+         *     `report-full.json` and `after.png` return these files.
          *
          *     Single ranges, `If-Range` and `If-None-Match` are supported. The entity tag is the file's SHA-256 hash.
          */
@@ -698,33 +700,33 @@ export interface components {
          * @enum {string}
          */
         Action: "basic_cleanup" | "fix_normals" | "fill_holes" | "stitch" | "full_repair" | "conservative_repair" | "make_manifold" | "clean_and_patch" | "close_sheets" | "self_union" | "perturb" | "simplify" | "drop_small_parts" | "fill_interior" | "treat_islands" | "treat_voids" | "thicken_walls" | "native_remesh" | "voxel_remesh" | "boolean_union" | "validate";
-        /** @description One result to choose from. Lengths are in millimetres whatever the file's unit. */
+        /** @description One result to choose from. Lengths are in millimetres, whatever the file's unit is. */
         Alternative: {
             /**
              * Format: double
              * @description Surface area, in mm².
              */
             area_mm2: number;
-            /** @description What this result is, as text. */
+            /** @description Description of the result, as text. */
             detail: string;
             /**
              * Format: int64
              * @description Number of faces.
              */
             faces: number;
-            /** @description The file of the result. */
+            /** @description The result's file. */
             file: components["schemas"]["FileSummary"];
-            /** @description The id by which the alternative is chosen: `default`, or the option and its value, such as `interior-keep`. */
+            /** @description Value of `choice` that selects this result: `default`, or the option and its value, such as `interior-keep`. */
             id: string;
-            /** @description Whether the job returns this result if nothing is chosen. */
+            /** @description Whether the job returns this result if the request names no `choice`. */
             is_default: boolean;
             /** @description The option in which the alternative differs from the default, as `name=value`. Missing for the default. */
             option?: string | null;
-            /** @description The outcome for this result. */
+            /** @description The outcome of the repair that made this result. */
             outcome: components["schemas"]["Outcome"];
             /**
              * Format: int64
-             * @description Number of connected parts, the surfaces of cavities included.
+             * @description Number of connected parts, including the surfaces of cavities.
              */
             parts: number;
             /** @description Whether the result meets every rule of the process. Null without the option `process`. */
@@ -736,18 +738,18 @@ export interface components {
             size_mm: number[] | null;
             /**
              * Format: double
-             * @description Enclosed volume, in mm³. Null if the mesh encloses no volume.
+             * @description Enclosed volume, in mm³. Null if the mesh encloses no reliable volume.
              */
             volume_mm3: number | null;
             /**
              * Format: double
-             * @description Weight in grams, from the volume and the density of the process's material. Null if either is unknown.
+             * @description Weight in grams: the volume times the density of the process's material. Null if either is unknown.
              */
             weight_g: number | null;
         };
-        /** @description The results to choose from, where the file leaves the intent of the model open. */
+        /** @description The results to choose from, where the file leaves the model's intent open. */
         Alternatives: {
-            /** @description The answers to open questions that are not offered, each with the reason. */
+            /** @description Answers to open questions whose results are not offered, each with the reason. */
             not_offered?: components["schemas"]["NotOffered"][];
             /** @description The results to choose from. The first one is the default, which the rest of the report describes. */
             offered: components["schemas"]["Alternative"][];
@@ -1045,13 +1047,13 @@ export interface components {
          * @enum {string}
          */
         Category: "clean" | "holes" | "many_small_holes" | "non_manifold" | "self_intersecting" | "fragmented" | "multiple_components" | "orientation" | "degenerate" | "open_sheet" | "complex";
-        /** @description A sealed cavity: a space of air that no way connects with the outside. */
+        /** @description A sealed cavity: a space inside a solid without any opening to the outside. */
         Cavity: {
             /** @description A point inside, in the file's unit. */
             at: number[];
             /**
              * Format: double
-             * @description Width of the narrowest passage between its chambers; absent for a cavity of one chamber.
+             * @description Width of the narrowest passage between the cavity's chambers; absent for a cavity of one chamber.
              */
             narrowest_mm?: number | null;
             /** @description Number of separate solids inside. */
@@ -1063,7 +1065,7 @@ export interface components {
             volume_mm3: number;
             /**
              * Format: double
-             * @description Diameter of the largest ball that fits, from below; 0 if none was found.
+             * @description Lower bound of the diameter of the largest ball that fits; 0 if none was found.
              */
             widest_mm: number;
         };
@@ -1361,7 +1363,8 @@ export interface components {
             basis: components["schemas"]["Basis"];
             /**
              * Format: int32
-             * @description Least number of holes per cavity.
+             * @description Number of holes that `voids=vent` drills into a sealed cavity. The openings of a cavity that is already open are
+             *     not counted.
              */
             count: number;
             /**
@@ -1372,11 +1375,11 @@ export interface components {
             /** @description Titles of the sources. */
             sources?: string[];
         };
-        /** @description The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely. */
+        /** @description The expected effort of a repair, from the counts of its inspection. An estimate is not a promise: repairs with equal counts differ widely. */
         Estimate: {
             /**
              * Format: int64
-             * @description Expected peak of the memory in bytes.
+             * @description Expected peak memory in bytes.
              */
             memory_bytes: number;
             /**
@@ -1980,9 +1983,9 @@ export interface components {
          * @enum {string}
          */
         NotAppliedCause: "nothing_to_do" | "limited" | "excluded" | "unavailable" | "made_worse";
-        /** @description An answer to an open question that is not offered. */
+        /** @description An answer to an open question whose result is not offered. */
         NotOffered: {
-            /** @description The kind of reason. */
+            /** @description The kind of reason, for programs. */
             cause: components["schemas"]["NotOfferedCause"];
             /** @description The id that the alternative would have. */
             id: string;
@@ -1994,7 +1997,7 @@ export interface components {
             reason: string;
         };
         /**
-         * @description The kinds of reason why an answer is not offered.
+         * @description The kinds of reason why the result of an answer is not offered.
          * @enum {string}
          */
         NotOfferedCause: "same_result" | "not_printable" | "requirement_missed" | "failed" | "no_time" | "over_limit";
@@ -2082,8 +2085,9 @@ export interface components {
         /** @description The options of a repair. Every field has a default. */
         Options: components["schemas"]["PrintOptions"] & {
             /**
-             * @description Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
-             *     A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
+             * @description Whether to also offer other results where the file leaves the model's intent open. Example: a double shell may be meant as a solid or
+             *     as hollow. Each result is a further repair within `deadline_s`. A job offers up to three results; the parameter `choice` of a download
+             *     selects one.
              * @default false
              */
             alternatives?: boolean;
@@ -2091,8 +2095,9 @@ export interface components {
             category?: components["schemas"]["Category"] | null;
             /**
              * Format: double
-             * @description Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %, and then returns the best
-             *     result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
+             * @description Time limit in seconds, from the start of the repair. The repair may overrun the limit by at most 2 s plus 10 %. The best
+             *     result verified until then is returned; if there was no time to inspect the input, the repair fails. `omitted` in the report lists
+             *     the skipped work.
              * @default 300
              */
             deadline_s?: number;
@@ -2324,7 +2329,8 @@ export interface components {
             /** @default null */
             unit?: components["schemas"]["Unit"] | null;
             /**
-             * @description Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer.
+             * @description Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer, and does not rely on
+             *     the inspection of the input.
              * @default changed
              */
             verify?: components["schemas"]["Verify"];
@@ -2545,19 +2551,19 @@ export interface components {
         /** @description The options of a repair that prepare the model for a printing process. */
         PrintOptions: {
             /**
-             * @description Treatment of the space inside a model. `auto` fills it if the model is a double shell, as generators of 3D models make them.
+             * @description Treatment of the space inside a model. `auto` fills the space in a double shell, which 3D model generators often produce.
              * @default auto
              */
             interior?: components["schemas"]["Interior"];
             /**
-             * @description Treatment of separate solids that are smaller than the process allows, or than 0.01 % of the whole without a process.
+             * @description Treatment of small separate solids: smaller than the process allows or, without a process, than 0.01 % of the model's volume.
              * @default auto
              */
             islands?: components["schemas"]["Islands"];
             /**
              * Format: double
-             * @description Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller ones are filled. Default: no limit; `voids`
-             *     holds for all.
+             * @description Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller cavities are filled. Default: `voids`
+             *     applies to all cavities.
              * @default null
              */
             keep_cavities_over_mm3?: number | null;
@@ -2577,7 +2583,8 @@ export interface components {
             process_limits?: components["schemas"]["ProcessLimits"] | null;
             /**
              * Format: double
-             * @description Widest opening, in millimetres, that is sealed when the interior is filled. Default: it follows from the model.
+             * @description Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the bounding box's diagonal,
+             *     depending on the model.
              * @default null
              */
             seal_mm?: number | null;
@@ -2594,13 +2601,14 @@ export interface components {
              */
             target_longest_mm?: number | null;
             /**
-             * @description Whether thin walls are thickened to the limit of the process. The option needs `process`; `min_wall` overrides the limit.
+             * @description Whether thin walls are thickened to the process's limit for free walls. The option needs `process`; `min_wall` overrides the limit.
              * @default false
              */
             thicken_to_process?: boolean;
             /**
              * Format: double
-             * @description Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process.
+             * @description Diameter of the holes that `voids=vent` drills, in millimetres. Default: the diameter of the process's escape holes, or 4 mm without a
+             *     process.
              * @default null
              */
             vent_diameter_mm?: number | null;
@@ -2720,7 +2728,7 @@ export interface components {
             engraved_mm?: number | null;
             /**
              * Format: int32
-             * @description Least number of escape holes per cavity. 0 lets cavities stay closed.
+             * @description Number of escape holes that `voids=vent` drills into a sealed cavity. 0 lets cavities stay closed.
              * @default null
              */
             escape_hole_count?: number | null;
@@ -2819,7 +2827,7 @@ export interface components {
             /** @description Other names that the option `process` accepts. */
             aliases?: string[];
             build_volume_mm?: components["schemas"]["BuildVolume"] | null;
-            /** @description Whether the process prints in liquid resin, so that hollows which open upward fill while they are printed. */
+            /** @description Whether the process prints in liquid resin, so that hollows which open only upward trap resin or air during the print. */
             checks_cups?: boolean;
             /** @description Narrowest gap between two separate solids. */
             clearance_mm: components["schemas"]["Limit"];
@@ -3442,6 +3450,7 @@ export interface components {
              * @description Index of the strategy in the plan.
              */
             strategy: number;
+            thickening?: components["schemas"]["WallThickening"] | null;
             /**
              * Format: int32
              * @description The tier, 1 to 3; 0 for validation.
@@ -3617,6 +3626,23 @@ export interface components {
              */
             thickness: number;
         };
+        /** @description A place that stays thin. */
+        ThinPlaceLeft: {
+            /** @description The thinnest point, in the model's unit. */
+            at: number[];
+            /** @description Why the place stays thin. */
+            reason: components["schemas"]["ThinPlaceReason"];
+            /**
+             * Format: double
+             * @description The least thickness in millimetres.
+             */
+            thickness_mm: number;
+        };
+        /**
+         * @description Why a place stays thin.
+         * @enum {string}
+         */
+        ThinPlaceReason: "gap" | "sharp_edge" | "undecided" | "out_of_time";
         /** @description The thinnest wall of the model. */
         ThinnestWall: {
             /** @description A point on one side of the wall. */
@@ -3745,31 +3771,31 @@ export interface components {
         Unit: "um" | "mm" | "cm" | "in" | "ft" | "m";
         /** @description A unit that the file may have. */
         UnitCandidate: {
-            /** @description The evidence. */
+            /** @description The evidence for and against this unit. */
             reasons: components["schemas"]["UnitReason"][];
             /**
              * Format: double
-             * @description The log of its prior and evidence: a candidate with 1 more is e times as likely.
+             * @description Natural logarithm of the unit's likelihood by all evidence. A candidate whose score is higher by 1 is e times as likely.
              */
             score: number;
-            /** @description The sides of the box in this unit, in millimetres. */
+            /** @description Side lengths of the bounding box in millimetres, if the file is in this unit. */
             size_mm: number[];
             /** @description The unit. */
             unit: components["schemas"]["Unit"];
             /**
              * Format: double
-             * @description The median wall in this unit, in millimetres.
+             * @description Median wall thickness in millimetres, if the file is in this unit.
              */
             wall_mm?: number | null;
         };
         /** @description The candidates for a file's unit. */
         UnitCandidates: {
             likely?: components["schemas"]["Unit"] | null;
-            /** @description Whether the file was scaled to a size of 1 or 2, so that its unit means nothing: ask for a size. */
+            /** @description Whether the model was scaled to a longest side of 1 or 2, so that its size does not reveal the unit. Ask for a size. */
             normalised: boolean;
             /** @description All units, most likely first. */
             ranked: components["schemas"]["UnitCandidate"][];
-            /** @description The unit to use: the stated one, else millimetres. */
+            /** @description The unit that the job uses: the stated one, or millimetres. */
             taken: components["schemas"]["Unit"];
         };
         /** @description A piece of evidence for or against a unit. */
@@ -3786,7 +3812,7 @@ export interface components {
             /** @enum {string} */
             reason: "siblings";
         } | {
-            /** @description Whether the process prints this size. */
+            /** @description Whether the process can print this size. */
             is_printed: boolean;
             /**
              * Format: double
@@ -3796,28 +3822,28 @@ export interface components {
             /** @enum {string} */
             reason: "size";
         } | {
-            /** @description Whether they are as thick as usual walls. */
+            /** @description Whether this wall thickness is usual. */
             is_usual: boolean;
             /**
              * Format: double
-             * @description The median wall, in millimetres.
+             * @description The median wall thickness, in millimetres.
              */
             median_mm: number;
             /** @enum {string} */
             reason: "walls";
         } | {
-            /** @description Lengths that are multiples of 1/32 inch. */
+            /** @description Number of lengths that are multiples of 1/32 inch. */
             imperial: number;
-            /** @description Lengths that are multiples of 0.5 mm. */
+            /** @description Number of lengths that are multiples of 0.5 mm. */
             metric: number;
-            /** @description All lengths. */
+            /** @description Number of all lengths. */
             of: number;
             /** @enum {string} */
             reason: "round_lengths";
         } | {
-            /** @description Holes that fit. */
+            /** @description Number of holes that fit. */
             fit: number;
-            /** @description All holes. */
+            /** @description Number of all holes. */
             of: number;
             /** @enum {string} */
             reason: "screw_holes";
@@ -3953,6 +3979,31 @@ export interface components {
          * @enum {string}
          */
         WallGrowth: "both" | "outward" | "inward";
+        /** @description What a step that thickens walls added and left. */
+        WallThickening: {
+            /**
+             * Format: int64
+             * @description Number of added faces.
+             */
+            added_faces: number;
+            /**
+             * Format: double
+             * @description Volume of the added material in cubic millimetres.
+             */
+            added_volume_mm3: number;
+            /** @description The places that stay thin: walls first, then sharp edges; at most 100. */
+            left?: components["schemas"]["ThinPlaceLeft"][];
+            /**
+             * Format: int64
+             * @description Number of places that stay thin, sharp edges included.
+             */
+            left_count: number;
+            /**
+             * Format: double
+             * @description Largest distance of the added surface from the input, in millimetres.
+             */
+            max_deviation_mm: number;
+        };
         /** @description A result file in a webhook message. */
         WebhookArtifact: {
             /**
@@ -4317,6 +4368,8 @@ export type Tenant = components['schemas']['Tenant'];
 export type TenantChange = components['schemas']['TenantChange'];
 export type Tenants = components['schemas']['Tenants'];
 export type ThinPlace = components['schemas']['ThinPlace'];
+export type ThinPlaceLeft = components['schemas']['ThinPlaceLeft'];
+export type ThinPlaceReason = components['schemas']['ThinPlaceReason'];
 export type ThinnestWall = components['schemas']['ThinnestWall'];
 export type TierStatus = components['schemas']['TierStatus'];
 export type Tolerance = components['schemas']['Tolerance'];
@@ -4338,6 +4391,7 @@ export type Verify = components['schemas']['Verify'];
 export type Voids = components['schemas']['Voids'];
 export type Volume = components['schemas']['Volume'];
 export type WallGrowth = components['schemas']['WallGrowth'];
+export type WallThickening = components['schemas']['WallThickening'];
 export type WebhookArtifact = components['schemas']['WebhookArtifact'];
 export type WebhookDeliveries = components['schemas']['WebhookDeliveries'];
 export type WebhookDelivery = components['schemas']['WebhookDelivery'];
@@ -4814,7 +4868,10 @@ export interface operations {
                 merge?: components["schemas"]["Merge"];
                 /** @description Result that the repair must reach to succeed. With `printable`, a result that is not printable fails, and no model is returned. */
                 require?: components["schemas"]["Require"];
-                /** @description Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer. */
+                /**
+                 * @description Extent of the check of a result for intersecting faces. Both values give the same verdict; `full` takes longer, and does not rely on
+                 *     the inspection of the input.
+                 */
                 verify?: components["schemas"]["Verify"];
                 /** @description Unit of the file's lengths; overrides a unit that the file states. Default: the file's unit, or millimetres if it states none. */
                 unit?: components["schemas"]["Unit"];
@@ -4845,8 +4902,9 @@ export interface operations {
                  */
                 max_tier?: number;
                 /**
-                 * @description Time limit in seconds, from the start of the repair. The repair may overrun it by at most 2 s plus 10 %, and then returns the best
-                 *     result verified so far, or fails if there was no time to inspect the input. `omitted` in the report lists the skipped work.
+                 * @description Time limit in seconds, from the start of the repair. The repair may overrun the limit by at most 2 s plus 10 %. The best
+                 *     result verified until then is returned; if there was no time to inspect the input, the repair fails. `omitted` in the report lists
+                 *     the skipped work.
                  */
                 deadline_s?: number;
                 /**
@@ -4959,8 +5017,9 @@ export interface operations {
                  */
                 pictures?: boolean;
                 /**
-                 * @description Whether to also offer other results where the file leaves the model's intent open. Each one is a further repair within `deadline_s`.
-                 *     A job offers up to three results; `choice` takes one. Example: a double shell may be meant as a solid or as hollow.
+                 * @description Whether to also offer other results where the file leaves the model's intent open. Example: a double shell may be meant as a solid or
+                 *     as hollow. Each result is a further repair within `deadline_s`. A job offers up to three results; the parameter `choice` of a download
+                 *     selects one.
                  */
                 alternatives?: boolean;
                 /**
@@ -4972,24 +5031,30 @@ export interface operations {
                 process_limits?: string;
                 /** @description Least wall thickness in millimetres. Thinner walls are thickened; all other surface stays. Default: walls keep their thickness. */
                 min_wall?: number;
-                /** @description Whether thin walls are thickened to the limit of the process. The option needs `process`; `min_wall` overrides the limit. */
+                /** @description Whether thin walls are thickened to the process's limit for free walls. The option needs `process`; `min_wall` overrides the limit. */
                 thicken_to_process?: boolean;
                 /** @description Side on which thin walls grow. */
                 wall_growth?: components["schemas"]["WallGrowth"];
-                /** @description Treatment of the space inside a model. `auto` fills it if the model is a double shell, as generators of 3D models make them. */
+                /** @description Treatment of the space inside a model. `auto` fills the space in a double shell, which 3D model generators often produce. */
                 interior?: components["schemas"]["Interior"];
-                /** @description Widest opening, in millimetres, that is sealed when the interior is filled. Default: it follows from the model. */
+                /**
+                 * @description Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the bounding box's diagonal,
+                 *     depending on the model.
+                 */
                 seal_mm?: number;
-                /** @description Treatment of separate solids that are smaller than the process allows, or than 0.01 % of the whole without a process. */
+                /** @description Treatment of small separate solids: smaller than the process allows or, without a process, than 0.01 % of the model's volume. */
                 islands?: components["schemas"]["Islands"];
                 /** @description Treatment of sealed cavities. */
                 voids?: components["schemas"]["Voids"];
                 /**
-                 * @description Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller ones are filled. Default: no limit; `voids`
-                 *     holds for all.
+                 * @description Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller cavities are filled. Default: `voids`
+                 *     applies to all cavities.
                  */
                 keep_cavities_over_mm3?: number;
-                /** @description Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process. */
+                /**
+                 * @description Diameter of the holes that `voids=vent` drills, in millimetres. Default: the diameter of the process's escape holes, or 4 mm without a
+                 *     process.
+                 */
                 vent_diameter_mm?: number;
                 /** @description Height of the result in millimetres, along the file's up axis. The model is scaled evenly before the repair. */
                 target_height_mm?: number;
@@ -5370,8 +5435,8 @@ export interface operations {
         parameters: {
             query?: {
                 /**
-                 * @description The id of one of the job's `alternatives`, whose `model`, `report-full.json` or `after.png` to send. Nothing is repaired again.
-                 *     Default: `default`, the result that the job's report describes.
+                 * @description Id of one of the job's `alternatives`. The response is the `model`, `report-full.json` or `after.png` of that result, without another
+                 *     repair. Default: `default`, the result that the job's report describes.
                  * @example interior-keep
                  */
                 choice?: string;

@@ -91,18 +91,18 @@ Category: TypeAlias = Literal['clean', 'holes', 'many_small_holes', 'non_manifol
 
 
 class Cavity(TypedDict):
-    """A sealed cavity: a space of air that no way connects with the outside."""
+    """A sealed cavity: a space inside a solid without any opening to the outside."""
 
     at: list[float]
     """A point inside, in the file's unit."""
     narrowest_mm: NotRequired[float | None]
-    """Width of the narrowest passage between its chambers; absent for a cavity of one chamber."""
+    """Width of the narrowest passage between the cavity's chambers; absent for a cavity of one chamber."""
     solids: int
     """Number of separate solids inside."""
     volume_mm3: float
     """Volume, without the solids inside."""
     widest_mm: float
-    """Diameter of the largest ball that fits, from below; 0 if none was found."""
+    """Lower bound of the diameter of the largest ball that fits; 0 if none was found."""
 
 
 class Change(TypedDict):
@@ -196,7 +196,10 @@ class EscapeHoles(TypedDict, closed=True):
     basis: Basis
     """Where the rule comes from."""
     count: int
-    """Least number of holes per cavity."""
+    """
+    Number of holes that `voids=vent` drills into a sealed cavity. The openings of a cavity that is already open are
+    not counted.
+    """
     diameter_mm: float
     """Least diameter."""
     sources: NotRequired[list[str]]
@@ -204,10 +207,10 @@ class EscapeHoles(TypedDict, closed=True):
 
 
 class Estimate(TypedDict):
-    """The expected effort of a repair, from the counts of its inspection. The estimate is no promise: repairs of the same counts differ widely."""
+    """The expected effort of a repair, from the counts of its inspection. An estimate is not a promise: repairs with equal counts differ widely."""
 
     memory_bytes: int
-    """Expected peak of the memory in bytes."""
+    """Expected peak memory in bytes."""
     milliseconds: int
     """Expected duration of the whole repair in milliseconds, on one idle core."""
 
@@ -379,7 +382,7 @@ NotAppliedCause: TypeAlias = Literal['nothing_to_do', 'limited', 'excluded', 'un
 
 
 NotOfferedCause: TypeAlias = Literal['same_result', 'not_printable', 'requirement_missed', 'failed', 'no_time', 'over_limit']
-"""The kinds of reason why an answer is not offered."""
+"""The kinds of reason why the result of an answer is not offered."""
 
 
 OfferedFile: TypeAlias = Literal['model', 'original', 'none']
@@ -512,7 +515,7 @@ class ProcessLimits(TypedDict, closed=True):
     engraved_mm: NotRequired[float | None]
     """See `engraved_mm` of a profile."""
     escape_hole_count: NotRequired[int | None]
-    """Least number of escape holes per cavity. 0 lets cavities stay closed."""
+    """Number of escape holes that `voids=vent` drills into a sealed cavity. 0 lets cavities stay closed."""
     escape_hole_mm: NotRequired[float | None]
     """Least diameter of an escape hole. 0 lets cavities stay closed."""
     free_wall_mm: NotRequired[float | None]
@@ -546,7 +549,7 @@ class Profile(TypedDict, closed=True):
     """Other names that the option `process` accepts."""
     build_volume_mm: NotRequired[BuildVolume | None]
     checks_cups: NotRequired[bool]
-    """Whether the process prints in liquid resin, so that hollows which open upward fill while they are printed."""
+    """Whether the process prints in liquid resin, so that hollows which open only upward trap resin or air during the print."""
     clearance_mm: Limit
     """Narrowest gap between two separate solids."""
     embossed_mm: Limit
@@ -863,6 +866,10 @@ class ThinPlace(TypedDict):
     """Wall thickness at this point, in the model's unit."""
 
 
+ThinPlaceReason: TypeAlias = Literal['gap', 'sharp_edge', 'undecided', 'out_of_time']
+"""Why a place stays thin."""
+
+
 class ThinnestWall(TypedDict):
     """The thinnest wall of the model."""
 
@@ -992,44 +999,44 @@ class UnitReason4(TypedDict):
 
 
 class UnitReason5(TypedDict):
-    """The size in this unit is usual, small or large for a print."""
+    """The size of the model, if the file is in this unit."""
 
     is_printed: bool
-    """Whether the process prints this size."""
+    """Whether the process can print this size."""
     longest_mm: float
     """The longest side, in millimetres."""
     reason: Literal['size']
 
 
 class UnitReason6(TypedDict):
-    """The walls in this unit."""
+    """The wall thickness of the model, if the file is in this unit."""
 
     is_usual: bool
-    """Whether they are as thick as usual walls."""
+    """Whether this wall thickness is usual."""
     median_mm: float
-    """The median wall, in millimetres."""
+    """The median wall thickness, in millimetres."""
     reason: Literal['walls']
 
 
 class UnitReason7(TypedDict):
-    """Lengths in this unit are round."""
+    """Lengths that are round numbers, if the file is in this unit."""
 
     imperial: int
-    """Lengths that are multiples of 1/32 inch."""
+    """Number of lengths that are multiples of 1/32 inch."""
     metric: int
-    """Lengths that are multiples of 0.5 mm."""
+    """Number of lengths that are multiples of 0.5 mm."""
     of: int
-    """All lengths."""
+    """Number of all lengths."""
     reason: Literal['round_lengths']
 
 
 class UnitReason8(TypedDict):
-    """Holes in this unit fit metric screws."""
+    """Holes that fit metric screws, if the file is in this unit."""
 
     fit: int
-    """Holes that fit."""
+    """Number of holes that fit."""
     of: int
-    """All holes."""
+    """Number of all holes."""
     reason: Literal['screw_holes']
 
 
@@ -1572,10 +1579,10 @@ class NewApiKey(TypedDict, closed=True):
 
 
 class NotOffered(TypedDict):
-    """An answer to an open question that is not offered."""
+    """An answer to an open question whose result is not offered."""
 
     cause: NotOfferedCause
-    """The kind of reason."""
+    """The kind of reason, for programs."""
     id: str
     """The id that the alternative would have."""
     option: str
@@ -1659,13 +1666,13 @@ class PrintOptions(TypedDict):
     """The options of a repair that prepare the model for a printing process."""
 
     interior: NotRequired[Interior]
-    """Treatment of the space inside a model. `auto` fills it if the model is a double shell, as generators of 3D models make them."""
+    """Treatment of the space inside a model. `auto` fills the space in a double shell, which 3D model generators often produce."""
     islands: NotRequired[Islands]
-    """Treatment of separate solids that are smaller than the process allows, or than 0.01 % of the whole without a process."""
+    """Treatment of small separate solids: smaller than the process allows or, without a process, than 0.01 % of the model's volume."""
     keep_cavities_over_mm3: NotRequired[float | None]
     """
-    Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller ones are filled. Default: no limit; `voids`
-    holds for all.
+    Volume in mm³ above which sealed cavities are kept or vented, as `voids` says. Smaller cavities are filled. Default: `voids`
+    applies to all cavities.
     """
     min_wall: NotRequired[float | None]
     """Least wall thickness in millimetres. Thinner walls are thickened; all other surface stays. Default: walls keep their thickness."""
@@ -1676,15 +1683,21 @@ class PrintOptions(TypedDict):
     """
     process_limits: NotRequired[ProcessLimits | None]
     seal_mm: NotRequired[float | None]
-    """Widest opening, in millimetres, that is sealed when the interior is filled. Default: it follows from the model."""
+    """
+    Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the bounding box's diagonal,
+    depending on the model.
+    """
     target_height_mm: NotRequired[float | None]
     """Height of the result in millimetres, along the file's up axis. The model is scaled evenly before the repair."""
     target_longest_mm: NotRequired[float | None]
     """Longest side of the result's bounding box, in millimetres. The model is scaled evenly before the repair."""
     thicken_to_process: NotRequired[bool]
-    """Whether thin walls are thickened to the limit of the process. The option needs `process`; `min_wall` overrides the limit."""
+    """Whether thin walls are thickened to the process's limit for free walls. The option needs `process`; `min_wall` overrides the limit."""
     vent_diameter_mm: NotRequired[float | None]
-    """Diameter of the holes that `voids=vent` drills, in millimetres. Default: the process's escape holes, or 4 mm without a process."""
+    """
+    Diameter of the holes that `voids=vent` drills, in millimetres. Default: the diameter of the process's escape holes, or 4 mm without a
+    process.
+    """
     voids: NotRequired[Voids]
     """Treatment of sealed cavities."""
     wall_growth: NotRequired[WallGrowth]
@@ -1855,36 +1868,6 @@ class Statistics(TypedDict):
     """Number of faces without an aspect ratio: degenerate, or too thin for f64."""
 
 
-class Step(TypedDict):
-    """One operator, remesh or validation that was run or skipped."""
-
-    action: Action
-    """The action that the step belongs to."""
-    changed: list[Change]
-    """The changes that the step made."""
-    milliseconds: float
-    """The duration in milliseconds; 0 if the result was reused from an earlier strategy."""
-    moved: NotRequired[float]
-    """The farthest distance that the step moved a vertex, in the model's unit."""
-    note: NotRequired[str | None]
-    """Why the step failed or was skipped, or what it could not fix, as text."""
-    operator: NotRequired[Operator | None]
-    options_not_applied: NotRequired[list[OptionNotApplied]]
-    """Options that the step could follow only in part."""
-    program: NotRequired[RemesherInfo | None]
-    runs: NotRequired[int]
-    """For tier 3: the number of starts of the program; more than one after a crash."""
-    status: StepStatus
-    """The status of the step."""
-    strategy: int
-    """Index of the strategy in the plan."""
-    tier: int
-    """The tier, 1 to 3; 0 for validation."""
-    unfixed: NotRequired[UnfixedFaces | None]
-    voxel_size: NotRequired[float | None]
-    """For a remesh: the edge length of the voxels, in the model's unit."""
-
-
 class Strategy(TypedDict):
     """One strategy of a plan: a sequence of actions from the input to a result."""
 
@@ -1898,19 +1881,30 @@ class Strategy(TypedDict):
     """The condition for the strategy to run."""
 
 
+class ThinPlaceLeft(TypedDict):
+    """A place that stays thin."""
+
+    at: list[float]
+    """The thinnest point, in the model's unit."""
+    reason: ThinPlaceReason
+    """Why the place stays thin."""
+    thickness_mm: float
+    """The least thickness in millimetres."""
+
+
 class UnitCandidate(TypedDict):
     """A unit that the file may have."""
 
     reasons: list[UnitReason]
-    """The evidence."""
+    """The evidence for and against this unit."""
     score: float
-    """The log of its prior and evidence: a candidate with 1 more is e times as likely."""
+    """Natural logarithm of the unit's likelihood by all evidence. A candidate whose score is higher by 1 is e times as likely."""
     size_mm: list[float]
-    """The sides of the box in this unit, in millimetres."""
+    """Side lengths of the bounding box in millimetres, if the file is in this unit."""
     unit: Unit
     """The unit."""
     wall_mm: NotRequired[float | None]
-    """The median wall in this unit, in millimetres."""
+    """Median wall thickness in millimetres, if the file is in this unit."""
 
 
 class UnitCandidates(TypedDict):
@@ -1918,11 +1912,11 @@ class UnitCandidates(TypedDict):
 
     likely: NotRequired[Unit | None]
     normalised: bool
-    """Whether the file was scaled to a size of 1 or 2, so that its unit means nothing: ask for a size."""
+    """Whether the model was scaled to a longest side of 1 or 2, so that its size does not reveal the unit. Ask for a size."""
     ranked: list[UnitCandidate]
     """All units, most likely first."""
     taken: Unit
-    """The unit to use: the stated one, else millimetres."""
+    """The unit that the job uses: the stated one, or millimetres."""
 
 
 class Upload(TypedDict):
@@ -1936,6 +1930,21 @@ class Upload(TypedDict):
     """The largest file that this upload accepts, in bytes."""
     put: UploadPut
     """The request that sends the file."""
+
+
+class WallThickening(TypedDict):
+    """What a step that thickens walls added and left."""
+
+    added_faces: int
+    """Number of added faces."""
+    added_volume_mm3: float
+    """Volume of the added material in cubic millimetres."""
+    left: NotRequired[list[ThinPlaceLeft]]
+    """The places that stay thin: walls first, then sharp edges; at most 100."""
+    left_count: int
+    """Number of places that stay thin, sharp edges included."""
+    max_deviation_mm: float
+    """Largest distance of the added surface from the input, in millimetres."""
 
 
 class WebhookDeliveries(TypedDict):
@@ -1987,26 +1996,26 @@ class WebhookMessage(TypedDict):
 
 
 class Alternative(TypedDict):
-    """One result to choose from. Lengths are in millimetres whatever the file's unit."""
+    """One result to choose from. Lengths are in millimetres, whatever the file's unit is."""
 
     area_mm2: float
     """Surface area, in mm²."""
     detail: str
-    """What this result is, as text."""
+    """Description of the result, as text."""
     faces: int
     """Number of faces."""
     file: FileSummary
-    """The file of the result."""
+    """The result's file."""
     id: str
-    """The id by which the alternative is chosen: `default`, or the option and its value, such as `interior-keep`."""
+    """Value of `choice` that selects this result: `default`, or the option and its value, such as `interior-keep`."""
     is_default: bool
-    """Whether the job returns this result if nothing is chosen."""
+    """Whether the job returns this result if the request names no `choice`."""
     option: NotRequired[str | None]
     """The option in which the alternative differs from the default, as `name=value`. Missing for the default."""
     outcome: Outcome
-    """The outcome for this result."""
+    """The outcome of the repair that made this result."""
     parts: int
-    """Number of connected parts, the surfaces of cavities included."""
+    """Number of connected parts, including the surfaces of cavities."""
     print_ready: bool | None
     """Whether the result meets every rule of the process. Null without the option `process`."""
     printable: bool
@@ -2015,16 +2024,16 @@ class Alternative(TypedDict):
     size_mm: list[float] | None
     """Side lengths of the bounding box, in mm."""
     volume_mm3: float | None
-    """Enclosed volume, in mm³. Null if the mesh encloses no volume."""
+    """Enclosed volume, in mm³. Null if the mesh encloses no reliable volume."""
     weight_g: float | None
-    """Weight in grams, from the volume and the density of the process's material. Null if either is unknown."""
+    """Weight in grams: the volume times the density of the process's material. Null if either is unknown."""
 
 
 class Alternatives(TypedDict):
-    """The results to choose from, where the file leaves the intent of the model open."""
+    """The results to choose from, where the file leaves the model's intent open."""
 
     not_offered: NotRequired[list[NotOffered]]
-    """The answers to open questions that are not offered, each with the reason."""
+    """Answers to open questions whose results are not offered, each with the reason."""
     offered: list[Alternative]
     """The results to choose from. The first one is the default, which the rest of the report describes."""
 
@@ -2304,6 +2313,37 @@ class SetReport(TypedDict):
 
     intersections: NotRequired[SetIntersections | None]
     spacing: NotRequired[SetSpacing | None]
+
+
+class Step(TypedDict):
+    """One operator, remesh or validation that was run or skipped."""
+
+    action: Action
+    """The action that the step belongs to."""
+    changed: list[Change]
+    """The changes that the step made."""
+    milliseconds: float
+    """The duration in milliseconds; 0 if the result was reused from an earlier strategy."""
+    moved: NotRequired[float]
+    """The farthest distance that the step moved a vertex, in the model's unit."""
+    note: NotRequired[str | None]
+    """Why the step failed or was skipped, or what it could not fix, as text."""
+    operator: NotRequired[Operator | None]
+    options_not_applied: NotRequired[list[OptionNotApplied]]
+    """Options that the step could follow only in part."""
+    program: NotRequired[RemesherInfo | None]
+    runs: NotRequired[int]
+    """For tier 3: the number of starts of the program; more than one after a crash."""
+    status: StepStatus
+    """The status of the step."""
+    strategy: int
+    """Index of the strategy in the plan."""
+    thickening: NotRequired[WallThickening | None]
+    tier: int
+    """The tier, 1 to 3; 0 for validation."""
+    unfixed: NotRequired[UnfixedFaces | None]
+    voxel_size: NotRequired[float | None]
+    """For a remesh: the edge length of the voxels, in the model's unit."""
 
 
 class AnalyzeJobOptions(AnalyzeOptions):
