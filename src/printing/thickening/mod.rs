@@ -80,7 +80,7 @@ impl Thickening {
             };
             if let Some(surface) = result {
                 let thin = Thin::of(&surface, min_wall, context)?;
-                if thin.area < before.area {
+                if thin.lack < before.lack {
                     grown = Grown { surface, thin, ..Grown::default() };
                 }
             }
