@@ -152,12 +152,10 @@ fn an_inner_skin_seen_only_through_many_pinholes_is_not_missed() {
 }
 
 /// Two double shells whose outer skins share an edge. Each outer skin lacks the face `hole`.
-fn shells_that_share_an_edge(segments: u32, hole: Option<usize>) -> Soup {
+fn shells_that_share_an_edge(segments: u32, hole: usize) -> Soup {
     let shell = |low: DVec3| {
         let mut outer = cube(low, 20.0, segments);
-        if let Some(face) = hole {
-            outer.faces.remove(face);
-        }
+        outer.faces.remove(hole);
         join(&outer, &inside_out(cube(low + 0.2, 19.6, segments)))
     };
     as_f32(join(&shell(DVec3::ZERO), &shell(DVec3::new(20.0, 20.0, 0.0))))
@@ -166,12 +164,12 @@ fn shells_that_share_an_edge(segments: u32, hole: Option<usize>) -> Soup {
 #[test]
 fn a_double_shell_whose_outer_skin_touches_itself_along_an_edge_becomes_a_solid() {
     let fill = PrintOptions { interior: Interior::Fill, ..PrintOptions::default() };
-    let filled = run(&shells_that_share_an_edge(40, Some(7)), fill.clone());
+    let filled = run(&shells_that_share_an_edge(40, 7), fill.clone());
     assert_outcome(&filled, Outcome::Repaired);
     assert!((volume(&filled) / 16_000.0 - 1.0).abs() < 0.01, "both cubes are solids: {}", volume(&filled));
     assert!(filled.report.options_not_applied.is_empty(), "{:?}", filled.report.options_not_applied);
     // A missing face of 5 mm is an opening, not a pinhole.
-    let open = run(&shells_that_share_an_edge(4, Some(7)), fill);
+    let open = run(&shells_that_share_an_edge(4, 7), fill);
     let [not_applied] = &open.report.options_not_applied[..] else { panic!("{:?}", open.report.options_not_applied) };
     assert_eq!((not_applied.option.as_str(), not_applied.cause), ("interior", NotAppliedCause::Unavailable));
     assert!(not_applied.reason.contains("wider than the seal"), "{}", not_applied.reason);
