@@ -18,6 +18,12 @@ impl UnionFind {
         Self { parent: (0..n as u32).collect() }
     }
 
+    /// Adds sets of one member each, up to `n` members in all.
+    pub fn extend_to(&mut self, n: usize) {
+        #[expect(clippy::cast_possible_truncation, reason = "meshes are counted in u32")]
+        self.parent.extend(self.parent.len() as u32..n as u32);
+    }
+
     /// The smallest member of the set that holds `x`.
     pub fn root(&mut self, mut x: u32) -> u32 {
         while self.parent[x as usize] != x {

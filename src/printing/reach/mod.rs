@@ -8,9 +8,9 @@
 mod flood;
 mod octree;
 
-use flood::Flood;
+use flood::{Adjacency, Flood};
 use glam::DVec3;
-use octree::{Fit, LEAF, Node};
+use octree::{BATCH, Fit, Node};
 pub use octree::{HiddenRegion, Reach, Reached};
 use rayon::prelude::*;
 
@@ -23,8 +23,7 @@ const MARGIN: f64 = 2.0;
 const MAX_DEPTH: u32 = 20;
 /// The most rounds of splitting leaves at openings of undecided width.
 const MAX_ROUNDS: u32 = 12;
-/// Nodes evaluated between two checks for cancellation.
-const BATCH: usize = 1 << 14;
+
 /// How finely [`Reach`] decides, and how much it may cost.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReachOptions {
@@ -239,11 +238,11 @@ impl Reach {
         options: ReachOptions,
         context: &Context<'_>,
     ) -> Result<(), Cancelled> {
+        let mut adjacency = Adjacency::new(self, context)?;
         for round in 0.. {
-            let pairs = self.pairs(context)?;
-            let flood = Flood::new(self, &pairs);
-            let openings = if round < MAX_ROUNDS { flood.openings(self, &pairs) } else { Vec::new() };
-            let mut is_refined = false;
+            let flood = Flood::new(self, &adjacency);
+            let openings = if round < MAX_ROUNDS { flood.openings(self, &adjacency) } else { Vec::new() };
+            let first_new = index(self.nodes.len());
             for batch in openings.chunks(BATCH / 8) {
                 context.check()?;
                 let mut children = Vec::with_capacity(8 * batch.len());
@@ -261,26 +260,16 @@ impl Reach {
                 for (&(node, ..), fit) in children.iter().zip(found) {
                     self.nodes[node as usize].fit = fit;
                 }
-                is_refined |= !children.is_empty();
                 self.leaves.extend(children);
             }
-            if !is_refined {
+            if first_new == index(self.nodes.len()) {
                 self.record(&flood);
                 return Ok(());
             }
             self.leaves.retain(|leaf| leaf.0 != u32::MAX);
+            adjacency.update(self, first_new, context)?;
         }
         Ok(())
-    }
-
-    /// The pairs of adjacent leaves that are not blocked.
-    fn pairs(&self, context: &Context<'_>) -> Result<Vec<[u32; 2]>, Cancelled> {
-        let mut pairs = Vec::with_capacity(2 * self.leaves.len());
-        for batch in self.leaves.chunks(BATCH) {
-            context.check()?;
-            pairs.par_extend(batch.par_iter().flat_map_iter(|&leaf| self.neighbours(leaf)));
-        }
-        Ok(pairs)
     }
 
     /// Writes the labels of the leaves and the hidden regions.
@@ -317,27 +306,6 @@ impl Reach {
                 self.nodes[node as usize].reached = Reached::Hidden(region);
             }
         }
-    }
-
-    /// The pairs of a leaf that is not blocked with its neighbours of the same or a larger size that are not blocked.
-    fn neighbours(&self, (node, level, cell): (u32, u32, [u32; 3])) -> impl Iterator<Item = [u32; 2]> + use<> {
-        let mut pairs = smallvec::SmallVec::<[[u32; 2]; 6]>::new();
-        if self.nodes[node as usize].fit != Fit::Blocked {
-            let cells = 1u32 << level;
-            for (axis, up) in [0, 1, 2].into_iter().flat_map(|axis| [(axis, false), (axis, true)]) {
-                let mut beside = cell;
-                beside[axis] = if up { cell[axis] + 1 } else { cell[axis].wrapping_sub(1) };
-                if beside[axis] >= cells {
-                    continue;
-                }
-                let (other, _) = self.leaf(beside, level);
-                let Node { children, fit, .. } = self.nodes[other as usize];
-                if children == LEAF && fit != Fit::Blocked {
-                    pairs.push([node, other]);
-                }
-            }
-        }
-        pairs.into_iter()
     }
 }
 

@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+/// Nodes evaluated between two checks for cancellation.
+pub(super) const BATCH: usize = 1 << 14;
 /// A node that is not split.
 pub(super) const LEAF: u32 = 0;
 
@@ -48,6 +50,9 @@ pub(super) struct Node {
     pub reached: Reached,
 }
 
+/// A node without children, its level and its cell at that level.
+pub(super) type Leaf = (u32, u32, [u32; 3]);
+
 /// The octree of the air that a ball can reach.
 pub struct Reach {
     pub(super) diameter: f64,
@@ -57,8 +62,7 @@ pub struct Reach {
     pub(super) depth: u32,
     pub(super) finest: u32,
     pub(super) nodes: Vec<Node>,
-    /// Leaves with their level and their cell at that level.
-    pub(super) leaves: Vec<(u32, u32, [u32; 3])>,
+    pub(super) leaves: Vec<Leaf>,
     pub(super) regions: Vec<HiddenRegion>,
     pub(super) doubtful_volume: f64,
 }
@@ -76,6 +80,27 @@ impl Reach {
             at = children + cell.iter().enumerate().map(|(axis, x)| (x >> shift & 1) << axis).sum::<u32>();
         }
         (at, level)
+    }
+
+    /// The pairs of a leaf that is not blocked with its neighbours of the same or a larger size that are not blocked.
+    pub(super) fn neighbours(&self, (node, level, cell): Leaf) -> impl Iterator<Item = [u32; 2]> + use<> {
+        let mut pairs = smallvec::SmallVec::<[[u32; 2]; 6]>::new();
+        if self.nodes[node as usize].fit != Fit::Blocked {
+            let cells = 1u32 << level;
+            for (axis, up) in [0, 1, 2].into_iter().flat_map(|axis| [(axis, false), (axis, true)]) {
+                let mut beside = cell;
+                beside[axis] = if up { cell[axis] + 1 } else { cell[axis].wrapping_sub(1) };
+                if beside[axis] >= cells {
+                    continue;
+                }
+                let (other, _) = self.leaf(beside, level);
+                let Node { children, fit, .. } = self.nodes[other as usize];
+                if children == LEAF && fit != Fit::Blocked {
+                    pairs.push([node, other]);
+                }
+            }
+        }
+        pairs.into_iter()
     }
 }
 
