@@ -40,6 +40,8 @@ pub(super) struct Escalation<'a> {
     has_printable_remesh: bool,
     /// Whether a forecast showed that no remesh on a grid can beat the best result.
     is_remesh_hopeless: bool,
+    /// Whether too many faces intersected for a self-union after open sheets were closed.
+    is_tangled: bool,
 }
 
 /// The result of a strategy's operators.
@@ -92,6 +94,7 @@ impl<'a> Escalation<'a> {
             methods_agree: false,
             has_printable_remesh: false,
             is_remesh_hopeless: false,
+            is_tangled: false,
         })
     }
 
@@ -180,6 +183,7 @@ impl<'a> Escalation<'a> {
         let mut number = prefix.last().map_or(START, |known_task| known_task.surface);
         let mut end = self.common_start.end;
         let mut state = self.cache.kept(number).unwrap_or(&self.common_start.state).clone();
+        self.cache.drop_before(index as usize);
         let mut intersections = Intersections::Unknown;
         // Known steps are not run again, but their findings about intersections and open holes still apply.
         for KnownResult { step, failure, .. } in prefix.iter().filter_map(|known_task| known_task.known.as_ref()) {
@@ -210,12 +214,15 @@ impl<'a> Escalation<'a> {
                 // Too many faces intersect for a self-union. The rest of this strategy would make the same mesh as a later strategy, which
                 // keeps the overlaps.
                 let is_tangled = matches!(failure, Some(Failure::Arrange(ArrangeError::Tangled(_))));
+                self.is_tangled |= is_tangled && strategy.when == When::OpenSheetsRemain;
                 if is_tangled && later.iter().any(|strategy| strategy.when == When::NothingClosed) {
                     return Ok(StrategyResult::Nothing);
                 }
             }
-            if shared_lengths.contains(&(at + 1)) {
-                self.cache.keep(number, at + 1, &state);
+            let sharing = (index as usize + 1..).zip(&shared_lengths).filter(|(_, length)| **length == at + 1);
+            let sharing: Vec<usize> = sharing.map(|(strategy, _)| strategy).collect();
+            if !sharing.is_empty() {
+                self.cache.keep(number, at + 1, &state, sharing);
             }
         }
         let is_nothing = end == TaskEnd::Nothing || state.surface.faces.is_empty();

@@ -24,16 +24,25 @@ pub(super) const START: u32 = 0;
 /// ```
 ///
 /// Surfaces have numbers. A surface that an operator does not change keeps its number; a changed surface gets a new one. So two sequences
-/// that differ only in operators without effect lead to the same number. Surfaces are kept only where a later strategy branches off, and
-/// of those the ones after the most tasks, which save the most time.
+/// that differ only in operators without effect lead to the same number. A surface is kept as long as a later strategy starts from it: each
+/// starts from the surface after the most tasks that it shares with an earlier one.
 #[derive(Default)]
 pub(super) struct PrefixCache {
     is_disabled: bool,
     known: FxHashMap<(u32, TaskKey), KnownResult>,
-    /// The kept surfaces, each with its number and the number of tasks that led to it.
-    kept: Vec<(u32, usize, SurfaceState)>,
+    kept: Vec<KeptSurface>,
     /// The last number that was given to a surface.
     last: u32,
+}
+
+/// A surface from which later strategies start.
+struct KeptSurface {
+    number: u32,
+    /// The number of tasks that led to the surface.
+    tasks: usize,
+    state: SurfaceState,
+    /// The indices of the strategies that start from the surface.
+    strategies: Vec<usize>,
 }
 
 /// The known result of an operator on a surface.
@@ -83,22 +92,38 @@ impl PrefixCache {
         result
     }
 
-    /// Keeps the surface after `tasks` tasks. If there are too many surfaces, the one after the fewest tasks is dropped.
-    pub fn keep(&mut self, surface: u32, tasks: usize, state: &SurfaceState) {
-        if self.is_disabled || surface == START || self.kept(surface).is_some() {
+    /// Keeps the surface after `tasks` tasks for the strategies with these indices. Drops the surfaces that no strategy needs any more,
+    /// and if there are still too many, the one after the fewest tasks.
+    pub fn keep(&mut self, number: u32, tasks: usize, state: &SurfaceState, strategies: Vec<usize>) {
+        if self.is_disabled || number == START {
             return;
         }
-        self.kept.push((surface, tasks, state.clone()));
+        for kept in self.kept.iter_mut().filter(|kept| kept.tasks <= tasks) {
+            kept.strategies.retain(|strategy| kept.number == number || !strategies.contains(strategy));
+        }
+        match self.kept.iter_mut().find(|kept| kept.number == number) {
+            Some(kept) => kept.strategies.extend(strategies),
+            None => self.kept.push(KeptSurface { number, tasks, state: state.clone(), strategies }),
+        }
+        self.kept.retain(|kept| !kept.strategies.is_empty());
         if self.kept.len() > MAX_KEPT
-            && let Some(nearest) = (0..self.kept.len()).min_by_key(|&at| self.kept[at].1)
+            && let Some(nearest) = (0..self.kept.len()).min_by_key(|&at| self.kept[at].tasks)
         {
             self.kept.remove(nearest);
         }
     }
 
+    /// Drops the surfaces from which no strategy after this one starts.
+    pub fn drop_before(&mut self, strategy: usize) {
+        for kept in &mut self.kept {
+            kept.strategies.retain(|&later| later > strategy);
+        }
+        self.kept.retain(|kept| !kept.strategies.is_empty());
+    }
+
     /// The surface with this number, if it is kept.
-    pub fn kept(&self, surface: u32) -> Option<&SurfaceState> {
-        self.kept.iter().find(|&&(number, ..)| number == surface).map(|(.., state)| state)
+    pub fn kept(&self, number: u32) -> Option<&SurfaceState> {
+        self.kept.iter().find(|kept| kept.number == number).map(|kept| &kept.state)
     }
 }
 
@@ -110,4 +135,38 @@ pub(super) fn shared_prefixes(strategy: &Strategy, later: &[Strategy], from: usi
     let own = keys(strategy);
     let shared = |other: &Strategy| own.iter().zip(keys(other)).take_while(|(a, b)| a.is_some() && *a == b).count();
     later.iter().map(shared).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Surface;
+
+    fn kept(cache: &PrefixCache) -> Vec<u32> {
+        cache.kept.iter().map(|kept| kept.number).collect()
+    }
+
+    #[test]
+    fn a_surface_is_kept_until_no_strategy_starts_from_it() {
+        let state = SurfaceState::new(Surface::default());
+        let mut cache = PrefixCache::default();
+        cache.keep(1, 5, &state, vec![1, 3]);
+        cache.keep(2, 14, &state, vec![2, 4]);
+        assert_eq!(kept(&cache), [1, 2]);
+        cache.keep(3, 13, &state, vec![3]);
+        cache.drop_before(1);
+        assert_eq!(kept(&cache), [2, 3], "strategy 3 starts from the surface after more tasks");
+        cache.drop_before(3);
+        assert_eq!(kept(&cache), [2]);
+    }
+
+    #[test]
+    fn of_too_many_surfaces_the_one_after_the_fewest_tasks_is_dropped() {
+        let state = SurfaceState::new(Surface::default());
+        let mut cache = PrefixCache::default();
+        for (number, tasks) in [(1, 9), (2, 7), (3, 12), (4, 8), (5, 10)] {
+            cache.keep(number, tasks, &state, vec![number as usize]);
+        }
+        assert_eq!(kept(&cache), [1, 3, 4, 5]);
+    }
 }

@@ -59,6 +59,9 @@ impl Escalation<'_> {
             When::OpenSheetsRemain if !self.attempts.candidates.is_empty() && !self.may_have_open_sheets => {
                 "earlier strategies left no surface open and lost no surface"
             }
+            When::OpenSheetsRemain if self.is_tangled => {
+                "too many faces intersected after another strategy had closed the open sheets"
+            }
             When::NothingClosed if whole() => "the best earlier result is closed and complete",
             _ if self.methods_agree && Method::of(strategy) == Some(Method::Blender) => {
                 "independent methods agree on the red flags, so the input causes them"
