@@ -17,6 +17,9 @@ use crate::repair::{Cancelled, Change, ChangeKind, Context};
 const MAX_ROUNDS: usize = 4;
 /// The largest displacement of a vertex, as a share of the diagonal.
 const MAX_SHARE_OF_DIAGONAL: f64 = 1e-4;
+/// With more vertices than this that cannot move, beside one in each group, no others are tried. The result is not manifold
+/// by position in any case.
+const MAX_STUCK: u64 = 100;
 
 /// Separates coincident sheets by moving vertices.
 #[derive(Debug, Clone, Copy)]
@@ -42,8 +45,8 @@ impl Perturb {
     ///
     /// Precondition: consistent, outward winding. Result: of each group of vertices at one f32 position, the one with the
     /// largest faces stays and the others move by a few units in the last place. By exact predicates, no face flips and no
-    /// new intersection arises. Leaves: vertices that cannot move within 1e-4 of the diagonal, counted as
-    /// `coincident_vertices_left`.
+    /// new intersection arises. Leaves: vertices that cannot move within 1e-4 of the diagonal, and all others after a
+    /// hundred such vertices, counted as `coincident_vertices_left`.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
@@ -203,8 +206,9 @@ fn separate_coincident(
         by_area.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         // One vertex may stay: one that cannot be moved, if there is one.
         let mut remaining = by_area.len();
+        let mut stuck: u64 = 0;
         for &(_, v) in by_area.iter().rev() {
-            if remaining == 1 || clear.is_spent() {
+            if remaining == 1 || left + stuck > MAX_STUCK || clear.is_spent() {
                 break;
             }
             if let Some(q) = find_position(surface, v, stars.of(v), nearby, &mut clear) {
@@ -212,6 +216,8 @@ fn separate_coincident(
                 surface.positions[v as usize] = q;
                 remaining -= 1;
                 moved += 1;
+            } else {
+                stuck += 1;
             }
         }
         left += remaining.saturating_sub(1) as u64;
