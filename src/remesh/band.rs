@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::field::{Field, Stop, evaluate};
 use super::grid::{Grid, GridIndex, SIDE, Samples, along, around_edge, by_block, corner};
+use super::region::Region;
 use crate::context::Context;
 use crate::math::{Box3, winding_exact};
 
@@ -33,10 +34,10 @@ impl SamplingLimits {
     }
 }
 
-/// The samples of a grid around the inside, with the field, limits and context to take more.
-pub(super) struct Sampling<'a> {
-    /// The winding number field of the input.
-    pub field: &'a Field<'a>,
+/// The samples of a grid around the inside, with the region, limits and context to take more.
+pub(super) struct Sampling<'a, R> {
+    /// The region that is sampled.
+    pub field: &'a R,
     /// The grid of the samples.
     pub grid: Grid,
     /// The samples taken so far.
@@ -47,7 +48,7 @@ pub(super) struct Sampling<'a> {
     pub context: &'a Context<'a>,
 }
 
-impl Sampling<'_> {
+impl<R: Region> Sampling<'_, R> {
     /// Samples the corners of cells. Continues with the cells around every edge at which the inside ends, until no such
     /// edge leaves the sampled region. The surface in between is therefore closed, even where the input has a hole.
     ///
@@ -71,7 +72,7 @@ impl Sampling<'_> {
             self.limits.check(&self.samples)?;
             let blocks = by_block(missing);
             let depths = evaluate(&blocks, &mut self.limits.steps, self.context, |indices, steps| {
-                depths(self.field, &self.grid, indices, steps)
+                self.field.depths_of(&self.grid, indices, steps)
             })?;
             for (&index, &depth) in blocks.iter().flatten().zip(depths.iter().flatten()) {
                 #[expect(clippy::cast_possible_truncation, reason = "only compared with the level")]
@@ -233,7 +234,7 @@ fn floor(x: f64) -> u32 {
 /// It is evaluated at 27 nodes and interpolated quadratically along each axis. Like the fast sum, the interpolation
 /// errs by at most a few hundredths. Near triangles are summed exactly. If this would cost more, each sample is
 /// evaluated separately.
-fn depths(field: &Field<'_>, grid: &Grid, indices: &[GridIndex], steps: &mut u64) -> Vec<f64> {
+pub(super) fn depths(field: &Field<'_>, grid: &Grid, indices: &[GridIndex], steps: &mut u64) -> Vec<f64> {
     let Some(&first) = indices.first() else { return Vec::new() };
     let start = *steps;
     let separately = |index: &GridIndex, steps: &mut u64| field.winding(grid.point(*index), steps);

@@ -147,8 +147,8 @@ fn height([a, b, c]: [DVec3; 3]) -> f64 {
 ///
 /// # Errors
 /// [`Stop::Cancelled`] if the work is cancelled.
-pub(super) fn move_out(
-    sampling: &Sampling<'_>,
+pub(super) fn move_out<R>(
+    sampling: &Sampling<'_, R>,
     vertices: &[Vertex],
     contour: &mut Contour,
     rounding: Rounding,

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::band::Sampling;
 use super::field::{Field, LEVEL, Stop, evaluate};
 use super::grid::{Grid, GridIndex, Samples, corner};
+use super::region::Region;
 
 /// Offsets from a face, in cells, at which both sides are sampled, tried in turn: parts may be thinner than the first.
 const SIDE_OFFSETS: [f64; 3] = [1.0 / 64.0, 1.0 / 1024.0, 1.0 / 16384.0];
@@ -20,7 +21,7 @@ const MAX_TRIANGLES: usize = 64;
 /// The corners of each side of a cell, in cyclic order.
 const SIDES: [[u8; 4]; 6] = [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 5, 4], [2, 3, 7, 6], [0, 1, 3, 2], [4, 5, 7, 6]];
 
-impl Sampling<'_> {
+impl Sampling<'_, Field<'_>> {
     /// Forces samples inside in parts thinner than a cell: first away from everything else, then towards the parts they
     /// connect to. `cells` are the cells that triangles meet. Returns the number of samples forced inside.
     ///
@@ -66,7 +67,9 @@ impl Sampling<'_> {
         indices.dedup();
         Ok(indices)
     }
+}
 
+impl<R: Region> Sampling<'_, R> {
     /// Forces samples inside until the inside is well-composed (Latecki 1997). No side of a cell then has only
     /// diagonally opposite inside corners. No cell has exactly two corners of one kind at opposite ends.
     ///

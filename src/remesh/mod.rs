@@ -12,11 +12,14 @@
 //! - The result has **no self-intersections**, because each piece stays in the envelope of its own grid edge
 //!   (`contour`). A later move of a vertex is made only if exact tests confirm that no intersection arises.
 
+mod balls;
 mod band;
 mod contour;
 mod corrections;
+mod error;
 mod field;
 mod grid;
+mod region;
 mod vertices;
 
 use crate::context::{Cancelled, Context};
@@ -26,6 +29,8 @@ use band::{Sampling, SamplingLimits, cells_met};
 use field::{Field, Stop, deviation};
 use grid::{Grid, GridIndex, Samples};
 
+pub use balls::BallUnion;
+pub use error::RemeshError;
 pub use field::{Deviation, Distances, WindingRule};
 
 /// Options of a remesh.
@@ -67,20 +72,6 @@ pub struct Remeshed {
     pub deviation: Deviation,
     /// Number of samples forced inside, to preserve thin parts and to keep the surface manifold.
     pub forced_inside: u64,
-}
-
-/// Why no new surface could be built.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum RemeshError {
-    /// Nothing is inside.
-    #[error("the surface has no inside at any cell size tried")]
-    Empty,
-    /// The limits allow only cells that are too large to resolve the model.
-    #[error("the limits on faces, memory and work are too low for a remesh")]
-    Limits,
-    /// The work was cancelled.
-    #[error(transparent)]
-    Cancelled(#[from] Cancelled),
 }
 
 /// Cells along the diagonal by default.
@@ -218,7 +209,7 @@ struct Input<'a> {
 
 /// Samples with a well-composed inside, and the cells that the surface passes through.
 struct Sampled<'a> {
-    sampling: Sampling<'a>,
+    sampling: Sampling<'a, Field<'a>>,
     cells: Vec<GridIndex>,
     /// Number of samples forced inside.
     forced: u64,

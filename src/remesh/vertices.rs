@@ -3,9 +3,10 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::band::Sampling;
+use super::band::{Sampling, depths};
 use super::field::{Field, Hit, LEVEL, Stop, evaluate};
 use super::grid::{Grid, GridIndex, Samples, along, around_edge};
+use super::region::{MixedEdge, Region};
 use crate::math::{Box3, Rounding};
 
 /// Triangles closer together than this share of an edge count as one.
@@ -33,17 +34,7 @@ pub(super) struct Crossing {
     pub normal: Option<DVec3>,
 }
 
-/// An edge from an outside sample to an inside sample.
-struct MixedEdge {
-    from: DVec3,
-    to: DVec3,
-    /// The depth of each end.
-    depths: [f64; 2],
-    /// Whether the inside end was forced inside.
-    is_forced: bool,
-}
-
-impl Sampling<'_> {
+impl<R: Region> Sampling<'_, R> {
     /// Finds where the surface crosses the edges with one end inside: at a triangle, or where the inside ends without
     /// one.
     ///
@@ -59,10 +50,20 @@ impl Sampling<'_> {
             let [from, to] = [outer, inner].map(|index| grid.point(index));
             let depths = [outer, inner].map(|index| samples.value(index).map_or(0.0, f64::from));
             let edge = MixedEdge { from, to, depths, is_forced: samples.is_forced(inner) };
-            let (at, normal) = crossing(self.field, &edge, steps);
+            let (at, normal) = self.field.crossing_of(&edge, steps);
             let least = grid.clearance() / grid.cell;
             Crossing { index, axis, inside_below, point: from.lerp(to, at.clamp(least, 1.0 - least)), normal }
         })
+    }
+}
+
+impl Region for Field<'_> {
+    fn depths_of(&self, grid: &Grid, indices: &[GridIndex], steps: &mut u64) -> Vec<f64> {
+        depths(self, grid, indices, steps)
+    }
+
+    fn crossing_of(&self, edge: &MixedEdge, steps: &mut u64) -> (f64, Option<DVec3>) {
+        crossing(self, edge, steps)
     }
 }
 

@@ -60,6 +60,6 @@ pub use report::{
     Action, Alternative, Alternatives, Assumption, AssumptionKind, Candidate, FileSummary, NotAppliedCause, NotOffered,
     NotOfferedCause, ObjectReport, OfferedFile, OmittedSection, OpenQuestion, OptionNotApplied, Outcome, Plan,
     PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode, Report, ReportedOptions, Step, StepStatus, Strategy,
-    UnfixedFaces, Verdict, When,
+    ThinPlaceLeft, ThinPlaceReason, UnfixedFaces, Verdict, WallThickening, When,
 };
 pub use time_budget::promised_overrun;

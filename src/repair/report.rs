@@ -5,6 +5,7 @@ mod file_summary;
 mod findings;
 mod outcome;
 mod steps;
+mod thickening;
 
 use serde::{Deserialize, Serialize};
 
@@ -17,6 +18,7 @@ pub use self::findings::{
 pub use self::outcome::{OfferedFile, Outcome, Property, Verdict};
 pub use self::steps::{Action, Candidate, Plan, PlannedAction, Step, StepStatus, Strategy, UnfixedFaces, When};
 use self::steps::{abridge_candidates, abridge_steps};
+pub use self::thickening::{ThinPlaceLeft, ThinPlaceReason, WallThickening};
 use super::options::Require;
 use crate::inspect::{Changes, Inspection, Measures, PartAccounting};
 use crate::printing::readiness::PrintReadiness;

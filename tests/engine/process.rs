@@ -197,6 +197,10 @@ fn a_thin_plate_is_thickened_and_verified_against_the_process() {
     assert_outcome(&thick, Outcome::Repaired);
     assert_eq!(rule(&thick, PrintRule::FreeWall).result, RuleOutcome::Pass);
     assert!((volume(&thick) / 1200.0 - 1.0).abs() < 0.1, "{}", volume(&thick));
+    let thickening = thick.report.steps.iter().find_map(|step| step.thickening.as_ref()).expect("a thickening step");
+    assert!((thickening.added_volume_mm3 / 720.0 - 1.0).abs() < 0.1, "{thickening:?}");
+    assert!(thickening.added_faces > 0 && thickening.left_count == 0, "{thickening:?}");
+    assert!((0.29..0.33).contains(&thickening.max_deviation_mm), "{thickening:?}");
 }
 
 #[test]

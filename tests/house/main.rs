@@ -17,7 +17,7 @@ const MODULES: [(&str, &[&str]); 26] = [
     ("format", &["math", "mesh", "scene"]),
     ("inspect", &["math", "mesh", "context", "scene"]),
     ("render", &["math", "mesh", "context", "inspect"]),
-    ("printing", &["math", "mesh", "scene", "context", "inspect", "arrange"]),
+    ("printing", &["math", "mesh", "scene", "context", "inspect", "arrange", "remesh"]),
     ("analyze", &["mesh", "context", "format", "inspect", "printing", "render", "scene"]),
     ("arrange", &["math", "mesh", "context"]),
     ("simplify", &["math", "mesh", "context"]),

@@ -44,6 +44,8 @@ pub enum ThinReason {
     Union,
     /// The rounds did not suffice.
     Rounds,
+    /// The time ran out.
+    Time,
 }
 
 /// The result at a thin place.

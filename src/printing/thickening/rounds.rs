@@ -9,16 +9,17 @@ use rustc_hash::FxHashMap;
 
 use super::growth::{Growths, thin_walls};
 use super::layer::layered;
-use super::outcome::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
+use super::outcome::{Thickening, ThickeningError};
 use super::places::Places;
 use super::refine::Refined;
+use super::results::deviation_of_added;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 3;
 /// The most times that the rounds start again without the places that stay thin.
-const MAX_RESTARTS: usize = 4;
+const MAX_RESTARTS: usize = 2;
 /// The factor on the least thickness of a place below which the place counts as worse than before.
 const MAX_THINNER: f64 = 0.98;
 /// The largest distance from the input, as a share of the least wall: a wall grows on one side by its thickness at most,
@@ -27,7 +28,7 @@ const MAX_DEVIATION: f64 = 1.5;
 /// The share of a place's area that may stay thin.
 const MAX_LEFT: f64 = 0.5;
 /// The most unions of a round. More than one is needed only where a promise is broken.
-const MAX_UNIONS: usize = 12;
+const MAX_UNIONS: usize = 6;
 /// The most times that tops are raised before a union.
 const MAX_RAISES: usize = 8;
 /// The least that a wall grows after the first round, as a share of the least wall. Thinner layers leave slivers.
@@ -47,12 +48,13 @@ pub struct Rounds<'a> {
     places: Places,
     /// The thin faces of the input, and a tree over them.
     thin_faces: (Vec<u32>, Tree),
-    /// For each place, why its layer was taken back.
-    taken_back: Vec<Option<Broken>>,
+    /// For each place, whether its layer was taken back.
+    taken_back: Vec<bool>,
 }
 
 impl<'a> Rounds<'a> {
-    /// Runs all rounds.
+    /// Runs all rounds. Faces of the result have the index of the input's face as their source; those of the layer have it
+    /// plus the number of faces. Also whether no wall of the result is thin.
     ///
     /// # Errors
     /// [`ThickeningError::Cancelled`] when the work should stop.
@@ -61,14 +63,14 @@ impl<'a> Rounds<'a> {
         input: &'a Surface,
         union: &'a dyn SelfUnion,
         context: &'a Context<'a>,
-    ) -> Result<Thickened, ThickeningError> {
+    ) -> Result<(Surface, bool), ThickeningError> {
         let thin_before = thin_of(input, settings.min_wall, context)?;
         let places = Places::new(input, &thin_before);
-        let taken_back = vec![None; places.count as usize];
+        let taken_back = vec![false; places.count as usize];
         let thin_faces: Vec<u32> = (0u32..).zip(&thin_before).filter(|(_, w)| !w.is_empty()).map(|(f, _)| f).collect();
         let corners: Vec<[u32; 3]> = thin_faces.iter().map(|&face| input.faces[face as usize]).collect();
         let thin_faces = (thin_faces, Tree::new(&input.positions, &corners));
-        let topology = Topology::of(input);
+        let topology = Topology::of(input, &settings);
         let mut rounds = Self { settings, input, union, context, topology, places, thin_faces, taken_back };
         let mut best = rounds.grown(&thin_before)?;
         // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
@@ -78,12 +80,13 @@ impl<'a> Rounds<'a> {
                 break;
             }
             if number == MAX_RESTARTS {
-                failed = (0..rounds.places.count).filter(|&p| rounds.taken_back[p as usize].is_none()).collect();
+                failed = (0..rounds.places.count).filter(|&p| !rounds.taken_back[p as usize]).collect();
             }
-            failed.iter().for_each(|&place| rounds.taken_back[place as usize] = Some(Broken::Rounds));
+            failed.iter().for_each(|&place| rounds.taken_back[place as usize] = true);
             best = rounds.grown(&thin_before)?;
         }
-        Ok(rounds.finish(best.surface, &thin_before, &best.thin))
+        let is_proved = best.thin.iter().all(Vec::is_empty);
+        Ok((best.surface, is_proved))
     }
 
     /// The rounds from the input on; the result with the least thin area.
@@ -104,7 +107,7 @@ impl<'a> Rounds<'a> {
             let area = thin_area(&surface, &thin);
             // The first round is judged place by place.
             let is_better = number == 0 || area < best.area && !self.is_thinner_somewhere(&surface, &thin, &best);
-            if !is_better || self.deviation(&surface) > MAX_DEVIATION * settings.min_wall {
+            if !is_better || deviation_of_added(self.input, &surface) > MAX_DEVIATION * settings.min_wall {
                 break;
             }
             best = Grown { area, surface: surface.clone(), thin: thin.clone() };
@@ -140,16 +143,6 @@ impl<'a> Rounds<'a> {
         self.places.of_face[faces[nearest.face as usize] as usize]
     }
 
-    /// The largest distance of the added faces of a result from the input.
-    fn deviation(&self, surface: &Surface) -> f64 {
-        let added: Vec<u32> = (0u32..)
-            .zip(&surface.source)
-            .filter(|(_, source)| **source >= self.faces())
-            .map(|(face, _)| face)
-            .collect();
-        deviation(self.input, surface, &added)
-    }
-
     /// The places that are not yet taken back, and of which much stays thin or a wall got thinner.
     fn failed(&self, grown: &Grown, before: &[Vec<Opposed>]) -> Vec<u32> {
         let mut unmarked = self.input.clone();
@@ -161,7 +154,7 @@ impl<'a> Rounds<'a> {
             let is_worse = after.area > MAX_LEFT * before.area
                 || after.least < MAX_THINNER * before.least.min(self.settings.min_wall);
             let is_near = after.least >= MAX_THINNER * self.settings.min_wall;
-            self.taken_back[place as usize].is_none() && is_worse && !is_near
+            !self.taken_back[place as usize] && is_worse && !is_near
         };
         (0..self.places.count).filter(is_failed).collect()
     }
@@ -178,7 +171,7 @@ impl<'a> Rounds<'a> {
     /// One round: the united surface; none where nothing grows.
     fn round(&mut self, surface: &Surface, number: usize) -> Result<Option<Surface>, ThickeningError> {
         let place: Vec<Option<u32>> = (0..surface.faces.len()).map(|face| self.place_of(surface, face)).collect();
-        let may_grow = |face: u32| place[face as usize].is_none_or(|place| self.taken_back[place as usize].is_none());
+        let may_grow = |face: u32| place[face as usize].is_none_or(|place| !self.taken_back[place as usize]);
         let least = if number == 0 { 0.0 } else { LEAST_STEP * self.settings.min_wall };
         let growths = Growths::new(surface, self.settings, least, may_grow, self.context)?;
         let mut refined = Refined::new(surface, &growths, self.settings.precision, self.context)?;
@@ -192,15 +185,15 @@ impl<'a> Rounds<'a> {
             thin = Some(still);
         }
         refined.spread(&growths);
-        let all: Vec<u32> = (0..self.places.count).filter(|&place| self.taken_back[place as usize].is_none()).collect();
+        let all: Vec<u32> = (0..self.places.count).filter(|&place| !self.taken_back[place as usize]).collect();
         let mut attempt = Attempt { rounds: self, surface, place: &place, refined: &refined, unions: 0 };
         if let Some(Ok(whole)) = attempt.union_of(&all)? {
             return Ok(Some(whole));
         }
         let (kept, broken) = attempt.largest_good(&all)?;
         let result = attempt.union_of(&kept)?;
-        for (place, reason) in broken {
-            self.taken_back[place as usize] = Some(reason);
+        for place in broken {
+            self.taken_back[place as usize] = true;
         }
         Ok(result.and_then(Result::ok))
     }
@@ -253,72 +246,6 @@ impl<'a> Rounds<'a> {
         raised.sort_unstable();
         Ok(raised)
     }
-
-    /// Assembles the result.
-    fn finish(self, mut surface: Surface, before: &[Vec<Opposed>], after: &[Vec<Opposed>]) -> Thickened {
-        let count = self.faces();
-        let mut places = self.places_before(before);
-        let mut extra: Vec<ThickenedPlace> = Vec::new();
-        for (face, walls) in after.iter().enumerate() {
-            let Some(wall) = walls.first() else { continue };
-            match self.place_of(&surface, face).or_else(|| self.place_near(wall.points[0])) {
-                Some(number) => {
-                    let place = &mut places[number as usize];
-                    place.least_after = place.least_after.min(wall.thickness);
-                    place.result = PlaceResult::LeftThin(self.reason(number));
-                }
-                None => extra.push(ThickenedPlace {
-                    at: wall.points[0],
-                    least_before: self.settings.min_wall,
-                    least_after: wall.thickness,
-                    area: surface.area_vector(face).length() / 2.0,
-                    result: PlaceResult::LeftThin(ThinReason::Rounds),
-                }),
-            }
-        }
-        places.extend(extra);
-        places.sort_by(|a, b| b.area.total_cmp(&a.area));
-        let is_added = |&&source: &&u32| source >= count;
-        let added_faces: Vec<u32> =
-            (0u32..).zip(&surface.source).filter(|(_, source)| is_added(source)).map(|(face, _)| face).collect();
-        let max_deviation = deviation(self.input, &surface, &added_faces);
-        let added_volume = volume(&surface) - volume(self.input);
-        for source in &mut surface.source {
-            *source = self.input.source[(*source % count.max(1)) as usize];
-        }
-        let is_proved = after.iter().all(Vec::is_empty);
-        Thickened { surface, added_volume, max_deviation, places, added_faces, is_proved }
-    }
-
-    /// The places of the input, all proved.
-    fn places_before(&self, before: &[Vec<Opposed>]) -> Vec<ThickenedPlace> {
-        let none = ThickenedPlace {
-            at: DVec3::ZERO,
-            least_before: f64::INFINITY,
-            least_after: self.settings.min_wall,
-            area: 0.0,
-            result: PlaceResult::Proved,
-        };
-        let mut places = vec![none; self.places.count as usize];
-        for (face, walls) in before.iter().enumerate() {
-            let (Some(number), Some(wall)) = (self.places.of_face[face], walls.first()) else { continue };
-            let place = &mut places[number as usize];
-            place.area += self.input.area_vector(face).length() / 2.0;
-            if wall.thickness < place.least_before {
-                (place.least_before, place.at) = (wall.thickness, wall.points[0]);
-            }
-        }
-        places
-    }
-
-    /// Why a place is still thin.
-    fn reason(&self, place: u32) -> ThinReason {
-        match self.taken_back[place as usize] {
-            Some(Broken::Topology) => ThinReason::Topology,
-            Some(Broken::Union) => ThinReason::Union,
-            Some(Broken::Rounds) | None => ThinReason::Rounds,
-        }
-    }
 }
 
 /// The thin area and the least thickness of a place.
@@ -344,8 +271,8 @@ struct Grown {
     area: f64,
 }
 
-/// The places whose layers can be united, and those whose layers cannot, with the reason.
-type Tried = (Vec<u32>, Vec<(u32, Broken)>);
+/// The places whose layers can be united, and those whose layers cannot.
+type Tried = (Vec<u32>, Vec<u32>);
 
 /// The unions that a round tries.
 struct Attempt<'a, 'b> {
@@ -369,14 +296,18 @@ impl Attempt<'_, '_> {
             return Ok(None);
         }
         self.unions += 1;
-        let expected =
-            Expected { topology: rounds.topology, min_wall: rounds.settings.min_wall, first_added: rounds.faces() };
+        let expected = Expected {
+            topology: rounds.topology,
+            settings: rounds.settings,
+            first_added: rounds.faces(),
+            has_crumbs: true,
+        };
         united(&layered.surface, expected, rounds.union, rounds.context).map(Some)
     }
 
-    /// The places whose layers can be united together, and those that cannot, with the reason. By halving.
+    /// The places whose layers can be united together, and those that cannot. By halving.
     fn largest_good(&mut self, all: &[u32]) -> Result<Tried, Cancelled> {
-        let (mut good, mut broken): (Vec<u32>, Vec<(u32, Broken)>) = (Vec::new(), Vec::new());
+        let (mut good, mut broken): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
         let mut open: Vec<Vec<u32>> = vec![all.to_vec()];
         let mut is_first = true;
         while let Some(some) = open.pop() {
@@ -385,7 +316,7 @@ impl Attempt<'_, '_> {
             let outcome = if is_first {
                 Err(Broken::Union)
             } else if self.unions >= MAX_UNIONS {
-                broken.extend(some.iter().map(|&place| (place, Broken::Union)));
+                broken.extend(&some);
                 continue;
             } else {
                 self.union_of(&with)?.map_or(Ok(()), |result| result.map(|_| ()))
@@ -393,7 +324,7 @@ impl Attempt<'_, '_> {
             is_first = false;
             match outcome {
                 Ok(()) => good = with,
-                Err(reason) if some.len() == 1 => broken.push((some[0], reason)),
+                Err(_) if some.len() == 1 => broken.push(some[0]),
                 Err(_) => {
                     let (left, right) = some.split_at(some.len() / 2);
                     open.extend([right.to_vec(), left.to_vec()]);
@@ -413,29 +344,4 @@ fn thin_of(surface: &Surface, min_wall: f64, context: &Context<'_>) -> Result<Ve
 fn thin_area(surface: &Surface, thin: &[Vec<Opposed>]) -> f64 {
     let is_thin = |face: &usize| !thin[*face].is_empty();
     (0..thin.len()).filter(is_thin).map(|face| surface.area_vector(face).length()).sum()
-}
-
-/// The enclosed volume, relative to the centre of the box.
-fn volume(surface: &Surface) -> f64 {
-    let origin = surface.bounds().centre();
-    let part = |face: usize| {
-        let [a, b, c] = surface.corners(face).map(|p| p - origin);
-        a.dot(b.cross(c))
-    };
-    (0..surface.faces.len()).map(part).sum::<f64>() / 6.0
-}
-
-/// The largest distance of the corners and the centres of some faces from another surface.
-fn deviation(from: &Surface, of: &Surface, faces: &[u32]) -> f64 {
-    let tree = Tree::new(&from.positions, &from.faces);
-    let mut most = 0.0f64;
-    for &face in faces {
-        let corners = of.corners(face as usize);
-        for p in corners.into_iter().chain([corners.into_iter().sum::<DVec3>() / 3.0]) {
-            // Only points farther than the farthest so far matter.
-            let nearest = tree.nearest(p, f64::INFINITY, &mut u64::MAX.clone(), |f| from.corners(f as usize));
-            most = most.max(nearest.map_or(0.0, |nearest| nearest.distance));
-        }
-    }
-    most
 }

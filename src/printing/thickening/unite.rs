@@ -1,7 +1,12 @@
 //! The exact union of a layered surface, and the checks of its promises.
 
 use crate::context::{Cancelled, Context};
-use crate::mesh::{Edges, Parts, Surface};
+use crate::math::Tree;
+use crate::mesh::{Edges, Parts, Surface, UnionFind};
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::outcome::Thickening;
 
 /// Computes the boundary of the union of the volumes that a closed surface encloses.
 pub trait SelfUnion: Sync {
@@ -24,27 +29,85 @@ const MAX_ROUNDING: f64 = 0.01;
 pub enum Broken {
     /// The arrangement or the rounding failed.
     Union,
-    /// Parts, cavities or handles changed.
+    /// Parts or cavities changed, or a hole was closed.
     Topology,
-    /// The place stayed thin.
-    Rounds,
 }
 
-/// The number of parts, and the Euler characteristic.
+/// Two solids that are nearer than this share of the least wall touch.
+const TOUCHING: f64 = 0.02;
+/// A point that is nearest to nothing.
+const FAR_AWAY: DVec3 = DVec3::splat(1e100);
+
+/// The number of groups of solids and of large cavities, and the Euler characteristic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topology {
-    parts: usize,
+    solids: usize,
+    cavities: usize,
     euler: i64,
 }
 
 impl Topology {
-    /// The topology of a surface.
-    pub fn of(surface: &Surface) -> Self {
+    /// The topology of a surface. Solids that touch belong to one group, and so does a solid smaller than the cube of the
+    /// least wall with one that is nearer than the least gap. Cavities smaller than that cube do not count.
+    pub fn of(surface: &Surface, settings: &Thickening) -> Self {
         let edges = Edges::new(&surface.faces);
         let count = |n: usize| i64::try_from(n).unwrap_or(i64::MAX);
         let euler = count(surface.positions.len()) - count(edges.len()) + count(surface.faces.len());
-        Self { parts: Parts::new(surface, &edges).count, euler }
+        let parts = Parts::new(surface, &edges);
+        let volumes = volumes(surface, &parts);
+        let small = settings.min_wall.powi(3);
+        let cavities = volumes.iter().filter(|volume| **volume <= -small).count();
+        let mut groups = UnionFind::new(volumes.len());
+        if volumes.iter().filter(|volume| **volume > 0.0).count() > 1 {
+            let touching = TOUCHING * settings.min_wall;
+            let reach = |part: u32| {
+                if volumes[part as usize] < small { settings.min_gap.max(touching) } else { touching }
+            };
+            for [one, other] in near_solids(surface, &parts, &volumes, reach) {
+                groups.unite(one, other);
+            }
+        }
+        let roots = groups.into_roots();
+        let is_group = |(part, root): &(u32, &u32)| part == *root && volumes[*part as usize] > 0.0;
+        let solids = (0u32..).zip(&roots).filter(is_group).count();
+        Self { solids, cavities, euler }
     }
+
+    /// Whether a result has the groups of solids, the large cavities and at least the handles of `before`. Growth can leave
+    /// a narrow tunnel in a crease.
+    fn keeps(self, before: Self) -> bool {
+        (self.solids, self.cavities) == (before.solids, before.cavities) && self.euler <= before.euler
+    }
+}
+
+/// Pairs of solids, of which the second is within the reach of a vertex of the first.
+fn near_solids(surface: &Surface, parts: &Parts, volumes: &[f64], reach: impl Fn(u32) -> f64 + Sync) -> Vec<[u32; 2]> {
+    let tree = Tree::new(&surface.positions, &surface.faces);
+    let is_solid = |part: u32| part != Parts::NONE && volumes[part as usize] > 0.0;
+    let mut part_of = vec![Parts::NONE; surface.positions.len()];
+    for (face, &part) in surface.faces.iter().zip(&parts.of_face) {
+        face.iter().for_each(|&v| part_of[v as usize] = part);
+    }
+    let near = |(&p, &part): (&DVec3, &u32)| {
+        let corners = |face: u32| {
+            let other = parts.of_face[face as usize];
+            if other == part || !is_solid(other) { [FAR_AWAY; 3] } else { surface.corners(face as usize) }
+        };
+        let found = if is_solid(part) { tree.nearest(p, reach(part), &mut u64::MAX.clone(), corners) } else { None };
+        found.map(|found| [part, parts.of_face[found.face as usize]])
+    };
+    surface.positions.par_iter().zip(&part_of).filter_map(near).collect()
+}
+
+/// The enclosed volume of each part; negative for a cavity.
+fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
+    let origin = surface.bounds().centre();
+    let mut volumes = vec![0.0; parts.count];
+    for (face, &part) in parts.of_face.iter().enumerate().filter(|(_, part)| **part != Parts::NONE) {
+        let [a, b, c] = surface.corners(face).map(|p| p - origin);
+        volumes[part as usize] += a.dot(b.cross(c)) / 6.0;
+    }
+    volumes
 }
 
 /// The expectations of a union.
@@ -52,10 +115,13 @@ impl Topology {
 pub struct Expected {
     /// The topology that the result must have.
     pub topology: Topology,
-    /// The least wall, in the model's unit.
-    pub min_wall: f64,
+    /// The settings of the thickening.
+    pub settings: Thickening,
     /// The least source of added faces.
     pub first_added: u32,
+    /// Whether a solid without faces of the input may be the rest of a layer, and is removed if it is small. Around a ball
+    /// there can be a whole small solid of the input.
+    pub has_crumbs: bool,
 }
 
 /// The boundary of the union of a solid and its layer.
@@ -68,33 +134,93 @@ pub fn united(
     union: &dyn SelfUnion,
     context: &Context<'_>,
 ) -> Result<Result<Surface, Broken>, Cancelled> {
-    let Some(mut united) = union.unite(surface, MAX_ROUNDING * expected.min_wall, context)? else {
+    let Some(mut united) = union.unite(surface, MAX_ROUNDING * expected.settings.min_wall, context)? else {
         return Ok(Err(Broken::Union));
     };
-    fill_bubbles(&mut united, expected.first_added, expected.min_wall.powi(3));
-    Ok(if Topology::of(&united) == expected.topology { Ok(united) } else { Err(Broken::Topology) })
+    fill_bubbles(&mut united, &expected);
+    Ok(if Topology::of(&united, &expected.settings).keeps(expected.topology) {
+        Ok(united)
+    } else {
+        Err(Broken::Topology)
+    })
 }
 
-/// Removes the closed parts smaller than `most` cubic units that the layer creates: bubbles of air between its prisms, and
+/// Removes the closed parts smaller than the cube of the least wall that the layer creates: bubbles of air between its prisms, and
 /// crumbs of the layer alone. A bubble that held air of the model keeps its faces only if it is larger.
-fn fill_bubbles(surface: &mut Surface, first_added: u32, most: f64) {
+fn fill_bubbles(surface: &mut Surface, expected: &Expected) {
+    let most = expected.settings.min_wall.powi(3);
     let parts = Parts::new(surface, &Edges::new(&surface.faces));
-    let origin = surface.bounds().centre();
-    let mut volume = vec![0.0; parts.count];
+    let volume = volumes(surface, &parts);
     let mut has_added = vec![false; parts.count];
     let mut has_old = vec![false; parts.count];
     for (face, &part) in parts.of_face.iter().enumerate().filter(|(_, part)| **part != Parts::NONE) {
-        let [a, b, c] = surface.corners(face).map(|p| p - origin);
-        volume[part as usize] += a.dot(b.cross(c)) / 6.0;
-        let is_added = surface.source[face] >= first_added;
+        let is_added = surface.source[face] >= expected.first_added;
         has_added[part as usize] |= is_added;
         has_old[part as usize] |= !is_added;
     }
     let is_bubble = |part: usize| volume[part] <= 0.0 && has_added[part];
-    let is_crumb = |part: usize| volume[part] > 0.0 && !has_old[part];
+    let is_crumb = |part: usize| expected.has_crumbs && volume[part] > 0.0 && !has_old[part];
     let is_removed: Vec<bool> =
         (0..parts.count).map(|part| volume[part].abs() < most && (is_bubble(part) || is_crumb(part))).collect();
     if is_removed.contains(&true) {
         parts.remove(&is_removed, surface);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Precision;
+    use crate::mesh::Soup;
+    use crate::printing::thickening::Growth;
+
+    /// Tetrahedra, each with a corner and a size; a negative size turns it inside out.
+    fn tetrahedra(of: &[(f64, f64)]) -> Surface {
+        let mut soup = Soup { positions: Vec::new(), faces: Vec::new() };
+        for (&(x, size), k) in of.iter().zip(0u32..) {
+            let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * size.abs() + DVec3::splat(x));
+            soup.positions.extend(corners);
+            let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+            let turned = |[a, b, c]: [u32; 3]| if size < 0.0 { [a, c, b] } else { [a, b, c] };
+            soup.faces.extend(faces.map(turned).map(|face| face.map(|v| v + 4 * k)));
+        }
+        Surface::from_soup(&soup).0
+    }
+
+    fn settings() -> Thickening {
+        Thickening { min_wall: 0.5, growth: Growth::Both, min_gap: 0.25, precision: Precision::F32 }
+    }
+
+    fn of(shapes: &[(f64, f64)]) -> Topology {
+        Topology::of(&tetrahedra(shapes), &settings())
+    }
+
+    #[test]
+    fn a_small_cavity_may_be_lost_but_no_large_one_and_no_solid() {
+        let before = of(&[(0.0, 10.0), (1.0, -0.1), (2.0, -1.0), (20.0, 0.1)]);
+        assert!(of(&[(0.0, 10.0), (2.0, -1.0), (20.0, 0.1)]).keeps(before));
+        assert!(!of(&[(0.0, 10.0), (1.0, -0.1), (20.0, 0.1)]).keeps(before));
+        assert!(!of(&[(0.0, 10.0), (1.0, -0.1), (2.0, -1.0)]).keeps(before));
+    }
+
+    #[test]
+    fn only_a_small_or_touching_solid_may_join_its_neighbour() {
+        // The slanted face of the first is at x + y + z = 3; the others start at (1 + d, 1 + d, 1 + d).
+        let one = of(&[(0.0, 3.0)]);
+        assert!(one.keeps(of(&[(0.0, 3.0), (1.1, 0.3)])), "a small solid at less than the gap");
+        assert!(!one.keeps(of(&[(0.0, 3.0), (1.2, 0.3)])), "a small solid at more than the gap");
+        assert!(!one.keeps(of(&[(0.0, 3.0), (1.1, 3.0)])), "a large solid");
+        assert!(one.keeps(of(&[(0.0, 3.0), (1.005, 3.0)])), "a large solid that touches");
+    }
+
+    #[test]
+    fn a_small_solid_of_added_faces_is_a_crumb_only_of_a_layer() {
+        let topology = of(&[(0.0, 1.0)]);
+        for (has_crumbs, faces) in [(true, 4), (false, 8)] {
+            let mut surface = tetrahedra(&[(0.0, 1.0), (5.0, 0.1)]);
+            surface.source = vec![0, 1, 2, 3, 4, 4, 4, 4];
+            fill_bubbles(&mut surface, &Expected { topology, settings: settings(), first_added: 4, has_crumbs });
+            assert_eq!(surface.faces.len(), faces);
+        }
     }
 }

@@ -11,7 +11,7 @@ use crate::inspect::group_faces;
 use crate::math::{collinear, to_unit_range};
 use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
-use crate::repair::{Cancelled, Change, Context, Options};
+use crate::repair::{Cancelled, Change, Context, Options, WallThickening};
 
 /// The settings from which operators derive their parameters.
 #[derive(Debug, Clone, Copy)]
@@ -76,6 +76,8 @@ pub struct Applied {
     pub unfixed: Vec<u32>,
     /// The edge length of a remesh's cells, in the model's unit.
     pub voxel_size: Option<f64>,
+    /// For thickened walls: what was added and left.
+    pub thickening: Option<WallThickening>,
     /// Whether the deadline came before the operator had finished.
     pub is_late: bool,
 }

@@ -3,15 +3,19 @@
 use super::layer_union::LayerUnion;
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::Surface;
-use crate::printing::thickening::{Growth, PlaceResult, ThickenedPlace, Thickening, ThickeningError, ThinReason};
+use crate::printing::thickening::{
+    Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason,
+};
 use crate::printing::thickness::{FeatureKind, Space, ThinRegion, rounded_limit, thin_features};
 use crate::repair::options::WallGrowth;
-use crate::repair::{Cancelled, Change, ChangeKind, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context, ThinPlaceLeft, ThinPlaceReason, WallThickening};
 
 /// Least gap without a process, as a share of the least wall.
 const GAP: f64 = 0.5;
 /// Most places that a step's note describes.
 const MAX_NAMED: usize = 5;
+/// Most places that a step lists.
+const MAX_LISTED: usize = 100;
 
 /// Unites a solid with a layer on its thin walls.
 ///
@@ -62,43 +66,79 @@ impl Operation for ThickenWalls {
         };
         let proved = thickened.places.iter().filter(|place| place.result == PlaceResult::Proved).count();
         if !thickened.added_faces.is_empty() {
-            *surface = thickened.surface;
+            surface.clone_from(&thickened.surface);
         }
         // A measurement that is independent of the thickening decides which walls are still thin.
         let limit = rounded_limit(surface, settings.min_wall);
         let thin = thin_features(surface, limit, Space::Material, context)?;
-        let left: Vec<&ThinRegion> =
-            thin.regions.iter().filter(|region| region.kind != FeatureKind::SharpEdge).collect();
+        // Sharp edges come last.
+        let left = thin.regions.iter().filter(|region| region.kind != FeatureKind::SharpEdge).count();
         let changes = Change::list([
             (ChangeKind::WallsThickened, proved as u64),
-            (ChangeKind::ThinWallsLeft, left.len() as u64),
+            (ChangeKind::ThinWallsLeft, left as u64),
             (ChangeKind::FacesAdded, thickened.added_faces.len() as u64),
         ]);
-        let named = left.iter().take(MAX_NAMED).map(|region| self.thin_in_words(region, &thickened.places));
+        let named =
+            thin.regions.iter().take(left.min(MAX_NAMED)).map(|region| self.in_words(region, &thickened.places));
         let mut named: Vec<String> = named.collect();
-        if left.len() > MAX_NAMED {
-            named.push(format!("{} more places stay thin", left.len() - MAX_NAMED));
+        if left > MAX_NAMED {
+            named.push(format!("{} more places stay thin", left - MAX_NAMED));
         }
         if !thin.pairs.is_complete {
             named.push("some walls could not be measured: the model needs too many measurements".to_owned());
         }
         let left = (!named.is_empty()).then(|| named.join("; "));
-        Ok(Applied { changes, left, ..Applied::default() })
+        let thickening = Some(self.summary(&thickened, &thin.regions));
+        Ok(Applied { changes, left, thickening, ..Applied::default() })
     }
 }
 
 impl ThickenWalls {
+    /// What was added, and the regions that stay thin.
+    fn summary(&self, thickened: &Thickened, regions: &[ThinRegion]) -> WallThickening {
+        let left = |region: &ThinRegion| ThinPlaceLeft {
+            at: region.at.to_array(),
+            thickness_mm: region.least * self.millimetres,
+            reason: code(reason_near(region, &thickened.places)),
+        };
+        WallThickening {
+            added_faces: thickened.added_faces.len() as u64,
+            added_volume_mm3: thickened.added_volume * self.millimetres.powi(3),
+            max_deviation_mm: thickened.max_deviation * self.millimetres,
+            left_count: regions.len() as u64,
+            left: regions.iter().take(MAX_LISTED).map(left).collect(),
+        }
+    }
+
     /// The sentence about a wall that stays thin, with the reason at the nearest place that was not thickened.
-    fn thin_in_words(&self, region: &ThinRegion, places: &[ThickenedPlace]) -> String {
+    fn in_words(&self, region: &ThinRegion, places: &[ThickenedPlace]) -> String {
         let [x, y, z] = region.at.to_array();
         let wall = region.least * self.millimetres;
-        let reasons = places.iter().filter_map(|place| match place.result {
-            PlaceResult::LeftThin(reason) => Some((place.at.distance_squared(region.at), reason)),
-            PlaceResult::Proved => None,
-        });
-        let reason = reasons.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, reason)| in_words(reason));
+        let reason = reason_near(region, places).map(in_words);
         let reason = reason.map_or_else(String::new, |reason| format!(": {reason}"));
         format!("a wall stays {wall:.3} mm thick at ({x:.6}, {y:.6}, {z:.6}){reason}")
+    }
+}
+
+/// Why a region stays thin: a sharp edge by its kind, a wall by the nearest place that the thickening left.
+fn reason_near(region: &ThinRegion, places: &[ThickenedPlace]) -> Option<ThinReason> {
+    if region.kind == FeatureKind::SharpEdge {
+        return Some(ThinReason::SharpEdge);
+    }
+    let reasons = places.iter().filter_map(|place| match place.result {
+        PlaceResult::LeftThin(ThinReason::SharpEdge) | PlaceResult::Proved => None,
+        PlaceResult::LeftThin(reason) => Some((place.at.distance_squared(region.at), reason)),
+    });
+    reasons.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, reason)| reason)
+}
+
+/// The reason in the report; undecided if the thickening knows of no place.
+fn code(reason: Option<ThinReason>) -> ThinPlaceReason {
+    match reason {
+        Some(ThinReason::Gap | ThinReason::Topology) => ThinPlaceReason::Gap,
+        Some(ThinReason::SharpEdge) => ThinPlaceReason::SharpEdge,
+        Some(ThinReason::Time) => ThinPlaceReason::OutOfTime,
+        Some(ThinReason::Union | ThinReason::Rounds) | None => ThinPlaceReason::Undecided,
     }
 }
 
@@ -109,6 +149,56 @@ fn in_words(reason: ThinReason) -> &'static str {
         ThinReason::SharpEdge => "the wall ends in a sharp edge",
         ThinReason::Topology => "a thicker wall would join parts or close a hole",
         ThinReason::Union => "the added layer could not be united exactly",
-        ThinReason::Rounds => "the wall was still thin after three rounds",
+        ThinReason::Rounds => "the wall was still thin after the last round",
+        ThinReason::Time => "the time ran out",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    fn region(kind: FeatureKind) -> ThinRegion {
+        let (at, faces) = (DVec3::X, Vec::new());
+        ThinRegion { kind, faces, area: 1.0, least: 0.5, mean: 0.5, at, is_decided: true }
+    }
+
+    fn place(x: f64, result: PlaceResult) -> ThickenedPlace {
+        ThickenedPlace { at: DVec3::X * x, least_before: 0.5, least_after: 0.5, area: 1.0, result }
+    }
+
+    #[test]
+    fn a_wall_has_the_reason_of_the_nearest_wall_that_was_left() {
+        let places = [
+            place(1.0, PlaceResult::Proved),
+            place(2.0, PlaceResult::LeftThin(ThinReason::Time)),
+            place(9.0, PlaceResult::LeftThin(ThinReason::Gap)),
+        ];
+        assert_eq!(code(reason_near(&region(FeatureKind::FreeWall), &places)), ThinPlaceReason::OutOfTime);
+        assert_eq!(code(reason_near(&region(FeatureKind::FreeWall), &places[..1])), ThinPlaceReason::Undecided);
+    }
+
+    #[test]
+    fn a_sharp_edge_is_never_reported_as_a_wall() {
+        let places = [place(1.0, PlaceResult::LeftThin(ThinReason::Gap))];
+        assert_eq!(code(reason_near(&region(FeatureKind::SharpEdge), &places)), ThinPlaceReason::SharpEdge);
+    }
+
+    #[test]
+    fn the_summary_is_in_millimetres_and_lists_the_first_places() {
+        let thickened = Thickened {
+            surface: Surface::default(),
+            added_volume: 2.0,
+            max_deviation: 3.0,
+            places: Vec::new(),
+            added_faces: vec![4, 5],
+            is_proved: false,
+        };
+        let operator = ThickenWalls { settings: None, millimetres: 10.0 };
+        let summary = operator.summary(&thickened, &vec![region(FeatureKind::Pin); MAX_LISTED + 1]);
+        assert_eq!((summary.added_faces, summary.added_volume_mm3, summary.max_deviation_mm), (2, 2000.0, 30.0));
+        assert_eq!((summary.left_count, summary.left.len()), (101, 100));
+        assert_eq!((summary.left[0].at, summary.left[0].thickness_mm), ([1.0, 0.0, 0.0], 5.0));
     }
 }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::findings::{OptionNotApplied, RedFlag};
+use super::thickening::WallThickening;
 use crate::repair::change::Change;
 use crate::repair::options::{Category, Operator, Preset};
 use crate::repair::remesher::RemesherInfo;
@@ -164,6 +165,9 @@ pub struct Step {
     /// For a remesh: the edge length of the voxels, in the model's unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<f64>,
+    /// For `thicken_walls`: what was added, and the places that stay thin.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thickening: Option<WallThickening>,
 }
 
 /// Faces that an operator could not fix, such as faces whose outer side it could not determine.
@@ -198,6 +202,7 @@ impl Step {
             program: None,
             runs: 0,
             voxel_size: None,
+            thickening: None,
         }
     }
 }
@@ -252,6 +257,9 @@ pub(super) fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
     steps.truncate(8 * most);
     for faces in steps.iter_mut().filter_map(|step| step.unfixed.as_mut()) {
         faces.faces.truncate(most);
+    }
+    for thickening in steps.iter_mut().filter_map(|step| step.thickening.as_mut()) {
+        thickening.left.truncate(most);
     }
 }
 

@@ -177,3 +177,40 @@ fn unusable_settings_and_open_surfaces_are_errors() {
         assert!(matches!(thickened(&open, both(min_wall)), Err(ThickeningError::Settings { .. })));
     }
 }
+
+/// A curved sheet of many faces: its upper side and its lower side are moved copies of one grid.
+fn curved_sheet(thickness: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let n = 12;
+    let at = |i: u32, j: u32, z: f64| {
+        let [x, y] = [i, j].map(|k| 4.0 * f64::from(k) / f64::from(n));
+        DVec3::new(x, y, z + 0.1 * (x - 2.0).powi(2))
+    };
+    let m = n + 1;
+    let side = |z| (0..m * m).map(move |k| at(k % m, k / m, z));
+    let positions: Vec<DVec3> = side(0.0).chain(side(thickness)).collect();
+    let (low, high) = (|i: u32, j: u32| i + m * j, |i: u32, j: u32| m * m + i + m * j);
+    let quad = |[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]];
+    let mut faces = Vec::new();
+    for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+        faces.extend(quad([high(i, j), high(i + 1, j), high(i + 1, j + 1), high(i, j + 1)]));
+        faces.extend(quad([low(i, j), low(i, j + 1), low(i + 1, j + 1), low(i + 1, j)]));
+    }
+    for i in 0..n {
+        faces.extend(quad([low(i, 0), low(i + 1, 0), high(i + 1, 0), high(i, 0)]));
+        faces.extend(quad([low(i + 1, n), low(i, n), high(i, n), high(i + 1, n)]));
+        faces.extend(quad([low(0, i + 1), low(0, i), high(0, i), high(0, i + 1)]));
+        faces.extend(quad([low(n, i), low(n, i + 1), high(n, i + 1), high(n, i)]));
+    }
+    (positions, faces)
+}
+
+#[test]
+fn balls_thicken_a_curved_sheet_of_many_faces() {
+    let (positions, faces) = curved_sheet(0.5);
+    let sheet = surface(positions, faces, 1.0);
+    let done = thickened(&sheet, both(1.0)).unwrap();
+    assert!(done.is_proved, "{:?}", done.places);
+    assert!(done.max_deviation < 0.7, "{}", done.max_deviation);
+    // The least volume is 16 * 0.5, without the balls' overhang at the rim.
+    assert!((7.5..14.0).contains(&done.added_volume), "{}", done.added_volume);
+}

@@ -1,0 +1,231 @@
+//! Balls along the middle of thin places. Their union with the solid is nowhere thinner than the least wall.
+//!
+//! At points of the thin faces a ball grows inward until it touches the surface again. If both contacts face away from
+//! each other, and the ball is thinner than the least wall, its centre is on the middle of a thin place. A ball of the
+//! least wall's diameter around the same centre replaces it.
+
+use crate::context::{Cancelled, Context};
+use crate::math::{Tree, hit};
+use crate::mesh::Surface;
+use crate::printing::thickness::OpposedPair;
+use glam::DVec3;
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+
+use super::outcome::Thickening;
+use super::results::Thin;
+use super::walls::{NOISE, trusted_normal};
+
+/// The largest dot product of the outward directions at two contacts of a ball in a wall: 36.9 degrees.
+const OPPOSED: f64 = -0.8;
+/// The share of the least wall that the perpendicular through a wall measures of the ball's diameter, at least.
+const PERPENDICULAR: f64 = (1.0 - OPPOSED) / 2.0;
+/// The same in later rounds, for the edges beside earlier balls: 60 degrees.
+const WIDE: f64 = -0.5;
+/// Steps of one ball.
+const STEPS: u64 = 1 << 16;
+/// Faces between two checks for cancellation.
+const BATCH: usize = 1 << 12;
+/// The deepest subdivision of a face.
+const MAX_DEPTH: u32 = 16;
+/// Sine of half the angle of a wedge from which its end counts as a sharp edge.
+const LEAST_TAPER: f64 = 0.08;
+/// Share of the way to the edge of a wedge that must be free.
+const TIP_REACH: f64 = 0.8;
+/// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge.
+const TIP_COVER: f64 = 0.03;
+/// The most balls.
+pub const MAX_BALLS: usize = 4_000_000;
+
+/// A ball that replaces a thin one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Filler {
+    /// The centre.
+    pub centre: DVec3,
+    /// The radius.
+    pub radius: f64,
+    /// Whether a gap in front limits the ball.
+    pub is_limited: bool,
+}
+
+/// The search for the balls of a surface.
+pub struct Fillers<'a> {
+    surface: &'a Surface,
+    tree: Tree,
+    settings: Thickening,
+    search: Search,
+    noise: f64,
+}
+
+/// How balls are searched.
+#[derive(Debug, Clone, Copy)]
+pub struct Search {
+    /// The distance between samples.
+    pub spacing: f64,
+    /// The share by which a ball is larger than needed, to cover the error of its surface.
+    pub margin: f64,
+    /// Whether this is the first search. A later one also puts balls around the middle of each thin pair, and moves none
+    /// back from a sharp edge.
+    pub is_first: bool,
+}
+
+/// A point of a face with the face's normal.
+#[derive(Clone, Copy)]
+struct Contact {
+    point: DVec3,
+    normal: DVec3,
+}
+
+impl<'a> Fillers<'a> {
+    /// Prepares the search.
+    pub fn new(surface: &'a Surface, settings: Thickening, search: Search) -> Self {
+        let largest = surface.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
+        let tree = Tree::new(&surface.positions, &surface.faces);
+        Self { surface, tree, settings, search, noise: NOISE * largest }
+    }
+
+    /// The balls of all thin faces; none if there are too many.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn of(&self, pairs: &Thin, context: &Context<'_>) -> Result<Option<Vec<Filler>>, Cancelled> {
+        let mut faces: Vec<u32> = pairs.walls.iter().chain(&pairs.tips).map(|pair| pair.faces[0]).collect();
+        faces.sort_unstable();
+        faces.dedup();
+        let mut kept: FxHashMap<[i64; 3], usize> = FxHashMap::default();
+        let mut fillers: Vec<Filler> = Vec::new();
+        let mut take = |found: Filler, fillers: &mut Vec<Filler>| {
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "coordinates are far fewer than 2^63 cells from the origin"
+            )]
+            let cell = (found.centre / self.search.spacing).floor().to_array().map(|x| x as i64);
+            let at = *kept.entry(cell).or_insert(fillers.len());
+            if at == fillers.len() {
+                fillers.push(found);
+            } else if found.radius > fillers[at].radius {
+                fillers[at] = found;
+            }
+        };
+        for batch in faces.chunks(BATCH) {
+            context.check()?;
+            let found: Vec<Vec<Filler>> = batch.par_iter().map(|&face| self.of_face(face)).collect();
+            found.into_iter().flatten().for_each(|filler| take(filler, &mut fillers));
+            if fillers.len() > MAX_BALLS {
+                return Ok(None);
+            }
+        }
+        if !self.search.is_first {
+            let found: Vec<Option<Filler>> =
+                pairs.walls.par_iter().chain(&pairs.tips).map(|pair| self.of_pair(pair)).collect();
+            found.into_iter().flatten().for_each(|filler| take(filler, &mut fillers));
+        }
+        Ok(Some(fillers))
+    }
+
+    /// The ball around the middle of a thin pair.
+    fn of_pair(&self, pair: &OpposedPair) -> Option<Filler> {
+        let [p, q] = pair.points;
+        let [normal, opposite] = pair.faces.map(|face| self.normal(face));
+        let contacts = [Contact { point: p, normal }, Contact { point: q, normal: opposite }];
+        self.filler((p + q) / 2.0, p.distance(q) / 2.0, contacts)
+    }
+
+    fn normal(&self, face: u32) -> DVec3 {
+        trusted_normal(self.surface.corners(face as usize), self.noise)
+    }
+
+    /// The balls at samples of a face.
+    fn of_face(&self, face: u32) -> Vec<Filler> {
+        let normal = self.normal(face);
+        let mut found = Vec::new();
+        if normal != DVec3::ZERO {
+            self.sample(self.surface.corners(face as usize), normal, 0, &mut found);
+        }
+        found
+    }
+
+    /// Samples a triangle of a face, and its four parts if it is large.
+    fn sample(&self, [a, b, c]: [DVec3; 3], normal: DVec3, depth: u32, found: &mut Vec<Filler>) {
+        let centre = (a + b + c) / 3.0;
+        let size = [a, b, c].map(|p| p.distance(centre)).into_iter().fold(0.0, f64::max);
+        let thickest = 0.5 * self.settings.min_wall / PERPENDICULAR;
+        let is_last = size <= 0.6 * self.search.spacing || depth >= MAX_DEPTH;
+        let radius = if is_last { thickest } else { thickest + size };
+        let ball =
+            self.tree.shrunk_ball([centre, -normal], radius, &mut STEPS.clone(), |f| self.surface.corners(f as usize));
+        let Some(ball) = ball else { return };
+        let Some(touched) = ball.touches else { return };
+        if !is_last {
+            let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
+            for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+                self.sample(part, normal, depth + 1, found);
+            }
+            return;
+        }
+        let middle = centre - normal * ball.radius;
+        let outward = (touched.point - middle).normalize_or_zero();
+        let cosine = outward.dot(normal);
+        let min_wall = self.settings.min_wall;
+        let is_wall = cosine <= OPPOSED && ball.radius * (1.0 - cosine) < min_wall * (1.0 - 1e-6);
+        // Beside a ball the edge of a solid can become a wall, which the next round would have to thicken.
+        let is_edge = !self.search.is_first && cosine <= WIDE && 2.0 * ball.radius < min_wall;
+        let is_thin = is_wall || is_edge;
+        if is_thin && ball.radius > 0.0 {
+            let contacts = [Contact { point: centre, normal }, Contact { point: touched.point, normal: outward }];
+            let filler = self.filler(middle, ball.radius, contacts);
+            found.extend(filler.map(|filler| self.retracted(filler, ball.radius, contacts)));
+        }
+    }
+
+    /// The ball of a wedge that ends in a sharp edge, moved back so that it covers the thin ball of radius `thin` and
+    /// hardly exceeds the edge.
+    fn retracted(&self, filler: Filler, thin: f64, contacts: [Contact; 2]) -> Filler {
+        let sum = contacts[0].normal + contacts[1].normal;
+        let taper = sum.length() / 2.0;
+        if !self.search.is_first || filler.is_limited || taper < LEAST_TAPER {
+            return filler;
+        }
+        let way = sum / (2.0 * taper);
+        let ahead = way * (thin / taper * TIP_REACH);
+        let mut is_tip = true;
+        self.tree.along(filler.centre, filler.centre + ahead, |face| {
+            is_tip = hit(filler.centre, ahead, self.surface.corners(face as usize)).is_none();
+            is_tip
+        });
+        let back = filler.radius - thin - TIP_COVER * self.settings.min_wall;
+        if is_tip && back > 0.0 { Filler { centre: filler.centre - way * back, ..filler } } else { filler }
+    }
+
+    /// The ball that replaces a ball of radius `thin`, within the gaps in front of its contacts.
+    fn filler(&self, centre: DVec3, thin: f64, contacts: [Contact; 2]) -> Option<Filler> {
+        let radius = thin.max(0.5 * self.settings.min_wall) * (1.0 + self.search.margin);
+        let more = radius - thin;
+        let allowed = contacts.map(|contact| self.allowed(contact, 2.0 * more));
+        let lack = allowed.map(|allowed| (more - allowed).max(0.0));
+        if lack[0] + lack[1] <= 0.0 {
+            return Some(Filler { centre, radius, is_limited: false });
+        }
+        // The ball moves away from a limit as far as the other side allows.
+        let [p, q] = contacts;
+        let across = (q.point - p.point).normalize_or_zero();
+        let shift = [0, 1].map(|k| lack[k].min((allowed[1 - k] - more).max(0.0)));
+        let radius = radius - (lack[0] - shift[0]).max(lack[1] - shift[1]);
+        let centre = centre + across * (shift[0] - shift[1]);
+        let is_limited = lack[0] > shift[0] || lack[1] > shift[1];
+        // A ball that cannot grow at all has no radius, but says that there is a limit.
+        Some(Filler { centre, radius: if radius > thin { radius } else { 0.0 }, is_limited })
+    }
+
+    /// How far the solid may grow at a contact, at most `wanted`.
+    fn allowed(&self, Contact { point, normal }: Contact, wanted: f64) -> f64 {
+        let gap = self.settings.min_gap.max(0.02 * self.settings.min_wall);
+        let ball = self
+            .tree
+            .shrunk_ball([point, normal], wanted + gap / 2.0, &mut STEPS.clone(), |f| self.surface.corners(f as usize));
+        let Some(ball) = ball else { return wanted };
+        let Some(touched) = ball.touches else { return wanted };
+        let outward = (touched.point - (point + normal * ball.radius)).normalize_or_zero();
+        if outward.dot(normal) < -OPPOSED { wanted } else { (ball.radius - gap / 2.0).clamp(0.0, wanted) }
+    }
+}

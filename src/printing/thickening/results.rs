@@ -1,0 +1,182 @@
+//! The result of a thickening: what was thin before, and what is thin after it.
+
+use crate::context::{Cancelled, Context};
+use crate::math::Tree;
+use crate::mesh::Surface;
+use crate::printing::thickness::{OpposedPair, Space, opposed_pairs, rounded_limit};
+use glam::DVec3;
+
+use super::outcome::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThinReason};
+use super::places::Places;
+use super::walls::Opposed;
+
+/// The thin walls and sharp edges of a surface, by the measure that decides.
+#[derive(Debug, Clone, Default)]
+pub struct Thin {
+    /// The thinnest place of each face in a thin wall.
+    pub walls: Vec<OpposedPair>,
+    /// The thinnest place of each face at a sharp edge.
+    pub tips: Vec<OpposedPair>,
+    /// The sum over all thin faces of the area times the lacking share of the thickness.
+    pub lack: f64,
+}
+
+impl Thin {
+    /// Measures a surface.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn of(surface: &Surface, min_wall: f64, context: &Context<'_>) -> Result<Self, Cancelled> {
+        let limit = rounded_limit(surface, min_wall);
+        let pairs = opposed_pairs(surface, limit, Space::Material, context)?;
+        let area = |pair: &OpposedPair| surface.area_vector(pair.faces[0] as usize).length() / 2.0;
+        let lack = |pair: &OpposedPair| area(pair) * (1.0 - pair.thickness / limit).max(0.0);
+        let lack = pairs.walls.iter().chain(&pairs.tips).map(lack).sum();
+        Ok(Self { walls: pairs.walls, tips: pairs.tips, lack })
+    }
+
+    /// Whether nothing is thin.
+    pub fn is_empty(&self) -> bool {
+        self.walls.is_empty() && self.tips.is_empty()
+    }
+
+    /// The number of thin faces.
+    pub fn count(&self) -> usize {
+        self.walls.len() + self.tips.len()
+    }
+
+    /// The thinnest place of each face of a surface; sharp edges only where no wall is thin.
+    fn of_faces(&self, faces: usize) -> Vec<Vec<Opposed>> {
+        let mut thin: Vec<Vec<Opposed>> = vec![Vec::new(); faces];
+        for pair in self.walls.iter().chain(&self.tips) {
+            let [face, other] = pair.faces;
+            if thin[face as usize].is_empty() {
+                let &OpposedPair { points, distance, thickness, .. } = pair;
+                thin[face as usize].push(Opposed { face: other, points, distance, thickness });
+            }
+        }
+        thin
+    }
+}
+
+/// A surface on the way to a result. Sources are faces of the input; those of added faces are larger by the number of
+/// the input's faces.
+#[derive(Debug, Clone, Default)]
+pub struct Grown {
+    /// The surface.
+    pub surface: Surface,
+    /// Its thin places.
+    pub thin: Thin,
+    /// Points at which a gap limited the growth.
+    pub limited: Vec<DVec3>,
+    /// Why growth ended before everything was thick.
+    pub reason: Option<ThinReason>,
+}
+
+/// The frame of a result.
+pub struct Results<'a> {
+    pub settings: Thickening,
+    pub input: &'a Surface,
+    pub before: &'a Thin,
+}
+
+impl Results<'_> {
+    /// Assembles the result.
+    pub fn finish(&self, grown: Grown) -> Thickened {
+        let count = self.input.faces.len();
+        let Grown { mut surface, thin, .. } = grown.clone();
+        let before = self.before.of_faces(count);
+        let places = Places::new(self.input, &before);
+        let mut results = self.places_before(&before, &places);
+        let thin_faces: Vec<u32> = (0u32..).zip(&before).filter(|(_, w)| !w.is_empty()).map(|(f, _)| f).collect();
+        let corners: Vec<[u32; 3]> = thin_faces.iter().map(|&face| self.input.faces[face as usize]).collect();
+        let tree = Tree::new(&self.input.positions, &corners);
+        let place_near = |point: DVec3| {
+            let corners = |face: u32| self.input.corners(thin_faces[face as usize] as usize);
+            let nearest = tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners)?;
+            places.of_face[thin_faces[nearest.face as usize] as usize]
+        };
+        for (pair, is_tip) in
+            thin.tips.iter().map(|pair| (pair, true)).chain(thin.walls.iter().map(|pair| (pair, false)))
+        {
+            let source = surface.source[pair.faces[0] as usize] as usize % count.max(1);
+            let Some(number) = places.of_face[source].or_else(|| place_near(pair.points[0])) else { continue };
+            let place = &mut results[number as usize];
+            place.least_after = place.least_after.min(pair.thickness);
+            let reason = if is_tip { ThinReason::SharpEdge } else { self.reason(&grown, pair) };
+            place.result = PlaceResult::LeftThin(reason);
+        }
+        results.sort_by(|a, b| b.area.total_cmp(&a.area));
+        let added_faces = added_faces(&surface, count);
+        let max_deviation = deviation(self.input, &surface, &added_faces);
+        let added_volume = volume(&surface) - volume(self.input);
+        for source in &mut surface.source {
+            *source = self.input.source[*source as usize % count.max(1)];
+        }
+        let is_proved = thin.walls.is_empty();
+        Thickened { surface, added_volume, max_deviation, places: results, added_faces, is_proved }
+    }
+
+    /// Why a wall stays thin.
+    fn reason(&self, grown: &Grown, pair: &OpposedPair) -> ThinReason {
+        let middle = pair.points[0].midpoint(pair.points[1]);
+        let is_near = |point: &DVec3| point.distance(middle) < self.settings.min_wall;
+        if grown.limited.iter().any(is_near) { ThinReason::Gap } else { grown.reason.unwrap_or(ThinReason::Rounds) }
+    }
+
+    /// The places of the input, all proved.
+    fn places_before(&self, before: &[Vec<Opposed>], places: &Places) -> Vec<ThickenedPlace> {
+        let none = ThickenedPlace {
+            at: DVec3::ZERO,
+            least_before: f64::INFINITY,
+            least_after: self.settings.min_wall,
+            area: 0.0,
+            result: PlaceResult::Proved,
+        };
+        let mut results = vec![none; places.count as usize];
+        for (face, walls) in before.iter().enumerate() {
+            let (Some(number), Some(wall)) = (places.of_face[face], walls.first()) else { continue };
+            let place = &mut results[number as usize];
+            place.area += self.input.area_vector(face).length() / 2.0;
+            if wall.thickness < place.least_before {
+                (place.least_before, place.at) = (wall.thickness, wall.points[0]);
+            }
+        }
+        results
+    }
+}
+
+/// The enclosed volume, relative to the centre of the box.
+fn volume(surface: &Surface) -> f64 {
+    let origin = surface.bounds().centre();
+    let part = |face: usize| {
+        let [a, b, c] = surface.corners(face).map(|p| p - origin);
+        a.dot(b.cross(c))
+    };
+    (0..surface.faces.len()).map(part).sum::<f64>() / 6.0
+}
+
+/// The faces of a surface on the way to a result that are not faces of the input, which has `count` faces.
+fn added_faces(surface: &Surface, count: usize) -> Vec<u32> {
+    let is_added = |&(_, source): &(u32, &u32)| *source as usize >= count;
+    (0u32..).zip(&surface.source).filter(is_added).map(|(face, _)| face).collect()
+}
+
+/// The largest distance of the added faces of a surface on the way to a result from the input.
+pub fn deviation_of_added(input: &Surface, surface: &Surface) -> f64 {
+    deviation(input, surface, &added_faces(surface, input.faces.len()))
+}
+
+/// The largest distance of the corners and the centres of some faces from another surface.
+fn deviation(from: &Surface, of: &Surface, faces: &[u32]) -> f64 {
+    let tree = Tree::new(&from.positions, &from.faces);
+    let mut most = 0.0f64;
+    for &face in faces {
+        let corners = of.corners(face as usize);
+        for p in corners.into_iter().chain([corners.into_iter().sum::<DVec3>() / 3.0]) {
+            let nearest = tree.nearest(p, f64::INFINITY, &mut u64::MAX.clone(), |f| from.corners(f as usize));
+            most = most.max(nearest.map_or(0.0, |nearest| nearest.distance));
+        }
+    }
+    most
+}

@@ -1,0 +1,114 @@
+//! Fits a contour around balls to their spheres: vertices spread evenly, and lie on the nearest sphere.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use rustc_hash::FxHashMap;
+
+use crate::math::{Precision, Rounding};
+use crate::mesh::Surface;
+
+/// Times that vertices move towards the mean of their neighbours and back onto a sphere.
+const ROUNDS: usize = 6;
+/// Share of the way to the mean of the neighbours.
+const STEP: f64 = 0.5;
+/// The largest distance from a sphere at which a vertex moves onto it, in cells.
+const REACH: f64 = 0.5;
+
+/// Balls, found by the box of a coarse grid that their centres lie in.
+pub struct Spheres<'a> {
+    balls: &'a [(DVec3, f64)],
+    /// The edge length of a box; a ball reaches less than one box far.
+    side: f64,
+    cell: f64,
+    rounding: Rounding,
+    boxes: FxHashMap<[i64; 3], Vec<u32>>,
+}
+
+impl<'a> Spheres<'a> {
+    /// Prepares the balls, each with its centre and its radius, for a contour with cells of the edge length `cell`.
+    pub fn new(balls: &'a [(DVec3, f64)], cell: f64, precision: Precision) -> Self {
+        let side = balls.iter().map(|ball| ball.1).fold(0.0, f64::max) + cell;
+        let rounding = Rounding { scale: 1.0, precision };
+        let mut spheres = Self { balls, side, cell, rounding, boxes: FxHashMap::default() };
+        for (ball, number) in balls.iter().zip(0u32..) {
+            spheres.boxes.entry(spheres.box_of(ball.0)).or_default().push(number);
+        }
+        spheres
+    }
+
+    /// Moves the vertices of a contour. Long thin faces become better shaped; those give wrong normals to a sphere.
+    pub fn fit(&self, surface: &mut Surface) {
+        for _ in 0..ROUNDS {
+            let mut sums = vec![(DVec3::ZERO, 0.0); surface.positions.len()];
+            for &[a, b, c] in &surface.faces {
+                for (from, to) in [(a, b), (b, c), (c, a)] {
+                    let (sum, count) = &mut sums[from as usize];
+                    *sum += surface.positions[to as usize];
+                    *count += 1.0;
+                }
+            }
+            surface.positions.par_iter_mut().zip(&sums).for_each(|(p, &(sum, count))| {
+                if count > 0.0 {
+                    *p = self.rounding.of(self.onto_sphere(p.lerp(sum / count, STEP)));
+                }
+            });
+        }
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "saturates far away from every ball")]
+    fn box_of(&self, p: DVec3) -> [i64; 3] {
+        (p / self.side).floor().to_array().map(|x| x as i64)
+    }
+
+    /// The point of the sphere in which `p` lies deepest; `p` itself if it is far from that sphere.
+    fn onto_sphere(&self, p: DVec3) -> DVec3 {
+        let [x, y, z] = self.box_of(p);
+        let keys = (0..27).map(|i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1]);
+        let near = keys.filter_map(|key| self.boxes.get(&key)).flatten().map(|&number| self.balls[number as usize]);
+        let depth = |&(centre, radius): &(DVec3, f64)| radius - p.distance(centre);
+        let deepest = near.max_by(|a, b| depth(a).total_cmp(&depth(b)));
+        match deepest {
+            Some(ball) if (0.0..REACH * self.cell).contains(&depth(&ball)) => {
+                p + (p - ball.0).normalize_or_zero() * depth(&ball)
+            }
+            _ => p,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::context::{Context, NoProgress, monotonic_clock};
+    use crate::remesh::BallUnion;
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
+    const CELL: f64 = 0.2;
+
+    /// The contour of balls, fitted, with the least and the largest depth of its vertices in the balls.
+    fn fitted(balls: &[(DVec3, f64)]) -> [f64; 2] {
+        let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
+        let precision = Precision::F32;
+        let union = BallUnion { balls, cell: CELL, max_faces: 100_000, max_memory: 1 << 28, precision };
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
+        let mut surface = union.surface(&context).unwrap();
+        Spheres::new(balls, CELL, precision).fit(&mut surface);
+        let depth = |p: &DVec3| balls.iter().map(|&(c, r)| r - p.distance(c)).fold(f64::MIN, f64::max);
+        let depths = || surface.positions.iter().map(depth);
+        [depths().fold(f64::MAX, f64::min), depths().fold(f64::MIN, f64::max)]
+    }
+
+    #[test]
+    fn the_vertices_of_a_ball_lie_on_its_sphere() {
+        let [least, most] = fitted(&[(DVec3::new(1.0, 2.0, 3.0), 1.0)]);
+        assert!(least > -1e-6 && most < 1e-6, "{least} to {most}");
+    }
+
+    #[test]
+    fn a_crease_between_balls_is_filled_and_nothing_is_removed() {
+        let [least, most] = fitted(&[(DVec3::ZERO, 1.0), (DVec3::X * 1.4, 1.0)]);
+        assert!(least < -0.01, "vertices in the crease stay outside: {least}");
+        assert!(most < 1e-6, "no vertex lies inside: {most}");
+    }
+}

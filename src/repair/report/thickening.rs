@@ -1,0 +1,47 @@
+//! What a step that thickens walls added, and what it left thin.
+
+use serde::{Deserialize, Serialize};
+
+/// Why a place stays thin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum ThinPlaceReason {
+    /// A thicker wall would narrow a gap, close a hole or join parts.
+    Gap,
+    /// The faces meet in a sharp edge; such an edge is no wall.
+    SharpEdge,
+    /// The added material could not be united exactly, or still had thin places after the last round.
+    Undecided,
+    /// The time ran out.
+    OutOfTime,
+}
+
+/// A place that stays thin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ThinPlaceLeft {
+    /// The thinnest point, in the model's unit.
+    pub at: [f64; 3],
+    /// The least thickness in millimetres.
+    pub thickness_mm: f64,
+    /// Why the place stays thin.
+    pub reason: ThinPlaceReason,
+}
+
+/// What a step that thickens walls added and left.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct WallThickening {
+    /// Number of added faces.
+    pub added_faces: u64,
+    /// Volume of the added material in cubic millimetres.
+    pub added_volume_mm3: f64,
+    /// Largest distance of the added surface from the input, in millimetres.
+    pub max_deviation_mm: f64,
+    /// Number of places that stay thin, sharp edges included.
+    pub left_count: u64,
+    /// The places that stay thin: walls first, then sharp edges; at most 100.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left: Vec<ThinPlaceLeft>,
+}
