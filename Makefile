@@ -40,7 +40,7 @@ check-engine:
 
 ## Licences, sources and duplicate versions of all dependencies.
 deny:
-	@cargo deny --version >/dev/null 2>&1 || cargo install --locked cargo-deny --version $(CARGO_DENY_VERSION)
+	@cargo deny --version >/dev/null 2>&1 || cargo install --debug --locked cargo-deny --version $(CARGO_DENY_VERSION)
 	cargo deny --log-level error check bans licenses sources
 	cargo deny --log-level error --manifest-path clients/python/Cargo.toml --config deny.toml check bans licenses sources
 

@@ -66,8 +66,8 @@ impl<'a> Labels<'a> {
             let share = self.sides.area_vector(side / 2).length() / 2.0 / diameter * unit;
             let [weight, behind] = [side, side ^ 1].map(|side| self.evidence[side as usize].weight());
             let weight = match weight {
-                // A facet that a ball from outside touches on one side alone is not a sheet.
-                0.0 if behind == 1.0 => -share * EVIDENCE_WEIGHT,
+                // A facet with outside air on one side alone is not a sheet.
+                0.0 if behind > 0.0 => -share * EVIDENCE_WEIGHT,
                 0.0 => -share / SLIT_DEPTH,
                 weight => share * EVIDENCE_WEIGHT * weight,
             };

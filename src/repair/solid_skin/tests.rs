@@ -77,6 +77,53 @@ fn a_double_shell_with_pinholes_becomes_the_solid() {
     }
 }
 
+/// A ball of unit cubes, hollow but for a layer one cube thick, without one in 37 of the outer and of the inner triangles. Also the
+/// number of outer triangles, and the volume of the solid ball.
+fn stepped_shell() -> (Vec<[DVec3; 3]>, usize, f64) {
+    const RADIUS: i32 = 14;
+    let is_solid = |[x, y, z]: [i32; 3]| x * x + y * y + z * z < RADIUS * RADIUS;
+    let beside = |cell: [i32; 3], axis: usize, step: i32| {
+        let mut other = cell;
+        other[axis] += step;
+        other
+    };
+    let sides = || (0..3).flat_map(|axis| [(axis, -1), (axis, 1)]);
+    let is_wall = |cell: [i32; 3]| is_solid(cell) && sides().any(|(axis, step)| !is_solid(beside(cell, axis, step)));
+    let range = || -RADIUS..=RADIUS;
+    let cells = || range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| [x, y, z])));
+    let (mut outer, mut inner) = (Vec::new(), Vec::new());
+    for cell in cells().filter(|&cell| is_wall(cell)) {
+        for (axis, step) in sides().filter(|&(axis, step)| !is_wall(beside(cell, axis, step))) {
+            let unit = |k: usize| DVec3::AXES[(axis + k) % 3];
+            let corner = DVec3::from(cell.map(f64::from)) + unit(0) * f64::from(step.max(0));
+            let mut square = [corner, corner + unit(1), corner + unit(1) + unit(2), corner + unit(2)];
+            if step < 0 {
+                square.swap(1, 3);
+            }
+            let [a, b, c, d] = square;
+            let of = if is_solid(beside(cell, axis, step)) { &mut inner } else { &mut outer };
+            of.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let pierced = |faces: Vec<[DVec3; 3]>| -> Vec<_> {
+        (0..).zip(faces).filter(|(i, _)| i % 37 != 7).map(|(_, face)| face).collect()
+    };
+    let solid = cells().filter(|&cell| is_solid(cell)).count();
+    let outer = pierced(outer);
+    let count = outer.len();
+    ([outer, pierced(inner)].concat(), count, solid as f64)
+}
+
+#[test]
+fn pockets_behind_pinholes_in_steps_are_filled() {
+    let (triangles, outer, solid) = stepped_shell();
+    let result = skin(&surface(&triangles), SkinOptions { seal: Some(3.4), ..SkinOptions::default() });
+    let outcome = &result.surface;
+    assert!((volume(outcome) / solid - 1.0).abs() < 0.01, "{}", volume(outcome) / solid);
+    let kept = outcome.source.iter().filter(|&&source| (source as usize) < outer).count();
+    assert!(kept as f64 > 0.98 * outer as f64, "{kept} of {outer}");
+}
+
 #[test]
 fn a_closed_double_shell_is_filled_and_recognised() {
     let model = surface(&double_shell(false));
