@@ -24,8 +24,11 @@ const PERPENDICULAR: f64 = (1.0 - OPPOSED) / 2.0;
 const WIDE: f64 = -0.5;
 /// Steps of one ball.
 const STEPS: u64 = 1 << 16;
-/// Faces between two checks for cancellation.
-const BATCH: usize = 1 << 12;
+/// Faces between two checks for cancellation. A large face has very many samples.
+const BATCH: usize = 1 << 6;
+/// Faces larger than this many least walls are split without a test of their thickness: the ball that would prove it meets
+/// too many other faces.
+const MAX_TESTED: f64 = 2.0;
 /// The deepest subdivision of a face.
 const MAX_DEPTH: u32 = 16;
 /// Sine of half the angle of a wedge from which its end counts as a sharp edge.
@@ -151,18 +154,22 @@ impl<'a> Fillers<'a> {
         let size = [a, b, c].map(|p| p.distance(centre)).into_iter().fold(0.0, f64::max);
         let thickest = 0.5 * self.settings.min_wall / PERPENDICULAR;
         let is_last = size <= 0.6 * self.search.spacing || depth >= MAX_DEPTH;
-        let radius = if is_last { thickest } else { thickest + size };
-        let ball =
-            self.tree.shrunk_ball([centre, -normal], radius, &mut STEPS.clone(), |f| self.surface.corners(f as usize));
-        let Some(ball) = ball else { return };
-        let Some(touched) = ball.touches else { return };
+        let ball = |radius: f64| {
+            let corners = |f: u32| self.surface.corners(f as usize);
+            self.tree.shrunk_ball([centre, -normal], radius, &mut STEPS.clone(), corners)
+        };
         if !is_last {
-            let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
-            for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-                self.sample(part, normal, depth + 1, found);
+            let may_be_thin = || ball(thickest + size).is_some_and(|ball| ball.touches.is_some());
+            if size > MAX_TESTED * self.settings.min_wall || may_be_thin() {
+                let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
+                for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
+                    self.sample(part, normal, depth + 1, found);
+                }
             }
             return;
         }
+        let Some(ball) = ball(thickest) else { return };
+        let Some(touched) = ball.touches else { return };
         let middle = centre - normal * ball.radius;
         let outward = (touched.point - middle).normalize_or_zero();
         let cosine = outward.dot(normal);

@@ -17,7 +17,7 @@ use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 const MAX_ROUNDS: usize = 8;
 /// Sizes of cells, finest first. Measuring the result takes longest, so a body of many faces gets larger cells.
 const CELLS: [Cells; 2] =
-    [Cells { share: 0.2, margin: 0.08, max_faces: 50_000 }, Cells { share: 0.32, margin: 0.12, max_faces: 600_000 }];
+    [Cells { share: 0.2, margin: 0.08, max_faces: 50_000 }, Cells { share: 0.32, margin: 0.12, max_faces: 150_000 }];
 /// How much more a ball grows in each round after the first.
 const MORE: f64 = 0.01;
 /// The most memory of a body's samples.
