@@ -3450,6 +3450,7 @@ export interface components {
              * @description Index of the strategy in the plan.
              */
             strategy: number;
+            thickening?: components["schemas"]["WallThickening"] | null;
             /**
              * Format: int32
              * @description The tier, 1 to 3; 0 for validation.
@@ -3625,6 +3626,23 @@ export interface components {
              */
             thickness: number;
         };
+        /** @description A place that stays thin. */
+        ThinPlaceLeft: {
+            /** @description The thinnest point, in the model's unit. */
+            at: number[];
+            /** @description Why the place stays thin. */
+            reason: components["schemas"]["ThinPlaceReason"];
+            /**
+             * Format: double
+             * @description The least thickness in millimetres.
+             */
+            thickness_mm: number;
+        };
+        /**
+         * @description Why a place stays thin.
+         * @enum {string}
+         */
+        ThinPlaceReason: "gap" | "sharp_edge" | "undecided" | "out_of_time";
         /** @description The thinnest wall of the model. */
         ThinnestWall: {
             /** @description A point on one side of the wall. */
@@ -3961,6 +3979,31 @@ export interface components {
          * @enum {string}
          */
         WallGrowth: "both" | "outward" | "inward";
+        /** @description What a step that thickens walls added and left. */
+        WallThickening: {
+            /**
+             * Format: int64
+             * @description Number of added faces.
+             */
+            added_faces: number;
+            /**
+             * Format: double
+             * @description Volume of the added material in cubic millimetres.
+             */
+            added_volume_mm3: number;
+            /** @description The places that stay thin: walls first, then sharp edges; at most 100. */
+            left?: components["schemas"]["ThinPlaceLeft"][];
+            /**
+             * Format: int64
+             * @description Number of places that stay thin, sharp edges included.
+             */
+            left_count: number;
+            /**
+             * Format: double
+             * @description Largest distance of the added surface from the input, in millimetres.
+             */
+            max_deviation_mm: number;
+        };
         /** @description A result file in a webhook message. */
         WebhookArtifact: {
             /**
@@ -4325,6 +4368,8 @@ export type Tenant = components['schemas']['Tenant'];
 export type TenantChange = components['schemas']['TenantChange'];
 export type Tenants = components['schemas']['Tenants'];
 export type ThinPlace = components['schemas']['ThinPlace'];
+export type ThinPlaceLeft = components['schemas']['ThinPlaceLeft'];
+export type ThinPlaceReason = components['schemas']['ThinPlaceReason'];
 export type ThinnestWall = components['schemas']['ThinnestWall'];
 export type TierStatus = components['schemas']['TierStatus'];
 export type Tolerance = components['schemas']['Tolerance'];
@@ -4346,6 +4391,7 @@ export type Verify = components['schemas']['Verify'];
 export type Voids = components['schemas']['Voids'];
 export type Volume = components['schemas']['Volume'];
 export type WallGrowth = components['schemas']['WallGrowth'];
+export type WallThickening = components['schemas']['WallThickening'];
 export type WebhookArtifact = components['schemas']['WebhookArtifact'];
 export type WebhookDeliveries = components['schemas']['WebhookDeliveries'];
 export type WebhookDelivery = components['schemas']['WebhookDelivery'];

@@ -866,6 +866,10 @@ class ThinPlace(TypedDict):
     """Wall thickness at this point, in the model's unit."""
 
 
+ThinPlaceReason: TypeAlias = Literal['gap', 'sharp_edge', 'undecided', 'out_of_time']
+"""Why a place stays thin."""
+
+
 class ThinnestWall(TypedDict):
     """The thinnest wall of the model."""
 
@@ -1864,36 +1868,6 @@ class Statistics(TypedDict):
     """Number of faces without an aspect ratio: degenerate, or too thin for f64."""
 
 
-class Step(TypedDict):
-    """One operator, remesh or validation that was run or skipped."""
-
-    action: Action
-    """The action that the step belongs to."""
-    changed: list[Change]
-    """The changes that the step made."""
-    milliseconds: float
-    """The duration in milliseconds; 0 if the result was reused from an earlier strategy."""
-    moved: NotRequired[float]
-    """The farthest distance that the step moved a vertex, in the model's unit."""
-    note: NotRequired[str | None]
-    """Why the step failed or was skipped, or what it could not fix, as text."""
-    operator: NotRequired[Operator | None]
-    options_not_applied: NotRequired[list[OptionNotApplied]]
-    """Options that the step could follow only in part."""
-    program: NotRequired[RemesherInfo | None]
-    runs: NotRequired[int]
-    """For tier 3: the number of starts of the program; more than one after a crash."""
-    status: StepStatus
-    """The status of the step."""
-    strategy: int
-    """Index of the strategy in the plan."""
-    tier: int
-    """The tier, 1 to 3; 0 for validation."""
-    unfixed: NotRequired[UnfixedFaces | None]
-    voxel_size: NotRequired[float | None]
-    """For a remesh: the edge length of the voxels, in the model's unit."""
-
-
 class Strategy(TypedDict):
     """One strategy of a plan: a sequence of actions from the input to a result."""
 
@@ -1905,6 +1879,17 @@ class Strategy(TypedDict):
     """The highest tier that the strategy uses."""
     when: NotRequired[When]
     """The condition for the strategy to run."""
+
+
+class ThinPlaceLeft(TypedDict):
+    """A place that stays thin."""
+
+    at: list[float]
+    """The thinnest point, in the model's unit."""
+    reason: ThinPlaceReason
+    """Why the place stays thin."""
+    thickness_mm: float
+    """The least thickness in millimetres."""
 
 
 class UnitCandidate(TypedDict):
@@ -1945,6 +1930,21 @@ class Upload(TypedDict):
     """The largest file that this upload accepts, in bytes."""
     put: UploadPut
     """The request that sends the file."""
+
+
+class WallThickening(TypedDict):
+    """What a step that thickens walls added and left."""
+
+    added_faces: int
+    """Number of added faces."""
+    added_volume_mm3: float
+    """Volume of the added material in cubic millimetres."""
+    left: NotRequired[list[ThinPlaceLeft]]
+    """The places that stay thin: walls first, then sharp edges; at most 100."""
+    left_count: int
+    """Number of places that stay thin, sharp edges included."""
+    max_deviation_mm: float
+    """Largest distance of the added surface from the input, in millimetres."""
 
 
 class WebhookDeliveries(TypedDict):
@@ -2313,6 +2313,37 @@ class SetReport(TypedDict):
 
     intersections: NotRequired[SetIntersections | None]
     spacing: NotRequired[SetSpacing | None]
+
+
+class Step(TypedDict):
+    """One operator, remesh or validation that was run or skipped."""
+
+    action: Action
+    """The action that the step belongs to."""
+    changed: list[Change]
+    """The changes that the step made."""
+    milliseconds: float
+    """The duration in milliseconds; 0 if the result was reused from an earlier strategy."""
+    moved: NotRequired[float]
+    """The farthest distance that the step moved a vertex, in the model's unit."""
+    note: NotRequired[str | None]
+    """Why the step failed or was skipped, or what it could not fix, as text."""
+    operator: NotRequired[Operator | None]
+    options_not_applied: NotRequired[list[OptionNotApplied]]
+    """Options that the step could follow only in part."""
+    program: NotRequired[RemesherInfo | None]
+    runs: NotRequired[int]
+    """For tier 3: the number of starts of the program; more than one after a crash."""
+    status: StepStatus
+    """The status of the step."""
+    strategy: int
+    """Index of the strategy in the plan."""
+    thickening: NotRequired[WallThickening | None]
+    tier: int
+    """The tier, 1 to 3; 0 for validation."""
+    unfixed: NotRequired[UnfixedFaces | None]
+    voxel_size: NotRequired[float | None]
+    """For a remesh: the edge length of the voxels, in the model's unit."""
 
 
 class AnalyzeJobOptions(AnalyzeOptions):
