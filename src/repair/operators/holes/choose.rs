@@ -22,11 +22,6 @@ const FREE_CORNERS: usize = 16;
 /// The steps for growth from sharp corners in one hole, where it is one of several methods.
 const SHARP_BUDGET: u64 = 2_000_000;
 
-/// The most intersecting pairs that are counted for a patch: a constant plus a number for each of its faces. Patches in a dense
-/// tangle of faces have more, and none is better than another.
-const MAX_CROSSINGS: u64 = 16;
-const MAX_CROSSINGS_PER_FACE: u64 = 2;
-
 /// How far a cone's apex lies behind the centre of its hole, in mean edge lengths.
 const APEX_DEPTH: f64 = 0.05;
 
@@ -155,8 +150,7 @@ impl<'a> Filler<'a> {
             let Some((triangles, open)) = self.triangulate(method, &corners)? else { continue };
             let faces: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|i| corners.vertices[i])).collect();
             let fewest = best.as_ref().and_then(|(b, _)| b.faults).map(|f| f.crossings + f.degenerate);
-            let most = MAX_CROSSINGS + MAX_CROSSINGS_PER_FACE * faces.len() as u64;
-            let faults = self.clearance.faults(&faces, method == Method::Planar, fewest.unwrap_or(most));
+            let faults = self.clearance.faults(&faces, method == Method::Planar, fewest.unwrap_or(u64::MAX));
             let better = match (faults, fewest) {
                 (Some(faults), Some(fewest)) => faults.crossings + faults.degenerate < fewest,
                 (_, fewest) => fewest.is_none() && best.is_none(),
