@@ -5,11 +5,11 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::band::{Sampling, SamplingLimits};
+use super::contour;
 use super::error::RemeshError;
 use super::field::{LEVEL, Stop};
 use super::grid::{Grid, GridIndex, Samples};
 use super::region::{MixedEdge, Region};
-use super::{contour, vertices};
 use crate::context::Context;
 use crate::math::{Box3, Precision, Rounding, unit_scale};
 use crate::mesh::{NO_SOURCE, Surface};
@@ -76,17 +76,7 @@ impl BallUnion<'_> {
         sampling.sample_around(seeds)?;
         sampling.compose()?;
         let cells = sampling.samples.mixed_cells();
-        let least = 2 * cells.len() as u64;
-        if least > self.max_faces {
-            return Err(Stop::Faces(least));
-        }
-        let crossings = sampling.crossings()?;
-        let vertices = vertices::place_vertices(&sampling.grid, &mut sampling.samples, &cells, &crossings, rounding);
-        let crossings: Vec<_> = crossings
-            .into_iter()
-            .map(|crossing| vertices::Crossing { point: rounding.of(crossing.point), ..crossing })
-            .collect();
-        let mut contour = contour::contour(&sampling.grid, &sampling.samples, &vertices, &crossings);
+        let (vertices, mut contour) = contour::unmoved_contour(&mut sampling, &cells, self.max_faces, rounding)?;
         contour::move_out(&sampling, &vertices, &mut contour, rounding)?;
         let source = vec![NO_SOURCE; contour.faces.len()];
         let positions = contour.points.into_iter().map(|p| p / scale).collect();
@@ -96,67 +86,72 @@ impl BallUnion<'_> {
     }
 }
 
-/// Balls in scaled coordinates, found by the box of a coarse grid that their centres lie in.
-struct Balls<'a> {
+/// Balls, found by the box of a coarse grid that their centres lie in.
+pub struct BallGrid<'a> {
     balls: &'a [Ball],
     /// Edge length of a box; a ball reaches at most one box far.
     side: f64,
+    boxes: FxHashMap<[i64; 3], Vec<u32>>,
+}
+
+impl<'a> BallGrid<'a> {
+    /// Sorts balls into boxes that are longer than the largest radius by `margin`. Balls are a centre and a radius.
+    #[must_use]
+    pub fn new(balls: &'a [(DVec3, f64)], margin: f64) -> Self {
+        let side = balls.iter().map(|ball| ball.1).fold(0.0, f64::max) + margin;
+        let mut grid = Self { balls, side, boxes: FxHashMap::default() };
+        for (ball, number) in balls.iter().zip(0u32..) {
+            grid.boxes.entry(grid.box_of(ball.0)).or_default().push(number);
+        }
+        grid
+    }
+
+    /// The balls whose boxes are at most one box from that of a point: all that reach within the margin of the point.
+    pub fn around(&self, p: DVec3) -> impl Iterator<Item = Ball> {
+        let [x, y, z] = self.box_of(p);
+        self.of_boxes((0..27).map(move |i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1]))
+    }
+
+    /// The balls whose boxes are at most one box from a box in space.
+    fn around_box(&self, bounds: &Box3) -> impl Iterator<Item = Ball> {
+        let [low, high] = [self.box_of(bounds.min - self.side), self.box_of(bounds.max + self.side)];
+        let range = move |axis: usize| low[axis]..=high[axis];
+        self.of_boxes(range(2).flat_map(move |z| range(1).flat_map(move |y| range(0).map(move |x| [x, y, z]))))
+    }
+
+    fn of_boxes(&self, keys: impl Iterator<Item = [i64; 3]>) -> impl Iterator<Item = Ball> {
+        keys.filter_map(|key| self.boxes.get(&key)).flatten().map(|&number| self.balls[number as usize])
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "saturates far away from every ball")]
+    fn box_of(&self, p: DVec3) -> [i64; 3] {
+        (p / self.side).floor().to_array().map(|x| x as i64)
+    }
+}
+
+/// Balls in scaled coordinates.
+struct Balls<'a> {
+    grid: BallGrid<'a>,
     /// The edge length of a sampling cell: the unit of depths.
     cell: f64,
-    boxes: FxHashMap<[i64; 3], Vec<u32>>,
 }
 
 impl<'a> Balls<'a> {
     fn new(balls: &'a [Ball], cell: f64) -> Self {
-        let side = balls.iter().map(|ball| ball.1).fold(0.0, f64::max) + 2.0 * cell;
-        let mut found = Self { balls, side, cell, boxes: FxHashMap::default() };
-        for (ball, number) in balls.iter().zip(0u32..) {
-            found.boxes.entry(found.box_of(ball.0)).or_default().push(number);
-        }
-        found
-    }
-
-    #[expect(clippy::cast_possible_truncation, reason = "coordinates are at most 2, and a side is far above 2^-60")]
-    fn box_of(&self, p: DVec3) -> [i64; 3] {
-        (p / self.side).floor().to_array().map(|x| x as i64)
-    }
-
-    /// Calls `visit` with the balls whose boxes are at most one box from that of a point.
-    fn around(&self, p: DVec3, steps: &mut u64, mut visit: impl FnMut(&Ball)) {
-        let [x, y, z] = self.box_of(p);
-        for i in 0..27 {
-            let Some(numbers) = self.boxes.get(&[x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1]) else { continue };
-            *steps = steps.saturating_sub(numbers.len() as u64);
-            numbers.iter().for_each(|&number| visit(&self.balls[number as usize]));
-        }
+        Self { grid: BallGrid::new(balls, 2.0 * cell), cell }
     }
 
     /// How far a point lies inside the nearest ball; at least two cells outside.
     fn depth(&self, p: DVec3) -> f64 {
-        let mut most = -2.0 * self.cell;
-        self.around(p, &mut u64::MAX.clone(), |&(centre, radius)| most = most.max(radius - p.distance(centre)));
-        most
+        let depths = self.grid.around(p).map(|(centre, radius)| radius - p.distance(centre));
+        depths.fold(-2.0 * self.cell, f64::max)
     }
 
     /// The balls near a box.
     fn near(&self, bounds: &Box3, steps: &mut u64) -> Vec<Ball> {
-        let reach = self.side;
-        let [low, high] = [self.box_of(bounds.min - reach), self.box_of(bounds.max + reach)];
-        let mut near = Vec::new();
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                for x in low[0]..=high[0] {
-                    let Some(numbers) = self.boxes.get(&[x, y, z]) else { continue };
-                    *steps = steps.saturating_sub(numbers.len() as u64);
-                    near.extend(numbers.iter().map(|&number| self.balls[number as usize]).filter(
-                        |&(centre, radius)| {
-                            centre.distance(centre.clamp(bounds.min, bounds.max)) < radius + 2.0 * self.cell
-                        },
-                    ));
-                }
-            }
-        }
-        near
+        let is_near =
+            |&(centre, radius): &Ball| centre.distance(centre.clamp(bounds.min, bounds.max)) < radius + 2.0 * self.cell;
+        self.grid.around_box(bounds).inspect(|_| *steps = steps.saturating_sub(1)).filter(is_near).collect()
     }
 
     /// Cells near the boundary, in some directions from every centre.
@@ -169,7 +164,7 @@ impl<'a> Balls<'a> {
         };
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the grid")]
         let cell_of = |p: DVec3| [0, 1, 2].map(|axis| grid.in_cells(axis, p[axis]).max(0.0) as u32);
-        let mut seeds: Vec<GridIndex> = self.balls.par_iter().flat_map_iter(of_ball).map(cell_of).collect();
+        let mut seeds: Vec<GridIndex> = self.grid.balls.par_iter().flat_map_iter(of_ball).map(cell_of).collect();
         seeds.par_sort_unstable();
         seeds.dedup();
         seeds
@@ -194,7 +189,8 @@ impl Region for Balls<'_> {
             return first;
         }
         let step = edge.to - edge.from;
-        self.around(edge.from.midpoint(edge.to), steps, |&(centre, radius)| {
+        for (centre, radius) in self.grid.around(edge.from.midpoint(edge.to)) {
+            *steps = steps.saturating_sub(1);
             // The smaller root of |from + at * step - centre| = radius.
             let offset = edge.from - centre;
             let (a, b, c) = (step.length_squared(), offset.dot(step), offset.length_squared() - radius * radius);
@@ -203,7 +199,7 @@ impl Region for Balls<'_> {
             if root >= 0.0 && (0.0..first.0).contains(&at) {
                 first = (at, None);
             }
-        });
+        }
         first
     }
 }

@@ -5,8 +5,9 @@ use rayon::prelude::*;
 
 use super::band::Sampling;
 use super::field::Stop;
-use super::grid::{Grid, Samples, along, around_edge};
-use super::vertices::{BEYOND, Crossing, Vertex};
+use super::grid::{Grid, GridIndex, Samples, along, around_edge};
+use super::region::Region;
+use super::vertices::{BEYOND, Crossing, Vertex, place_vertices};
 use crate::math::{Box3, Crossing as Meeting, Rounding, collinear, contact, crossing, nearest_on_triangle};
 use crate::mesh::Stars;
 
@@ -47,6 +48,29 @@ enum Connection {
     Fan,
 }
 
+/// Places the vertices of the cells that the surface passes through, and connects them. No vertex has moved yet.
+///
+/// # Errors
+/// [`Stop::Faces`] if the surface needs more than `max_faces` faces, and other stops of the sampling.
+pub(super) fn unmoved_contour<R: Region>(
+    sampling: &mut Sampling<'_, R>,
+    cells: &[GridIndex],
+    max_faces: u64,
+    rounding: Rounding,
+) -> Result<(Vec<Vertex>, Contour), Stop> {
+    // A surface with V vertices of four edges each has 2 V triangles.
+    let least = 2 * cells.len() as u64;
+    if least > max_faces {
+        return Err(Stop::Faces(least));
+    }
+    let crossings = sampling.crossings()?;
+    let vertices = place_vertices(&sampling.grid, &mut sampling.samples, cells, &crossings, rounding);
+    let crossings: Vec<_> =
+        crossings.into_iter().map(|crossing| Crossing { point: rounding.of(crossing.point), ..crossing }).collect();
+    let contour = contour(&sampling.grid, &sampling.samples, &vertices, &crossings);
+    Ok((vertices, contour))
+}
+
 /// Connects the vertices of the cells around every edge that the surface crosses: by two triangles, or by a fan around
 /// a vertex on the edge.
 ///
@@ -62,7 +86,7 @@ enum Connection {
 /// interiors (Ju and Udeshi 2006). A fan around a point of the edge lies in the envelope; for two triangles this is
 /// tested exactly. Therefore no two triangles intersect, wherever the vertices lie. The surface is manifold because the
 /// samples are well-composed.
-pub(super) fn contour(grid: &Grid, samples: &Samples, vertices: &[Vertex], crossings: &[Crossing]) -> Contour {
+fn contour(grid: &Grid, samples: &Samples, vertices: &[Vertex], crossings: &[Crossing]) -> Contour {
     let connected: Vec<Option<([u32; 4], Connection)>> = crossings
         .par_iter()
         .map(|crossing| {

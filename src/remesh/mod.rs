@@ -29,7 +29,7 @@ use band::{Sampling, SamplingLimits, cells_met};
 use field::{Field, Stop, deviation};
 use grid::{Grid, GridIndex, Samples};
 
-pub use balls::BallUnion;
+pub use balls::{BallGrid, BallUnion};
 pub use error::RemeshError;
 pub use field::{Deviation, Distances, WindingRule};
 
@@ -139,19 +139,8 @@ impl Remesh {
         if cells.is_empty() {
             return Ok(None);
         }
-        // A surface with V vertices of four edges each has 2 V triangles.
-        let least = 2 * cells.len() as u64;
-        if least > self.max_faces {
-            return Err(Stop::Faces(least));
-        }
         let rounding = input.rounding;
-        let crossings = sampling.crossings()?;
-        let vertices = vertices::place_vertices(&sampling.grid, &mut sampling.samples, &cells, &crossings, rounding);
-        let crossings: Vec<_> = crossings
-            .into_iter()
-            .map(|crossing| vertices::Crossing { point: rounding.of(crossing.point), ..crossing })
-            .collect();
-        let mut contour = contour::contour(&sampling.grid, &sampling.samples, &vertices, &crossings);
+        let (vertices, mut contour) = contour::unmoved_contour(&mut sampling, &cells, self.max_faces, rounding)?;
         let faces = contour.faces.len() as u64;
         if faces > self.max_faces {
             return Err(Stop::Faces(faces));

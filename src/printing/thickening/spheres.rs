@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 
 use crate::math::{Precision, Rounding};
 use crate::mesh::Surface;
+use crate::remesh::BallGrid;
 
 /// Times that vertices move towards the mean of their neighbours and back onto a sphere.
 const ROUNDS: usize = 6;
@@ -14,26 +14,17 @@ const STEP: f64 = 0.5;
 /// The largest distance from a sphere at which a vertex moves onto it, in cells.
 const REACH: f64 = 0.5;
 
-/// Balls, found by the box of a coarse grid that their centres lie in.
+/// The spheres of balls, for a contour around them.
 pub struct Spheres<'a> {
-    balls: &'a [(DVec3, f64)],
-    /// The edge length of a box; a ball reaches less than one box far.
-    side: f64,
+    balls: BallGrid<'a>,
     cell: f64,
     rounding: Rounding,
-    boxes: FxHashMap<[i64; 3], Vec<u32>>,
 }
 
 impl<'a> Spheres<'a> {
     /// Prepares the balls, each with its centre and its radius, for a contour with cells of the edge length `cell`.
     pub fn new(balls: &'a [(DVec3, f64)], cell: f64, precision: Precision) -> Self {
-        let side = balls.iter().map(|ball| ball.1).fold(0.0, f64::max) + cell;
-        let rounding = Rounding { scale: 1.0, precision };
-        let mut spheres = Self { balls, side, cell, rounding, boxes: FxHashMap::default() };
-        for (ball, number) in balls.iter().zip(0u32..) {
-            spheres.boxes.entry(spheres.box_of(ball.0)).or_default().push(number);
-        }
-        spheres
+        Self { balls: BallGrid::new(balls, cell), cell, rounding: Rounding { scale: 1.0, precision } }
     }
 
     /// Moves the vertices of a contour. Long thin faces become better shaped; those give wrong normals to a sphere.
@@ -55,18 +46,10 @@ impl<'a> Spheres<'a> {
         }
     }
 
-    #[expect(clippy::cast_possible_truncation, reason = "saturates far away from every ball")]
-    fn box_of(&self, p: DVec3) -> [i64; 3] {
-        (p / self.side).floor().to_array().map(|x| x as i64)
-    }
-
     /// The point of the sphere in which `p` lies deepest; `p` itself if it is far from that sphere.
     fn onto_sphere(&self, p: DVec3) -> DVec3 {
-        let [x, y, z] = self.box_of(p);
-        let keys = (0..27).map(|i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1]);
-        let near = keys.filter_map(|key| self.boxes.get(&key)).flatten().map(|&number| self.balls[number as usize]);
         let depth = |&(centre, radius): &(DVec3, f64)| radius - p.distance(centre);
-        let deepest = near.max_by(|a, b| depth(a).total_cmp(&depth(b)));
+        let deepest = self.balls.around(p).max_by(|a, b| depth(a).total_cmp(&depth(b)));
         match deepest {
             Some(ball) if (0.0..REACH * self.cell).contains(&depth(&ball)) => {
                 p + (p - ball.0).normalize_or_zero() * depth(&ball)
