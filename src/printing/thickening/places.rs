@@ -1,5 +1,8 @@
 //! Thin places: connected groups of thin faces on both sides of their walls.
 
+use glam::DVec3;
+
+use crate::math::Tree;
 use crate::mesh::{Edges, Surface, UnionFind};
 
 use super::walls::Opposed;
@@ -10,6 +13,8 @@ pub struct Places {
     pub of_face: Vec<Option<u32>>,
     /// The number of places.
     pub count: u32,
+    /// The thin faces, and a tree over them.
+    thin: (Vec<u32>, Tree),
 }
 
 impl Places {
@@ -40,6 +45,17 @@ impl Places {
                 of_face[face as usize] = of_face[root as usize];
             }
         }
-        Self { of_face, count }
+        let faces: Vec<u32> = (0u32..).take(surface.faces.len()).filter(|&face| is_thin(face)).collect();
+        let corners: Vec<[u32; 3]> = faces.iter().map(|&face| surface.faces[face as usize]).collect();
+        let tree = Tree::new(&surface.positions, &corners);
+        Self { of_face, count, thin: (faces, tree) }
+    }
+
+    /// The place whose thin face is nearest to a point. `surface` must be that of [`Places::new`].
+    pub fn nearest(&self, surface: &Surface, point: DVec3) -> Option<u32> {
+        let (faces, tree) = &self.thin;
+        let corners = |face: u32| surface.corners(faces[face as usize] as usize);
+        let nearest = tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners)?;
+        self.of_face[faces[nearest.face as usize] as usize]
     }
 }

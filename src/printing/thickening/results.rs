@@ -84,26 +84,20 @@ impl Results<'_> {
     /// Assembles the result.
     pub fn finish(&self, grown: Grown) -> Thickened {
         let count = self.input.faces.len();
-        let Grown { mut surface, thin, .. } = grown.clone();
+        let Grown { mut surface, thin, limited, reason: last } = grown;
         let before = self.before.of_faces(count);
         let places = Places::new(self.input, &before);
         let mut results = self.places_before(&before, &places);
-        let thin_faces: Vec<u32> = (0u32..).zip(&before).filter(|(_, w)| !w.is_empty()).map(|(f, _)| f).collect();
-        let corners: Vec<[u32; 3]> = thin_faces.iter().map(|&face| self.input.faces[face as usize]).collect();
-        let tree = Tree::new(&self.input.positions, &corners);
-        let place_near = |point: DVec3| {
-            let corners = |face: u32| self.input.corners(thin_faces[face as usize] as usize);
-            let nearest = tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners)?;
-            places.of_face[thin_faces[nearest.face as usize] as usize]
-        };
         for (pair, is_tip) in
             thin.tips.iter().map(|pair| (pair, true)).chain(thin.walls.iter().map(|pair| (pair, false)))
         {
             let source = surface.source[pair.faces[0] as usize] as usize % count.max(1);
-            let Some(number) = places.of_face[source].or_else(|| place_near(pair.points[0])) else { continue };
+            let Some(number) = places.of_face[source].or_else(|| places.nearest(self.input, pair.points[0])) else {
+                continue;
+            };
             let place = &mut results[number as usize];
             place.least_after = place.least_after.min(pair.thickness);
-            let reason = if is_tip { ThinReason::SharpEdge } else { self.reason(&grown, pair) };
+            let reason = if is_tip { ThinReason::SharpEdge } else { self.reason(&limited, last, pair) };
             place.result = PlaceResult::LeftThin(reason);
         }
         results.sort_by(|a, b| b.area.total_cmp(&a.area));
@@ -117,11 +111,11 @@ impl Results<'_> {
         Thickened { surface, added_volume, max_deviation, places: results, added_faces, is_proved }
     }
 
-    /// Why a wall stays thin.
-    fn reason(&self, grown: &Grown, pair: &OpposedPair) -> ThinReason {
+    /// Why a wall stays thin: a gap limited the growth near it, or `last` ended the growth.
+    fn reason(&self, limited: &[DVec3], last: Option<ThinReason>, pair: &OpposedPair) -> ThinReason {
         let middle = pair.points[0].midpoint(pair.points[1]);
         let is_near = |point: &DVec3| point.distance(middle) < self.settings.min_wall;
-        if grown.limited.iter().any(is_near) { ThinReason::Gap } else { grown.reason.unwrap_or(ThinReason::Rounds) }
+        if limited.iter().any(is_near) { ThinReason::Gap } else { last.unwrap_or(ThinReason::Rounds) }
     }
 
     /// The places of the input, all proved.

@@ -1,7 +1,6 @@
 //! The rounds of a thickening: measure, grow, unite, and measure again.
 
 use crate::context::{Cancelled, Context};
-use crate::math::Tree;
 use crate::mesh::Surface;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -46,8 +45,6 @@ pub struct Rounds<'a> {
     topology: Topology,
     /// The places of the input.
     places: Places,
-    /// The thin faces of the input, and a tree over them.
-    thin_faces: (Vec<u32>, Tree),
     /// For each place, whether its layer was taken back.
     taken_back: Vec<bool>,
 }
@@ -67,11 +64,8 @@ impl<'a> Rounds<'a> {
         let thin_before = thin_of(input, settings.min_wall, context)?;
         let places = Places::new(input, &thin_before);
         let taken_back = vec![false; places.count as usize];
-        let thin_faces: Vec<u32> = (0u32..).zip(&thin_before).filter(|(_, w)| !w.is_empty()).map(|(f, _)| f).collect();
-        let corners: Vec<[u32; 3]> = thin_faces.iter().map(|&face| input.faces[face as usize]).collect();
-        let thin_faces = (thin_faces, Tree::new(&input.positions, &corners));
         let topology = Topology::of(input, &settings);
-        let mut rounds = Self { settings, input, union, context, topology, places, thin_faces, taken_back };
+        let mut rounds = Self { settings, input, union, context, topology, places, taken_back };
         let mut best = rounds.grown(&thin_before)?;
         // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
         for number in 0..=MAX_RESTARTS {
@@ -127,20 +121,12 @@ impl<'a> Rounds<'a> {
         let mut measures = vec![none; self.places.count as usize];
         for (face, walls) in thin.iter().enumerate() {
             let Some(wall) = walls.first() else { continue };
-            let place = self.place_of(surface, face).or_else(|| self.place_near(wall.points[0]));
+            let place = self.place_of(surface, face).or_else(|| self.places.nearest(self.input, wall.points[0]));
             if let Some(place) = place {
                 measures[place as usize].add(surface.area_vector(face).length(), wall.thickness);
             }
         }
         measures
-    }
-
-    /// The place whose thin face in the input is nearest to a point.
-    fn place_near(&self, point: DVec3) -> Option<u32> {
-        let (faces, tree) = &self.thin_faces;
-        let corners = |face: u32| self.input.corners(faces[face as usize] as usize);
-        let nearest = tree.nearest(point, f64::INFINITY, &mut u64::MAX.clone(), corners)?;
-        self.places.of_face[faces[nearest.face as usize] as usize]
     }
 
     /// The places that are not yet taken back, and of which much stays thin or a wall got thinner.
