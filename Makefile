@@ -50,11 +50,11 @@ audit:
 
 ## Write the OpenAPI document anew.
 openapi:
-	cargo run --locked --quiet --features failpoints -- openapi > openapi/openapi.json.new
+	@. scripts/program.sh && build_program && $$MESHMEND_PROGRAM openapi > openapi/openapi.json.new
 	mv openapi/openapi.json.new openapi/openapi.json
 
 check-openapi:
-	cargo run --locked --quiet --features failpoints -- openapi --check openapi/openapi.json
+	cargo test --locked --quiet --features failpoints --test cli -- --exact service::the_stored_openapi_document_is_up_to_date
 
 ## Build the page anew: src/web/page into src/web/dist.
 page:

@@ -4,6 +4,7 @@
 set -eu
 
 cd "$(dirname "$0")/.."
+. scripts/program.sh
 environment=.venv-api
 # Of each of the two runs.
 seconds=${MESHMEND_CHECK_API_SECONDS:-60}
@@ -17,8 +18,8 @@ if ! [ -f "$environment/is-installed" ]; then
     "$environment/bin/python" -m pip install --quiet --disable-pip-version-check --only-binary=:all: schemathesis==4.32.5
     touch "$environment/is-installed"
 fi
-cargo build --locked --quiet --features failpoints
-program=${CARGO_TARGET_DIR:-target}/debug/meshmend
+build_program
+program=$MESHMEND_PROGRAM
 folder=$(mktemp -d)
 process=""
 # shellcheck disable=SC2086

@@ -8,6 +8,7 @@ set -eu
 
 cd "$(dirname "$0")/.."
 . scripts/packages.sh
+. scripts/program.sh
 verb=$1
 target=${CARGO_TARGET_DIR:-target}
 python=clients/python
@@ -100,8 +101,7 @@ for_typescript() {
 if [ "$verb" = test ]; then
     has_python || install_packages python3 python3-venv || true
     has_node || install_packages nodejs npm || true
-    [ -n "${MESHMEND_PROGRAM:-}" ] || cargo build --locked --quiet --features failpoints
-    MESHMEND_PROGRAM=${MESHMEND_PROGRAM:-$(cd "$target" && pwd)/debug/meshmend}
+    build_program
     export MESHMEND_PROGRAM
 fi
 if ! has_python; then

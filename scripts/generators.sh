@@ -5,6 +5,7 @@ set -eu
 
 cd "$(dirname "$0")/.."
 . scripts/packages.sh
+. scripts/program.sh
 mkdir -p "${CARGO_TARGET_DIR:-target}"
 target=$(cd "${CARGO_TARGET_DIR:-target}" && pwd)
 requirements=tests/generators/python/requirements.txt
@@ -37,8 +38,7 @@ else
     say "TypeScript is NOT TESTED: node 20 or later is missing"
 fi
 
-[ -n "${MESHMEND_PROGRAM:-}" ] || cargo build --locked --quiet --features failpoints
-MESHMEND_PROGRAM=${MESHMEND_PROGRAM:-$target/debug/meshmend}
+build_program
 GENERATORS_WORKSPACE=$target/generators
 export MESHMEND_PROGRAM GENERATORS_WORKSPACE
 PYTHONDONTWRITEBYTECODE=1 exec "$venv/bin/python" -m pytest -q -p no:cacheprovider tests/generators

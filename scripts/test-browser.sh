@@ -7,6 +7,7 @@ set -eu
 
 cd "$(dirname "$0")/.."
 . scripts/packages.sh
+. scripts/program.sh
 
 say() { printf 'test-browser: %s\n' "$*" >&2; }
 
@@ -44,8 +45,7 @@ for folder in tests/browser examples/shop; do
         cp "$folder/package-lock.json" "$folder/node_modules/.lock"
     fi
 done
-cargo build --locked --quiet --features failpoints
-MESHMEND_PROGRAM=$(cd "${CARGO_TARGET_DIR:-target}" && pwd)/debug/meshmend
+build_program
 MESHMEND_BROWSER=$(browser)
 export MESHMEND_PROGRAM MESHMEND_BROWSER
 if [ "${1:-}" = screenshots ]; then
