@@ -16,9 +16,9 @@ const FINISHED: u32 = 300_000;
 /// Copies one finished job, and lets autovacuum's work be done.
 const COPIES: [&str; 3] = [
     "SET session_replication_role = replica",
-    "INSERT INTO jobs SELECT copy.* FROM (SELECT * FROM jobs WHERE status = 'succeeded' LIMIT 1) AS job, \
-     generate_series(1, 300000) AS number, \
-     LATERAL jsonb_populate_record(job, jsonb_build_object('id', 'job_' || lpad(to_hex(number), 32, '0'))) AS copy",
+    "INSERT INTO jobs SELECT copy.* FROM jobs AS job, generate_series(1, 300000) AS number, \
+     LATERAL jsonb_populate_record(job, jsonb_build_object('id', 'job_' || lpad(to_hex(number), 32, '0'))) AS copy \
+     WHERE job.id = (SELECT id FROM jobs WHERE status = 'succeeded' LIMIT 1)",
     "VACUUM ANALYZE jobs",
 ];
 
