@@ -106,6 +106,59 @@ fn a_thin_fin_of_few_faces_and_little_area_is_found() {
     assert_close(measured(&join(&body, &inside_out(fin(0.05)))).unwrap().thickness, 0.05);
 }
 
+/// A block of 100 by 100 by 10 with a groove of width 2 along x in its top and another along y in its bottom. The material
+/// between them is 0.5 thick where they cross, which is far from the centres of the long faces, and 5.25 elsewhere.
+fn grooved_block() -> Soup {
+    const LENGTH: f64 = 100.0;
+    const GROOVE: [f64; 2] = [9.0, 11.0];
+    let [a, b] = GROOVE;
+    let [low, high, floor, roof] = [0.0, 10.0, 5.25, 4.75];
+    let mut soup = Soup::default();
+    let mut quad = |[p, q, r, s]: [[f64; 3]; 4]| {
+        let [p, q, r, s] = [p, q, r, s].map(DVec3::from);
+        push(&mut soup, [p, q, r]);
+        push(&mut soup, [p, r, s]);
+    };
+    for (from, to, z) in [(0.0, a, high), (a, b, floor), (b, LENGTH, high)] {
+        quad([[0.0, from, z], [LENGTH, from, z], [LENGTH, to, z], [0.0, to, z]]);
+    }
+    for (from, to, z) in [(0.0, a, low), (a, b, roof), (b, LENGTH, low)] {
+        quad([[from, 0.0, z], [from, LENGTH, z], [to, LENGTH, z], [to, 0.0, z]]);
+    }
+    quad([[0.0, a, floor], [0.0, a, high], [LENGTH, a, high], [LENGTH, a, floor]]);
+    quad([[0.0, b, floor], [LENGTH, b, floor], [LENGTH, b, high], [0.0, b, high]]);
+    quad([[a, 0.0, low], [a, LENGTH, low], [a, LENGTH, roof], [a, 0.0, roof]]);
+    quad([[b, 0.0, low], [b, 0.0, roof], [b, LENGTH, roof], [b, LENGTH, low]]);
+    let below = [
+        [[0.0, low], [a, floor], [a, high], [0.0, high]],
+        [[0.0, low], [LENGTH, low], [b, floor], [a, floor]],
+        [[LENGTH, low], [LENGTH, high], [b, high], [b, floor]],
+    ];
+    for side in below {
+        quad(side.map(|[y, z]| [LENGTH, y, z]));
+        let [p, q, r, s] = side.map(|[y, z]| [0.0, y, z]);
+        quad([p, s, r, q]);
+    }
+    let above = [
+        [[0.0, high], [0.0, low], [a, low], [a, roof]],
+        [[0.0, high], [a, roof], [b, roof], [LENGTH, high]],
+        [[LENGTH, high], [b, roof], [b, low], [LENGTH, low]],
+    ];
+    for side in above {
+        quad(side.map(|[x, z]| [x, 0.0, z]));
+        let [p, q, r, s] = side.map(|[x, z]| [x, LENGTH, z]);
+        quad([p, s, r, q]);
+    }
+    soup
+}
+
+#[test]
+fn a_thin_place_far_from_the_centres_of_its_faces_is_found() {
+    let wall = thinnest(&grooved_block());
+    assert_close(wall.thickness, 0.5);
+    assert!((wall.at[0] - 10.0).abs() <= 1.0 && (wall.at[1] - 10.0).abs() <= 1.0, "{wall:?}");
+}
+
 #[test]
 fn a_tube_s_wall_is_as_thick_as_its_radii_differ() {
     let tube = lathe(&[[10.0, 0.0], [10.0, 40.0], [9.5, 40.0], [9.5, 0.0], [10.0, 0.0]], 64);

@@ -1,5 +1,6 @@
 //! Measures for 3D printing: size, volume, thinnest wall, overhangs, and fit in the build volume.
 
+mod wall_probe;
 mod wall_search;
 
 use glam::DVec3;
@@ -11,7 +12,8 @@ use super::{Analysis, InspectOptions, Measures, Solid, finite};
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
 use crate::scene::{Unit, UnitSource};
-use wall_search::{Probe, Wall, WallProber, WallSearch};
+use wall_probe::{Probe, Wall, WallProber};
+use wall_search::WallSearch;
 
 /// Number of sample points at which the full wall thickness is measured.
 const SAMPLES: u32 = 256;

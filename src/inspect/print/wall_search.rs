@@ -1,26 +1,13 @@
-//! Wall thickness at a point, and the search for the thinnest wall in each region of the model.
+//! The search for the thinnest wall in each region of the model.
 
 use glam::DVec3;
 
+use super::wall_probe::{Probe, Wall, WallProber};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
-use crate::inspect::sampling::{InsideTest, QUERY_BUDGET_DIVISOR, Sample, SpreadOrder, run_each, samples};
-use crate::math::{Box3, OppositeFaces, hit};
+use crate::inspect::sampling::{QUERY_BUDGET_DIVISOR, Sample, SpreadOrder, run_each, samples};
+use crate::math::Box3;
 
-/// Winding numbers from which a point is in material, and up to which it is in air. Otherwise the surface is too open.
-const MATERIAL: f64 = 0.75;
-const AIR: f64 = 0.25;
-/// Offset from the surface of tests for material and air: a fraction of the diagonal, and at least f64's resolution.
-const SIDE_OFFSET: [f64; 2] = [1e-9, 1e-13];
-/// Rays ignore faces nearer than this fraction of the diagonal, since these touch the ray's own face.
-const TOUCHING: f64 = 1e-6;
-/// Cosine of 30 degrees: two faces form a wall if they point away from each other to within this angle. Excludes the
-/// edges of a box, where faces are near each other without forming a thin wall.
-const OPPOSITE: f64 = 0.866_025_403_784_438_6;
-/// Cosine of 37 degrees: the same limit for a ball that touches both sides, whose direction varies with the point.
-const BALL_OPPOSITE: f64 = 0.8;
-/// Maximum number of faces that a ray may pass inside the material, for example in overlapping parts.
-const MAX_PASSED: usize = 16;
 /// Number of regions along the longest side of the bounding box. Each region keeps its thinnest wall.
 const REGIONS: f64 = 16.0;
 /// Limits of thin walls: a fraction of the diagonal, or a multiple of the thinnest wall, whichever is larger.
@@ -30,6 +17,9 @@ const THIN_MULTIPLE: f64 = 1.25;
 const MAX_REGIONS: usize = 100;
 /// Number of points spread by area: an eighth of the number of faces, within these limits.
 const SPREAD_POINTS: [usize; 2] = [512, 100_000];
+/// Further points of each face that may have the thinnest wall, by their barycentric coordinates.
+const FURTHER_POINTS: [[f64; 3]; 6] =
+    [[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8], [0.45, 0.45, 0.1], [0.1, 0.45, 0.45], [0.45, 0.1, 0.45]];
 /// Number of points per block, initially and at most. Thin walls found in a block shorten the rays of the next.
 const BLOCK: [usize; 2] = [256, 16_384];
 /// Minimum number of points per thread.
@@ -41,204 +31,14 @@ const UNPRINTABLE_BUDGET: [u64; 2] = [1_000_000, 30];
 /// Maximum number of moves towards a thinner wall, and the fractions of the way that each move tries.
 const MOVES: usize = 16;
 const STEP_FRACTIONS: [f64; 3] = [0.999, 0.75, 0.25];
-/// Budget of all moves: boxes and triangles visited.
+/// A move must make the wall thinner than this fraction; a smaller improvement does not justify another move.
+const IMPROVEMENT: f64 = 0.999;
+/// Budget of all moves: boxes and triangles visited. One for the regions, and one for the candidates.
 const MOVES_BUDGET: u64 = 1_000_000;
-
-/// A measured wall, in unit coordinates.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Wall {
-    pub thickness: f64,
-    /// Point from which the thickness was measured.
-    pub point: DVec3,
-    /// Face of that point, and the opposite face.
-    pub faces: [u32; 2],
-}
-
-/// Result of measuring at one sample.
-pub(super) enum Probe {
-    /// The surface does not separate material from air here.
-    NotSolid,
-    /// No opposite face within the requested length.
-    NoWall,
-    /// Thickness in unit coordinates, and the opposite face.
-    Wall(f64, u32),
-}
-
-/// Measures the wall thickness at single points.
-pub(super) struct WallProber<'a> {
-    analysis: &'a Analysis<'a>,
-    material: Material<'a>,
-    /// A length greater than any wall thickness.
-    pub reach: f64,
-    side_offset: f64,
-    touching: f64,
-}
-
-/// How to decide on which side of a face the material is.
-enum Material<'a> {
-    /// Every face of these parts has material behind and air in front, and no other face separates the two. With an
-    /// index of the faces by direction.
-    Bounded(Vec<bool>, OppositeFaces<'a>),
-    /// Winding numbers at points near the face decide.
-    Measured(InsideTest<'a>),
-}
-
-impl<'a> WallProber<'a> {
-    /// `bounding` is the result of [`bounding_parts`](super::bounding_parts).
-    pub fn new(analysis: &'a Analysis<'a>, bounding: Option<Vec<bool>>) -> Self {
-        let diagonal = analysis.unit_diagonal();
-        let side_offset = (SIDE_OFFSET[0] * diagonal).max(SIDE_OFFSET[1]);
-        let material = match bounding {
-            Some(parts) => {
-                let normal = |face: u32| {
-                    let bounds = is_bounding(analysis, &parts, face);
-                    if bounds { analysis.unit_normal(face) } else { DVec3::ZERO }
-                };
-                let opposite = analysis.tree().opposite_faces(OPPOSITE, normal);
-                Material::Bounded(parts, opposite)
-            }
-            None => Material::Measured(InsideTest::new(analysis)),
-        };
-        Self { analysis, material, reach: 2.0 * diagonal, side_offset, touching: TOUCHING * diagonal }
-    }
-
-    /// For each face, whether a wall of at most `longest` may be behind the face.
-    pub fn may_have_wall(&self, longest: f64) -> Vec<bool> {
-        let faces = self.analysis.surface.faces.len();
-        match &self.material {
-            Material::Bounded(_, opposite) => opposite.may_be_within(longest.min(self.reach), faces),
-            // Parts may be inside out.
-            Material::Measured(_) => vec![true; faces],
-        }
-    }
-
-    /// Measures the wall of at most `longest` behind a sample with an inward ray. Tests whether the surface separates
-    /// material from air only if a ray hits a face within that length, or if the length is unlimited.
-    pub fn probe(&self, sample: &Sample, longest: f64, steps: &mut u64) -> Probe {
-        let has_none = match &self.material {
-            Material::Bounded(parts, opposite) => {
-                is_bounding(self.analysis, parts, sample.face) && !self.meets_opposite(opposite, sample, longest, steps)
-            }
-            Material::Measured(_) => longest < self.reach && !self.meets_anything(sample, longest, steps),
-        };
-        if has_none {
-            return Probe::NoWall;
-        }
-        let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.path_to_air(sample, inward, longest, steps) else { return Probe::NoWall };
-        if self.is_opposite(face, inward, OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
-    }
-
-    /// Measures the wall behind a sample with an inward ray and with an inscribed ball, and returns the thinner one.
-    /// The ball touches the sample and shrinks until it contains no surface (Ma et al. 2012).
-    pub fn probe_by_ball(&self, sample: &Sample, steps: &mut u64) -> Probe {
-        let Some(inward) = self.inward(sample, steps) else { return Probe::NotSolid };
-        let Some((length, face)) = self.path_to_air(sample, inward, self.reach, steps) else { return Probe::NoWall };
-        if let Some(wall) = self.ball(sample.point, inward, length / 2.0, steps) {
-            return wall;
-        }
-        if self.is_opposite(face, inward, BALL_OPPOSITE) { Probe::Wall(length, face) } else { Probe::NoWall }
-    }
-
-    fn is_opposite(&self, face: u32, inward: DVec3, cosine: f64) -> bool {
-        let along = self.analysis.unit_normal(face).dot(inward);
-        // A part turned inside out has its faces' normals inward.
-        (if self.is_measured() { along.abs() } else { along }) >= cosine
-    }
-
-    fn is_measured(&self) -> bool {
-        matches!(self.material, Material::Measured(_))
-    }
-
-    /// Whether a ray from a sample against its normal hits an opposite face within a length.
-    fn meets_opposite(&self, opposite: &OppositeFaces<'_>, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
-        let (ray, min_fraction) = (-sample.normal * longest, self.touching / longest);
-        opposite.any_along([sample.point, sample.point + ray], sample.normal, steps, |face| {
-            let fraction = hit(sample.point, ray, self.analysis.unit_corners(face));
-            face != sample.face && fraction.is_some_and(|fraction| fraction > min_fraction)
-        })
-    }
-
-    /// Whether a face is within a length of a sample along its normal, on either side.
-    fn meets_anything(&self, sample: &Sample, longest: f64, steps: &mut u64) -> bool {
-        let rays = [-sample.normal * longest, sample.normal * longest];
-        rays.into_iter().any(|ray| self.first_hit(sample, ray, None, steps).is_some())
-    }
-
-    /// The first face that a ray from a sample hits, with the position as a fraction of the ray.
-    fn first_hit(&self, sample: &Sample, ray: DVec3, after: Option<(f64, u32)>, steps: &mut u64) -> Option<(f64, u32)> {
-        let min_fraction = self.touching / ray.length();
-        self.analysis.tree().first_along([sample.point, sample.point + ray], after, steps, |face| {
-            let other = face != sample.face && self.may_end_material(face);
-            let fraction = other.then(|| hit(sample.point, ray, self.analysis.unit_corners(face))).flatten();
-            fraction.filter(|&fraction| fraction > min_fraction)
-        })
-    }
-
-    /// Direction from a sample into the material; `None` unless there is material on one side and air on the other.
-    fn inward(&self, sample: &Sample, steps: &mut u64) -> Option<DVec3> {
-        let inside = match &self.material {
-            Material::Bounded(parts, _) => {
-                return is_bounding(self.analysis, parts, sample.face).then_some(-sample.normal);
-            }
-            Material::Measured(inside) => inside,
-        };
-        let [front, back] = inside.windings(sample.point, sample.normal * self.side_offset, steps);
-        if front < AIR && back > MATERIAL {
-            Some(-sample.normal)
-        } else {
-            (back < AIR && front > MATERIAL).then_some(sample.normal)
-        }
-    }
-
-    /// Whether air may begin behind a face that a ray hits from inside the material.
-    fn may_end_material(&self, face: u32) -> bool {
-        match &self.material {
-            Material::Bounded(parts, _) => is_bounding(self.analysis, parts, face),
-            Material::Measured(_) => true,
-        }
-    }
-
-    /// Whether a point just behind such a face is in air.
-    fn is_air(&self, beyond: DVec3, steps: &mut u64) -> bool {
-        match &self.material {
-            Material::Bounded(..) => true,
-            Material::Measured(inside) => inside.winding(beyond, steps) < AIR,
-        }
-    }
-
-    /// Distance from a sample through the material to the air, if at most `longest`, and the face there.
-    fn path_to_air(&self, sample: &Sample, inward: DVec3, longest: f64, steps: &mut u64) -> Option<(f64, u32)> {
-        let ray = inward * longest;
-        let mut passed = None;
-        for _ in 0..MAX_PASSED {
-            let first_hit = self.first_hit(sample, ray, passed, steps);
-            let (fraction, face) = first_hit.filter(|_| *steps > 0)?;
-            let length = fraction * longest;
-            if self.is_air(sample.point + inward * (length + self.side_offset), steps) {
-                return Some((length, face)).filter(|_| *steps > 0);
-            }
-            passed = first_hit;
-        }
-        None
-    }
-
-    /// The wall given by the largest ball of at most `radius` that touches `point` from inside, if the ball touches
-    /// an opposite face.
-    fn ball(&self, point: DVec3, inward: DVec3, radius: f64, steps: &mut u64) -> Option<Probe> {
-        let ball =
-            self.analysis.tree().shrunk_ball([point, inward], radius, steps, |f| self.analysis.unit_corners(f))?;
-        let contact = ball.touches.filter(|_| *steps > 0)?;
-        let outward = (contact.point - (point + inward * ball.radius)) / ball.radius;
-        let beyond = contact.point + outward * self.side_offset;
-        let wall = outward.dot(inward) >= BALL_OPPOSITE && self.is_air(beyond, steps);
-        wall.then_some(Probe::Wall(2.0 * ball.radius, contact.face))
-    }
-}
-
-fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
-    parts.get(analysis.parts.of_face[face as usize] as usize).copied().unwrap_or(false)
-}
+/// A wall of at most this multiple of the thinnest one is a candidate: its faces may be thinner elsewhere.
+const CANDIDATE_MULTIPLE: f64 = 1.5;
+/// Maximum number of candidates.
+const MAX_CANDIDATES: usize = 4096;
 
 /// Search for the thinnest wall of each region, from all face centres and from points spread by area.
 pub(super) struct WallSearch<'a> {
@@ -247,6 +47,8 @@ pub(super) struct WallSearch<'a> {
     edge: f64,
     sides: [usize; 3],
     thinnest: Vec<Option<Wall>>,
+    /// The walls of at most [`CANDIDATE_MULTIPLE`] times the thinnest one, and some that were when they were found.
+    candidates: Vec<Wall>,
     least: f64,
     /// Thickness up to which every wall is thin. See [`THIN`].
     thin: f64,
@@ -271,6 +73,7 @@ impl<'a> WallSearch<'a> {
             edge,
             sides,
             thinnest: vec![None; sides.iter().product()],
+            candidates: Vec::new(),
             least: f64::INFINITY,
             thin: THIN * analysis.unit_diagonal(),
             reach,
@@ -287,6 +90,20 @@ impl<'a> WallSearch<'a> {
             *kept = Some(wall);
         }
         self.least = self.least.min(wall.thickness);
+        if wall.thickness <= CANDIDATE_MULTIPLE * self.least {
+            self.candidates.push(wall);
+            if self.candidates.len() >= 2 * MAX_CANDIDATES {
+                self.sort_candidates();
+            }
+        }
+    }
+
+    /// Keeps the thinnest candidates only, thinnest first.
+    fn sort_candidates(&mut self) {
+        let longest = CANDIDATE_MULTIPLE * self.least;
+        self.candidates.retain(|wall| wall.thickness <= longest);
+        self.candidates.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
+        self.candidates.truncate(MAX_CANDIDATES);
     }
 
     /// Measures at all points, in blocks. Known thin walls bound the rays of the next block, so most rays are short.
@@ -306,44 +123,86 @@ impl<'a> WallSearch<'a> {
             let sample = may_have_wall[spread[i].face as usize].then_some(&spread[i])?;
             search.probe(prober, sample, steps)
         })?;
-        self.run_queries(faces, left, context, |face, search, steps| {
+        let left = self.run_queries(faces, left, context, |face, search, steps| {
             let sample = may_have_wall[face].then(|| search.centre(u32::try_from(face).ok()?)).flatten()?;
             search.probe(prober, &sample, steps)
         })?;
+        if is_printable {
+            self.search_further(prober, left, context)?;
+        }
         self.descend(prober);
         Ok(())
     }
 
-    /// Moves the point of each thin wall to where the wall is thinnest.
+    /// Measures at further points of the faces that may have a thinner wall than the thinnest one so far. Those near a
+    /// sharp edge, where both faces have a common vertex, do not count.
+    fn search_further(&mut self, prober: &WallProber<'_>, budget: u64, context: &Context<'_>) -> Result<(), Cancelled> {
+        let may_be_thinnest = prober.may_have_wall(IMPROVEMENT * self.least);
+        let faces: Vec<u32> = (0u32..).zip(may_be_thinnest).filter(|(_, may)| *may).map(|(face, _)| face).collect();
+        let each = FURTHER_POINTS.len();
+        self.run_queries(faces.len() * each, budget, context, |i, search, steps| {
+            let centre = search.centre(faces[i / each])?;
+            let corners = search.analysis.unit_corners(centre.face);
+            let point = corners.into_iter().zip(FURTHER_POINTS[i % each]).map(|(corner, share)| corner * share).sum();
+            let wall = search.probe(prober, &Sample { point, ..centre }, steps)?;
+            (!search.share_a_vertex(wall.faces)).then_some(wall)
+        })?;
+        Ok(())
+    }
+
+    /// Moves the point of each region's wall to where the wall is thinnest, then those of the candidates: the thinnest
+    /// point of a face need not be on the face whose centre has the thinnest wall.
     fn descend(&mut self, prober: &WallProber<'_>) {
         let mut steps = MOVES_BUDGET;
-        for mut wall in self.regions() {
-            for _ in 0..MOVES {
-                let Some(thinner) = self.thinner(prober, &wall, &mut steps) else { break };
-                self.add(thinner);
-                wall = thinner;
+        for wall in self.regions() {
+            self.descend_from(wall, prober, &mut steps);
+        }
+        self.sort_candidates();
+        let mut steps = MOVES_BUDGET;
+        for wall in std::mem::take(&mut self.candidates) {
+            let may_be_thinnest = self.thinnest_corner(&wall).is_some_and(|(_, t)| t < IMPROVEMENT * self.least);
+            if may_be_thinnest {
+                self.descend_from(wall, prober, &mut steps);
             }
         }
     }
 
-    /// Finds a thinner wall near a given one. The thickness between two faces varies linearly, so its minimum is at a
-    /// corner of their overlap. Two faces with a common vertex form an edge rather than a wall, which ends the
-    /// search.
-    fn thinner(&self, prober: &WallProber<'_>, wall: &Wall, steps: &mut u64) -> Option<Wall> {
-        let [face, opposite] = wall.faces;
-        let faces = &self.analysis.surface.faces;
-        if faces[face as usize].iter().any(|v| faces[opposite as usize].contains(v)) {
-            return None;
+    fn descend_from(&mut self, mut wall: Wall, prober: &WallProber<'_>, steps: &mut u64) {
+        for _ in 0..MOVES {
+            let Some(thinner) = self.thinner(prober, &wall, steps) else { break };
+            self.add(thinner);
+            wall = thinner;
         }
-        let normal = self.centre(face)?.normal;
-        let thinnest = thinnest_corner(self.analysis.unit_corners(face), normal, self.analysis.unit_corners(opposite))?;
+    }
+
+    /// Finds a thinner wall near a given one. At the thinnest point itself, the ray may miss the opposite face.
+    fn thinner(&self, prober: &WallProber<'_>, wall: &Wall, steps: &mut u64) -> Option<Wall> {
+        let (thinnest, _) = self.thinnest_corner(wall)?;
+        let face = wall.faces[0];
+        let normal = self.analysis.unit_normal(face);
         STEP_FRACTIONS.into_iter().find_map(|fraction| {
             let sample = Sample { face, point: wall.point.lerp(thinnest, fraction), normal };
             let Probe::Wall(thickness, opposite) = prober.probe(&sample, wall.thickness, steps) else { return None };
-            // An improvement of less than a thousandth does not justify another move.
             let thinner = Wall { thickness, point: sample.point, faces: [face, opposite] };
-            (thickness < 0.999 * wall.thickness).then_some(thinner)
+            (thickness < IMPROVEMENT * wall.thickness).then_some(thinner)
         })
+    }
+
+    /// The point where the wall between a wall's two faces is thinnest, and its thickness there. The thickness between
+    /// two faces varies linearly, so its minimum is at a corner of their overlap. `None` for two faces with a common
+    /// vertex, which form an edge rather than a wall.
+    fn thinnest_corner(&self, wall: &Wall) -> Option<(DVec3, f64)> {
+        let [face, opposite] = wall.faces;
+        let normal = self.analysis.unit_normal(face);
+        if normal == DVec3::ZERO || self.share_a_vertex(wall.faces) {
+            return None;
+        }
+        thinnest_corner(self.analysis.unit_corners(face), normal, self.analysis.unit_corners(opposite))
+    }
+
+    fn share_a_vertex(&self, faces: [u32; 2]) -> bool {
+        let [face, other] = faces.map(|face| self.analysis.surface.faces[face as usize]);
+        face.iter().any(|v| other.contains(v))
     }
 
     /// Runs queries 0 to `count` in an order whose every prefix is spread evenly over all of them. Returns the
@@ -392,7 +251,7 @@ impl<'a> WallSearch<'a> {
     /// Thickness from which a wall at a point is irrelevant.
     fn longest(&self, point: DVec3) -> f64 {
         let region = self.thinnest[self.region(point)].map_or(self.reach, |wall| wall.thickness);
-        region.min(self.limit()).min(self.reach)
+        region.min(self.limit()).max(CANDIDATE_MULTIPLE * self.least).min(self.reach)
     }
 
     /// Thickness up to which a region is thin.
@@ -426,8 +285,8 @@ impl<'a> WallSearch<'a> {
 }
 
 /// Thinnest corner between two triangles: projects triangle `q` onto triangle `p` along the normal of `p`, and
-/// returns the corner of the overlap that is nearest to the plane of `q`.
-fn thinnest_corner(p: [DVec3; 3], normal: DVec3, q: [DVec3; 3]) -> Option<DVec3> {
+/// returns the corner of the overlap that is nearest to the plane of `q`, with its distance along the normal.
+fn thinnest_corner(p: [DVec3; 3], normal: DVec3, q: [DVec3; 3]) -> Option<(DVec3, f64)> {
     let mut part = p.to_vec();
     for k in 0..3 {
         let (start, end, third) = (q[k], q[(k + 1) % 3], q[(k + 2) % 3]);
@@ -446,5 +305,5 @@ fn thinnest_corner(p: [DVec3; 3], normal: DVec3, q: [DVec3; 3]) -> Option<DVec3>
     }
     let plane = (q[1] - q[0]).cross(q[2] - q[0]);
     let thickness = |x: DVec3| ((q[0] - x).dot(plane) / normal.dot(plane)).abs();
-    part.into_iter().min_by(|&x, &y| thickness(x).total_cmp(&thickness(y)))
+    part.into_iter().map(|x| (x, thickness(x))).min_by(|(_, a), (_, b)| a.total_cmp(b))
 }
