@@ -144,6 +144,9 @@ fn outcome_text(conclusion: &Conclusion, input: &Input<'_>, options: &Options) -
     let was_printable = input.before.measures.printable();
     let faults = conclusion.judged.as_ref().map_or_else(String::new, |judged| judged.measures.faults().join(", "));
     match conclusion.draft.outcome {
+        Outcome::AlreadyPrintable if options.print.asks_for_size() => {
+            all("The model is already printable; it was scaled to the requested size, and its shape is unchanged.")
+        }
         Outcome::AlreadyPrintable => all("The model is already printable; its geometry is unchanged."),
         Outcome::Repaired if was_printable && options.asks_for_fewer_faces() => {
             all("The model was already printable; its faces were reduced as requested.")

@@ -7,7 +7,7 @@ use crate::inspect::OptionsError;
 use crate::math::Box3;
 use crate::printing::target_size::{TargetSize, scale_to_target};
 use crate::printing::unit_candidates::{FileEvidence, UnitCandidates, units_in_doubt};
-use crate::scene::{LengthUnit, UnitSource, Up};
+use crate::scene::{LengthUnit, Unit, UnitSource, Up};
 
 /// Settles the unit of a file's lengths, and scales the model to the size that the options ask for. Returns the unit and the
 /// scale factor, which is 1 without such a request. With such a request the unit counts as declared.
@@ -15,8 +15,13 @@ use crate::scene::{LengthUnit, UnitSource, Up};
 /// # Errors
 /// [`OptionsError`] if the model has no extent in the direction that the option measures.
 pub(super) fn settle_size(file: &mut ReadFile, options: &Options) -> Result<(LengthUnit, f64), OptionsError> {
-    let unit = file.settle_unit(options.unit, options.scale_to);
-    let Some((option, target)) = target_of(&options.print) else { return Ok((unit, 1.0)) };
+    let Some((option, target)) = target_of(&options.print) else {
+        return Ok((file.settle_unit(options.unit, options.scale_to), 1.0));
+    };
+    // The model gets its size from the target, so an implausible size in the assumed unit needs no warning.
+    let has_unit = file.scene.as_ref().is_some_and(|scene| scene.unit.is_some());
+    let declared = options.unit.or_else(|| (!has_unit).then_some(Unit::Millimetre));
+    let unit = file.settle_unit(declared, options.scale_to);
     let finite = file.mesh.soup.positions.iter().copied().filter(|p| p.is_finite());
     let factor = scale_to_target(&Box3::of(finite), unit.used, unit.up.unwrap_or(Up::Z), target);
     let factor = factor.map_err(|error| OptionsError {

@@ -59,9 +59,23 @@ fn a_model_is_scaled_to_the_requested_height_or_longest_side() {
     let size = tall.report.after.as_ref().and_then(|after| after.print.as_ref()).expect("measures").size_mm;
     assert_eq!(size, [120.0, 60.0, 30.0]);
     assert_eq!(tall.report.scaled_by, Some(30.0));
+    assert!(tall.report.summary.contains("scaled to the requested size"), "{}", tall.report.summary);
     let long = run(&plate, PrintOptions { target_longest_mm: Some(60.0), ..PrintOptions::default() });
     assert_eq!(long.report.scaled_by, Some(15.0));
     assert!((volume(&long) - 60.0 * 30.0 * 15.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_requested_size_ends_doubts_about_the_unit() {
+    let tiny = box_of(DVec3::new(0.05, 0.03, 0.002));
+    let warnings = |target_longest_mm| {
+        let print = PrintOptions { target_longest_mm, ..PrintOptions::default() };
+        let report = repair_soup(&tiny, &Options { print, ..Options::default() }, None).report;
+        (report.warnings, report.unit.note)
+    };
+    let (without_size, note) = warnings(None);
+    assert!(without_size.len() == 1 && note.is_some(), "{without_size:?}, {note:?}");
+    assert_eq!(warnings(Some(50.0)), (vec![], None));
 }
 
 #[test]

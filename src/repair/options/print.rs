@@ -137,6 +137,12 @@ const VENT_DIAMETER_MM: f64 = 4.0;
 const ISLAND_SHARE: f64 = 1e-4;
 
 impl PrintOptions {
+    /// Whether the options ask for a size, so that the model is scaled.
+    #[must_use]
+    pub fn asks_for_size(&self) -> bool {
+        self.target_height_mm.is_some() || self.target_longest_mm.is_some()
+    }
+
     /// Checks that each option is within its range, and that the process exists.
     ///
     /// # Errors
