@@ -42,8 +42,9 @@ const MAX_PRISMS: usize = 400;
 /// surfaces of both meet at angles that leave slivers.
 const MAX_LACK: f64 = 0.5;
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
-/// moves it by half of the least wall and the margin for the error of its surface.
-const MAX_BALL_DEVIATION: f64 = 0.6;
+/// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
+/// rest is the margin for the error of the balls' surface, and what later rounds add beside earlier balls.
+const MAX_BALL_DEVIATION: f64 = 1.25;
 
 impl Thickening {
     /// Thickens the walls of a solid. The surface must be closed, oriented outward and without intersections; its
