@@ -51,6 +51,7 @@ pub fn tetrahedron(p: [DVec3; 4]) -> Surface {
     if volume(&solid) > 0.0 { solid } else { inverted(solid) }
 }
 
+/// The volume of a tetrahedron, whatever the order of its corners.
 pub fn tetrahedron_volume([a, b, c, d]: [DVec3; 4]) -> f64 {
     ((b - a).cross(c - a).dot(d - a) / 6.0).abs()
 }
@@ -140,6 +141,7 @@ pub struct AirParts {
 }
 
 impl AirParts {
+    /// The part of a cell of the block.
     pub fn part_of(&self, cell: [usize; 3]) -> u32 {
         self.part[padded(self.size, cell.map(|x| x + 1))]
     }
@@ -150,14 +152,17 @@ fn padded(size: [usize; 3], [i, j, k]: [usize; 3]) -> usize {
 }
 
 impl Voxels {
+    /// A block without filled voxels.
     pub fn empty(size: [usize; 3]) -> Self {
         Self { size, filled: vec![false; size.iter().product()] }
     }
 
+    /// A block of filled voxels.
     pub fn filled(size: [usize; 3]) -> Self {
         Self { size, filled: vec![true; size.iter().product()] }
     }
 
+    /// Fills or empties a voxel of the block.
     pub fn set(&mut self, [i, j, k]: [usize; 3], filled: bool) {
         self.filled[(k * self.size[1] + j) * self.size[0] + i] = filled;
     }

@@ -61,6 +61,7 @@ pub(super) struct WallSearch<'a> {
 }
 
 impl<'a> WallSearch<'a> {
+    /// Prepares a search with rays of at most the length `reach`.
     pub fn new(analysis: &'a Analysis<'a>, reach: f64) -> Self {
         let bounds = Box3::of(analysis.unit().iter().copied());
         let size = if bounds.is_empty() { DVec3::ZERO } else { bounds.max - bounds.min };

@@ -1,3 +1,5 @@
+//! Tests of pairs of triangles, against exact arithmetic.
+
 use glam::DVec3;
 use proptest::prelude::*;
 

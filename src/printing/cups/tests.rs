@@ -1,3 +1,5 @@
+//! Tests of cups, which hold resin in a given orientation.
+
 use super::*;
 use crate::math::r3;
 use crate::printing::shapes::*;

@@ -22,6 +22,7 @@ pub(super) struct Adjacency {
 }
 
 impl Adjacency {
+    /// Finds the pairs of adjacent leaves, and joins the open ones.
     pub fn new(reach: &Reach, context: &Context<'_>) -> Result<Self, Cancelled> {
         let mut adjacency = Self { open: UnionFind::new(reach.nodes.len()), undecided: Vec::new() };
         adjacency.add(reach, &reach.leaves, context)?;
@@ -72,6 +73,7 @@ pub(super) struct Flood {
 }
 
 impl Flood {
+    /// Joins the leaves into components: once the open leaves alone, and once with the undecided ones too.
     pub fn new(reach: &Reach, adjacency: &Adjacency) -> Self {
         let sure = adjacency.open.clone();
         let mut possible = sure.clone();

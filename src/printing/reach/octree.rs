@@ -105,6 +105,7 @@ impl Reach {
 }
 
 impl Node {
+    /// A leaf of which it is not yet known whether the ball fits.
     pub const fn undecided() -> Self {
         Self { children: LEAF, fit: Fit::Undecided, reached: Reached::Blocked }
     }

@@ -1,3 +1,5 @@
+//! Tests of what a ball reaches from outside.
+
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 

@@ -67,6 +67,7 @@ pub(super) struct Prepared<'a> {
 }
 
 impl<'a> Prepared<'a> {
+    /// Prepares a surface for chords through the material or, reversed, through the air.
     pub fn new(surface: &'a Surface, side: Space) -> Self {
         let scale = unit_scale(&surface.positions);
         let mut own = Cow::Borrowed(surface);
@@ -97,20 +98,24 @@ impl<'a> Prepared<'a> {
         prepared
     }
 
+    /// The corners of a face, on the unit scale.
     #[inline]
     pub fn corners(&self, face: u32) -> [DVec3; 3] {
         self.surface.corners(face as usize)
     }
 
+    /// The unit normal of a face; zero if it is not reliable.
     #[inline]
     pub fn normal(&self, face: u32) -> DVec3 {
         self.normals[face as usize]
     }
 
+    /// The number of faces.
     pub fn len(&self) -> usize {
         self.surface.faces.len()
     }
 
+    /// Whether two faces have a common vertex.
     pub fn share_a_vertex(&self, f: u32, h: u32) -> bool {
         let (f, h) = (self.surface.faces[f as usize], self.surface.faces[h as usize]);
         f.iter().any(|v| h.contains(v))

@@ -1,3 +1,5 @@
+//! Tests of the ranking of units.
+
 use super::*;
 use glam::DVec3;
 

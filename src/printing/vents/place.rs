@@ -99,6 +99,7 @@ pub(super) struct Placement<'a> {
 }
 
 impl<'a> Placement<'a> {
+    /// Prepares the search for places of vents on a surface.
     pub fn new(surface: &'a Surface, regions: &'a Regions, voids: &'a [SealedVoid], options: &'a VentOptions) -> Self {
         let rays = RegionRays::new(surface, regions);
         let up = options.up.try_normalize().unwrap_or(DVec3::Z);

@@ -1,3 +1,5 @@
+//! Tests of vents: what is drilled, and where.
+
 use super::*;
 use crate::arrange::{Arrangement, Exact, WindingRule};
 use crate::math::Precision;

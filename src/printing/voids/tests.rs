@@ -1,3 +1,5 @@
+//! Tests of sealed voids: their volumes, and their filling.
+
 use glam::DVec3;
 
 use super::*;

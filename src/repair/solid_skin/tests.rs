@@ -1,3 +1,5 @@
+//! Tests of the operator that makes machine-made skins solid.
+
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 

@@ -1,3 +1,5 @@
+//! Tests of the wall thickness: shapes with known walls, and a search over all pairs of faces as the oracle.
+
 mod brute;
 mod field;
 mod kinds;
