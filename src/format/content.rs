@@ -208,10 +208,16 @@ impl Content {
 const PLAUSIBLE_SIZE_MM: [f64; 2] = [5.0, 2000.0];
 
 impl ReadFile {
+    /// The unit that the file itself states.
+    #[must_use]
+    pub fn own_unit(&self) -> Option<Unit> {
+        self.scene.as_ref().and_then(|scene| scene.unit)
+    }
+
     /// Settles the unit of the file's lengths: the declared unit, else the file's own unit, else millimetres. With `scale_to`, the lengths
     /// are converted to that unit.
     pub fn settle_unit(&mut self, declared: Option<Unit>, scale_to: Option<Unit>) -> LengthUnit {
-        let file_unit = self.scene.as_ref().and_then(|scene| scene.unit);
+        let file_unit = self.own_unit();
         let (own, source) = match (declared, file_unit) {
             (Some(declared), _) => (declared, UnitSource::Declared),
             (None, Some(file_unit)) => (file_unit, UnitSource::File),

@@ -20,9 +20,8 @@ pub(super) fn assess_output(
     context: &Context<'_>,
 ) -> Result<Option<PrintReadiness>, RepairError> {
     let mut file = format::read_shape(bytes, &ReadOptions::within(Limits::NONE))?;
-    let has_unit = file.scene.as_ref().is_some_and(|scene| scene.unit.is_some());
     let unit = report.unit.used;
-    file.settle_unit((!has_unit).then_some(unit), Some(unit));
+    file.settle_unit(file.own_unit().is_none().then_some(unit), Some(unit));
     let assessed = || {
         let analysis = Analysis::new(subject(&file.mesh, Some(&report.unit)), context)?;
         let measures = measure_analysis(&analysis, context)?;

@@ -19,8 +19,7 @@ pub(super) fn settle_size(file: &mut ReadFile, options: &Options) -> Result<(Len
         return Ok((file.settle_unit(options.unit, options.scale_to), 1.0));
     };
     // The model gets its size from the target, so an implausible size in the assumed unit needs no warning.
-    let has_unit = file.scene.as_ref().is_some_and(|scene| scene.unit.is_some());
-    let declared = options.unit.or_else(|| (!has_unit).then_some(Unit::Millimetre));
+    let declared = options.unit.or_else(|| file.own_unit().is_none().then_some(Unit::Millimetre));
     let unit = file.settle_unit(declared, options.scale_to);
     let finite = file.mesh.soup.positions.iter().copied().filter(|p| p.is_finite());
     let factor = scale_to_target(&Box3::of(finite), unit.used, unit.up.unwrap_or(Up::Z), target);

@@ -40,7 +40,8 @@ const CANDIDATE_MULTIPLE: f64 = 1.5;
 /// Maximum number of candidates.
 const MAX_CANDIDATES: usize = 4096;
 
-/// Search for the thinnest wall of each region, from all face centres and from points spread by area.
+/// Search for the thinnest wall of each region, from all face centres, from points spread by area, and from further points of
+/// the faces that may have a thinner wall.
 pub(super) struct WallSearch<'a> {
     analysis: &'a Analysis<'a>,
     corner: DVec3,

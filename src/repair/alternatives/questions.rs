@@ -83,9 +83,8 @@ impl Shape {
     fn of(repaired: &Repaired, context: &Context<'_>) -> Result<Result<Self, Cancelled>, RepairError> {
         let report = &repaired.report;
         let mut file = format::read_shape(&repaired.bytes, &ReadOptions::within(Limits::NONE))?;
-        let has_unit = file.scene.as_ref().is_some_and(|scene| scene.unit.is_some());
         let unit = report.unit.used;
-        file.settle_unit((!has_unit).then_some(unit), Some(unit));
+        file.settle_unit(file.own_unit().is_none().then_some(unit), Some(unit));
         let examined = || {
             let analysis = Analysis::new(subject(&file.mesh, Some(&report.unit)), context)?;
             let solids = || analysis.solids.iter().filter(|solid| solid.closed);
