@@ -4,6 +4,7 @@
 //! `robust`). Boxes and trees only select the candidates that the predicates then test.
 
 mod boxes;
+mod bvh_build;
 mod nearest;
 mod opposite;
 mod pairs;

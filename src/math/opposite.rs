@@ -3,14 +3,16 @@
 //! opposite.
 
 use glam::{DVec3, Vec3A};
+use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::node::Bvh2Node;
 use smallvec::SmallVec;
 
 use super::threads::{self, FEW_SEARCHES};
 use super::tree::{DEPTH, Tree, spend, triangles_of, vec3a};
 
 /// Maximum faces of a cluster, which is tested as a whole.
-const CLUSTER_FACES: usize = 16;
+const CLUSTER_FACES: u8 = 16;
 /// Maximum nodes visited per cluster. A cluster that exceeds the limit is not ruled out.
 const MAX_STEPS: usize = 512;
 /// Upper bound of the f32 rounding error of a length or a cosine, with a margin.
@@ -23,19 +25,19 @@ struct Range {
     max: Vec3A,
 }
 
-impl Range {
-    const EMPTY: Self = Self { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY };
+impl From<&Aabb> for Range {
+    fn from(aabb: &Aabb) -> Self {
+        Self { min: aabb.min, max: aabb.max }
+    }
+}
 
+impl Range {
     fn of(vector: Vec3A) -> Self {
         Self { min: vector, max: vector }
     }
 
     fn is_empty(&self) -> bool {
         self.min.cmpgt(self.max).any()
-    }
-
-    fn and(self, other: Self) -> Self {
-        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
     fn meets(&self, other: &Self) -> bool {
@@ -50,12 +52,42 @@ impl Range {
     }
 }
 
-/// Summary of a node's subtree: its bounding box, the range of its faces' normals, and the number of its faces.
+/// Steps of a coordinate of a unit normal in a [`Subtree`].
+const STEPS: f32 = 127.0;
+
+/// Summary of a node's subtree: the range of its faces' normals, and the number of its faces. Small, since a large mesh
+/// has millions of nodes.
 #[derive(Clone, Copy)]
 struct Subtree {
-    bounds: Range,
-    normals: Range,
-    faces: usize,
+    /// The range of the normals, rounded outward to whole steps. Empty if the lower bounds are above the upper ones.
+    low: [i8; 3],
+    high: [i8; 3],
+    /// The number of faces, at most one more than a cluster has.
+    faces: u8,
+}
+
+impl Subtree {
+    const EMPTY: Self = Self { low: [i8::MAX; 3], high: [i8::MIN; 3], faces: 0 };
+
+    fn of_normal(normal: Vec3A) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "unit vectors")]
+        let steps = |vector: Vec3A| vector.to_array().map(|x| x as i8);
+        Self { low: steps((normal * STEPS).floor()), high: steps((normal * STEPS).ceil()), faces: 0 }
+    }
+
+    fn and(self, other: Self) -> Self {
+        let each = |of: fn(i8, i8) -> i8, [a, b, c]: [i8; 3], [d, e, f]: [i8; 3]| [of(a, d), of(b, e), of(c, f)];
+        Self {
+            low: each(i8::min, self.low, other.low),
+            high: each(i8::max, self.high, other.high),
+            faces: (self.faces + other.faces).min(CLUSTER_FACES + 1),
+        }
+    }
+
+    fn normals(&self) -> Range {
+        let vector = |steps: [i8; 3]| Vec3A::from_array(steps.map(f32::from)) * (1.0 / STEPS);
+        Range { min: vector(self.low), max: vector(self.high) }
+    }
 }
 
 /// Search for opposite faces in a tree. Two faces are opposite if the dot product of their unit normals is at most
@@ -71,31 +103,20 @@ impl Tree {
     /// Prepares the search for opposite faces. `normal` returns a face's unit normal, or zero for a face that is
     /// opposite to none.
     #[must_use]
-    pub fn opposite_faces(&self, cosine: f64, normal: impl Fn(u32) -> DVec3) -> OppositeFaces<'_> {
+    pub fn opposite_faces(&self, cosine: f64, normal: impl Fn(u32) -> DVec3 + Sync) -> OppositeFaces<'_> {
         #[expect(clippy::cast_possible_truncation, reason = "rounded; the slack covers the rounding")]
         let limit = SLACK - cosine as f32;
         OppositeFaces { tree: self, below: self.below(normal), limit }
     }
 
     /// The summary of each node's subtree.
-    fn below(&self, normal: impl Fn(u32) -> DVec3) -> Vec<Subtree> {
-        let Some(bvh) = &self.bvh else { return Vec::new() };
-        let empty = Subtree { bounds: Range::EMPTY, normals: Range::EMPTY, faces: 0 };
-        let mut below = vec![empty; bvh.nodes.len()];
-        for at in self.children_first() {
-            let node = &bvh.nodes[at as usize];
-            let (normals, faces) = if node.is_leaf() {
-                let own = triangles_of(bvh, node).iter();
-                let normals = own.map(|&face| vec3a(normal(face))).filter(|n| *n != Vec3A::ZERO).map(Range::of);
-                (normals.fold(Range::EMPTY, Range::and), node.prim_count as usize)
-            } else {
-                let [a, b] = [node.first_index, node.first_index + 1].map(|child| below[child as usize]);
-                (a.normals.and(b.normals), a.faces + b.faces)
-            };
-            let aabb = node.aabb();
-            below[at as usize] = Subtree { bounds: Range { min: aabb.min, max: aabb.max }, normals, faces };
-        }
-        below
+    fn below(&self, normal: impl Fn(u32) -> DVec3 + Sync) -> Vec<Subtree> {
+        let of_leaf = |_: &Bvh2Node, faces: &[u32]| {
+            let normals = faces.iter().map(|&face| vec3a(normal(face))).filter(|n| *n != Vec3A::ZERO);
+            let all = normals.map(Subtree::of_normal).fold(Subtree::EMPTY, Subtree::and);
+            Subtree { faces: faces.len().min(usize::from(CLUSTER_FACES) + 1) as u8, ..all }
+        };
+        self.summaries(Subtree::EMPTY, of_leaf, |_, [left, right]| left.and(right))
     }
 }
 
@@ -106,14 +127,36 @@ impl OppositeFaces<'_> {
     /// Takes time linear in the number of faces, whatever their shape.
     #[must_use]
     pub fn may_be_within(&self, reach: f64, faces: usize) -> Vec<bool> {
+        let reach = self.reach_in_tree(reach);
+        self.may_be_in(faces, |own, normals| Range {
+            min: own.min - normals.max.max(Vec3A::ZERO) * reach,
+            max: own.max - normals.min.min(Vec3A::ZERO) * reach,
+        })
+    }
+
+    /// For each of `faces` faces, whether an opposite face may come within `reach` of it, in any direction. Otherwise
+    /// like [`OppositeFaces::may_be_within`].
+    #[must_use]
+    pub fn may_be_near(&self, reach: f64, faces: usize) -> Vec<bool> {
+        let reach = Vec3A::splat(self.reach_in_tree(reach));
+        self.may_be_in(faces, |own, _| Range { min: own.min - reach, max: own.max + reach })
+    }
+
+    /// A length in the tree's frame, rounded up.
+    fn reach_in_tree(&self, reach: f64) -> f32 {
+        #[expect(clippy::cast_possible_truncation, reason = "rounded; the slack covers the rounding")]
+        {
+            (reach * self.tree.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK
+        }
+    }
+
+    /// For each of `faces` faces, whether an opposite face may be in the volume that `volume` returns for the bounding
+    /// box and the normals of the face's cluster.
+    fn may_be_in(&self, faces: usize, volume: impl Fn(&Range, &Range) -> Range + Sync) -> Vec<bool> {
         let mut answers = vec![false; faces];
         let Some(bvh) = &self.tree.bvh else { return answers };
-        #[expect(clippy::cast_possible_truncation, reason = "rounded; the slack covers the rounding")]
-        let reach = (reach * self.tree.frame.scale()) as f32 * (1.0 + SLACK) + SLACK * SLACK;
         let clusters = clusters(bvh, &self.below);
-        let may_meet = threads::map(clusters.len(), FEW_SEARCHES, |i| {
-            self.meets_swept(bvh, &self.below[clusters[i] as usize], reach)
-        });
+        let may_meet = threads::map(clusters.len(), FEW_SEARCHES, |i| self.meets_in(bvh, clusters[i], &volume));
         for (&node, _) in clusters.iter().zip(may_meet).filter(|(_, may_meet)| *may_meet) {
             for face in faces_below(bvh, node) {
                 answers[face as usize] = true;
@@ -122,18 +165,15 @@ impl OppositeFaces<'_> {
         answers
     }
 
-    /// Whether the volume that the cluster's faces sweep against their normals meets the box of a leaf with an opposite
-    /// face.
-    fn meets_swept(&self, bvh: &Bvh2, faces: &Subtree, reach: f32) -> bool {
-        let normals = faces.normals;
+    /// Whether the volume for a cluster meets the box of a leaf with an opposite face.
+    fn meets_in(&self, bvh: &Bvh2, cluster: u32, volume: impl Fn(&Range, &Range) -> Range) -> bool {
+        let bounds = |at: u32| Range::from(bvh.nodes[at as usize].aabb());
+        let normals = self.below[cluster as usize].normals();
         if normals.is_empty() {
             return false;
         }
-        let swept = Range {
-            min: faces.bounds.min - normals.max.max(Vec3A::ZERO) * reach,
-            max: faces.bounds.max - normals.min.min(Vec3A::ZERO) * reach,
-        };
-        let may_hit = |at: u32| self.may_be_opposite(at, &normals) && self.below[at as usize].bounds.meets(&swept);
+        let volume = volume(&bounds(cluster), &normals);
+        let may_hit = |at: u32| self.may_be_opposite(at, &normals) && bounds(at).meets(&volume);
         let (mut stack, mut steps) = (vec![0u32], 0);
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];
@@ -184,7 +224,7 @@ impl OppositeFaces<'_> {
 
     /// Whether a face below a node may be opposite to one of the normals in a range.
     fn may_be_opposite(&self, node: u32, normals: &Range) -> bool {
-        let below = &self.below[node as usize].normals;
+        let below = self.below[node as usize].normals();
         let dot = below.least_dot(normals);
         !below.is_empty() && (dot <= self.limit || dot.is_nan())
     }
@@ -269,6 +309,21 @@ mod tests {
             opposite_count > 100 && ruled_out_count > 100,
             "{opposite_count} with an opposite face, {ruled_out_count} ruled out"
         );
+    }
+
+    #[test]
+    fn an_opposite_face_is_near_on_either_side_within_its_distance() {
+        let corners = |z: f64| [DVec3::new(0.0, 0.0, z), DVec3::new(1.0, 0.0, z), DVec3::new(0.0, 1.0, z)];
+        let positions: Vec<DVec3> = corners(0.0).into_iter().chain(corners(0.25)).collect();
+        for faces in [[[0, 1, 2], [3, 5, 4]], [[0, 2, 1], [3, 4, 5]]] {
+            let normal = |face: u32| unit_normal(faces[face as usize].map(|v: u32| positions[v as usize]));
+            let tree = Tree::new(&positions, &faces);
+            let opposite = tree.opposite_faces(COSINE, normal);
+            assert_eq!(opposite.may_be_near(0.26, 2), [true; 2]);
+            assert_eq!(opposite.may_be_near(0.24, 2), [false; 2]);
+            let alike = tree.opposite_faces(COSINE, |_| DVec3::Z);
+            assert_eq!(alike.may_be_near(0.26, 2), [false; 2]);
+        }
     }
 
     #[test]

@@ -53,15 +53,8 @@ impl<L> PairSearch<L> {
         L: Fn(u32, u32, &mut u64) -> Option<T> + Sync,
     {
         let Some(bvh) = &tree.bvh else { return Ok(true) };
-        let mut nodes = vec![false; bvh.nodes.len()];
-        for at in tree.children_first() {
-            let node = &bvh.nodes[at as usize];
-            nodes[at as usize] = if node.is_leaf() {
-                triangles_of(bvh, node).iter().any(|&triangle| changed[triangle as usize])
-            } else {
-                nodes[node.first_index as usize] || nodes[node.first_index as usize + 1]
-            };
-        }
+        let has_changed = |triangles: &[u32]| triangles.iter().any(|&triangle| changed[triangle as usize]);
+        let nodes = tree.summaries(false, |_, triangles| has_changed(triangles), |_, [left, right]| left || right);
         let only = Some(Changed { triangles: changed, nodes: &nodes });
         self.search(&Walk { a: bvh, b: bvh, same: true, look: &self.look, only }, take)
     }

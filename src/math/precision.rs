@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::threads;
+
 /// The floating-point format in which a file holds coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Precision {
@@ -63,13 +65,10 @@ const FLUSH: f64 = 4.909_093_465_297_727e-91; // 2^-300
 pub fn to_unit_range(positions: &[DVec3]) -> Vec<DVec3> {
     let scale = unit_scale(positions);
     let flush = |x: f64| if x.abs() < FLUSH { 0.0 } else { x };
-    positions
-        .iter()
-        .map(|&p| {
-            let q = p * scale;
-            DVec3::new(flush(q.x), flush(q.y), flush(q.z))
-        })
-        .collect()
+    threads::map_cheap(positions.len(), |v| {
+        let q = positions[v] * scale;
+        DVec3::new(flush(q.x), flush(q.y), flush(q.z))
+    })
 }
 
 /// The power of two by which [`to_unit_range`] scales; 1 if all coordinates are 0 or one is not finite.

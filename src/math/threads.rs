@@ -1,5 +1,8 @@
 //! Parallel loops that stay on the calling thread for small inputs, where waking other threads would take longer than the work.
 
+use std::cmp::Ordering;
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 /// Number of cheap items below which the calling thread does all work.
@@ -17,6 +20,31 @@ pub fn map<T: Send>(count: usize, few: usize, value: impl Fn(usize) -> T + Sync 
     if count < few { (0..count).map(value).collect() } else { (0..count).into_par_iter().map(value).collect() }
 }
 
+/// Number of cheap items in a chunk, the work of one thread at a time.
+const CHUNK: usize = 1 << 15;
+
+/// The values of a function for consecutive ranges that cover 0 to `count`, in order, computed in parallel. The ranges
+/// depend on `count` only.
+pub fn map_chunks<T: Send>(count: usize, value: impl Fn(Range<usize>) -> T + Sync + Send) -> Vec<T> {
+    map(count.div_ceil(CHUNK), 2, |chunk| value(chunk * CHUNK..count.min((chunk + 1) * CHUNK)))
+}
+
+/// The values of a cheap function for 0 to `count`, in order, computed in parallel if they are many.
+pub fn map_cheap<T: Send>(count: usize, value: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
+    map(count, CHUNK, value)
+}
+
+/// Sorts in parallel if the items are many. Items that compare as equal must be equal in every respect.
+pub fn sort_by<T: Send>(items: &mut [T], compare: &(impl Fn(&T, &T) -> Ordering + Sync)) {
+    if items.len() < CHUNK {
+        return items.sort_unstable_by(compare);
+    }
+    let (left, right) = items.split_at_mut(items.len() / 2);
+    rayon::join(|| sort_by(left, compare), || sort_by(right, compare));
+    // The standard library's stable sort merges two sorted runs in linear time.
+    items.sort_by(compare);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -29,6 +57,22 @@ mod tests {
         assert_eq!(map(1000, 10, square), expected);
         assert_eq!(join(1, || 1, || 2), (1, 2));
         assert_eq!(join(1_000_000, || 1, || 2), (1, 2));
+    }
+
+    #[test]
+    fn chunks_cover_all_items_in_order() {
+        for count in [0, 1, CHUNK, CHUNK + 1, 3 * CHUNK] {
+            assert!(map_chunks(count, |range| range).into_iter().flatten().eq(0..count), "{count}");
+        }
+    }
+
+    #[test]
+    fn many_items_are_sorted_like_few() {
+        let mut items: Vec<u64> = (0..5 * CHUNK as u64).map(|i| i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40).collect();
+        let mut expected = items.clone();
+        expected.sort_unstable();
+        sort_by(&mut items, &u64::cmp);
+        assert!(items == expected);
     }
 
     #[test]

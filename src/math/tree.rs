@@ -4,10 +4,11 @@ use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use rayon::prelude::*;
 use smallvec::SmallVec;
 
 use super::boxes::Box3;
+use super::bvh_build::{self, Built};
 
 /// How far a box in the tree extends beyond its triangle, in units of half the model's longest side. It covers the
 /// rounding of the tree's frame, plus a spread that makes equal boxes differ (see [`Tree::new`]).
@@ -27,6 +28,8 @@ pub struct Tree {
     pub(crate) bvh: Option<Bvh2>,
     /// The coordinate frame of the boxes.
     pub(crate) frame: Frame,
+    /// Ranges of nodes whose subtrees are within the range; they follow the nodes that join them.
+    chunks: Vec<std::ops::Range<usize>>,
 }
 
 impl Tree {
@@ -43,37 +46,52 @@ impl Tree {
     #[must_use]
     pub fn in_frame(frame: Frame, positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
         if faces.is_empty() {
-            return Self { bvh: None, frame };
+            return Self { bvh: None, frame, chunks: Vec::new() };
         }
-        let boxes: Vec<Aabb> = faces
-            .iter()
-            .enumerate()
-            .map(|(index, face)| {
-                let b = Box3::of(face.map(|v| frame.to_tree(positions[v as usize])));
-                // The pad exceeds the f32 rounding in [-1, 1].
-                let pad = DVec3::splat(PAD * (1.0 + jitter(index)));
-                Aabb::new(vec3a(b.min - pad), vec3a(b.max + pad))
-            })
-            .collect();
-        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
-        let indices = (0..faces.len() as u32).collect();
-        let bvh = PlocBuilder::new().build(PlocSearchDistance::Minimum, &boxes, indices, SortPrecision::U64, 0);
-        Self { bvh: Some(bvh), frame }
+        let corners = |index: usize| faces[index].map(|v| frame.to_tree(positions[v as usize]));
+        let centre_of = |index: usize| corners(index).into_iter().sum::<DVec3>() / 3.0;
+        let Built { bvh, chunks } = bvh_build::build(faces.len(), centre_of, |index| {
+            let b = Box3::of(corners(index));
+            // The pad exceeds the f32 rounding in [-1, 1].
+            let pad = DVec3::splat(PAD * (1.0 + jitter(index)));
+            Aabb::new(vec3a(b.min - pad), vec3a(b.max + pad))
+        });
+        Self { bvh: Some(bvh), frame, chunks }
     }
 
-    /// All nodes, each after its children. The node array itself need not have this order.
-    pub(crate) fn children_first(&self) -> impl Iterator<Item = u32> {
-        let nodes = self.bvh.as_ref().map_or(&[][..], |bvh| &bvh.nodes);
-        let (mut order, mut stack) = (Vec::with_capacity(nodes.len()), Vec::new());
-        stack.extend((!nodes.is_empty()).then_some(0u32));
-        while let Some(at) = stack.pop() {
-            order.push(at);
-            let node = &nodes[at as usize];
-            if !node.is_leaf() {
-                stack.extend([node.first_index, node.first_index + 1]);
+    /// A value for each node: of a leaf, `of_leaf` of its triangles; of any other node, `of_children` of the values of
+    /// its two children. Both functions also receive the node.
+    pub(crate) fn summaries<T: Copy + Send + Sync>(
+        &self,
+        empty: T,
+        of_leaf: impl Fn(&Bvh2Node, &[u32]) -> T + Sync,
+        of_children: impl Fn(&Bvh2Node, [T; 2]) -> T + Sync,
+    ) -> Vec<T> {
+        let Some(bvh) = &self.bvh else { return Vec::new() };
+        let mut values = vec![empty; bvh.nodes.len()];
+        // Children come after their parents.
+        let summarize = |values: &mut [T], begin: usize, end: usize| {
+            for at in (begin..end).rev() {
+                let node = &bvh.nodes[at];
+                values[at - begin] = if node.is_leaf() {
+                    of_leaf(node, triangles_of(bvh, node))
+                } else {
+                    let first = node.first_index as usize - begin;
+                    of_children(node, [values[first], values[first + 1]])
+                };
             }
+        };
+        let joining = self.chunks.first().map_or(bvh.nodes.len(), |chunk| chunk.start);
+        let mut rest = &mut values[joining..];
+        let mut parts = Vec::with_capacity(self.chunks.len());
+        for chunk in &self.chunks {
+            let (part, after) = rest.split_at_mut(chunk.len());
+            parts.push((part, chunk));
+            rest = after;
         }
-        order.into_iter().rev()
+        parts.into_par_iter().for_each(|(part, chunk)| summarize(part, chunk.start, chunk.end));
+        summarize(&mut values, 0, joining);
+        values
     }
 
     /// Calls `visit` with every triangle whose box comes within `reach` of a point along each axis, until `visit`

@@ -3,6 +3,8 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::node::Bvh2Node;
 use smallvec::{SmallVec, smallvec};
 
 use super::tree::{DEPTH, Tree, box_distance_squared, spend, triangles_of};
@@ -36,48 +38,41 @@ struct Dipole {
     radius: f64,
 }
 
+impl Dipole {
+    /// The sum of dipoles, in a sphere around the box that contains their triangles.
+    fn around(dipoles: impl Iterator<Item = Self>, aabb: &Aabb) -> Self {
+        let (mut moment, mut sum) = (DVec3::ZERO, Self::default());
+        for Self { centre, area, weight, .. } in dipoles {
+            sum.area += area;
+            sum.weight += weight;
+            moment += centre * weight;
+        }
+        let (min, max) = (aabb.min.as_dvec3(), aabb.max.as_dvec3());
+        sum.centre = if sum.weight > 0.0 { moment / sum.weight } else { (min + max) * 0.5 };
+        sum.radius = (sum.centre - min).max(max - sum.centre).length();
+        sum
+    }
+}
+
 impl Tree {
     /// Computes the dipoles for [`Tree::winding`]. `triangle` returns the corners that the tree was built with.
-    pub fn dipoles(&self, triangle: impl Fn(u32) -> [DVec3; 3]) -> Dipoles {
-        let Some(bvh) = &self.bvh else { return Dipoles { nodes: Vec::new() } };
-        let mut nodes = vec![Dipole::default(); bvh.nodes.len()];
-        for at in self.children_first() {
-            let node = &bvh.nodes[at as usize];
-            let (mut moment, mut sum) = (DVec3::ZERO, Dipole::default());
-            let mut add = |area: DVec3, weight: f64, centre: DVec3| {
-                sum.area += area;
-                sum.weight += weight;
-                moment += centre * weight;
-            };
-            let aabb = node.aabb();
-            let (min, max) = (aabb.min.as_dvec3(), aabb.max.as_dvec3());
-            let radius_in_box = |centre: DVec3| (centre - min).max(max - centre).length();
-            if node.is_leaf() {
-                for &face in triangles_of(bvh, node) {
-                    let [a, b, c] = self.framed(triangle(face));
-                    let area = (b - a).cross(c - a) * 0.5;
-                    add(area, area.length(), (a + b + c) / 3.0);
-                }
-            } else {
-                for child in [node.first_index, node.first_index + 1] {
-                    let Dipole { centre, area, weight, .. } = nodes[child as usize];
-                    add(area, weight, centre);
-                }
-            }
-            sum.centre = if sum.weight > 0.0 { moment / sum.weight } else { (min + max) * 0.5 };
-            sum.radius = radius_in_box(sum.centre);
-            if !node.is_leaf() {
-                // If the triangles fill the box badly, the children's spheres give a smaller radius than the box's
-                // corners.
-                let reach = [node.first_index, node.first_index + 1].map(|child| {
-                    let child = &nodes[child as usize];
-                    child.radius + child.centre.distance(sum.centre)
-                });
-                sum.radius = sum.radius.min(reach[0].max(reach[1]));
-            }
-            nodes[at as usize] = sum;
-        }
-        Dipoles { nodes }
+    pub fn dipoles(&self, triangle: impl Fn(u32) -> [DVec3; 3] + Sync) -> Dipoles {
+        let of_leaf = |node: &Bvh2Node, faces: &[u32]| {
+            let faces = faces.iter().map(|&face| {
+                let [a, b, c] = self.framed(triangle(face));
+                let area = (b - a).cross(c - a) * 0.5;
+                Dipole { centre: (a + b + c) / 3.0, area, weight: area.length(), radius: 0.0 }
+            });
+            Dipole::around(faces, node.aabb())
+        };
+        let of_children = |node: &Bvh2Node, children: [Dipole; 2]| {
+            let mut sum = Dipole::around(children.into_iter(), node.aabb());
+            // If the triangles fill the box badly, the children's spheres give a smaller radius than the box's corners.
+            let [left, right] = children.map(|child| child.radius + child.centre.distance(sum.centre));
+            sum.radius = sum.radius.min(left.max(right));
+            sum
+        };
+        Dipoles { nodes: self.summaries(Dipole::default(), of_leaf, of_children) }
     }
 
     /// The generalized winding number of the triangles around a point: 1 inside a closed, outward-oriented surface, 0

@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
+use crate::math::vec3a;
 use crate::math::{Tree, hit, unit_scale};
-use crate::math::{triangles_of, vec3a};
 use crate::mesh::{Edges, Stars, Surface};
 use glam::{DVec3, Vec3A};
+use obvhs::bvh2::node::Bvh2Node;
 use rayon::prelude::*;
 
 use super::places::Space;
@@ -169,22 +170,15 @@ impl<'a> Prepared<'a> {
     }
 
     fn summaries(&self) -> Vec<Below> {
-        let Some(bvh) = &self.tree.bvh else { return Vec::new() };
-        let mut below = vec![Below::EMPTY; bvh.nodes.len()];
-        for at in self.tree.children_first() {
-            let node = &bvh.nodes[at as usize];
-            below[at as usize] = if node.is_leaf() {
-                let own = triangles_of(bvh, node).iter().filter(|&&f| self.normal(f) != DVec3::ZERO);
-                let of = own.map(|&f| {
-                    let n = vec3a(self.normal(f));
-                    Below { low: n, high: n, spread: self.spread[f as usize] }
-                });
-                of.fold(Below::EMPTY, Below::and)
-            } else {
-                below[node.first_index as usize].and(below[node.first_index as usize + 1])
-            };
-        }
-        below
+        let of_leaf = |_: &Bvh2Node, faces: &[u32]| {
+            let own = faces.iter().filter(|&&f| self.normal(f) != DVec3::ZERO);
+            let of = own.map(|&f| {
+                let n = vec3a(self.normal(f));
+                Below { low: n, high: n, spread: self.spread[f as usize] }
+            });
+            of.fold(Below::EMPTY, Below::and)
+        };
+        self.tree.summaries(Below::EMPTY, of_leaf, |_, [left, right]| left.and(right))
     }
 }
 
