@@ -342,6 +342,7 @@ pub fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<
         normals: mesh.normals.as_ref(),
         numbering: mesh.numbering.as_ref(),
         materials: mesh.materials.as_deref(),
+        stored_vertices: mesh.stored_vertices,
         is_indexed: mesh.format.is_indexed(),
         unit,
     }

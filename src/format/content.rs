@@ -28,6 +28,8 @@ pub struct ReadMesh {
     /// The material number of each face, if a 3MF file is an assembly of several materials. Bodies of one material are judged together,
     /// and may touch bodies of another material.
     pub materials: Option<Vec<u32>>,
+    /// The number of vertices in the file, if the reader joined equal ones: STL stores three for each facet.
+    pub stored_vertices: Option<u64>,
     /// Counts of the polygons with more than three corners, which were triangulated.
     pub polygons: Polygons,
     /// Oddities that did not prevent reading, each as a sentence for the user.
@@ -44,6 +46,7 @@ impl ReadMesh {
             numbering: None,
             normals: None,
             materials: None,
+            stored_vertices: None,
             polygons: Polygons::default(),
             warnings: Vec::new(),
         }

@@ -25,6 +25,8 @@ pub struct Subject<'a> {
     /// For each face its material number, if the mesh is an assembly of bodies of several materials. Bodies of
     /// different materials may touch.
     pub materials: Option<&'a [u32]>,
+    /// Number of vertices in the file, if the soup has fewer because the format stores vertices of each face separately.
+    pub stored_vertices: Option<u64>,
     /// Whether the format's readers join vertices by index only, not by position.
     pub is_indexed: bool,
     /// Unit of lengths, if settled.
@@ -33,7 +35,15 @@ pub struct Subject<'a> {
 
 impl<'a> From<&'a Soup> for Subject<'a> {
     fn from(soup: &'a Soup) -> Self {
-        Self { soup, normals: None, numbering: None, materials: None, is_indexed: false, unit: None }
+        Self {
+            soup,
+            normals: None,
+            numbering: None,
+            materials: None,
+            stored_vertices: None,
+            is_indexed: false,
+            unit: None,
+        }
     }
 }
 
@@ -278,9 +288,8 @@ impl<'a> Pair<'a> {
 
 /// For each face, whether its corners are exactly collinear. Positions must be in the range of [`to_unit_range`].
 pub(super) fn flat_faces(unit: &[DVec3], faces: &[[u32; 3]]) -> Vec<bool> {
-    let on_line = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|v| unit[v as usize]);
+    threads::map_cheap(faces.len(), |face| {
+        let [a, b, c] = faces[face].map(|v| unit[v as usize]);
         collinear(a, b, c)
-    };
-    faces.iter().map(on_line).collect()
+    })
 }

@@ -7,6 +7,7 @@ use super::{
     PrintMeasures, Shells, Statistics, Subject, find_defects, measures, print_measures, shells, statistics,
 };
 use crate::context::{Cancelled, Context};
+use crate::math::threads;
 
 /// Version of the structure of [`Inspection`].
 pub const INSPECTION_VERSION: u32 = 1;
@@ -99,12 +100,18 @@ pub fn inspect_analysis(
         intersections.report(analysis, &mut findings);
         measures.self_intersections = intersections.counts;
     }
-    find_defects(analysis, &options.tolerances, options.level, &mut findings, context)?;
-    let characteristics = characteristics(analysis, &measures, options.level, context)?;
-    let print = match options.level {
-        Level::None => None,
-        Level::Basic | Level::Full => print_measures(analysis, &measures, options, context)?,
+    let find = || find_defects(analysis, &options.tolerances, options.level, &mut findings, context);
+    let describe = || {
+        let characteristics = characteristics(analysis, &measures, options.level, context)?;
+        let print = match options.level {
+            Level::None => None,
+            Level::Basic | Level::Full => print_measures(analysis, &measures, options, context)?,
+        };
+        Ok((characteristics, print))
     };
+    let (found, described) = threads::join(analysis.surface.faces.len(), find, describe);
+    found?;
+    let (characteristics, print) = described?;
     let inspection = Inspection {
         version: INSPECTION_VERSION,
         level: options.level,
@@ -184,14 +191,14 @@ impl Elements {
     /// Counts the elements of the file. Takes the number of degenerate faces from `measures`. O(n).
     #[must_use]
     pub fn new(analysis: &Analysis<'_>, measures: &Measures) -> Self {
-        let (soup, numbering) = (analysis.subject.soup, analysis.subject.numbering);
+        let Subject { soup, numbering, stored_vertices, .. } = analysis.subject;
         let mut used = vec![false; soup.positions.len()];
         let mut used_before = |v: u32| used.get_mut(v as usize).is_some_and(|used| std::mem::replace(used, true));
-        let shared = soup.faces.iter().flatten().any(|&v| used_before(v));
+        let shared = stored_vertices.is_none() && soup.faces.iter().flatten().any(|&v| used_before(v));
         let faces = &analysis.surface.faces;
         let repeated = faces.iter().filter(|[a, b, c]| a == b || b == c || c == a).count() as u64;
         Self {
-            vertices: soup.positions.len() as u64,
+            vertices: stored_vertices.unwrap_or(soup.positions.len() as u64),
             indistinguishable_vertices: (shared || numbering.is_some()).then_some(analysis.ingest.merged_vertices),
             repeated_vertex_faces: repeated,
             collinear_faces: measures.degenerate_faces.saturating_sub(repeated),

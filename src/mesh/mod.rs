@@ -7,6 +7,7 @@
 
 mod adjacency;
 mod connectivity;
+mod distinct;
 mod loops;
 mod soup;
 mod surface;
@@ -14,10 +15,11 @@ mod weld;
 
 pub use adjacency::{Edges, Stars};
 pub use connectivity::{Fans, Parts, UnionFind};
+pub use distinct::{are_distinct, position_key};
 pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};
 pub use soup::{CornerNormals, Numbering, OmittedFace, Soup};
 pub use surface::{
     BASE_SOURCE, ClosedSurface, Ingest, NO_SOURCE, NotClosed, OPENED_SKIN_SOURCE, REQUESTED_SOURCE, SKIN_SOURCE,
-    Surface, is_generated, position_key,
+    Surface, is_generated,
 };
 pub use weld::weld_exactly;

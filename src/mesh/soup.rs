@@ -2,6 +2,9 @@
 
 use glam::DVec3;
 
+use super::distinct::{Bits, Distinct};
+use crate::math::threads;
+
 /// Triangles as a file gives them. The only guarantee is that face indices are in range.
 ///
 /// Positions may be non-finite or repeated; faces may be degenerate, duplicated, flipped or intersecting. Readers
@@ -15,6 +18,36 @@ pub struct Soup {
 }
 
 impl Soup {
+    /// Faces given by the positions of their corners. Positions with the same bits become one vertex; vertices are
+    /// numbered by first use, for any number of threads.
+    pub fn from_corners(faces: usize, corners: impl Fn(usize) -> [DVec3; 3] + Sync) -> Self {
+        let mut chunks = threads::map_chunks(faces, |range| {
+            let mut distinct = Distinct::<Bits>::with_capacity_for(range.len() * 3 / 4);
+            let mut numbers = Vec::with_capacity(3 * range.len());
+            distinct.number_all(range.flat_map(&corners), |number| numbers.push(number));
+            (distinct.into_positions(), numbers)
+        });
+        if chunks.len() < 2 {
+            let (positions, numbers) = chunks.pop().unwrap_or_default();
+            return Self { positions, faces: numbers.as_chunks::<3>().0.to_vec() };
+        }
+        // Each chunk's positions are in the order of their first use, so numbering them chunk by chunk keeps that order.
+        let mut distinct = Distinct::<Bits>::with_capacity_for(faces / 2);
+        let numbers_of_chunks: Vec<Vec<u32>> = chunks
+            .iter_mut()
+            .map(|(positions, _)| {
+                let mut numbers = Vec::with_capacity(positions.len());
+                distinct.number_all(std::mem::take(positions).into_iter(), |number| numbers.push(number));
+                numbers
+            })
+            .collect();
+        let renumbered = threads::map(chunks.len(), 2, |chunk| {
+            let (numbers, local) = (&numbers_of_chunks[chunk], chunks[chunk].1.as_chunks::<3>().0);
+            local.iter().map(|face| face.map(|number| numbers[number as usize])).collect::<Vec<_>>()
+        });
+        Self { positions: distinct.into_positions(), faces: renumbered.concat() }
+    }
+
     /// The corner positions of face `face`.
     ///
     /// # Panics
@@ -105,5 +138,42 @@ impl Numbering {
     #[must_use]
     pub fn vertex(&self, index: u32) -> u32 {
         self.vertex_numbers.get(index as usize).copied().unwrap_or(index.saturating_add(1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vertices_of_many_faces_are_numbered_by_first_use() {
+        // More faces than one thread numbers together. Every sixth number is used again and again, in both signs of zero.
+        let corner = |i: usize| {
+            let number = if i.is_multiple_of(6) { i % 600 } else { i / 4 };
+            #[expect(clippy::cast_precision_loss, reason = "a small number")]
+            DVec3::new(number as f64, if i.is_multiple_of(2) { 0.0 } else { -0.0 }, 1.0)
+        };
+        let faces = 100_000;
+        let soup = Soup::from_corners(faces, |face| [0, 1, 2].map(|k| corner(3 * face + k)));
+        let mut first_use: Vec<DVec3> = Vec::new();
+        let mut numbers = std::collections::HashMap::new();
+        for (face, vertices) in soup.faces.iter().enumerate() {
+            for (k, &vertex) in vertices.iter().enumerate() {
+                let position = corner(3 * face + k);
+                let next = u32::try_from(numbers.len()).expect("few vertices");
+                let expected = *numbers.entry(position.to_array().map(f64::to_bits)).or_insert_with(|| {
+                    first_use.push(position);
+                    next
+                });
+                assert_eq!(vertex, expected, "corner {k} of face {face}");
+            }
+        }
+        assert_eq!(soup.positions, first_use);
+        assert!(soup.positions.len() < faces);
+    }
+
+    #[test]
+    fn a_soup_of_no_faces_is_empty() {
+        assert_eq!(Soup::from_corners(0, |_| [DVec3::ZERO; 3]), Soup::default());
     }
 }

@@ -5,6 +5,7 @@ use std::ops::Deref;
 use glam::DVec3;
 
 use super::adjacency::Edges;
+use super::distinct::position_key;
 use super::soup::Soup;
 use crate::math::Box3;
 
@@ -152,12 +153,6 @@ impl Surface {
         }
         Ok(())
     }
-}
-
-/// A key that is equal exactly for equal positions. Adding 0.0 turns -0.0 into 0.0.
-#[must_use]
-pub fn position_key(p: DVec3) -> [u64; 3] {
-    p.to_array().map(|x| (x + 0.0).to_bits())
 }
 
 /// A surface in which every edge is used equally often in both directions, so its winding number around every point is

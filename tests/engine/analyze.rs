@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use glam::DVec3;
-use meshmend::analyze::{AnalysisReport, Analyst, AnalyzeError, AnalyzeOptions};
+use meshmend::analyze::{self, AnalysisReport, Analyst, AnalyzeError, AnalyzeOptions};
 use meshmend::context::{Context, NoProgress, Progress, Stage};
 use meshmend::format::{self, Format, Limits};
-use meshmend::inspect::{InspectOptions, Level, Subject, inspect};
+use meshmend::inspect::{InspectOptions, Level, inspect};
 
 use crate::meshes::{cube, join, sphere};
 
@@ -47,7 +47,7 @@ fn files_are_reported_in_order_and_all_must_be_printable() {
     assert_eq!(alone.printable, Some(true));
     for (file, (_, bytes)) in report.files.iter().zip(&files) {
         let read = format::read(bytes, &Limits::default()).unwrap();
-        let subject = Subject { is_indexed: read.format.is_indexed(), ..Subject::from(&read.soup) };
+        let subject = analyze::subject(&read, None);
         let cancel = AtomicBool::new(false);
         let clock = || Duration::ZERO;
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));

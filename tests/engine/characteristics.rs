@@ -162,14 +162,7 @@ fn elements_distinguish_the_file_s_vertices_from_merged_ones() {
 fn vertex_numbers_of_the_file_are_reported_if_it_has_any() {
     let text = "Vertex 1 0 0 0\nVertex 2 1 0 0\nVertex 5 0 1 0\nFace 1 1 2 5\nFace 2 1 2 7\n";
     let mesh = read(text.as_bytes(), &Limits::default()).unwrap();
-    let subject = Subject {
-        soup: &mesh.soup,
-        normals: None,
-        numbering: mesh.numbering.as_ref(),
-        materials: None,
-        is_indexed: false,
-        unit: None,
-    };
+    let subject = Subject { numbering: mesh.numbering.as_ref(), ..Subject::from(&mesh.soup) };
     let elements = inspect_subject(subject, &InspectOptions::default()).characteristics.elements;
     assert_eq!((elements.missing_vertices, elements.faces_without_vertex), (Some(1), Some(1)));
     assert_eq!((elements.vertices_contiguous, elements.faces_contiguous), (Some(false), Some(true)));
@@ -263,14 +256,7 @@ fn each_thing_that_meshalyzer_asks_of_a_good_mesh_is_asked() {
         faces_without_vertex: 1,
         ..Numbering::default()
     };
-    let subject = Subject {
-        soup: &soup,
-        normals: None,
-        numbering: Some(&numbering),
-        materials: None,
-        is_indexed: false,
-        unit: None,
-    };
+    let subject = Subject { numbering: Some(&numbering), ..Subject::from(&soup) };
     let mut numbered = inspect_subject(subject, &InspectOptions::default());
     numbered.measures.self_intersections = fine.measures.self_intersections;
     assert_eq!(lacks(&numbered), [Lack::NoMissingVertices, Lack::ContiguousVertices, Lack::ContiguousFaces]);

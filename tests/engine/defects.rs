@@ -215,14 +215,7 @@ fn vertex_normals_that_point_into_the_mesh_are_found() {
     let soup = indexed(&sphere(DVec3::ZERO, 1.0, 12, 8));
     let mut normals: Vec<[f32; 3]> = soup.positions.iter().map(|p| p.as_vec3().to_array()).collect();
     let look_at = |normals: &CornerNormals| {
-        let subject = Subject {
-            soup: &soup,
-            normals: Some(normals),
-            numbering: None,
-            materials: None,
-            is_indexed: false,
-            unit: None,
-        };
+        let subject = Subject { normals: Some(normals), ..Subject::from(&soup) };
         look(subject, &InspectOptions::default()).1
     };
     assert_eq!(counts(&look_at(&CornerNormals::OfVertices(normals.clone()))), BTreeMap::new());
@@ -261,14 +254,7 @@ fn a_facet_normal_against_its_corners_is_bad_at_all_three() {
         bytes[at..at + 4].copy_from_slice(&(-x).to_le_bytes());
     }
     let read = meshmend::format::read(&bytes, &meshmend::format::Limits::default()).unwrap();
-    let subject = Subject {
-        soup: &read.soup,
-        normals: read.normals.as_ref(),
-        numbering: None,
-        materials: None,
-        is_indexed: false,
-        unit: None,
-    };
+    let subject = Subject { normals: read.normals.as_ref(), ..Subject::from(&read.soup) };
     let (inspection, found) = look(subject, &InspectOptions { level: Level::Basic, ..InspectOptions::default() });
     assert_eq!(counts(&found), [(K::BadVertexNormal, 3)].into());
     assert!(found.places(K::BadVertexNormal).iter().all(|bad| bad.faces == [17]));

@@ -5,6 +5,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use glam::DVec3;
+use meshmend::analyze::subject;
 use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{InspectOptions, inspect};
 use meshmend::mesh::{Soup, Surface};
@@ -382,11 +383,13 @@ proptest! {
         let cancel = AtomicBool::new(false);
         let clock = || Duration::ZERO;
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(600));
-        let look = |soup: &Soup, options: &InspectOptions| inspect(soup.into(), options, &context).unwrap().0;
-        let seen = look(&read(&a.bytes), &InspectOptions::default());
+        let look = |bytes: &[u8], options: &InspectOptions| {
+            inspect(subject(&format::read(bytes, &Limits::NONE).unwrap(), None), options, &context).unwrap().0
+        };
+        let seen = look(&a.bytes, &InspectOptions::default());
         prop_assert_eq!(Some(&seen), a.report.after.as_ref());
         let input = InspectOptions { walls_of_printable_only: true, ..InspectOptions::default() };
-        prop_assert_eq!(&look(&read(&format::write(&soup, Format::Stl).unwrap()), &input), &a.report.before);
+        prop_assert_eq!(&look(&format::write(&soup, Format::Stl).unwrap(), &input), &a.report.before);
         prop_assert_eq!(seen.measures.printable(), matches!(a.report.outcome, Outcome::Repaired | Outcome::AlreadyPrintable));
     }
 }

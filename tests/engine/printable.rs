@@ -23,6 +23,7 @@ fn inspected(bytes: &[u8]) -> Inspection {
         normals: mesh.normals.as_ref(),
         numbering: mesh.numbering.as_ref(),
         materials: mesh.materials.as_deref(),
+        stored_vertices: mesh.stored_vertices,
         is_indexed: mesh.format.is_indexed(),
         unit: Some(&unit),
     };

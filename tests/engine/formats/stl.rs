@@ -29,10 +29,10 @@ fn assert_tetrahedron(bytes: &[u8], dialect: &str) {
 }
 
 #[test]
-fn binary_stl_gives_three_positions_a_face() {
+fn a_reader_of_stl_joins_equal_positions_and_tells_how_many_the_file_has() {
     let mesh = read_all(&binary());
-    assert_eq!(mesh.soup.positions.len(), 12);
-    assert_eq!(mesh.soup.faces[3], [9, 10, 11]);
+    assert_eq!((mesh.soup.positions.len(), mesh.stored_vertices), (4, Some(12)));
+    assert_eq!(mesh.soup.faces[0], [0, 1, 2]);
     assert_tetrahedron(&binary(), "binary STL");
 }
 

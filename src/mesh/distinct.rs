@@ -1,0 +1,293 @@
+//! Numbers different positions in linear time for ordinary meshes, and in O(n log n) for positions crafted to collide in the
+//! hash table.
+
+use std::collections::BTreeMap;
+use std::marker::PhantomData;
+
+use glam::DVec3;
+
+/// An empty slot of the hash table.
+pub(super) const EMPTY: u32 = u32::MAX;
+/// Average number of slots that one lookup may probe. At a load of 3/4, linear probing visits 7.5 slots for an absent
+/// position and far fewer for a present one (Knuth, The Art of Computer Programming 3, 6.4).
+const PROBES_PER_LOOKUP: u64 = 24;
+/// Additional probes, so that a few clusters in a small mesh do not matter.
+const BASE_PROBES: u64 = 1 << 16;
+
+/// Faces whose vertices are looked up as a batch. Starting the lookups together overlaps their memory latency.
+pub(super) const BATCH: usize = 64;
+
+/// A key that is equal exactly for equal positions. Adding 0.0 turns -0.0 into 0.0.
+#[must_use]
+pub fn position_key(p: DVec3) -> [u64; 3] {
+    p.to_array().map(|x| (x + 0.0).to_bits())
+}
+
+/// When two positions are equal.
+pub(super) trait Equality: Send + Sync {
+    /// A key that is equal exactly for equal positions.
+    fn key(position: DVec3) -> [u64; 3];
+}
+
+/// Positions are equal if their coordinates are equal numbers: -0.0 equals 0.0.
+pub(super) struct Number;
+
+impl Equality for Number {
+    fn key(position: DVec3) -> [u64; 3] {
+        position_key(position)
+    }
+}
+
+/// Positions are equal if their coordinates have the same bits, so that a file keeps each of its coordinates.
+pub(super) struct Bits;
+
+impl Equality for Bits {
+    fn key(position: DVec3) -> [u64; 3] {
+        position.to_array().map(f64::to_bits)
+    }
+}
+
+/// Different positions, numbered in the order in which they were added.
+pub(super) struct Distinct<E> {
+    index: Index<E>,
+    positions: Vec<DVec3>,
+}
+
+impl<E: Equality> Distinct<E> {
+    /// An empty list, with room for about as many positions.
+    pub fn with_capacity_for(positions: usize) -> Self {
+        Self { index: Index::Hash(Table::with_capacity_for(positions)), positions: Vec::new() }
+    }
+
+    /// The position of each number.
+    pub fn into_positions(mut self) -> Vec<DVec3> {
+        self.positions.shrink_to_fit();
+        self.positions
+    }
+
+    /// Calls `take` with the number of each position, in order. Adds positions that are new.
+    pub fn number_all(&mut self, positions: impl Iterator<Item = DVec3>, mut take: impl FnMut(u32)) {
+        let mut batch = [DVec3::ZERO; 3 * BATCH];
+        let mut positions = positions.peekable();
+        while positions.peek().is_some() {
+            let mut count = 0;
+            for (slot, position) in batch.iter_mut().zip(&mut positions) {
+                *slot = position;
+                count += 1;
+            }
+            let batch = &batch[..count];
+            let mut guesses = [EMPTY; 3 * BATCH];
+            self.guess(batch.iter().copied(), &mut guesses);
+            for (&position, &guess) in batch.iter().zip(&guesses) {
+                take(self.number(position, guess).0);
+            }
+        }
+    }
+
+    /// Reads the first hash table slot of each position. A guess other than [`EMPTY`] is correct.
+    pub fn guess(&self, positions: impl Iterator<Item = DVec3> + Clone, guesses: &mut [u32]) {
+        let Index::Hash(table) = &self.index else { return guesses.fill(EMPTY) };
+        for (position, guess) in positions.clone().zip(&mut *guesses) {
+            *guess = table.slots[table.first_slot(position)];
+        }
+        for (position, guess) in positions.zip(guesses) {
+            if !self.positions.get(*guess as usize).is_some_and(|known| E::key(*known) == E::key(position)) {
+                *guess = EMPTY;
+            }
+        }
+    }
+
+    /// The number of a position, and whether it is new.
+    pub fn number(&mut self, position: DVec3, guess: u32) -> (u32, bool) {
+        let found = if guess == EMPTY { self.index.find_or_add(position, &self.positions) } else { (guess, false) };
+        if found.1 {
+            self.positions.push(position);
+        }
+        found
+    }
+}
+
+/// Whether no two positions are equal. O(n).
+pub fn are_distinct(positions: impl Iterator<Item = DVec3>) -> bool {
+    let (mut distinct, mut next, mut is_distinct) =
+        (Distinct::<Number>::with_capacity_for(positions.size_hint().0), 0u32, true);
+    distinct.number_all(positions, |number| {
+        is_distinct &= number == next;
+        next = next.wrapping_add(1);
+    });
+    is_distinct
+}
+
+/// Maps known positions to numbers. The hash function is fixed, so a crafted file can make all positions collide. If
+/// lookups take more probes than chance explains, a tree replaces the table: O(log n) in every case.
+enum Index<E> {
+    Hash(Table<E>),
+    Tree(BTreeMap<[u64; 3], u32>),
+}
+
+impl<E: Equality> Index<E> {
+    /// The number of a position, and whether it is new; new positions get the next number. `known` has the position of
+    /// each number.
+    fn find_or_add(&mut self, position: DVec3, known: &[DVec3]) -> (u32, bool) {
+        #[expect(clippy::cast_possible_truncation, reason = "no more than there were indices")]
+        let next = known.len() as u32;
+        if let Self::Hash(table) = self {
+            if let Some(found) = table.find_or_add(position, known, next) {
+                return (found, found == next);
+            }
+            *self = Self::Tree(known.iter().map(|&p| E::key(p)).zip(0..).collect());
+        }
+        let Self::Tree(tree) = self else { unreachable!("the table was replaced") };
+        let found = *tree.entry(E::key(position)).or_insert(next);
+        (found, found == next)
+    }
+}
+
+/// A hash table of position numbers with open addressing and linear probing; the positions themselves are the keys.
+struct Table<E> {
+    slots: Vec<u32>,
+    /// Right shift of a hash that leaves as many high bits as a slot index has.
+    shift: u32,
+    used: usize,
+    /// Remaining probes, see [`PROBES_PER_LOOKUP`].
+    probes_left: u64,
+    equality: PhantomData<E>,
+}
+
+impl<E: Equality> Table<E> {
+    fn with_capacity_for(positions: usize) -> Self {
+        let bits = positions.next_power_of_two().trailing_zeros().max(4);
+        Self {
+            slots: vec![EMPTY; 1 << bits],
+            shift: 64 - bits,
+            used: 0,
+            probes_left: BASE_PROBES,
+            equality: PhantomData,
+        }
+    }
+
+    /// None if the probes run out; the table is then unchanged.
+    fn find_or_add(&mut self, position: DVec3, known: &[DVec3], next: u32) -> Option<u32> {
+        if self.used * 4 >= self.slots.len() * 3 {
+            self.grow(known)?;
+        }
+        self.probes_left += PROBES_PER_LOOKUP;
+        let mut at = self.first_slot(position);
+        loop {
+            let found = self.slots[at];
+            if found == EMPTY {
+                self.slots[at] = next;
+                self.used += 1;
+                return Some(next);
+            }
+            if E::key(known[found as usize]) == E::key(position) {
+                return Some(found);
+            }
+            at = self.next_slot(at)?;
+        }
+    }
+
+    fn grow(&mut self, known: &[DVec3]) -> Option<()> {
+        self.shift -= 1;
+        let slots = self.slots.len() * 2;
+        // Frees the old table before allocating the new one, so that they are never in memory together.
+        self.slots = Vec::new();
+        self.slots = vec![EMPTY; slots];
+        self.probes_left += PROBES_PER_LOOKUP * known.len() as u64;
+        for (&position, number) in known.iter().zip(0u32..) {
+            let mut at = self.first_slot(position);
+            while self.slots[at] != EMPTY {
+                at = self.next_slot(at)?;
+            }
+            self.slots[at] = number;
+        }
+        Some(())
+    }
+
+    fn first_slot(&self, position: DVec3) -> usize {
+        #[expect(clippy::cast_possible_truncation, reason = "as many bits as the table has")]
+        {
+            (hash(E::key(position)) >> self.shift) as usize
+        }
+    }
+
+    fn next_slot(&mut self, at: usize) -> Option<usize> {
+        self.probes_left = self.probes_left.checked_sub(1)?;
+        Some((at + 1) & (self.slots.len() - 1))
+    }
+}
+
+/// Folded multiplication of each coordinate (as in wyhash, Wang Yi 2019); the constants are digits of pi.
+fn hash([x, y, z]: [u64; 3]) -> u64 {
+    let fold = |a: u64, b: u64| {
+        let product = u128::from(a) * u128::from(b);
+        #[expect(clippy::cast_possible_truncation, reason = "two halves of a product")]
+        {
+            (product as u64) ^ ((product >> 64) as u64)
+        }
+    };
+    let h = fold(x ^ 0x243f_6a88_85a3_08d3, 0x1319_8a2e_0370_7345);
+    let h = fold(h ^ y, 0xa409_3822_299f_31d1);
+    fold(h ^ z, 0x082e_fa98_ec4e_6c89)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbered(distinct: &mut Distinct<impl Equality>, given: &[DVec3]) -> Vec<u32> {
+        let mut numbers = Vec::new();
+        distinct.number_all(given.iter().copied(), |number| numbers.push(number));
+        numbers
+    }
+
+    /// Positions on a small grid, so that many are equal.
+    fn crowded(count: u32) -> Vec<DVec3> {
+        let number = |i: u32| f64::from(i.wrapping_mul(2_654_435_761) >> 22);
+        (0..count).map(|i| DVec3::new(number(i) % 9.0, number(i + 7) % 9.0, number(i + 13) % 9.0)).collect()
+    }
+
+    /// The numbers of positions, and whether the tree replaced the table.
+    fn numbers(given: &[DVec3], slots: usize) -> (Vec<u32>, bool) {
+        let mut distinct = Distinct::<Number>::with_capacity_for(slots);
+        let found = numbered(&mut distinct, given);
+        (found, matches!(distinct.index, Index::Tree(_)))
+    }
+
+    #[test]
+    fn minus_zero_is_zero_as_a_number_and_not_by_its_bits() {
+        let given = [DVec3::ZERO, DVec3::new(-0.0, 0.0, 0.0), DVec3::ZERO];
+        assert_eq!(numbered(&mut Distinct::<Number>::with_capacity_for(3), &given), [0, 0, 0]);
+        assert_eq!(numbered(&mut Distinct::<Bits>::with_capacity_for(3), &given), [0, 1, 0]);
+    }
+
+    #[test]
+    fn numbers_agree_with_comparing_each_position_with_all_before() {
+        let given = crowded(2001);
+        let mut known: Vec<DVec3> = Vec::new();
+        let slow: Vec<u32> = given
+            .iter()
+            .map(|p| {
+                let found = known.iter().position(|k| k == p).unwrap_or(known.len());
+                if found == known.len() {
+                    known.push(*p);
+                }
+                u32::try_from(found).unwrap()
+            })
+            .collect();
+        assert_eq!(numbers(&given, given.len()), (slow.clone(), false));
+        assert_eq!(numbers(&given, 1), (slow, false), "grown from the least table");
+    }
+
+    #[test]
+    fn positions_crafted_to_collide_are_welded_by_the_tree_correctly() {
+        // The hashes of these positions share their ten highest bits, which select the slot.
+        let hostile =
+            (0u32..).map(|i| DVec3::new(f64::from(i), 0.5, 0.25)).filter(|&p| hash(position_key(p)) >> 54 == 0);
+        let mut given: Vec<DVec3> = hostile.take(3000).collect();
+        given.extend_from_within(..);
+        let (attacked, by_tree) = numbers(&given, given.len() / 4);
+        assert!(by_tree, "the probes should have been spent");
+        assert!(attacked.into_iter().eq((0..3000).chain(0..3000)));
+    }
+}
