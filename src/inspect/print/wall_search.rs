@@ -8,6 +8,9 @@ use crate::inspect::Analysis;
 use crate::inspect::sampling::{QUERY_BUDGET_DIVISOR, Sample, SpreadOrder, run_each, samples};
 use crate::math::Box3;
 
+/// Height, on the unit scale, of the thinnest face with a reliable normal: f32 has 24 bits, and the largest coordinate is
+/// at most 2.
+const RELIABLE_HEIGHT: f64 = 4.8e-7;
 /// Number of regions along the longest side of the bounding box. Each region keeps its thinnest wall.
 const REGIONS: f64 = 16.0;
 /// Limits of thin walls: a fraction of the diagonal, or a multiple of the thinnest wall, whichever is larger.
@@ -244,10 +247,13 @@ impl<'a> WallSearch<'a> {
         Some(Wall { thickness, point: sample.point, faces: [sample.face, face] })
     }
 
-    /// A sample at the centre of a face; `None` if the face has no area.
+    /// A sample at the centre of a face; `None` if the face is so thin that rounding to f32 decides its normal.
     fn centre(&self, face: u32) -> Option<Sample> {
+        let [a, b, c] = self.analysis.unit_corners(face);
+        let longest = [b - a, c - b, a - c].into_iter().map(DVec3::length).fold(0.0, f64::max);
+        let is_reliable = self.analysis.unit_area_vector(face).length() > RELIABLE_HEIGHT * longest;
         let normal = self.analysis.unit_normal(face);
-        (normal != DVec3::ZERO).then(|| Sample { face, point: self.analysis.unit_centre(face), normal })
+        (is_reliable && normal != DVec3::ZERO).then(|| Sample { face, point: self.analysis.unit_centre(face), normal })
     }
 
     /// Thickness from which a wall at a point is irrelevant.
