@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::math::threads;
+
 /// Relative error of values from coordinates rounded to f32. A range up to this width is one bin, and a value this
 /// little below a bin edge belongs to the bin above.
 const ROUNDING: f64 = 1e-6;
@@ -73,7 +75,7 @@ impl Distribution {
     /// Describes values, which must be finite and not negative. Returns `None` if there are no values.
     #[must_use]
     pub fn of(mut values: Vec<f64>, bins: Bins) -> Option<Self> {
-        values.sort_unstable_by(f64::total_cmp);
+        threads::sort_by(&mut values, &f64::total_cmp);
         let (&min, &max) = (values.first()?, values.last()?);
         let mean = mean_of(values.iter().copied(), max, values.len()).clamp(min, max);
         // Squares of fractions of the maximum cannot overflow.

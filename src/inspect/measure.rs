@@ -8,7 +8,7 @@ use super::intersections::materials_in;
 use super::{Analysis, BoundingBox, Measures, Subject, Volume, finite, group_faces, nesting_depths};
 use crate::context::{Cancelled, Context};
 use crate::math::threads;
-use crate::mesh::{Edges, Soup, Surface, count_boundary_chains, weld_exactly};
+use crate::mesh::{Edges, Soup, Surface, are_distinct, count_boundary_chains, weld_exactly};
 use crate::scene::{Unit, UnitSource};
 
 /// trimesh merges vertices whose positions agree when multiplied by this factor and rounded; its `tol.merge` is 1e-8.
@@ -72,12 +72,16 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     counts.non_manifold_vertices = fans.non_manifold_vertices;
     counts.boundary_loops = count_boundary_chains(edges, fans);
     let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
-    let count_degenerate =
-        || (0u32..).take(surface.faces.len()).filter(|&f| analysis.is_without_area(f)).count() as u64;
-    (counts.degenerate_faces, counts.duplicate_faces) =
-        threads::join(surface.faces.len(), count_degenerate, count_duplicate);
-    counts.unshared_edges = unshared_edges(analysis).count() as u64;
-    counts.near_coincident_defects = near_coincident_defects(analysis);
+    let count_degenerate = || {
+        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+        let is_degenerate = |&f: &usize| analysis.is_without_area(f as u32);
+        let counts = threads::map_chunks(surface.faces.len(), |range| range.filter(is_degenerate).count() as u64);
+        counts.iter().sum()
+    };
+    let count_in_faces = || threads::join(surface.faces.len(), count_degenerate, count_duplicate);
+    let count_for_readers = || (unshared_edges(analysis).count() as u64, near_coincident_defects(analysis));
+    ((counts.degenerate_faces, counts.duplicate_faces), (counts.unshared_edges, counts.near_coincident_defects)) =
+        threads::join(surface.faces.len(), count_in_faces, count_for_readers);
     context.check()?;
     let mut balanced = true;
     counts.consistent = true;
@@ -149,6 +153,12 @@ impl Decimals {
         DVec3::from_array((p * self.scale).to_array().map(f64::round_ties_even))
     }
 
+    /// Whether all positions have different places on the grid. O(n).
+    #[must_use]
+    pub fn tell_apart(self, positions: &[DVec3]) -> bool {
+        are_distinct(positions.iter().map(|&p| self.round(p)))
+    }
+
     /// The length of `count` grid steps, in the model's unit.
     #[must_use]
     pub fn steps(self, count: f64) -> f64 {
@@ -161,6 +171,9 @@ impl Decimals {
 #[must_use]
 pub fn joined_by_decimals(surface: &Surface) -> Option<Surface> {
     let decimals = Decimals::of(surface)?;
+    if decimals.tell_apart(&surface.positions) {
+        return None;
+    }
     let positions: Vec<DVec3> = surface.positions.iter().map(|&p| decimals.round(p)).collect();
     if !positions.iter().all(|p| p.is_finite()) {
         return None;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::Analysis;
 use super::analysis::Pair;
 use crate::context::{Cancelled, Context};
-use crate::math::{Dipoles, hit, r2, ray_direction};
+use crate::math::{Dipoles, hit, r2, ray_direction, threads};
 
 /// Divisor of the budget for a single query: no query may use more than a sixteenth of the budget.
 pub(super) const QUERY_BUDGET_DIVISOR: u64 = 16;
@@ -186,15 +186,17 @@ pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
 /// constant multiple of a face's area. Empty if the area is 0.
 pub(super) fn spread_by_area(
     analysis: &Analysis<'_>,
-    faces: impl Iterator<Item = u32> + Clone,
+    faces: impl Iterator<Item = u32>,
     count: u32,
-    area: impl Fn(u32) -> f64,
+    area: impl Fn(u32) -> f64 + Sync,
 ) -> Vec<(u32, DVec3)> {
-    let total: f64 = faces.clone().map(&area).sum();
+    let listed: Vec<u32> = faces.collect();
+    let areas = threads::map_cheap(listed.len(), |at| area(listed[at]));
+    let total: f64 = areas.iter().sum();
     let mut points = Vec::with_capacity(count as usize);
     let (mut passed, mut number) = (0.0, 0);
-    for face in faces {
-        passed += area(face);
+    for (&face, area) in listed.iter().zip(areas) {
+        passed += area;
         while number < count && (f64::from(number) + 0.5) / f64::from(count) * total < passed {
             let [u, v] = r2(f64::from(number));
             let (u, [a, b, c]) = (u.sqrt(), analysis.unit_corners(face));

@@ -7,10 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{Analysis, Attributes, Bins, Distribution, OrientationCounts, Unmeasurable};
 use crate::context::{Cancelled, Context};
-use crate::math::{Sign, collinear, orient3d};
+use crate::math::{Sign, collinear, orient3d, threads};
 
-/// Number of elements between two cancellation checks.
-const STRIDE: usize = 1 << 16;
 /// Number of bins for edge angles. An odd number puts flat edges, the most frequent ones, in the middle of a bin. At
 /// a bin edge, rounding would scatter them over two bins.
 const ANGLE_BINS: usize = 17;
@@ -83,15 +81,18 @@ pub fn statistics(
     context: &Context<'_>,
 ) -> Result<Statistics, Cancelled> {
     let length = analysis.unit_length();
-    let (areas, ratios) = face_values(analysis, context)?;
-    let faces_without_aspect_ratio = (areas.len() - ratios.len()) as u64;
-    let face_area = Distribution::of(areas, Bins::ByRange).map(|values| values.in_unit(length, 2));
+    let by_range = |values| Distribution::of(values, Bins::ByRange);
+    let of_faces = || {
+        let (areas, ratios) = face_values(analysis);
+        let without_ratio = (areas.len() - ratios.len()) as u64;
+        (by_range(areas).map(|values| values.in_unit(length, 2)), by_range(ratios), without_ratio)
+    };
+    let of_edges = || by_range(edge_lengths(analysis)).map(|values| values.in_unit(length, 1));
+    let ((face_area, face_aspect_ratio, faces_without_aspect_ratio), edge_length) =
+        threads::join(analysis.surface.faces.len(), of_faces, of_edges);
     context.check()?;
-    let face_aspect_ratio = Distribution::of(ratios, Bins::ByRange);
+    let edge_angle = edge_angles(analysis, attributes, orientation);
     context.check()?;
-    let edge_length = Distribution::of(edge_lengths(analysis), Bins::ByRange).map(|values| values.in_unit(length, 1));
-    context.check()?;
-    let edge_angle = edge_angles(analysis, attributes, orientation, context)?;
     Ok(Statistics { face_area, face_aspect_ratio, faces_without_aspect_ratio, edge_length, edge_angle })
 }
 
@@ -106,19 +107,13 @@ pub fn aspect_ratio(analysis: &Analysis<'_>, face: u32) -> Option<f64> {
 }
 
 /// Area of each face, and aspect ratio of each face that has one.
-fn face_values(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<(Vec<f64>, Vec<f64>), Cancelled> {
-    let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
-    let mut areas = Vec::with_capacity(faces.len());
-    let mut ratios = Vec::with_capacity(faces.len());
-    for chunk in faces.chunks(STRIDE) {
-        context.check()?;
-        for face in chunk {
-            let shape = Shape::of(face.map(|v| unit[v as usize]));
-            areas.push(shape.area);
-            ratios.extend(shape.aspect_ratio);
-        }
-    }
-    Ok((areas, ratios))
+fn face_values(analysis: &Analysis<'_>) -> (Vec<f64>, Vec<f64>) {
+    let unit = analysis.unit();
+    let shapes = threads::map_cheap(analysis.surface.faces.len(), |face| {
+        let Shape { area, aspect_ratio, .. } = Shape::of(analysis.surface.faces[face].map(|v| unit[v as usize]));
+        (area, aspect_ratio)
+    });
+    (shapes.iter().map(|&(area, _)| area).collect(), shapes.iter().filter_map(|&(_, ratio)| ratio).collect())
 }
 
 fn edge_lengths(analysis: &Analysis<'_>) -> Vec<f64> {
@@ -128,46 +123,52 @@ fn edge_lengths(analysis: &Analysis<'_>) -> Vec<f64> {
         let size = power_of_two(along.abs().max_element());
         (along / size).length() * size
     };
-    (0..analysis.edges.len()).map(|e| between(analysis.edges.vertices(e))).collect()
+    threads::map_cheap(analysis.edges.len(), |e| between(analysis.edges.vertices(e)))
 }
 
-fn edge_angles(
-    analysis: &Analysis<'_>,
-    attributes: &Attributes,
-    orientation: &OrientationCounts,
-    context: &Context<'_>,
-) -> Result<EdgeAngles, Cancelled> {
+fn edge_angles(analysis: &Analysis<'_>, attributes: &Attributes, orientation: &OrientationCounts) -> EdgeAngles {
     let mut result =
         EdgeAngles { distribution: None, not_measurable: None, side: Side::of(orientation), edges_without_angle: 0 };
     if let Some(reason) = attributes.reason_not_oriented() {
         result.not_measurable = Some(reason);
-        return Ok(result);
+        return result;
     }
     let (unit, faces, edges) = (analysis.unit(), &analysis.surface.faces, &analysis.edges);
+    let corners = |face: usize| faces[face].map(|v| unit[v as usize]);
+    // Each face has three edges, so its normal is computed once, before.
+    let normals = threads::map_cheap(faces.len(), |face| Shape::of(corners(face)).normal.unwrap_or(DVec3::ZERO));
+    let measured = threads::map_chunks(edges.len(), |range| {
+        let (mut angles, mut without_angle) = (Vec::with_capacity(range.len()), 0);
+        for e in range {
+            let &[h, g] = edges.half_edges(e) else { continue };
+            let (face, other) = (h as usize / 3, g as usize / 3);
+            let [low, high] = edges.vertices(e);
+            let opposite = faces[other].iter().find(|&&v| v != low && v != high);
+            match opposite.and_then(|&v| angle(corners(face), [normals[face], normals[other]], unit[v as usize])) {
+                Some(angle) => angles.push(angle),
+                None => without_angle += 1,
+            }
+        }
+        (angles, without_angle)
+    });
     let mut angles = Vec::with_capacity(edges.len());
-    for (e, half_edges) in edges.iter().enumerate() {
-        if e % STRIDE == 0 {
-            context.check()?;
-        }
-        let &[h, g] = half_edges else { continue };
-        let corners = |h: u32| faces[h as usize / 3].map(|v| unit[v as usize]);
-        let [low, high] = edges.vertices(e);
-        let opposite = faces[g as usize / 3].iter().find(|&&v| v != low && v != high);
-        let angle = opposite.and_then(|&v| angle(corners(h), corners(g), unit[v as usize]));
-        match angle {
-            Some(angle) => angles.push(angle),
-            None => result.edges_without_angle += 1,
-        }
+    for (of_chunk, without_angle) in measured {
+        angles.extend(of_chunk);
+        result.edges_without_angle += without_angle;
     }
     result.distribution = Distribution::of(angles, Bins::Between(0.0, TAU, ANGLE_BINS));
     result.not_measurable = result.distribution.is_none().then_some(Unmeasurable::NoElement);
-    Ok(result)
+    result
 }
 
-/// Dihedral angle of two faces that share an edge; `opposite` is the second face's corner opposite the edge. `None`
-/// if a face is degenerate. An exact predicate decides between convex and concave.
-fn angle(first: [DVec3; 3], second: [DVec3; 3], opposite: DVec3) -> Option<f64> {
-    let (n, m) = (Shape::of(first).normal?, Shape::of(second).normal?);
+/// Dihedral angle of two faces that share an edge, of which one has the corners `first`. `normals` are theirs, and
+/// `opposite` is the other face's corner opposite the edge. `None` if a face is degenerate and has no normal. An exact
+/// predicate decides between convex and concave.
+fn angle(first: [DVec3; 3], normals: [DVec3; 2], opposite: DVec3) -> Option<f64> {
+    if normals.contains(&DVec3::ZERO) {
+        return None;
+    }
+    let [n, m] = normals;
     let bend = n.cross(m).length().atan2(n.dot(m));
     let [a, b, c] = first;
     Some(match orient3d(a, b, c, opposite) {

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
+use crate::math::threads;
 use crate::mesh::{Edges, Surface, UnionFind};
 
 /// Faces are coplanar if the cosine between their normals is at least 1 minus this: 45 microradians.
@@ -46,8 +47,7 @@ struct Plane {
 /// Finds the sizes that a designer chose. Organic and scanned models have few or none. O(n log n) in the number of faces.
 #[must_use]
 pub fn designed_sizes(surface: &Surface, edges: &Edges) -> DesignedSizes {
-    let areas: Vec<DVec3> = (0..surface.faces.len()).map(|face| surface.area_vector(face)).collect();
-    let normals: Vec<DVec3> = areas.iter().map(|area| area.normalize_or_zero()).collect();
+    let normals = threads::map_cheap(surface.faces.len(), |face| surface.area_vector(face).normalize_or_zero());
     let mut sets = UnionFind::new(surface.faces.len());
     for of_edge in edges.iter() {
         if let &[a, b] = of_edge
@@ -56,19 +56,20 @@ pub fn designed_sizes(surface: &Surface, edges: &Edges) -> DesignedSizes {
             sets.unite(a / 3, b / 3);
         }
     }
+    drop(normals);
     let patch_of = sets.into_roots();
-    let total: f64 = areas.iter().map(|area| area.length()).sum();
-    let planes = large_planes(surface, &areas, &patch_of, total);
+    let total: f64 = (0..surface.faces.len()).map(|face| surface.area_vector(face).length()).sum();
+    let planes = large_planes(surface, &patch_of, total);
     let mut sizes = DesignedSizes { lengths: distances(surface, &planes, total), holes: Vec::new() };
     add_circles(surface, edges, (&planes, &patch_of), &mut sizes);
     sizes
 }
 
 /// The flat patches with enough area, the largest first.
-fn large_planes(surface: &Surface, areas: &[DVec3], patch_of: &[u32], total: f64) -> Vec<Plane> {
+fn large_planes(surface: &Surface, patch_of: &[u32], total: f64) -> Vec<Plane> {
     let mut sums: FxHashMap<u32, DVec3> = FxHashMap::default();
-    for (area, patch) in areas.iter().zip(patch_of) {
-        *sums.entry(*patch).or_default() += *area;
+    for (face, patch) in patch_of.iter().enumerate() {
+        *sums.entry(*patch).or_default() += surface.area_vector(face);
     }
     let least = PLANE_SHARE * total;
     let mut planes: Vec<Plane> = sums

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use super::super::{DefectKind, group_faces};
+use super::super::{Analysis, DefectKind, group_faces};
 use super::chains::chains;
 use super::scan::{Location, ROUNDING, Scan};
 use crate::context::Cancelled;
-use crate::math::collinear;
+use crate::math::{collinear, threads};
 use crate::mesh::{CornerNormals, Edges};
 
 /// Cosine of the angle from which a normal opposes a face. Slightly more than a right angle, since files round
@@ -40,12 +40,42 @@ pub(super) fn find_corrupt(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
 ///
 /// Exact predicates decide whether a height or length is 0, whatever the tolerance; only then the value is 0.
 pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled> {
-    let faces = &scan.analysis.surface.faces;
-    let tolerance = scan.lengths.degenerate;
+    scan.context().check()?;
+    let (analysis, tolerance) = (scan.analysis, scan.lengths.degenerate);
+    let faces = &analysis.surface.faces;
+    let thin = threads::map_chunks(faces.len(), |range| {
+        range.filter_map(|face| Some((face, ThinFace::of(analysis, face, tolerance)?))).collect::<Vec<_>>()
+    });
     let mut flat = vec![false; faces.len()];
-    for (&[u, v, w], f) in faces.iter().zip(0u32..) {
-        scan.step(f as usize)?;
-        let [a, b, c] = scan.analysis.unit_corners(f);
+    for (face, ThinFace { edge, height }) in thin.into_iter().flatten() {
+        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+        let f = face as u32;
+        let value = |length: f64| if length == 0.0 { 0.0 } else { scan.in_model_unit_above_zero(length) };
+        let (edge, height) = (edge.map(value), height.map(value));
+        if edge.is_some() {
+            scan.report(DefectKind::DegenerateFace, scan.middle(f), [f], edge);
+        }
+        if height.is_some() {
+            flat[face] = true;
+            scan.report(DefectKind::FlatFace, scan.middle(f), [f], height);
+        }
+    }
+    Ok(flat)
+}
+
+/// A face with an edge or a height below the tolerance. Lengths are on the unit scale, and 0 only if exact predicates
+/// decide so.
+struct ThinFace {
+    /// The shortest edge, if it is below the tolerance.
+    edge: Option<f64>,
+    /// The height, if it is below the tolerance.
+    height: Option<f64>,
+}
+
+impl ThinFace {
+    fn of(analysis: &Analysis<'_>, face: usize, tolerance: f64) -> Option<Self> {
+        let [u, v, w] = analysis.surface.faces[face];
+        let [a, b, c] = [u, v, w].map(|v| analysis.unit()[v as usize]);
         let sides = [(a, b), (b, c), (c, a)].map(|(p, q)| p.distance_squared(q));
         let longest = sides.into_iter().fold(0.0, f64::max).sqrt();
         let shortest = sides.into_iter().fold(f64::INFINITY, f64::min).sqrt();
@@ -53,17 +83,13 @@ pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled>
         // Vertices have distinct positions, so only a repeated vertex makes an edge of zero length.
         let repeated = u == v || v == w || w == u;
         let on_line = repeated || (height <= ROUNDING && collinear(a, b, c));
-        if repeated || shortest < tolerance {
-            let value = if repeated { 0.0 } else { scan.in_model_unit_above_zero(shortest) };
-            scan.report(DefectKind::DegenerateFace, scan.middle(f), [f], Some(value));
-        }
-        if on_line || height < tolerance {
-            flat[f as usize] = true;
-            let value = if on_line { 0.0 } else { scan.in_model_unit_above_zero(height) };
-            scan.report(DefectKind::FlatFace, scan.middle(f), [f], Some(value));
-        }
+        let exact = |is_zero: bool, length: f64| if is_zero { 0.0 } else { length.max(f64::MIN_POSITIVE) };
+        let found = Self {
+            edge: (repeated || shortest < tolerance).then(|| exact(repeated, shortest)),
+            height: (on_line || height < tolerance).then(|| exact(on_line, height)),
+        };
+        (found.edge.is_some() || found.height.is_some()).then_some(found)
     }
-    Ok(flat)
 }
 
 /// Finds faces with the same three vertices. In each group, faces with the majority's winding, other than the first,

@@ -2,11 +2,12 @@
 
 use std::collections::VecDeque;
 
-use super::super::DefectKind;
+use super::super::options::ToleranceLengths;
+use super::super::{Analysis, DefectKind};
 use super::chains::chains;
 use super::scan::{Location, Scan};
 use crate::context::Cancelled;
-use crate::math::{Sign, orient3d};
+use crate::math::{Sign, orient3d, threads};
 use crate::mesh::{Edges, UnionFind};
 
 /// Angles in radians below this may result from rounding alone.
@@ -83,21 +84,37 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Res
 
 /// The folds with their edge indices, in order of the edges.
 fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(usize, Fold)>, Cancelled> {
-    let (faces, unit) = (&scan.analysis.surface.faces, scan.unit);
-    let mut folds = Vec::new();
-    for (e, half_edges) in scan.analysis.edges.iter().enumerate() {
-        scan.step(e)?;
-        let &[x, y] = half_edges else { continue };
+    scan.context().check()?;
+    let search = FoldSearch { analysis: scan.analysis, lengths: &scan.lengths, ignored: [flat, skip] };
+    let found = threads::map_chunks(scan.analysis.edges.len(), |range| {
+        range.filter_map(|e| Some((e, search.fold_at(e)?))).collect::<Vec<_>>()
+    });
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// The search for folds, for several threads.
+struct FoldSearch<'a, 'm> {
+    analysis: &'a Analysis<'m>,
+    lengths: &'a ToleranceLengths,
+    /// Marks of faces that form no folds.
+    ignored: [&'a [bool]; 2],
+}
+
+impl FoldSearch<'_, '_> {
+    /// The fold at an edge, if there is one.
+    fn fold_at(&self, edge: usize) -> Option<Fold> {
+        let (faces, unit) = (&self.analysis.surface.faces, self.analysis.unit());
+        let &[x, y] = self.analysis.edges.half_edges(edge) else { return None };
         let sides = [x / 3, y / 3];
         if Edges::is_forward(faces, x) == Edges::is_forward(faces, y)
-            || sides.iter().any(|&f| flat[f as usize] || skip[f as usize])
+            || sides.iter().any(|&f| self.ignored.iter().any(|ignored| ignored[f as usize]))
         {
-            continue;
+            return None;
         }
-        let ends = scan.analysis.edges.vertices(e);
+        let ends = self.analysis.edges.vertices(edge);
         let apex = |h: u32| faces[h as usize / 3][(h as usize % 3 + 2) % 3];
         if apex(x) == apex(y) {
-            continue;
+            return None;
         }
         let [a, b] = ends.map(|v| unit[v as usize]);
         let along = (b - a).normalize_or_zero();
@@ -107,7 +124,7 @@ fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(
             to - along * to.dot(along)
         });
         if p.dot(q) <= 0.0 {
-            continue;
+            return None;
         }
         let measured = p.cross(q).length().atan2(p.dot(q));
         // An exact predicate decides a fold of height 0, so that a tolerance of 0 finds it and rounding adds no
@@ -116,11 +133,9 @@ fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(
         let in_plane = measured <= ROUNDING && orient3d(a, b, apex_x, apex_y) == Sign::Zero;
         let angle = if in_plane { 0.0 } else { measured };
         let height = p.length().min(q.length()) * angle.sin();
-        if angle <= scan.lengths.foldover_angle && height <= scan.lengths.foldover_height {
-            folds.push((e, Fold { ends, faces: sides, height }));
-        }
+        let is_fold = angle <= self.lengths.foldover_angle && height <= self.lengths.foldover_height;
+        is_fold.then_some(Fold { ends, faces: sides, height })
     }
-    Ok(folds)
 }
 
 /// Regions at an odd number of folds from the largest region connected with them, given as set roots in ascending

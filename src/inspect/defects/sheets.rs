@@ -1,5 +1,7 @@
 //! Search for sheets: zero-thickness surface whose two sides coincide.
 
+use glam::DVec3;
+
 use super::super::{Analysis, DefectKind, Level};
 use super::parts::report_parts;
 use super::scan::{ROUNDING, Scan};
@@ -65,8 +67,15 @@ fn search(
     pairs: &mut Vec<(u32, u32, f64)>,
 ) -> Result<(), Cancelled> {
     let analysis = scan.analysis;
-    let search = SheetSearch { analysis, tree: analysis.tree(), skip, tolerance: scan.lengths.sheet.max(ROUNDING) };
-    let remaining: Vec<u32> = (0u32..).zip(known).filter(|&(_, &known)| !known).map(|(f, _)| f).collect();
+    let (tree, tolerance) = (analysis.tree(), scan.lengths.sheet.max(ROUNDING));
+    let search = SheetSearch { analysis, tree, skip, tolerance };
+    let normal = |face: u32| if skip[face as usize] { DVec3::ZERO } else { analysis.unit_normal(face) };
+    let may_have_partner = tree.opposite_faces(-OPPOSITE, normal).may_be_near(tolerance, known.len());
+    let remaining: Vec<u32> = (0u32..)
+        .zip(known.iter().zip(may_have_partner))
+        .filter(|&(_, (&known, may_have_partner))| !known && may_have_partner)
+        .map(|(f, _)| f)
+        .collect();
     let mut gave_up = false;
     // The budget is distributed batch by batch, so that the result does not depend on the number of threads.
     let mut budget = BUDGET + BUDGET_PER_FACE * remaining.len() as u64;

@@ -8,7 +8,7 @@ use super::face_pairs::Pairing;
 use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
 use crate::inspect::group_faces;
-use crate::math::{collinear, to_unit_range};
+use crate::math::{collinear, threads, to_unit_range};
 use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
 use crate::repair::{Cancelled, Change, Context, Options, WallThickening};
@@ -168,13 +168,19 @@ impl Counts {
             counts.0[counter as usize] += 1;
         }
         let unit = to_unit_range(&surface.positions);
-        let is_degenerate = |face: &&[u32; 3]| {
-            let [a, b, c] = face.map(|v| unit[v as usize]);
+        let is_degenerate = |&face: &usize| {
+            let [a, b, c] = faces[face].map(|v| unit[v as usize]);
             collinear(a, b, c)
         };
-        counts.0[Counter::PinchedVertices as usize] = Fans::new(surface, &edges).non_manifold_vertices;
-        counts.0[Counter::DegenerateFaces as usize] = faces.iter().filter(is_degenerate).count() as u64;
-        counts.0[Counter::DuplicateFaces as usize] = (faces.len() - group_faces(faces).len()) as u64;
+        let of_faces = || {
+            let degenerate = threads::map_chunks(faces.len(), |range| range.filter(is_degenerate).count() as u64);
+            (degenerate.iter().sum(), (faces.len() - group_faces(faces).len()) as u64)
+        };
+        let pinched = || Fans::new(surface, &edges).non_manifold_vertices;
+        let (pinched, (degenerate, duplicate)) = threads::join(faces.len(), pinched, of_faces);
+        counts.0[Counter::PinchedVertices as usize] = pinched;
+        counts.0[Counter::DegenerateFaces as usize] = degenerate;
+        counts.0[Counter::DuplicateFaces as usize] = duplicate;
         counts
     }
 

@@ -118,7 +118,9 @@ pub(super) fn distinguish_vertices(
     is_free: impl Fn(DVec3) -> bool,
     context: &Context<'_>,
 ) -> Result<u64, Cancelled> {
-    let Some(decimals) = Decimals::of(surface) else { return Ok(0) };
+    let Some(decimals) = Decimals::of(surface).filter(|decimals| !decimals.tell_apart(&surface.positions)) else {
+        return Ok(0);
+    };
     let mut groups: FxHashMap<[u64; 3], SmallVec<[u32; 2]>> = FxHashMap::default();
     for (v, &p) in (0u32..).zip(&surface.positions) {
         groups.entry(position_key(decimals.round(p))).or_default().push(v);
