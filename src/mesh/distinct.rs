@@ -6,6 +6,8 @@ use std::marker::PhantomData;
 
 use glam::DVec3;
 
+use crate::math::threads;
+
 /// An empty slot of the hash table.
 pub(super) const EMPTY: u32 = u32::MAX;
 /// Average number of slots that one lookup may probe. At a load of 3/4, linear probing visits 7.5 slots for an absent
@@ -16,6 +18,9 @@ const BASE_PROBES: u64 = 1 << 16;
 
 /// Faces whose vertices are looked up as a batch. Starting the lookups together overlaps their memory latency.
 pub(super) const BATCH: usize = 64;
+
+/// Number of parts into which [`first_equal`] divides positions by their hashes.
+const SHARDS: usize = 16;
 
 /// A key that is equal exactly for equal positions. Adding 0.0 turns -0.0 into 0.0.
 #[must_use]
@@ -116,6 +121,41 @@ pub fn are_distinct(positions: impl Iterator<Item = DVec3>) -> bool {
         next = next.wrapping_add(1);
     });
     is_distinct
+}
+
+/// For each of many positions the first one that is equal to it. Computed in parallel: each thread compares the positions
+/// whose hashes begin alike.
+pub(super) fn first_equal(positions: &[DVec3]) -> Vec<u32> {
+    let shard_of = |position: DVec3| (hash(Number::key(position)) & (SHARDS as u64 - 1)) as usize;
+    let chunks = threads::map_chunks(positions.len(), |range| {
+        let mut lists: [Vec<u32>; SHARDS] = Default::default();
+        for (&position, number) in positions[range.clone()].iter().zip(range) {
+            #[expect(clippy::cast_possible_truncation, reason = "positions are counted in u32")]
+            lists[shard_of(position)].push(number as u32);
+        }
+        lists
+    });
+    let shards = threads::map(SHARDS, 2, |shard| {
+        let members = || chunks.iter().flat_map(|lists| lists[shard].iter().copied());
+        let mut distinct = Distinct::<Number>::with_capacity_for(members().count());
+        let (mut first, mut equal) = (Vec::new(), Vec::new());
+        let mut member = members();
+        distinct.number_all(members().map(|member| positions[member as usize]), |number| {
+            let member = member.next().unwrap_or_default();
+            if number as usize == first.len() {
+                first.push(member);
+            }
+            equal.push(first[number as usize]);
+        });
+        equal
+    });
+    let mut all = vec![0; positions.len()];
+    for (shard, equal) in shards.into_iter().enumerate() {
+        for (member, first) in chunks.iter().flat_map(|lists| &lists[shard]).zip(equal) {
+            all[*member as usize] = first;
+        }
+    }
+    all
 }
 
 /// Maps known positions to numbers. The hash function is fixed, so a crafted file can make all positions collide. If
@@ -252,6 +292,13 @@ mod tests {
         let mut distinct = Distinct::<Number>::with_capacity_for(slots);
         let found = numbered(&mut distinct, given);
         (found, matches!(distinct.index, Index::Tree(_)))
+    }
+
+    #[test]
+    fn the_first_equal_position_is_found_for_many_positions() {
+        let given: Vec<DVec3> = crowded(2001).into_iter().cycle().take(100_000).collect();
+        let slow = |position: &DVec3| given[..2001].iter().position(|p| p == position).unwrap();
+        assert!(first_equal(&given).iter().zip(&given).all(|(&first, position)| first as usize == slow(position)));
     }
 
     #[test]

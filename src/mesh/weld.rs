@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::distinct::{BATCH, Distinct, EMPTY, Number};
+use super::distinct::{BATCH, Distinct, EMPTY, Number, first_equal};
 use super::soup::Soup;
 use super::surface::{Ingest, Surface};
 
@@ -11,20 +11,37 @@ use super::surface::{Ingest, Surface};
 const UNUSED: u32 = u32::MAX;
 /// A vertex used only by omitted faces.
 const OMITTED: u32 = u32::MAX - 1;
+/// Positions from which equal ones are found in parallel, before the vertices are numbered.
+const MANY: usize = 1 << 17;
+
 /// Numbers vertices by first use; vertices at equal positions get the same number.
 struct Welder<'a> {
     given: &'a [DVec3],
     /// For each given vertex its new number, [`UNUSED`] or [`OMITTED`].
     number: Vec<u32>,
-    distinct: Distinct<Number>,
+    equal: Equal,
     /// Used vertices at the position of another vertex.
     merged: u64,
 }
 
+/// How a vertex finds the vertices at its position.
+enum Equal {
+    /// Each is looked up.
+    LookUp(Distinct<Number>),
+    /// For each given vertex, the first one at its position, the new number of that one, and the positions of the new
+    /// vertices.
+    Known { first: Vec<u32>, number: Vec<u32>, positions: Vec<DVec3> },
+}
+
 impl<'a> Welder<'a> {
     fn new(given: &'a [DVec3]) -> Self {
-        let distinct = Distinct::with_capacity_for(given.len() / 4);
-        Self { given, number: vec![UNUSED; given.len()], distinct, merged: 0 }
+        let number = vec![UNUSED; given.len()];
+        let equal = if given.len() < MANY {
+            Equal::LookUp(Distinct::with_capacity_for(given.len() / 4))
+        } else {
+            Equal::Known { first: first_equal(given), number: number.clone(), positions: Vec::new() }
+        };
+        Self { given, number, equal, merged: 0 }
     }
 
     /// Replaces the vertices of faces by their new numbers. The vertices must exist and be finite.
@@ -32,7 +49,9 @@ impl<'a> Welder<'a> {
         let mut guesses = [EMPTY; 3 * BATCH];
         for batch in faces.chunks_mut(BATCH) {
             let vertices = batch.as_flattened_mut();
-            self.distinct.guess(vertices.iter().map(|&v| self.given[v as usize]), &mut guesses);
+            if let Equal::LookUp(distinct) = &self.equal {
+                distinct.guess(vertices.iter().map(|&v| self.given[v as usize]), &mut guesses);
+            }
             for (v, &guess) in vertices.iter_mut().zip(&guesses) {
                 *v = self.number_of(*v, guess);
             }
@@ -44,10 +63,21 @@ impl<'a> Welder<'a> {
         if known < OMITTED {
             return known;
         }
-        let (number, is_new) = self.distinct.number(self.given[v as usize], guess);
+        let (number, is_new) = self.equal.number(v, self.given[v as usize], guess);
         self.merged += u64::from(!is_new);
         self.number[v as usize] = number;
         number
+    }
+
+    /// The positions of the new vertices.
+    fn into_positions(self) -> Vec<DVec3> {
+        match self.equal {
+            Equal::LookUp(distinct) => distinct.into_positions(),
+            Equal::Known { mut positions, .. } => {
+                positions.shrink_to_fit();
+                positions
+            }
+        }
     }
 
     /// Records that an omitted face uses a vertex, if the vertex exists.
@@ -62,6 +92,26 @@ impl<'a> Welder<'a> {
     /// The number of given vertices that no face uses.
     fn unused(&self) -> u64 {
         self.number.iter().filter(|&&n| n == UNUSED).count() as u64
+    }
+}
+
+impl Equal {
+    /// The new number of a vertex, and whether it is the first at its position that is used.
+    fn number(&mut self, v: u32, position: DVec3, guess: u32) -> (u32, bool) {
+        match self {
+            Self::LookUp(distinct) => distinct.number(position, guess),
+            Self::Known { first, number, positions } => {
+                let number = &mut number[first[v as usize] as usize];
+                let is_new = *number == UNUSED;
+                if is_new {
+                    #[expect(clippy::cast_possible_truncation, reason = "no more than there were indices")]
+                    let next = positions.len() as u32;
+                    *number = next;
+                    positions.push(position);
+                }
+                (*number, is_new)
+            }
+        }
     }
 }
 
@@ -88,7 +138,7 @@ impl Surface {
         }
         ingest.unreferenced_vertices = welder.unused();
         ingest.merged_vertices = welder.merged;
-        (Self { positions: welder.distinct.into_positions(), faces, source }, ingest)
+        (Self { positions: welder.into_positions(), faces, source }, ingest)
     }
 
     /// Like [`Surface::from_soup`] for an assembly: merges only vertices of faces with the same material. `materials`
@@ -141,7 +191,7 @@ pub fn weld_exactly(surface: &mut Surface) -> u64 {
     let mut welder = Welder::new(&surface.positions);
     welder.number(&mut surface.faces);
     let merged = welder.merged;
-    surface.positions = welder.distinct.into_positions();
+    surface.positions = welder.into_positions();
     merged
 }
 
@@ -171,6 +221,23 @@ mod tests {
         assert_eq!(surface.faces, [[0, 1, 2], [1, 0, 2]]);
         assert_eq!(ingest.merged_vertices, 2);
         surface.check().unwrap();
+    }
+
+    #[test]
+    fn many_vertices_are_merged_like_few() {
+        let shifted = |by: f64| soup().positions.into_iter().map(move |p| p + by);
+        let copies = MANY / 7 + 1;
+        let positions: Vec<DVec3> = (0..copies).flat_map(|copy| shifted((copy % 50) as f64)).collect();
+        let faces =
+            (0u32..).take(copies).flat_map(|copy| soup().faces.into_iter().map(move |f| f.map(|v| v + 7 * copy)));
+        let many = Soup { positions, faces: faces.collect() };
+        let (surface, ingest) = Surface::from_soup(&many);
+        let mut few = Welder { equal: Equal::LookUp(Distinct::with_capacity_for(9)), ..Welder::new(&many.positions) };
+        let mut faces: Vec<[u32; 3]> = many.faces.chunks(3).flat_map(|of_copy| [of_copy[0], of_copy[1]]).collect();
+        few.number(&mut faces);
+        assert!(surface.faces == faces && ingest.merged_vertices == few.merged);
+        assert_eq!((ingest.unreferenced_vertices, ingest.non_finite_faces), (copies as u64, copies as u64));
+        assert!(surface.positions == few.into_positions());
     }
 
     #[test]
