@@ -71,14 +71,7 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     counts.parts = parts.count as u64;
     counts.non_manifold_vertices = fans.non_manifold_vertices;
     counts.boundary_loops = count_boundary_chains(edges, fans);
-    let count_duplicate = || (surface.faces.len() - group_faces(&surface.faces).len()) as u64;
-    let count_degenerate = || {
-        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
-        let is_degenerate = |&f: &usize| analysis.is_without_area(f as u32);
-        let counts = threads::map_chunks(surface.faces.len(), |range| range.filter(is_degenerate).count() as u64);
-        counts.iter().sum()
-    };
-    let count_in_faces = || threads::join(surface.faces.len(), count_degenerate, count_duplicate);
+    let count_in_faces = || degenerate_and_duplicate(analysis);
     let count_for_readers = || (unshared_edges(analysis).count() as u64, near_coincident_defects(analysis));
     ((counts.degenerate_faces, counts.duplicate_faces), (counts.unshared_edges, counts.near_coincident_defects)) =
         threads::join(surface.faces.len(), count_in_faces, count_for_readers);
@@ -116,6 +109,18 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     counts.volume = Volume { value: finite(value), reliable: counts.closed && balanced && counts.duplicate_faces == 0 };
     counts.area = finite(area);
     Ok(counts)
+}
+
+/// Number of degenerate faces, and of faces with the same vertices as an earlier one.
+fn degenerate_and_duplicate(analysis: &Analysis<'_>) -> (u64, u64) {
+    let faces = &analysis.surface.faces;
+    let count_degenerate = || {
+        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+        let is_degenerate = |&f: &usize| analysis.is_without_area(f as u32);
+        let counts = threads::map_chunks(faces.len(), |range| range.filter(is_degenerate).count() as u64);
+        counts.iter().sum()
+    };
+    threads::join(faces.len(), count_degenerate, || (faces.len() - group_faces(faces).len()) as u64)
 }
 
 /// Edges whose two faces share positions but not vertex indices in the file. Empty for formats whose readers join

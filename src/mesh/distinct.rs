@@ -96,7 +96,7 @@ impl<E: Equality> Distinct<E> {
             *guess = table.slots[table.first_slot(position)];
         }
         for (position, guess) in positions.zip(guesses) {
-            if !self.positions.get(*guess as usize).is_some_and(|known| E::key(*known) == E::key(position)) {
+            if self.positions.get(*guess as usize).is_none_or(|known| E::key(*known) != E::key(position)) {
                 *guess = EMPTY;
             }
         }

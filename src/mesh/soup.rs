@@ -149,7 +149,7 @@ mod tests {
     fn vertices_of_many_faces_are_numbered_by_first_use() {
         // More faces than one thread numbers together. Every sixth number is used again and again, in both signs of zero.
         let corner = |i: usize| {
-            let number = if i.is_multiple_of(6) { i % 600 } else { i / 4 };
+            let number = if i.is_multiple_of(6) { i % 600 } else { i / 16 };
             #[expect(clippy::cast_precision_loss, reason = "a small number")]
             DVec3::new(number as f64, if i.is_multiple_of(2) { 0.0 } else { -0.0 }, 1.0)
         };

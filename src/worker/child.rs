@@ -23,10 +23,6 @@ use crate::repair::{
     RepairedAlternative, draw_result, repair,
 };
 
-/// The largest size of a job's files, in bytes, for which one thread runs the job. Below it, waking other threads costs more
-/// than they save.
-const FOR_ONE_THREAD: u64 = 256 << 10;
-
 /// The entry point of a job's child process: reads its task, enters its sandbox, does the work, and writes its files to
 /// `folder`. A hostile file's memory use, or a crash that it causes, is confined to this process.
 pub(super) fn run_job(folder: &Path) -> ExitCode {
@@ -45,10 +41,10 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     ProcessLimits::limit_cpu(task.cpu)?;
     apply_failpoints(task.first_attempt);
     end_with_worker()?;
-    if task.inputs.iter().map(|input| input.bytes).sum::<u64>() <= FOR_ONE_THREAD {
-        let current_only = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
-        current_only.build_global().map_err(io::Error::other)?;
-    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(task.threads);
+    // A single thread is this one, which saves starting another.
+    let pool = if task.threads == 1 { pool.use_current_thread() } else { pool };
+    pool.build_global().map_err(io::Error::other)?;
     let clock = monotonic_clock();
     let progress = Reporter::new(folder, &clock)?;
     let cancel = AtomicBool::new(false);

@@ -5,6 +5,7 @@ use std::fmt::Display;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rustix::process::Pid;
@@ -105,6 +106,15 @@ pub(super) enum AttemptError {
     Json(&'static str, serde_json::Error),
 }
 
+/// The largest size of a job's files, in bytes, for which one thread runs the job: waking others takes longer than they save.
+const FOR_ONE_THREAD: u64 = 256 << 10;
+
+/// The number of threads for a job with files of this size, on a machine with this many processors: an equal share of the
+/// processors for each busy slot, so that a single large job uses the machine and a full queue one processor for each job.
+fn threads(bytes: u64, processors: usize, busy_slots: usize) -> usize {
+    if bytes <= FOR_ONE_THREAD { 1 } else { (processors / busy_slots.max(1)).max(1) }
+}
+
 /// The state that all attempts of a worker process share.
 pub(super) struct WorkerContext {
     /// The worker process's name, unique among all workers.
@@ -121,6 +131,8 @@ pub(super) struct WorkerContext {
     pub sandbox: Sandbox,
     /// The child processes that wait for a task.
     pub prepared: PreparedChildren,
+    /// The number of slots that run a job or draw pictures.
+    pub busy_slots: AtomicUsize,
     /// The protections found by the sandbox trial; `None` before the trial.
     pub status: Option<SandboxStatus>,
 }
@@ -161,6 +173,11 @@ impl WorkerContext {
             limits: config.limits,
             cpu: self.confinement(self.time_limit(job)).limits.cpu,
             first_attempt: attempt == 1,
+            threads: threads(
+                job.inputs.iter().map(|input| input.bytes).sum(),
+                std::thread::available_parallelism().map_or(1, usize::from),
+                self.busy_slots.load(Ordering::Relaxed),
+            ),
             remesher: config.remesher.clone().filter(|_| draw.is_none()),
             blender: config.blender.clone(),
         }
@@ -417,5 +434,17 @@ where
             }
             result => return result,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lone_large_job_uses_the_machine_and_a_full_queue_one_processor_for_each_job() {
+        let [small, large] = [FOR_ONE_THREAD, FOR_ONE_THREAD + 1];
+        assert_eq!([1, 2, 4, 16, 99].map(|busy_slots| threads(large, 16, busy_slots)), [16, 8, 4, 1, 1]);
+        assert_eq!((threads(small, 16, 1), threads(large, 16, 0)), (1, 16));
     }
 }

@@ -2,6 +2,7 @@
 //! data.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use futures::TryStreamExt;
@@ -60,6 +61,7 @@ impl Pool {
             scratch,
             sandbox,
             prepared: PreparedChildren::default(),
+            busy_slots: AtomicUsize::new(0),
             status: None,
         };
         if context.config.slots > 0 {
@@ -152,7 +154,7 @@ async fn slot(context: Arc<WorkerContext>, shutdown: Shutdown) {
         if !drew && let Some(claim) = claim_drawings(&context).await {
             drew = true;
             let span = attempt_span(&claim);
-            let busy = Busy::begin();
+            let busy = Busy::begin(&context.busy_slots);
             draw(&context, claim, &shutdown).instrument(span).await;
             drop(busy);
             continue;
@@ -184,7 +186,7 @@ async fn sleep_unless(stop: &CancellationToken, time: Duration) {
 
 async fn run_claim(context: &WorkerContext, claim: Claim, shutdown: &Shutdown) {
     let span = attempt_span(&claim);
-    let busy = Busy::begin();
+    let busy = Busy::begin(&context.busy_slots);
     if let (1, Some(started)) = (claim.job.attempt, claim.job.started_at) {
         let waited = (started - claim.job.created_at).as_seconds_f64();
         metrics::histogram!(telemetry::JOB_WAIT).record(waited.max(0.0));
@@ -219,13 +221,14 @@ fn attempt_span(claim: &Claim) -> Span {
     span
 }
 
-/// Counts a slot as busy in the metrics until it is dropped.
-struct Busy;
+/// Counts a slot as busy, also in the metrics, until it is dropped.
+struct Busy<'a>(&'a AtomicUsize);
 
-impl Busy {
-    fn begin() -> Self {
+impl<'a> Busy<'a> {
+    fn begin(slots: &'a AtomicUsize) -> Self {
+        slots.fetch_add(1, Ordering::Relaxed);
         Self::shift(1.0);
-        Self
+        Self(slots)
     }
 
     fn shift(slots: f64) {
@@ -234,8 +237,9 @@ impl Busy {
     }
 }
 
-impl Drop for Busy {
+impl Drop for Busy<'_> {
     fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
         Self::shift(-1.0);
     }
 }

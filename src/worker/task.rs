@@ -70,6 +70,8 @@ pub(super) struct Task {
     pub cpu: Duration,
     /// Whether this is the first attempt. Tests' failpoints apply to first attempts only.
     pub first_attempt: bool,
+    /// The number of threads that run the job.
+    pub threads: usize,
     /// The remesher of tier 3, if there is one.
     pub remesher: Option<RemesherInfo>,
     /// The settings of tier 3.
