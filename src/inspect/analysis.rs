@@ -147,12 +147,12 @@ impl<'a> Analysis<'a> {
     /// Positions of `surface`, scaled by a power of two into the range of the exact predicates (see
     /// [`to_unit_range`]).
     pub fn unit(&self) -> &[DVec3] {
-        self.unit.get_or_init(|| to_unit_range(&self.surface.positions))
+        get_or_init(&self.unit, || to_unit_range(&self.surface.positions)).as_slice()
     }
 
     /// Scale factor from the model's unit to [`Analysis::unit`]: a power of two.
     pub fn scale(&self) -> f64 {
-        *self.scale.get_or_init(|| unit_scale(&self.surface.positions))
+        *get_or_init(&self.scale, || unit_scale(&self.surface.positions))
     }
 
     /// Scale factor from [`Analysis::unit`] to the model's unit: a power of two.
@@ -162,7 +162,7 @@ impl<'a> Analysis<'a> {
 
     /// For each face, whether its corners are exactly collinear.
     pub fn flat(&self) -> &[bool] {
-        self.flat.get_or_init(|| flat_faces(self.unit(), &self.surface.faces))
+        get_or_init(&self.flat, || flat_faces(self.unit(), &self.surface.faces)).as_slice()
     }
 
     /// Whether a face of `surface` has zero area, exactly or in f64.
@@ -174,7 +174,7 @@ impl<'a> Analysis<'a> {
     /// Bounding box, in coordinates of [`Analysis::unit`], of all faces with an area, which are the faces that a
     /// repair can keep. If no face has an area, the box of all faces.
     pub(super) fn extent(&self) -> Box3 {
-        *self.extent.get_or_init(|| {
+        *get_or_init(&self.extent, || {
             let faces = (0u32..).take(self.surface.faces.len());
             let sound = faces.filter(|&f| !self.is_without_area(f)).flat_map(|f| self.unit_corners(f));
             let extent = Box3::of(sound);
@@ -205,23 +205,23 @@ impl<'a> Analysis<'a> {
     /// [`Cancelled`] on cancellation or timeout.
     pub fn depths(&self, context: &Context<'_>) -> Result<&[Option<u32>], Cancelled> {
         let containers = self.containers(context)?;
-        Ok(self.depths.get_or_init(|| depths_of(containers)))
+        Ok(get_or_init(&self.depths, || depths_of(containers)).as_slice())
     }
 
     /// Face keys by position, with positions multiplied by `scale`. Cached for the first requested scale.
     pub(super) fn keys(&self, scale: f64) -> Cow<'_, FaceKeys> {
-        let (known, keys) = self.keys.get_or_init(|| (scale, FaceKeys::new(&self.surface, self.unit(), scale)));
+        let (known, keys) = get_or_init(&self.keys, || (scale, FaceKeys::new(&self.surface, self.unit(), scale)));
         if *known == scale { Cow::Borrowed(keys) } else { Cow::Owned(FaceKeys::new(&self.surface, self.unit(), scale)) }
     }
 
     /// Bounding volume hierarchy over the faces of `surface`, in coordinates of [`Analysis::unit`].
     pub fn tree(&self) -> &Tree {
-        self.tree.get_or_init(|| Tree::new(self.unit(), &self.surface.faces))
+        get_or_init(&self.tree, || Tree::new(self.unit(), &self.surface.faces))
     }
 
     /// Dipole moments of the tree's nodes, for fast winding numbers. O(n) on first use.
     pub(super) fn dipoles(&self) -> &Dipoles {
-        self.dipoles.get_or_init(|| self.tree().dipoles(|f| self.unit_corners(f)))
+        get_or_init(&self.dipoles, || self.tree().dipoles(|f| self.unit_corners(f)))
     }
 
     /// Corners of a face of `surface`, in coordinates of [`Analysis::unit`].
@@ -249,16 +249,26 @@ impl<'a> Analysis<'a> {
     }
 }
 
-/// Returns the value of a cell, computing it on first use.
+/// Returns the value of a cell, computing it on first use. Threads that need it at the same time each compute it: none
+/// waits for another. A thread in a parallel loop takes up other work while it waits, which might need the same cell, and
+/// the thread would wait for itself.
+fn get_or_init<T>(cell: &OnceLock<T>, find: impl FnOnce() -> T) -> &T {
+    if let Some(known) = cell.get() {
+        return known;
+    }
+    let value = find();
+    cell.get_or_init(|| value)
+}
+
+/// Like [`get_or_init`], for a computation that may be cancelled.
 pub(super) fn get_or_try_init<T>(
     cell: &OnceLock<T>,
     find: impl FnOnce() -> Result<T, Cancelled>,
 ) -> Result<&T, Cancelled> {
-    if let Some(known) = cell.get() {
-        return Ok(known);
+    match cell.get() {
+        Some(known) => Ok(known),
+        None => find().map(|value| get_or_init(cell, || value)),
     }
-    let value = find()?;
-    Ok(cell.get_or_init(|| value))
 }
 
 /// Two meshes, each in its own unit coordinates, and the factor between these coordinates.

@@ -100,6 +100,8 @@ pub fn inspect_analysis(
         intersections.report(analysis, &mut findings);
         measures.self_intersections = intersections.counts;
     }
+    // Both computations need it.
+    analysis.extent();
     let find = || find_defects(analysis, &options.tolerances, options.level, &mut findings, context);
     let describe = || {
         let characteristics = characteristics(analysis, &measures, options.level, context)?;

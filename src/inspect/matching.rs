@@ -2,7 +2,6 @@
 //! meshes.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::math::Box3;
 use crate::math::threads::{self, FEW_CHEAP_ITEMS};
@@ -106,11 +105,7 @@ impl FaceKeys {
             key.sort_unstable();
             (key, f as u32)
         });
-        if sorted.len() < FEW_CHEAP_ITEMS {
-            sorted.sort_unstable();
-        } else {
-            sorted.par_sort_unstable();
-        }
+        threads::sort_by(&mut sorted, &Ord::cmp);
         let bounds = Box3::of(unit.iter().copied());
         // Unit coordinates reach 2.
         Self { sorted, fine: bounds.diagonal() * MAX_DIAGONALS_FROM_ORIGIN >= 2.0 }

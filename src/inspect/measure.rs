@@ -114,6 +114,8 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
 /// Number of degenerate faces, and of faces with the same vertices as an earlier one.
 fn degenerate_and_duplicate(analysis: &Analysis<'_>) -> (u64, u64) {
     let faces = &analysis.surface.faces;
+    // Computed here, before several threads need it.
+    analysis.flat();
     let count_degenerate = || {
         #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
         let is_degenerate = |&f: &usize| analysis.is_without_area(f as u32);

@@ -245,6 +245,10 @@ pub(super) fn visible(
     context: &Context<'_>,
 ) -> Result<Vec<Option<bool>>, Cancelled> {
     let tree = analysis.tree();
+    // Computed here, before several threads need it.
+    if let Some(patches) = patches {
+        patches.meshes.to.tree();
+    }
     let diagonal = analysis.extent().diagonal();
     let directions: Vec<(usize, DVec3)> = (0..DIRECTIONS).map(ray_direction).enumerate().collect();
     // Remembers for each direction the last face that blocked a ray: it mostly blocks the rays from neighbouring samples too.

@@ -4,7 +4,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use glam::{DMat3, DVec3};
-use meshmend::format::{Format, Limits, write};
+use meshmend::analyze::subject;
+use meshmend::format::{Format, Limits, read, write};
+use meshmend::inspect::{InspectOptions, inspect};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::remesh::Remesh;
 use meshmend::repair::{Context, NoProgress, Operator, Options, Repaired, repair};
@@ -59,6 +61,21 @@ fn the_pipeline_gives_the_same_result_on_any_number_of_threads() {
             assert!(again.bytes == one.bytes, "the bytes differ");
             assert_eq!(again.report, one.report);
         }
+    }
+}
+
+#[test]
+fn a_large_file_is_inspected_alike_on_one_thread_and_on_many_without_any_waiting_for_itself() {
+    // More faces than any loop leaves to one thread. Threads that start together all need the same cached values.
+    let bytes = write(&torus(3.0, 1.0, 380, 190), Format::Stl).unwrap();
+    let inspected = || {
+        let mesh = read(&bytes, &Limits::default()).unwrap();
+        with_context(|context| inspect(subject(&mesh, None), &InspectOptions::default(), context)).unwrap().0
+    };
+    let one = on(1, inspected);
+    assert_eq!((one.measures.faces, one.measures.printable()), (144_400, true));
+    for threads in [2, 16, 16] {
+        assert_eq!(on(threads, inspected), one, "{threads} threads");
     }
 }
 

@@ -96,6 +96,8 @@ impl<'a> PointLocator<'a> {
     /// Prepares queries. `has_kept_face` holds for each input part whether the result has one of its faces.
     pub fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>, has_kept_face: &'a [bool]) -> Self {
         let ratio = Pair::new(before, after).ratio;
+        // Computed here, before several threads need it.
+        before.tree();
         Self { before, after, has_kept_face, inside: RayWinding::new(after), ratio }
     }
 
