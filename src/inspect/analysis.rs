@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use glam::DVec3;
 
-use super::matching::FaceKeys;
+use super::matching::{Common, FaceKeys};
 use super::solids::depths_of;
 use super::{Intersections, Measures, Meeting, Solid, nesting, solids};
 use crate::context::{Cancelled, Context};
@@ -212,6 +212,15 @@ impl<'a> Analysis<'a> {
     pub(super) fn keys(&self, scale: f64) -> Cow<'_, FaceKeys> {
         let (known, keys) = get_or_init(&self.keys, || (scale, FaceKeys::new(&self.surface, self.unit(), scale)));
         if *known == scale { Cow::Borrowed(keys) } else { Cow::Owned(FaceKeys::new(&self.surface, self.unit(), scale)) }
+    }
+
+    /// The faces that this mesh and another have in common: all of them, if both are one.
+    pub(super) fn common_faces(&self, other: &Analysis<'_>) -> Common {
+        if std::ptr::eq(self, other) {
+            return Common::whole(self.surface.faces.len());
+        }
+        let scale = self.scale();
+        Common::new(&self.keys(scale), &other.keys(scale))
     }
 
     /// Bounding volume hierarchy over the faces of `surface`, in coordinates of [`Analysis::unit`].

@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use crate::math::Box3;
-use crate::math::threads::{self, FEW_CHEAP_ITEMS};
+use crate::math::threads;
 use crate::mesh::Surface;
 
 /// Faces grouped by their three vertices, regardless of vertex order.
@@ -100,7 +100,7 @@ impl FaceKeys {
     /// [`to_unit_range`](crate::math::to_unit_range).
     #[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
     pub fn new(surface: &Surface, unit: &[DVec3], scale: f64) -> Self {
-        let mut sorted = threads::map(surface.faces.len(), FEW_CHEAP_ITEMS, |f| {
+        let mut sorted = threads::map_cheap(surface.faces.len(), |f| {
             let mut key = surface.corners(f).map(|p| p.to_array().map(|x| ((x * scale) as f32 + 0.0).to_bits()));
             key.sort_unstable();
             (key, f as u32)

@@ -116,12 +116,8 @@ fn degenerate_and_duplicate(analysis: &Analysis<'_>) -> (u64, u64) {
     let faces = &analysis.surface.faces;
     // Computed here, before several threads need it.
     analysis.flat();
-    let count_degenerate = || {
-        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
-        let is_degenerate = |&f: &usize| analysis.is_without_area(f as u32);
-        let counts = threads::map_chunks(faces.len(), |range| range.filter(is_degenerate).count() as u64);
-        counts.iter().sum()
-    };
+    #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+    let count_degenerate = || threads::count(faces.len(), |f| analysis.is_without_area(f as u32));
     threads::join(faces.len(), count_degenerate, || (faces.len() - group_faces(faces).len()) as u64)
 }
 

@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 /// Number of cheap items below which the calling thread does all work.
-pub const FEW_CHEAP_ITEMS: usize = 4096;
+const FEW_CHEAP_ITEMS: usize = 4096;
 /// Number of items with a search in a tree each below which the calling thread does all work.
 pub const FEW_SEARCHES: usize = 64;
 
@@ -32,6 +32,16 @@ pub fn map_chunks<T: Send>(count: usize, value: impl Fn(Range<usize>) -> T + Syn
 /// The values of a cheap function for 0 to `count`, in order, computed in parallel if they are many.
 pub fn map_cheap<T: Send>(count: usize, value: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     map(count, CHUNK, value)
+}
+
+/// The number of the items 0 to `count` for which a cheap test holds.
+pub fn count(count: usize, holds: impl Fn(usize) -> bool + Sync + Send) -> u64 {
+    map_chunks(count, |range| range.filter(|&item| holds(item)).count() as u64).into_iter().sum()
+}
+
+/// Calls a function with each item, in parallel unless there is only one.
+pub fn for_each<T: Send>(items: Vec<T>, act: impl Fn(T) + Sync + Send) {
+    if items.len() < 2 { items.into_iter().for_each(act) } else { items.into_par_iter().for_each(act) }
 }
 
 /// Sorts in parallel if the items are many. Items that compare as equal must be equal in every respect.
@@ -63,6 +73,7 @@ mod tests {
     fn chunks_cover_all_items_in_order() {
         for count in [0, 1, CHUNK, CHUNK + 1, 3 * CHUNK] {
             assert!(map_chunks(count, |range| range).into_iter().flatten().eq(0..count), "{count}");
+            assert_eq!(super::count(count, |item| item % 2 == 1), count as u64 / 2);
         }
     }
 

@@ -4,11 +4,11 @@ use glam::{DVec3, Vec3A};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
-use rayon::prelude::*;
 use smallvec::SmallVec;
 
 use super::boxes::Box3;
 use super::bvh_build::{self, Built};
+use super::threads;
 
 /// How far a box in the tree extends beyond its triangle, in units of half the model's longest side. It covers the
 /// rounding of the tree's frame, plus a spread that makes equal boxes differ (see [`Tree::new`]).
@@ -89,7 +89,7 @@ impl Tree {
             parts.push((part, chunk));
             rest = after;
         }
-        parts.into_par_iter().for_each(|(part, chunk)| summarize(part, chunk.start, chunk.end));
+        threads::for_each(parts, |(part, chunk)| summarize(part, chunk.start, chunk.end));
         summarize(&mut values, 0, joining);
         values
     }

@@ -4,7 +4,6 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::super::analysis::Pair;
-use super::super::matching::Common;
 use super::super::sampling::{Patches, Sample, samples, visible};
 use super::super::{Analysis, Measures, Solid, Volume, percent};
 use super::deviation::{
@@ -197,12 +196,7 @@ impl Original<'_> {
         context: &Context<'_>,
     ) -> Result<(Changes, Distances), Cancelled> {
         let &ComparedMesh { analysis: after, measures, patches, gone, .. } = candidate;
-        let scale = self.analysis.scale();
-        let common = if std::ptr::eq(self.analysis, after) {
-            Common::whole(after.surface.faces.len())
-        } else {
-            Common::new(&self.analysis.keys(scale), &after.keys(scale))
-        };
+        let common = self.analysis.common_faces(after);
         context.check()?;
         let kept = common.first.iter().filter(|&&is_kept| is_kept).count() as f64;
         let kept_pct = percent(kept, common.first.len() as f64).unwrap_or(100.0);

@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 use super::original::{FAR, Original, ROUNDING};
 use crate::context::{Cancelled, Context};
 use crate::inspect::analysis::Pair;
-use crate::inspect::matching::Common;
 use crate::inspect::sampling::run_queries;
 use crate::inspect::{Analysis, finite};
 use crate::math::Nearest;
@@ -92,11 +91,7 @@ impl Original<'_> {
     /// [`Cancelled`] on cancellation or timeout.
     pub fn provenance(&self, after: &Analysis<'_>, context: &Context<'_>) -> Result<SurfaceProvenance, Cancelled> {
         let before = self.analysis;
-        let common = if std::ptr::eq(before, after) {
-            Common::whole(before.surface.faces.len())
-        } else {
-            Common::new(&before.keys(before.scale()), &after.keys(before.scale()))
-        };
+        let common = before.common_faces(after);
         context.check()?;
         let pieces = Pieces::of(before, &common.first);
         let nearby = find_nearby(Pair::new(before, after), before.unit_diagonal(), &pieces.centres, context)?;

@@ -168,14 +168,11 @@ impl Counts {
             counts.0[counter as usize] += 1;
         }
         let unit = to_unit_range(&surface.positions);
-        let is_degenerate = |&face: &usize| {
+        let is_degenerate = |face: usize| {
             let [a, b, c] = faces[face].map(|v| unit[v as usize]);
             collinear(a, b, c)
         };
-        let of_faces = || {
-            let degenerate = threads::map_chunks(faces.len(), |range| range.filter(is_degenerate).count() as u64);
-            (degenerate.iter().sum(), (faces.len() - group_faces(faces).len()) as u64)
-        };
+        let of_faces = || (threads::count(faces.len(), is_degenerate), (faces.len() - group_faces(faces).len()) as u64);
         let pinched = || Fans::new(surface, &edges).non_manifold_vertices;
         let (pinched, (degenerate, duplicate)) = threads::join(faces.len(), pinched, of_faces);
         counts.0[Counter::PinchedVertices as usize] = pinched;
