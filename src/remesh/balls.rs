@@ -27,6 +27,9 @@ type Ball = (DVec3, f64);
 pub struct BallUnion<'a> {
     /// The balls, each with its centre and its radius, in the model's unit.
     pub balls: &'a [(DVec3, f64)],
+    /// A box that contains all balls. It decides where the grid lies: with the same box and cell, the boundary stays the same
+    /// where the balls stay.
+    pub bounds: Box3,
     /// Edge length of a grid cell, in the model's unit.
     pub cell: f64,
     /// Maximum number of faces of the surface.
@@ -45,13 +48,11 @@ impl BallUnion<'_> {
     /// [`RemeshError::Limits`] if a limit is exceeded, [`RemeshError::Empty`] without balls, and
     /// [`RemeshError::Cancelled`].
     pub fn surface(&self, context: &Context<'_>) -> Result<Surface, RemeshError> {
-        let corners = |&(centre, radius): &Ball| [centre - radius, centre + radius];
-        let around: Vec<DVec3> = self.balls.iter().flat_map(corners).collect();
-        let bounds = Box3::of(around.iter().copied());
+        let bounds = self.bounds;
         if self.balls.is_empty() || !(self.cell > 0.0 && bounds.diagonal() > 0.0) {
             return Err(RemeshError::Empty);
         }
-        let scale = unit_scale(&around);
+        let scale = unit_scale(&[bounds.min, bounds.max]);
         let balls: Vec<Ball> = self.balls.iter().map(|&(centre, radius)| (centre * scale, radius * scale)).collect();
         let bounds = Box3 { min: bounds.min * scale, max: bounds.max * scale };
         match self.contour(&Balls::new(&balls, self.cell * scale), &bounds, scale, context) {
@@ -212,9 +213,18 @@ mod tests {
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;
 
+    fn bounds(balls: &[Ball]) -> Box3 {
+        Box3::of(balls.iter().flat_map(|&(centre, radius)| [centre - radius, centre + radius]))
+    }
+
     fn boundary(balls: &[Ball], cell: f64) -> Result<Surface, RemeshError> {
+        boundary_in(bounds(balls), balls, cell)
+    }
+
+    fn boundary_in(bounds: Box3, balls: &[Ball], cell: f64) -> Result<Surface, RemeshError> {
         let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
-        let union = BallUnion { balls, cell, max_faces: 100_000, max_memory: 1 << 28, precision: Precision::F32 };
+        let union =
+            BallUnion { balls, bounds, cell, max_faces: 100_000, max_memory: 1 << 28, precision: Precision::F32 };
         union.surface(&Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60)))
     }
 
@@ -242,6 +252,18 @@ mod tests {
         let surface = boundary(&balls, 0.06).unwrap();
         let edges = surface.faces.len() * 3 / 2;
         assert_eq!(surface.positions.len() + surface.faces.len(), edges, "the Euler characteristic of a torus is 0");
+    }
+
+    #[test]
+    fn the_boundary_stays_the_same_where_the_balls_stay() {
+        let balls = [(DVec3::new(0.1, 0.2, 0.3), 1.0), (DVec3::new(7.0, 0.7, 0.0), 0.9)];
+        let corners = |balls| {
+            let surface = boundary_in(bounds(&[(DVec3::ZERO, 9.0)]), balls, 0.1).unwrap();
+            (0..surface.faces.len()).map(|face| surface.corners(face)).collect::<Vec<_>>()
+        };
+        let both = corners(&balls);
+        let of_first = corners(&balls[..1]);
+        assert!(of_first.iter().all(|face| both.contains(face)) && both.len() > of_first.len() + 100);
     }
 
     #[test]

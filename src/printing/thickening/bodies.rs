@@ -5,7 +5,7 @@
 //! least wall's diameter around the same centre replaces it.
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Tree, hit};
+use crate::math::{Ball, Nearest, Tree, hit};
 use crate::mesh::Surface;
 use crate::printing::thickness::OpposedPair;
 use glam::DVec3;
@@ -20,7 +20,9 @@ use super::walls::{NOISE, trusted_normal};
 const OPPOSED: f64 = -0.8;
 /// The share of the least wall that the perpendicular through a wall measures of the ball's diameter, at least.
 const PERPENDICULAR: f64 = (1.0 - OPPOSED) / 2.0;
-/// The same in later rounds, for the edges beside earlier balls: 60 degrees.
+/// The largest dot product of the normals of two faces between which a perpendicular is as good as a ball.
+const PARALLEL: f64 = -0.99;
+/// Like [`OPPOSED`] in later rounds, for the edges beside earlier balls: 60 degrees.
 const WIDE: f64 = -0.5;
 /// Steps of one ball.
 const STEPS: u64 = 1 << 16;
@@ -30,7 +32,7 @@ const BATCH: usize = 1 << 6;
 /// too many other faces.
 const MAX_TESTED: f64 = 2.0;
 /// The deepest subdivision of a face.
-const MAX_DEPTH: u32 = 16;
+const MAX_DEPTH: u32 = 32;
 /// Sine of half the angle of a wedge from which its end counts as a sharp edge.
 const LEAST_TAPER: f64 = 0.08;
 /// Share of the way to the edge of a wedge that must be free.
@@ -79,6 +81,46 @@ struct Contact {
     normal: DVec3,
 }
 
+/// The number of a cell in each direction.
+type Cell = [i64; 3];
+
+/// The cells with thin balls, and whether one of them has a filler of its full size. More balls there add nothing.
+type Filled = FxHashMap<Cell, bool>;
+
+/// The fillers found so far, one for each cell.
+#[derive(Default)]
+struct Kept {
+    fillers: Vec<Filler>,
+    of_cell: FxHashMap<Cell, usize>,
+    is_filled: Filled,
+}
+
+impl Kept {
+    /// Adds a cell with a thin ball; whether it is new.
+    fn is_first(&mut self, cell: Cell) -> bool {
+        let len = self.is_filled.len();
+        self.is_filled.entry(cell).or_default();
+        self.is_filled.len() > len
+    }
+
+    /// Keeps the larger filler of a cell.
+    fn take(&mut self, cell: Cell, found: Filler) {
+        let at = *self.of_cell.entry(cell).or_insert(self.fillers.len());
+        if at == self.fillers.len() {
+            self.fillers.push(found);
+        } else if found.radius > self.fillers[at].radius {
+            self.fillers[at] = found;
+        }
+    }
+}
+
+/// A ball inside the solid that touches it at two opposed points and is thinner than the least wall.
+struct ThinBall {
+    middle: DVec3,
+    radius: f64,
+    contacts: [Contact; 2],
+}
+
 impl<'a> Fillers<'a> {
     /// Prepares the search.
     pub fn new(surface: &'a Surface, settings: Thickening, search: Search) -> Self {
@@ -92,38 +134,33 @@ impl<'a> Fillers<'a> {
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn of(&self, pairs: &Thin, context: &Context<'_>) -> Result<Option<Vec<Filler>>, Cancelled> {
-        let mut faces: Vec<u32> = pairs.walls.iter().chain(&pairs.tips).map(|pair| pair.faces[0]).collect();
+        let mut faces: Vec<u32> = pairs.walls().iter().chain(pairs.tips()).map(|pair| pair.faces[0]).collect();
         faces.sort_unstable();
         faces.dedup();
-        let mut kept: FxHashMap<[i64; 3], usize> = FxHashMap::default();
-        let mut fillers: Vec<Filler> = Vec::new();
-        let mut take = |found: Filler, fillers: &mut Vec<Filler>| {
-            #[expect(
-                clippy::cast_possible_truncation,
-                reason = "coordinates are far fewer than 2^63 cells from the origin"
-            )]
-            let cell = (found.centre / self.search.spacing).floor().to_array().map(|x| x as i64);
-            let at = *kept.entry(cell).or_insert(fillers.len());
-            if at == fillers.len() {
-                fillers.push(found);
-            } else if found.radius > fillers[at].radius {
-                fillers[at] = found;
-            }
-        };
+        let mut kept = Kept::default();
         for batch in faces.chunks(BATCH) {
             context.check()?;
-            let found: Vec<Vec<Filler>> = batch.par_iter().map(|&face| self.of_face(face)).collect();
-            found.into_iter().flatten().for_each(|filler| take(filler, &mut fillers));
-            if fillers.len() > MAX_BALLS {
+            let found: Vec<Vec<ThinBall>> = batch.par_iter().map(|&face| self.of_face(face, &kept.is_filled)).collect();
+            let (first, others): (Vec<_>, Vec<_>) =
+                found.into_iter().flatten().partition(|ball| kept.is_first(self.cell(ball.middle)));
+            for balls in [first, others] {
+                let open = balls.par_iter().filter(|ball| !kept.is_filled[&self.cell(ball.middle)]);
+                let found: Vec<_> = open.filter_map(|ball| Some((ball.middle, self.of_ball(ball)?))).collect();
+                for (middle, filler) in found {
+                    kept.is_filled.insert(self.cell(middle), !filler.is_limited);
+                    kept.take(self.cell(filler.centre), filler);
+                }
+            }
+            if kept.fillers.len() > MAX_BALLS {
                 return Ok(None);
             }
         }
         if !self.search.is_first {
-            let found: Vec<Option<Filler>> =
-                pairs.walls.par_iter().chain(&pairs.tips).map(|pair| self.of_pair(pair)).collect();
-            found.into_iter().flatten().for_each(|filler| take(filler, &mut fillers));
+            let pairs = pairs.walls().par_iter().chain(pairs.tips());
+            let found: Vec<Option<Filler>> = pairs.map(|pair| self.of_pair(pair)).collect();
+            found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
         }
-        Ok(Some(fillers))
+        Ok(Some(kept.fillers))
     }
 
     /// The ball around the middle of a thin pair.
@@ -134,55 +171,115 @@ impl<'a> Fillers<'a> {
         self.filler((p + q) / 2.0, p.distance(q) / 2.0, contacts)
     }
 
+    /// The cell of a point.
+    fn cell(&self, point: DVec3) -> Cell {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "coordinates are far fewer than 2^63 cells from the origin"
+        )]
+        (point / self.search.spacing).floor().to_array().map(|x| x as i64)
+    }
+
     fn normal(&self, face: u32) -> DVec3 {
         trusted_normal(self.surface.corners(face as usize), self.noise)
     }
 
-    /// The balls at samples of a face.
-    fn of_face(&self, face: u32) -> Vec<Filler> {
+    /// The thin balls at samples of a face, but hardly any in cells that are filled.
+    fn of_face(&self, face: u32, is_filled: &Filled) -> Vec<ThinBall> {
         let normal = self.normal(face);
         let mut found = Vec::new();
         if normal != DVec3::ZERO {
-            self.sample(self.surface.corners(face as usize), normal, 0, &mut found);
+            self.sample(self.surface.corners(face as usize), (face, normal), 0, &mut |contact, opposite| {
+                if !opposite.is_some_and(|opposite| self.is_filled_between(contact, opposite, is_filled)) {
+                    found.extend(self.thin_ball(contact, opposite));
+                }
+            });
         }
         found
     }
 
-    /// Samples a triangle of a face, and its four parts if it is large.
-    fn sample(&self, [a, b, c]: [DVec3; 3], normal: DVec3, depth: u32, found: &mut Vec<Filler>) {
+    /// Whether the cell in the middle of a wall between parallel faces is filled, from the other side as a rule.
+    fn is_filled_between(&self, Contact { point, normal }: Contact, opposite: Nearest, is_filled: &Filled) -> bool {
+        let is_parallel = || self.normal(opposite.face).dot(normal) < PARALLEL;
+        is_filled.get(&self.cell(point.midpoint(opposite.point))).is_some_and(|&is_filled| is_filled) && is_parallel()
+    }
+
+    /// Visits samples of a triangle of a face, with the points opposite. A large triangle has those of its halves.
+    fn sample(
+        &self,
+        [a, b, c]: [DVec3; 3],
+        of: (u32, DVec3),
+        depth: u32,
+        visit: &mut impl FnMut(Contact, Option<Nearest>),
+    ) {
+        let (_, normal) = of;
         let centre = (a + b + c) / 3.0;
         let size = [a, b, c].map(|p| p.distance(centre)).into_iter().fold(0.0, f64::max);
-        let thickest = 0.5 * self.settings.min_wall / PERPENDICULAR;
-        let is_last = size <= 0.6 * self.search.spacing || depth >= MAX_DEPTH;
-        let ball = |radius: f64| {
-            let corners = |f: u32| self.surface.corners(f as usize);
-            self.tree.shrunk_ball([centre, -normal], radius, &mut STEPS.clone(), corners)
-        };
-        if !is_last {
-            let may_be_thin = || ball(thickest + size).is_some_and(|ball| ball.touches.is_some());
-            if size > MAX_TESTED * self.settings.min_wall || may_be_thin() {
-                let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
-                for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-                    self.sample(part, normal, depth + 1, found);
-                }
-            }
+        if size <= 0.6 * self.search.spacing || depth >= MAX_DEPTH {
+            visit(Contact { point: centre, normal }, self.opposite(centre, of, 2.0 * self.thickest()));
             return;
         }
-        let Some(ball) = ball(thickest) else { return };
-        let Some(touched) = ball.touches else { return };
-        let middle = centre - normal * ball.radius;
+        let may_be_thin = || {
+            let radius = self.thickest() + size;
+            self.opposite(centre, of, 2.0 * radius).is_some()
+                || self.ball([centre, -normal], radius).is_some_and(|ball| ball.touches.is_some())
+        };
+        if size > MAX_TESTED * self.settings.min_wall || may_be_thin() {
+            // Across the longest side, so that a long narrow face has few samples.
+            let longest = longest_side([a, b, c]);
+            let [a, b, c] = [0, 1, 2].map(|k| [a, b, c][(longest + k) % 3]);
+            let middle = (a + b) / 2.0;
+            for half in [[a, middle, c], [middle, b, c]] {
+                self.sample(half, of, depth + 1, visit);
+            }
+        }
+    }
+
+    /// The largest radius of a ball in a thin wall.
+    fn thickest(&self) -> f64 {
+        0.5 * self.settings.min_wall / PERPENDICULAR
+    }
+
+    /// Where the perpendicular of at most `longest` from a point of a face leaves the material.
+    fn opposite(&self, point: DVec3, (own, normal): (u32, DVec3), longest: f64) -> Option<Nearest> {
+        let step = -normal * longest;
+        let first = self.tree.first_along([point, point + step], None, &mut STEPS.clone(), |face| {
+            if face == own { None } else { hit(point, step, self.surface.corners(face as usize)) }
+        });
+        let at = |(fraction, face): (f64, u32)| Nearest {
+            face,
+            point: point + step * fraction,
+            distance: longest * fraction,
+        };
+        first.map(at).filter(|opposite| opposite.distance > 0.0)
+    }
+
+    /// The largest empty ball of at most `radius` that touches a point, with its centre in a direction from it.
+    fn ball(&self, from: [DVec3; 2], radius: f64) -> Option<Ball> {
+        self.tree.shrunk_ball(from, radius, &mut STEPS.clone(), |face| self.surface.corners(face as usize))
+    }
+
+    /// The ball at a point that is thinner than the least wall. With the point opposite, which is found faster, the ball
+    /// starts small and meets few faces.
+    fn thin_ball(&self, contact: Contact, opposite: Option<Nearest>) -> Option<ThinBall> {
+        let Contact { point, normal } = contact;
+        let radius = opposite.map_or(f64::INFINITY, |opposite| opposite.distance / 2.0).min(self.thickest());
+        let ball = self.ball([point, -normal], radius)?;
+        let touched = ball.touches.or(opposite)?;
+        let middle = point - normal * ball.radius;
         let outward = (touched.point - middle).normalize_or_zero();
         let cosine = outward.dot(normal);
         let min_wall = self.settings.min_wall;
         let is_wall = cosine <= OPPOSED && ball.radius * (1.0 - cosine) < min_wall * (1.0 - 1e-6);
         // Beside a ball the edge of a solid can become a wall, which the next round would have to thicken.
         let is_edge = !self.search.is_first && cosine <= WIDE && 2.0 * ball.radius < min_wall;
-        let is_thin = is_wall || is_edge;
-        if is_thin && ball.radius > 0.0 {
-            let contacts = [Contact { point: centre, normal }, Contact { point: touched.point, normal: outward }];
-            let filler = self.filler(middle, ball.radius, contacts);
-            found.extend(filler.map(|filler| self.retracted(filler, ball.radius, contacts)));
-        }
+        let contacts = [contact, Contact { point: touched.point, normal: outward }];
+        ((is_wall || is_edge) && ball.radius > 0.0).then_some(ThinBall { middle, radius: ball.radius, contacts })
+    }
+
+    /// The ball that replaces a thin one.
+    fn of_ball(&self, &ThinBall { middle, radius, contacts }: &ThinBall) -> Option<Filler> {
+        self.filler(middle, radius, contacts).map(|filler| self.retracted(filler, radius, contacts))
     }
 
     /// The ball of a wedge that ends in a sharp edge, moved back so that it covers the thin ball of radius `thin` and
@@ -227,12 +324,15 @@ impl<'a> Fillers<'a> {
     /// How far the solid may grow at a contact, at most `wanted`.
     fn allowed(&self, Contact { point, normal }: Contact, wanted: f64) -> f64 {
         let gap = self.settings.min_gap.max(0.02 * self.settings.min_wall);
-        let ball = self
-            .tree
-            .shrunk_ball([point, normal], wanted + gap / 2.0, &mut STEPS.clone(), |f| self.surface.corners(f as usize));
-        let Some(ball) = ball else { return wanted };
+        let Some(ball) = self.ball([point, normal], wanted + gap / 2.0) else { return wanted };
         let Some(touched) = ball.touches else { return wanted };
         let outward = (touched.point - (point + normal * ball.radius)).normalize_or_zero();
         if outward.dot(normal) < -OPPOSED { wanted } else { (ball.radius - gap / 2.0).clamp(0.0, wanted) }
     }
+}
+
+/// The number of the corner at which the longest side of a triangle begins.
+fn longest_side(corners: [DVec3; 3]) -> usize {
+    let length = |k: usize| corners[k].distance_squared(corners[(k + 1) % 3]);
+    (1..3).fold(0, |longest, k| if length(k) > length(longest) { k } else { longest })
 }

@@ -2,7 +2,7 @@
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree};
-use crate::mesh::{Edges, Parts, Surface};
+use crate::mesh::Surface;
 use crate::remesh::{BallUnion, RemeshError};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -14,24 +14,37 @@ use super::spheres::Spheres;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 
 /// The most rounds.
-const MAX_ROUNDS: usize = 8;
+const MAX_ROUNDS: usize = 12;
 /// Sizes of cells, finest first. Measuring the result takes longest, so a body of many faces gets larger cells.
-const CELLS: [Cells; 2] =
-    [Cells { share: 0.2, margin: 0.08, max_faces: 50_000 }, Cells { share: 0.32, margin: 0.12, max_faces: 150_000 }];
-/// How much more a ball grows in each round after the first.
-const MORE: f64 = 0.01;
+const CELLS: [Cells; 3] = [
+    Cells { share: 0.2, margin: 0.08, max_faces: 50_000 },
+    Cells { share: 0.32, margin: 0.12, max_faces: 150_000 },
+    Cells { share: 0.45, margin: 0.17, max_faces: 250_000 },
+];
+/// How much more a ball grows in later rounds: this times the square of the number of the round, at most the second value.
+/// What stays thin then is just below the least wall, and the caps of small balls there are finer than the cells.
+const MORE: [f64; 2] = [0.005, 0.2];
+/// How many times the faces of the first round's body a later body may have.
+const MAX_MORE_FACES: u64 = 3;
 /// The most memory of a body's samples.
 const MAX_MEMORY: u64 = 1 << 29;
-/// The most unions of a round.
-const MAX_UNIONS: usize = 10;
+/// The most unions of a round. More than one is needed only where a promise is broken.
+const MAX_UNIONS: usize = 8;
+/// The share of a round's balls that are left out together where they break a promise.
+const LEFT_OUT: usize = 32;
+/// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
+/// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
+/// rest is the margin for the error of the balls' surface, and what later rounds add beside earlier balls.
+pub const MAX_DEVIATION: f64 = 1.25;
 
 /// A size of cells.
+#[derive(Clone, Copy)]
 struct Cells {
     /// The edge length as a share of the least wall.
     share: f64,
     /// The share by which balls are larger than the least wall, to cover the error of their surface.
     margin: f64,
-    /// The most faces of a body.
+    /// The most faces of the first round's body.
     max_faces: u64,
 }
 
@@ -40,49 +53,59 @@ pub struct Filling<'a> {
     pub settings: Thickening,
     pub union: &'a dyn SelfUnion,
     pub context: &'a Context<'a>,
-    /// The number of the input's faces: sources from here on mean added faces.
-    pub faces: u32,
-    /// The topology of the input.
+    /// The surface to thicken. Sources from the number of its faces on mean added faces.
+    pub input: &'a Surface,
+    /// Its topology.
     pub topology: Topology,
 }
 
-/// A closed surface around balls, and its components.
-struct Body {
-    surface: Surface,
-    /// For each face, the number of its component.
-    component: Vec<u32>,
-    count: u32,
+/// What the rounds share.
+struct State<'a> {
+    /// The surface with which the balls of all rounds are united, so that no round cuts what another added.
+    base: &'a Grown,
+    /// The balls of the rounds so far.
+    balls: Vec<Filler>,
+    /// Balls that broke a promise, and why.
+    left_out: Vec<(Filler, Broken)>,
+    cells: Cells,
+    /// The search on the input, for the deviation.
+    input: Tree,
+    /// The number of the round.
+    round: usize,
 }
 
-/// What a round starts from.
-struct Start<'a> {
-    /// The surface with which balls are united.
-    base: &'a Grown,
-    /// The best result so far, whose thin places get balls.
-    current: &'a Grown,
-    number: usize,
+/// A union with some of the balls of a round.
+struct Union {
+    /// None if no union kept its promises.
+    surface: Option<Surface>,
+    /// The balls that are part of it.
+    balls: Vec<Filler>,
+    /// Why others are not.
+    broken: Option<Broken>,
 }
 
 impl Filling<'_> {
-    /// Runs the rounds. Each unites the balls of all rounds with the first surface, so that no round cuts what another
-    /// added. Ends early, with the best result, when the time runs out.
+    /// Runs the rounds. Ends early, with the best result, when the time runs out.
     ///
     /// # Errors
     /// [`Cancelled`] when the work was cancelled.
     pub fn run(&self, base: &Grown) -> Result<Grown, Cancelled> {
         let (mut best, mut current) = (base.clone(), base.clone());
-        let mut balls = Vec::new();
-        for number in 0..MAX_ROUNDS {
-            if current.thin.is_empty() {
-                break;
-            }
-            let start = Start { base, current: &current, number };
-            let Some(next) = self.context.unless_late(self.round(&start, &mut balls))? else {
+        let Some(cells) = self.context.unless_late(self.cells_for(base))? else {
+            best.reason = Some(ThinReason::Time);
+            return Ok(best);
+        };
+        let input = Tree::new(&self.input.positions, &self.input.faces);
+        let mut state = State { base, balls: Vec::new(), left_out: Vec::new(), cells, input, round: 0 };
+        while state.round < MAX_ROUNDS && !current.thin.is_empty() {
+            let left_out = state.left_out.len();
+            let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
                 break;
             };
+            state.round += 1;
             best.reason = next.reason.or(best.reason);
-            if next.surface == current.surface {
+            if next.surface == current.surface && state.left_out.len() == left_out {
                 best.limited.extend(next.limited);
                 break;
             }
@@ -94,102 +117,122 @@ impl Filling<'_> {
         Ok(best)
     }
 
+    /// The finest cells with which the body of the first round has few enough faces. The number of faces with the coarsest
+    /// cells, which are quick to build, tells it.
+    fn cells_for(&self, base: &Grown) -> Result<Cells, Cancelled> {
+        let [.., coarsest] = CELLS;
+        let fillers = self.fillers(base, coarsest, 0)?.unwrap_or_default();
+        let body = match self.body(&fillers, coarsest.share, u64::MAX) {
+            Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
+            body => body.ok(),
+        };
+        let faces = body.map_or(f64::INFINITY, |body| body.faces.len() as f64);
+        let fits = |cells: &Cells| faces * (coarsest.share / cells.share).powi(2) <= cells.max_faces as f64;
+        Ok(CELLS.into_iter().find(fits).unwrap_or(coarsest))
+    }
+
+    /// The balls that a result still needs; none if there are too many.
+    fn fillers(&self, current: &Grown, cells: Cells, round: usize) -> Result<Option<Vec<Filler>>, Cancelled> {
+        let margin = cells.margin + (MORE[0] * (round * round) as f64).min(MORE[1]);
+        let search = Search { spacing: cells.share * self.settings.min_wall, margin, is_first: round == 0 };
+        Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)
+    }
+
     /// One round. The surface stays the same if nothing can grow.
-    fn round(&self, start: &Start<'_>, balls: &mut Vec<Filler>) -> Result<Grown, Cancelled> {
-        let &Start { base, current, number } = start;
+    fn round(&self, current: &Grown, state: &mut State<'_>) -> Result<Grown, Cancelled> {
         let mut next = Grown { reason: Some(ThinReason::Union), ..current.clone() };
-        for Cells { share, margin, max_faces } in CELLS {
-            let cell = share * self.settings.min_wall;
-            let search = Search { spacing: cell, margin: margin + MORE * number as f64, is_first: number == 0 };
-            let Some(fillers) =
-                Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)?
-            else {
-                continue;
-            };
-            next.limited.extend(fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre));
-            if fillers.iter().all(|filler| filler.radius <= 0.0) {
-                return Ok(Grown { reason: None, ..next });
-            }
-            let all: Vec<Filler> = balls.iter().chain(&fillers).copied().collect();
-            let body = match self.body(&all, cell, max_faces) {
-                Ok(body) => body,
-                Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
-                Err(_) => continue,
-            };
-            *balls = all;
-            let (result, broken) = self.largest_union(&base.surface, &body)?;
-            next.reason = broken.map(|broken| match broken {
-                Broken::Union => ThinReason::Union,
-                Broken::Topology => ThinReason::Topology,
-            });
-            if let Some(surface) = result {
-                next.surface = self.with_sources(surface, &base.surface);
-                next.thin = Thin::of(&next.surface, self.settings.min_wall, self.context)?;
-            }
+        let Some(mut fillers) = self.fillers(current, state.cells, state.round)? else { return Ok(next) };
+        next.limited.extend(fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre));
+        fillers.par_iter_mut().for_each(|filler| filler.radius = self.allowed_radius(filler, &state.input));
+        let is_left_out = |filler: &Filler| {
+            let near = 0.5 * self.settings.min_wall;
+            state.left_out.iter().find(|(other, _)| other.centre.distance(filler.centre) < near).map(|&(_, why)| why)
+        };
+        next.reason = fillers.iter().find_map(is_left_out).map(reason);
+        fillers.retain(|filler| filler.radius > 0.0 && is_left_out(filler).is_none());
+        if fillers.is_empty() {
             return Ok(next);
+        }
+        let union = self.largest_union(fillers, state)?;
+        next.reason = union.broken.map(reason).or(next.reason);
+        if let Some(surface) = union.surface {
+            state.balls = union.balls;
+            next.surface = self.with_sources(surface, &state.base.surface);
+            next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
         }
         Ok(next)
     }
 
-    /// The surface of a union of balls.
-    fn body(&self, fillers: &[Filler], cell: f64, max_faces: u64) -> Result<Body, RemeshError> {
-        let balls: Vec<_> = fillers.iter().map(|filler| (filler.centre, filler.radius)).filter(|b| b.1 > 0.0).collect();
-        let precision = self.settings.precision;
-        let union = BallUnion { balls: &balls, cell, max_faces, max_memory: MAX_MEMORY, precision };
-        let mut surface = union.surface(self.context)?;
-        Spheres::new(&balls, cell, precision).fit(&mut surface);
-        Ok(Body::new(surface))
+    /// The radius with which a ball moves the input's surface by at most [`MAX_DEVIATION`]: at most that of the ball.
+    fn allowed_radius(&self, &Filler { centre, radius, .. }: &Filler, input: &Tree) -> f64 {
+        let most = MAX_DEVIATION * self.settings.min_wall;
+        let corners = |face: u32| self.input.corners(face as usize);
+        let Some(nearest) = input.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), corners) else { return radius };
+        let [a, b, c] = corners(nearest.face);
+        let is_inside = (b - a).cross(c - a).dot(centre - nearest.point) < 0.0;
+        radius.min(if is_inside { most + nearest.distance } else { most - nearest.distance }).max(0.0)
     }
 
-    /// The union with as many components of a body as possible, and why others are left out. By halving.
-    fn largest_union(&self, surface: &Surface, body: &Body) -> Result<(Option<Surface>, Option<Broken>), Cancelled> {
-        let (mut good, mut best, mut broken) = (Vec::new(), None, None);
-        let mut open: Vec<Vec<u32>> = vec![(0..body.count).collect()];
-        let mut unions = 0;
-        while let Some(some) = open.pop() {
-            if unions >= MAX_UNIONS {
-                break;
-            }
-            unions += 1;
-            let mut with: Vec<u32> = good.iter().chain(&some).copied().collect();
-            with.sort_unstable();
-            match self.union_of(surface, body, &with, self.topology)? {
-                Ok(result) => (good, best) = (with, Some(result)),
+    /// The surface of a union of balls, with cells of a share of the least wall.
+    fn body(&self, fillers: &[Filler], share: f64, max_faces: u64) -> Result<Surface, RemeshError> {
+        let balls: Vec<_> = fillers.iter().map(|filler| (filler.centre, filler.radius)).filter(|b| b.1 > 0.0).collect();
+        let (precision, cell) = (self.settings.precision, share * self.settings.min_wall);
+        let around = DVec3::splat(4.0 * self.settings.min_wall);
+        let Box3 { min, max } = self.input.bounds();
+        let bounds = Box3 { min: min - around, max: max + around };
+        let union = BallUnion { balls: &balls, bounds, cell, max_faces, max_memory: MAX_MEMORY, precision };
+        let mut surface = union.surface(self.context)?;
+        Spheres::new(&balls, cell, precision).fit(&mut surface);
+        Ok(surface)
+    }
+
+    /// The union with the balls of all rounds and as many new ones as possible. By halving, where a promise is broken.
+    fn largest_union(&self, new: Vec<Filler>, state: &mut State<'_>) -> Result<Union, Cancelled> {
+        let mut best = Union { surface: None, balls: state.balls.clone(), broken: None };
+        let fewest = new.len() / LEFT_OUT;
+        let mut open = vec![new];
+        for _ in 0..MAX_UNIONS {
+            let Some(some) = open.pop() else { break };
+            let with = [&best.balls[..], &some].concat();
+            match self.union_of(state, &with)? {
+                Ok(surface) => (best.surface, best.balls) = (Some(surface), with),
                 Err(reason) => {
-                    broken = Some(reason);
-                    if some.len() > 1 {
-                        let (left, right) = some.split_at(some.len() / 2);
-                        open.extend([right.to_vec(), left.to_vec()]);
+                    best.broken = Some(reason);
+                    if some.len() > fewest.max(1) {
+                        open.extend(halves(some));
+                    } else {
+                        state.left_out.extend(some.into_iter().map(|filler| (filler, reason)));
                     }
                 }
             }
         }
-        Ok((best, broken))
+        Ok(best)
     }
 
-    fn union_of(
-        &self,
-        surface: &Surface,
-        body: &Body,
-        components: &[u32],
-        topology: Topology,
-    ) -> Result<Result<Surface, Broken>, Cancelled> {
-        let first = u32::try_from(surface.positions.len()).unwrap_or(u32::MAX);
-        let mut both = surface.clone();
-        both.positions.extend(&body.surface.positions);
-        for (face, component) in body.surface.faces.iter().zip(&body.component) {
-            if components.binary_search(component).is_ok() {
-                both.push_generated(face.map(|v| v + first), self.mark());
-            }
-        }
-        both.drop_unreferenced();
-        let expected = Expected { topology, settings: self.settings, first_added: self.faces, has_crumbs: false };
+    fn union_of(&self, state: &State<'_>, balls: &[Filler]) -> Result<Result<Surface, Broken>, Cancelled> {
+        let body = match self.body(balls, state.cells.share, MAX_MORE_FACES * state.cells.max_faces) {
+            Ok(body) => body,
+            Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
+            Err(_) => return Ok(Err(Broken::Union)),
+        };
+        let mut both = state.base.surface.clone();
+        let first = u32::try_from(both.positions.len()).unwrap_or(u32::MAX);
+        both.positions.extend(&body.positions);
+        body.faces.iter().for_each(|face| both.push_generated(face.map(|v| v + first), self.mark()));
+        let expected =
+            Expected { topology: self.topology, settings: self.settings, first_added: self.faces(), has_crumbs: false };
         united(&both, expected, self.union, self.context)
+    }
+
+    /// The number of the input's faces.
+    #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+    fn faces(&self) -> u32 {
+        self.input.faces.len() as u32
     }
 
     /// The source of a body's faces.
     fn mark(&self) -> u32 {
-        2 * self.faces
+        2 * self.faces()
     }
 
     /// Gives the faces of a body the source of the nearest face below.
@@ -198,7 +241,7 @@ impl Filling<'_> {
         let nearest = |face: usize| {
             let centre = united.corners(face).into_iter().sum::<DVec3>() / 3.0;
             let found = tree.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), |f| below.corners(f as usize));
-            found.map_or(self.faces, |found| below.source[found.face as usize] % self.faces + self.faces)
+            found.map_or(self.faces(), |found| below.source[found.face as usize] % self.faces() + self.faces())
         };
         let source = |face: usize| if united.source[face] == self.mark() { nearest(face) } else { united.source[face] };
         united.source = (0..united.faces.len()).into_par_iter().map(source).collect();
@@ -206,31 +249,19 @@ impl Filling<'_> {
     }
 }
 
-impl Body {
-    fn new(surface: Surface) -> Self {
-        let parts = Parts::new(&surface, &Edges::new(&surface.faces));
-        let boxes: Vec<(Box3, f64)> = parts.faces().iter().map(|faces| measured(&surface, faces)).collect();
-        // A cavity belongs to the smallest component around it.
-        let mut component: Vec<u32> = (0u32..).take(boxes.len()).collect();
-        for (part, (bounds, volume)) in boxes.iter().enumerate().filter(|(_, (_, volume))| *volume < 0.0) {
-            let around = boxes.iter().enumerate().filter(|(_, other)| other.1 > -volume && other.0.contains(bounds));
-            let smallest = around.min_by(|a, b| a.1.1.total_cmp(&b.1.1));
-            #[expect(clippy::cast_possible_truncation, reason = "parts are counted in u32")]
-            if let Some((outer, _)) = smallest {
-                component[part] = outer as u32;
-            }
-        }
-        let count = u32::try_from(boxes.len()).unwrap_or(u32::MAX);
-        let component = parts.of_face.iter().map(|&part| component.get(part as usize).copied().unwrap_or(0)).collect();
-        Self { surface, component, count }
-    }
+/// Balls in two halves, across the longest side of the box of their centres.
+fn halves(mut balls: Vec<Filler>) -> [Vec<Filler>; 2] {
+    let bounds = Box3::of(balls.iter().map(|ball| ball.centre));
+    let size = bounds.max - bounds.min;
+    let axis = (0..3).fold(0, |longest, axis| if size[axis] > size[longest] { axis } else { longest });
+    balls.sort_by(|a, b| a.centre[axis].total_cmp(&b.centre[axis]));
+    let second = balls.split_off(balls.len() / 2);
+    [second, balls]
 }
 
-/// The box and the enclosed volume of some faces.
-fn measured(surface: &Surface, faces: &[u32]) -> (Box3, f64) {
-    let corners = || faces.iter().map(|&face| surface.corners(face as usize));
-    let bounds = Box3::of(corners().flatten());
-    let origin = bounds.centre();
-    let volume = corners().map(|corners| corners.map(|p| p - origin)).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum();
-    (bounds, volume)
+fn reason(broken: Broken) -> ThinReason {
+    match broken {
+        Broken::Union => ThinReason::Union,
+        Broken::Topology => ThinReason::Topology,
+    }
 }

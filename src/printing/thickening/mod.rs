@@ -41,10 +41,6 @@ const MAX_PRISMS: usize = 400;
 /// The share of the lack of thickness up to which balls add to prisms; above it they replace the prisms, because the
 /// surfaces of both meet at angles that leave slivers.
 const MAX_LACK: f64 = 0.5;
-/// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
-/// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
-/// rest is the margin for the error of the balls' surface, and what later rounds add beside earlier balls.
-const MAX_BALL_DEVIATION: f64 = 1.25;
 
 impl Thickening {
     /// Thickens the walls of a solid. The surface must be closed, oriented outward and without intersections; its
@@ -86,13 +82,13 @@ impl Thickening {
             }
         }
         // Sharp edges alone stay as they are.
-        if self.growth == Growth::Both && !grown.thin.walls.is_empty() {
+        if self.growth == Growth::Both && !grown.thin.walls().is_empty() {
             let topology = Topology::of(surface, self);
-            let filling = Filling { settings: *self, union, context: &limited, faces: count(surface), topology };
+            let filling = Filling { settings: *self, union, context: &limited, input: surface, topology };
             let base = if grown.thin.lack <= MAX_LACK * before.lack { grown.clone() } else { start };
             let filled = filling.run(&base)?;
             let deviation = || results::deviation_of_added(surface, &filled.surface);
-            if filled.thin.lack < grown.thin.lack && deviation() <= MAX_BALL_DEVIATION * min_wall {
+            if filled.thin.lack < grown.thin.lack && deviation() <= fill::MAX_DEVIATION * min_wall {
                 grown = filled;
             } else {
                 (grown.limited, grown.reason) = (filled.limited, filled.reason);

@@ -3,7 +3,9 @@
 use crate::context::{Cancelled, Context};
 use crate::math::Tree;
 use crate::mesh::Surface;
-use crate::printing::thickness::{OpposedPair, Space, opposed_pairs, rounded_limit};
+use crate::printing::thickness::{
+    Earlier, OpposedPair, OpposedPairs, Space, opposed_pairs, opposed_pairs_after, rounded_limit,
+};
 use glam::DVec3;
 
 use super::outcome::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThinReason};
@@ -13,10 +15,7 @@ use super::walls::Opposed;
 /// The thin walls and sharp edges of a surface, by the measure that decides.
 #[derive(Debug, Clone, Default)]
 pub struct Thin {
-    /// The thinnest place of each face in a thin wall.
-    pub walls: Vec<OpposedPair>,
-    /// The thinnest place of each face at a sharp edge.
-    pub tips: Vec<OpposedPair>,
+    pairs: OpposedPairs,
     /// The sum over all thin faces of the area times the lacking share of the thickness.
     pub lack: f64,
 }
@@ -28,27 +27,50 @@ impl Thin {
     /// [`Cancelled`] when the work should stop.
     pub fn of(surface: &Surface, min_wall: f64, context: &Context<'_>) -> Result<Self, Cancelled> {
         let limit = rounded_limit(surface, min_wall);
-        let pairs = opposed_pairs(surface, limit, Space::Material, context)?;
+        Ok(Self::new(surface, limit, opposed_pairs(surface, limit, Space::Material, context)?))
+    }
+
+    /// Measures a surface where it is not the same as an earlier one.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn after(earlier: &Grown, surface: &Surface, min_wall: f64, context: &Context<'_>) -> Result<Self, Cancelled> {
+        let limit = rounded_limit(surface, min_wall);
+        let earlier = Earlier { surface: &earlier.surface, pairs: &earlier.thin.pairs };
+        Ok(Self::new(surface, limit, opposed_pairs_after(earlier, surface, limit, Space::Material, context)?))
+    }
+
+    fn new(surface: &Surface, limit: f64, pairs: OpposedPairs) -> Self {
         let area = |pair: &OpposedPair| surface.area_vector(pair.faces[0] as usize).length() / 2.0;
         let lack = |pair: &OpposedPair| area(pair) * (1.0 - pair.thickness / limit).max(0.0);
         let lack = pairs.walls.iter().chain(&pairs.tips).map(lack).sum();
-        Ok(Self { walls: pairs.walls, tips: pairs.tips, lack })
+        Self { pairs, lack }
+    }
+
+    /// The thinnest place of each face in a thin wall.
+    pub fn walls(&self) -> &[OpposedPair] {
+        &self.pairs.walls
+    }
+
+    /// The thinnest place of each face at a sharp edge.
+    pub fn tips(&self) -> &[OpposedPair] {
+        &self.pairs.tips
     }
 
     /// Whether nothing is thin.
     pub fn is_empty(&self) -> bool {
-        self.walls.is_empty() && self.tips.is_empty()
+        self.walls().is_empty() && self.tips().is_empty()
     }
 
     /// The number of thin faces.
     pub fn count(&self) -> usize {
-        self.walls.len() + self.tips.len()
+        self.walls().len() + self.tips().len()
     }
 
     /// The thinnest place of each face of a surface; sharp edges only where no wall is thin.
     fn of_faces(&self, faces: usize) -> Vec<Vec<Opposed>> {
         let mut thin: Vec<Vec<Opposed>> = vec![Vec::new(); faces];
-        for pair in self.walls.iter().chain(&self.tips) {
+        for pair in self.walls().iter().chain(self.tips()) {
             let [face, other] = pair.faces;
             if thin[face as usize].is_empty() {
                 let &OpposedPair { points, distance, thickness, .. } = pair;
@@ -89,7 +111,7 @@ impl Results<'_> {
         let places = Places::new(self.input, &before);
         let mut results = self.places_before(&before, &places);
         for (pair, is_tip) in
-            thin.tips.iter().map(|pair| (pair, true)).chain(thin.walls.iter().map(|pair| (pair, false)))
+            thin.tips().iter().map(|pair| (pair, true)).chain(thin.walls().iter().map(|pair| (pair, false)))
         {
             let source = surface.source[pair.faces[0] as usize] as usize % count.max(1);
             let Some(number) = places.of_face[source].or_else(|| places.nearest(self.input, pair.points[0])) else {
@@ -107,7 +129,7 @@ impl Results<'_> {
         for source in &mut surface.source {
             *source = self.input.source[*source as usize % count.max(1)];
         }
-        let is_proved = thin.walls.is_empty();
+        let is_proved = thin.walls().is_empty();
         Thickened { surface, added_volume, max_deviation, places: results, added_faces, is_proved }
     }
 

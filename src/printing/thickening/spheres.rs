@@ -63,6 +63,7 @@ impl<'a> Spheres<'a> {
 mod tests {
     use super::*;
     use crate::context::{Context, NoProgress, monotonic_clock};
+    use crate::math::Box3;
     use crate::remesh::BallUnion;
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;
@@ -73,7 +74,8 @@ mod tests {
     fn fitted(balls: &[(DVec3, f64)]) -> [f64; 2] {
         let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
         let precision = Precision::F32;
-        let union = BallUnion { balls, cell: CELL, max_faces: 100_000, max_memory: 1 << 28, precision };
+        let bounds = Box3::of(balls.iter().flat_map(|&(centre, radius)| [centre - radius, centre + radius]));
+        let union = BallUnion { balls, bounds, cell: CELL, max_faces: 100_000, max_memory: 1 << 28, precision };
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
         let mut surface = union.surface(&context).unwrap();
         Spheres::new(balls, CELL, precision).fit(&mut surface);

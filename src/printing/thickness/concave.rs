@@ -25,13 +25,18 @@ impl Prepared<'_> {
         }
         *steps = steps.saturating_sub(16);
         let u = (q - p) / length;
+        // At the points themselves each face alone allows the least sliding.
+        if self.slope_in(f, p, u) > TILT.sin() || self.slope_in(h, q, -u) > TILT.sin() {
+            return Least::Nothing;
+        }
         if !self.is_foremost(f, p, u) || !self.is_foremost(h, q, -u) {
             return Least::Nothing;
         }
-        let (Some(first), Some(second)) = (self.end(f, p, u), self.end(h, q, -u)) else { return Least::Nothing };
+        let Some(first) = self.end(f, p, u) else { return Least::Nothing };
+        let Some(second) = self.end(h, q, -u) else { return Least::Nothing };
         let slope = first.slope.max(second.slope);
         let thickness = length / (1.0 - slope * slope).sqrt();
-        if slope > TILT.sin() || thickness >= limit {
+        if thickness >= limit {
             return Least::Nothing;
         }
         let is_end = |face: u32| first.around.contains(&face) || second.around.contains(&face);
@@ -70,7 +75,7 @@ impl Prepared<'_> {
 
     /// The end of a chord that leaves the surface at `p` of face `f` in the direction `u`. A point on the face's border
     /// also counts as the limit of points within the face or along its edges, so that a sharp convex edge beside a wall
-    /// does not hide the wall. None if the chord does not leave into the material.
+    /// does not hide the wall. None if the chord does not leave into the material, or shortens too much.
     fn end(&self, f: u32, p: DVec3, u: DVec3) -> Option<End> {
         let corners = self.corners(f);
         let [a, b, c] = corners;
@@ -82,7 +87,7 @@ impl Prepared<'_> {
             .min_by(|x, y| x.slope.total_cmp(&y.slope))
     }
 
-    /// The end at a point close to `p`, where the faces `around` meet; `star` are those at `p`.
+    /// The end at a point close to `p`, where the faces `around` meet; `star` are those at `p`. None as for [`Prepared::end`].
     fn end_at(&self, [p, inner]: [DVec3; 2], (star, around): (&Faces, Faces), u: DVec3) -> Option<End> {
         let inward: DVec3 = around.iter().map(|&k| self.normal(k)).sum();
         if around.iter().any(|&k| self.normal(k) == DVec3::ZERO) || u.dot(inward) >= 0.0 {
@@ -90,7 +95,13 @@ impl Prepared<'_> {
         }
         let is_smooth = |k: u32| around.iter().any(|&a| self.normal(a).dot(self.normal(k)) > SMOOTH);
         let beside = star.iter().filter(|&&k| !around.contains(&k) && is_smooth(k)).map(|&k| self.slope_in(k, p, u));
-        let slope = around.iter().map(|&k| self.slope_in(k, inner, u)).chain(beside).fold(0.0, f64::max);
+        let mut slope = 0.0f64;
+        for rate in around.iter().map(|&k| self.slope_in(k, inner, u)).chain(beside) {
+            slope = slope.max(rate);
+            if slope > TILT.sin() {
+                return None;
+            }
+        }
         Some(End { slope, inner, around })
     }
 
@@ -155,7 +166,8 @@ fn longest_side([a, b, c]: [DVec3; 3]) -> f64 {
 /// Whether a point of a triangle lies on its edge `i`.
 fn is_on_edge(p: DVec3, corners: [DVec3; 3], i: usize) -> bool {
     let (a, b) = (corners[i], corners[(i + 1) % 3]);
-    (b - a).cross(p - a).length() <= TOUCHING * longest_side(corners) * (b - a).length()
+    let longest = (0..3).fold(0.0f64, |most, k| most.max(corners[k].distance_squared(corners[(k + 1) % 3])));
+    (b - a).cross(p - a).length_squared() <= TOUCHING * TOUCHING * longest * (b - a).length_squared()
 }
 
 /// The nearest points of two segments (Ericson 2005, "Real-Time Collision Detection", section 5.1.9).

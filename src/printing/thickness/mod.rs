@@ -7,6 +7,7 @@
 //! chord between two faces counts.
 
 mod concave;
+mod earlier;
 mod facing;
 mod field;
 mod kinds;
@@ -17,6 +18,7 @@ mod search;
 
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
+pub use earlier::Earlier;
 pub use places::{
     FeatureKind, LeastThickness, OpposedPair, OpposedPairs, Space, ThicknessField, ThinFeatures, ThinRegion,
 };
@@ -83,6 +85,24 @@ pub fn opposed_pairs(
 ) -> Result<OpposedPairs, Cancelled> {
     let prepared = Prepared::new(surface, side);
     let found = prepared.thinnest(below * prepared.scale, context)?;
+    Ok(prepared.pairs(&found))
+}
+
+/// Like [`opposed_pairs`], for a surface that was measured before it was changed in places. Only faces near a change are
+/// measured.
+///
+/// # Errors
+/// [`Cancelled`] on cancellation or timeout.
+pub fn opposed_pairs_after(
+    earlier: Earlier<'_>,
+    surface: &Surface,
+    below: f64,
+    side: Space,
+    context: &Context<'_>,
+) -> Result<OpposedPairs, Cancelled> {
+    let prepared = Prepared::new(surface, side);
+    let known = earlier.known(surface, below, prepared.scale);
+    let found = prepared.thinnest_of(known, below * prepared.scale, context)?;
     Ok(prepared.pairs(&found))
 }
 

@@ -251,28 +251,30 @@ impl Prepared<'_> {
 
     /// The thinnest places of each face below `limit` (in the scaled unit).
     pub(super) fn thinnest(&self, limit: f64, context: &Context<'_>) -> Result<Vec<Thinnest>, Cancelled> {
+        self.thinnest_of(vec![None; self.len()], limit, context)
+    }
+
+    /// Like [`Prepared::thinnest`], for the faces of which the thinnest place is not `known`.
+    pub(super) fn thinnest_of(
+        &self,
+        known: Vec<Option<Thinnest>>,
+        limit: f64,
+        context: &Context<'_>,
+    ) -> Result<Vec<Thinnest>, Cancelled> {
         // No chord is longer, and the search needs a finite limit.
         let limit = limit.min(2.0 * self.surface.bounds().diagonal());
-        let measured: Vec<u32> = (0u32..).take(self.len()).filter(|&f| self.normal(f) != DVec3::ZERO).collect();
-        let mut all = vec![Thinnest::default(); self.len()];
+        let is_open = |&f: &u32| known[f as usize].is_none() && self.normal(f) != DVec3::ZERO;
+        let measured: Vec<u32> = (0u32..).take(self.len()).filter(is_open).collect();
         let concave: Vec<u32> = measured.iter().copied().filter(|&f| self.spread[f as usize] > 0.0).collect();
+        let mut all: Vec<Thinnest> = known.into_iter().map(Option::unwrap_or_default).collect();
+        for (face, known) in (0u32..).zip(all.clone()) {
+            known.mirror(face, &mut all);
+        }
         for (faces, is_concave) in [(measured, false), (concave, true)] {
             let found = self.search(&faces, limit, is_concave.then_some(&all[..]), context)?;
             for (&f, found) in faces.iter().zip(found) {
                 all[f as usize].merge(&found);
-                for (other, chord, is_tip) in [(found.wall, false), (found.tip, true)]
-                    .into_iter()
-                    .filter_map(|(place, is_tip)| place.map(|(other, chord)| (other, chord, is_tip)))
-                {
-                    let [p, q] = chord.points;
-                    let place = Some((f, Chord { points: [q, p], ..chord }));
-                    let mirrored = if is_tip {
-                        Thinnest { tip: place, ..Thinnest::default() }
-                    } else {
-                        Thinnest { wall: place, ..Thinnest::default() }
-                    };
-                    all[other as usize].merge(&mirrored);
-                }
+                found.mirror(f, &mut all);
             }
         }
         Ok(all)
@@ -299,6 +301,20 @@ impl Prepared<'_> {
 }
 
 impl Thinnest {
+    /// Merges the places of face `f` into what was found for the faces opposite.
+    fn mirror(&self, f: u32, all: &mut [Self]) {
+        let reverse = |(_, chord): (u32, Chord)| {
+            let [p, q] = chord.points;
+            Some((f, Chord { points: [q, p], ..chord }))
+        };
+        if let Some(wall) = self.wall {
+            all[wall.0 as usize].merge(&Self { wall: reverse(wall), ..Self::default() });
+        }
+        if let Some(tip) = self.tip {
+            all[tip.0 as usize].merge(&Self { tip: reverse(tip), ..Self::default() });
+        }
+    }
+
     /// Keeps the thinner of two places; the first of equally thin ones stays.
     fn merge(&mut self, other: &Self) {
         let thinner = |a: Option<(u32, Chord)>, b: Option<(u32, Chord)>| match (a, b) {

@@ -1,6 +1,7 @@
 //! Tests of the wall thickness: shapes with known walls, and a search over all pairs of faces as the oracle.
 
 mod brute;
+mod earlier;
 mod field;
 mod kinds;
 mod shapes;
