@@ -98,14 +98,13 @@ impl Filling<'_> {
         let input = Tree::new(&self.input.positions, &self.input.faces);
         let mut state = State { base, balls: Vec::new(), left_out: Vec::new(), cells, input, round: 0 };
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
-            let left_out = state.left_out.len();
             let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
                 break;
             };
             state.round += 1;
             best.reason = next.reason.or(best.reason);
-            if next.surface == current.surface && state.left_out.len() == left_out {
+            if next.surface == current.surface {
                 best.limited.extend(next.limited);
                 break;
             }
