@@ -30,7 +30,7 @@ const MAX_MORE_FACES: u64 = 3;
 const MAX_MEMORY: u64 = 1 << 29;
 /// The most unions of a round. More than one is needed only where a promise is broken.
 const MAX_UNIONS: usize = 8;
-/// The share of a round's balls that are left out together where they break a promise.
+/// Balls that break a promise are left out in groups of at most this fraction of a round's balls: one in so many.
 const LEFT_OUT: usize = 32;
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
@@ -121,11 +121,12 @@ impl Filling<'_> {
     fn cells_for(&self, base: &Grown) -> Result<Cells, Cancelled> {
         let [.., coarsest] = CELLS;
         let fillers = self.fillers(base, coarsest, 0)?.unwrap_or_default();
-        let body = match self.body(&fillers, coarsest.share, u64::MAX) {
+        let faces = match self.body(&fillers, coarsest.share, u64::MAX) {
+            Ok(body) => body.faces.len() as f64,
+            Err(RemeshError::Empty) => 0.0,
             Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
-            body => body.ok(),
+            Err(_) => f64::INFINITY,
         };
-        let faces = body.map_or(f64::INFINITY, |body| body.faces.len() as f64);
         let fits = |cells: &Cells| faces * (coarsest.share / cells.share).powi(2) <= cells.max_faces as f64;
         Ok(CELLS.into_iter().find(fits).unwrap_or(coarsest))
     }
