@@ -13,6 +13,8 @@ use glam::DVec3;
 use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 
+use crate::math::longest_side_first;
+
 /// The memory of a program before it loads a mesh, in bytes. Blender 3.4 to 5.0 use 150 to 400 MiB.
 const PROGRAM_BYTES: u64 = 512 << 20;
 /// The most slots, however much memory there is.
@@ -166,7 +168,7 @@ pub(super) fn check_voxel_memory(
         if blocks.len() > max_blocks { Err(TooHeavy) } else { Ok(()) }
     };
     for triangle in triangles {
-        let [a, b, c] = longest_edge_first(triangle);
+        let [a, b, c] = longest_side_first(triangle);
         let length = a.distance(b);
         if length <= block {
             touch((a + b + c) / 3.0)?;
@@ -189,18 +191,6 @@ pub(super) fn check_voxel_memory(
         }
     }
     Ok(())
-}
-
-/// The corners in cyclic order, starting with the longest edge.
-fn longest_edge_first([a, b, c]: [DVec3; 3]) -> [DVec3; 3] {
-    let [ab, bc, ca] = [a.distance_squared(b), b.distance_squared(c), c.distance_squared(a)];
-    if ab >= bc && ab >= ca {
-        [a, b, c]
-    } else if bc >= ca {
-        [b, c, a]
-    } else {
-        [c, a, b]
-    }
 }
 
 #[cfg(test)]

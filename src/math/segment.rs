@@ -5,6 +5,7 @@ use obvhs::aabb::Aabb;
 use smallvec::SmallVec;
 
 use super::tree::{DEPTH, FAR, Tree, spend, triangles_of, vec3a};
+use super::triangle::hit;
 
 /// Relative bound of the slab test's f32 rounding: a subtraction, a reciprocal and a product, each with half of 2^-23.
 const ROUNDING: f32 = 1.0 / (1 << 20) as f32;
@@ -15,6 +16,19 @@ impl Tree {
     pub fn along(&self, from: DVec3, to: DVec3, visit: impl FnMut(u32) -> bool) {
         let segment = self.segment(from, to);
         self.walk(|aabb| segment.enters(aabb).is_some(), visit);
+    }
+
+    /// The first triangle besides `own` that the segment from `from` to `from + step` meets, with its parameter along the
+    /// segment. `triangle` and `steps` as in [`Tree::nearest`].
+    pub fn first_hit(
+        &self,
+        [from, step]: [DVec3; 2],
+        own: Option<u32>,
+        steps: &mut u64,
+        triangle: impl Fn(u32) -> [DVec3; 3],
+    ) -> Option<(f64, u32)> {
+        let meets = |face: u32| if Some(face) == own { None } else { hit(from, step, triangle(face)) };
+        self.first_along([from, from + step], None, steps, meets)
     }
 
     /// The first triangle that the segment meets, with its parameter along the segment. Ties go to the smallest index.

@@ -110,6 +110,32 @@ pub fn crossing(p: DVec3, q: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
     if sp == Sign::Negative { Crossing::Enters } else { Crossing::Leaves }
 }
 
+/// The centre of a triangle, and the distance of its farthest corner from it.
+#[must_use]
+pub fn centre_and_radius(corners: [DVec3; 3]) -> (DVec3, f64) {
+    let centre = corners.iter().sum::<DVec3>() / 3.0;
+    (centre, corners.iter().fold(0.0, |most, p| p.distance(centre).max(most)))
+}
+
+/// The square of the length of a triangle's longest side.
+#[must_use]
+pub fn longest_squared([a, b, c]: [DVec3; 3]) -> f64 {
+    a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a))
+}
+
+/// The corners of a triangle in cyclic order, with the longest side between the first two.
+#[must_use]
+pub fn longest_side_first([a, b, c]: [DVec3; 3]) -> [DVec3; 3] {
+    let [ab, bc, ca] = [a.distance_squared(b), b.distance_squared(c), c.distance_squared(a)];
+    if ab >= bc && ab >= ca {
+        [a, b, c]
+    } else if bc >= ca {
+        [b, c, a]
+    } else {
+        [c, a, b]
+    }
+}
+
 /// The parameter, from 0 to 1, at which the segment from `origin` to `origin + step` meets a triangle (Moeller and
 /// Trumbore 1997). A segment through a shared edge of two triangles meets at least one of them. Computed in f64: a
 /// measurement, not a topological predicate.
@@ -136,6 +162,18 @@ pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::math::r3;
+
+    #[test]
+    fn the_longest_side_comes_first_and_the_first_of_equal_ones() {
+        let [a, b, c] = [DVec3::ZERO, DVec3::X * 3.0, DVec3::Y];
+        assert_eq!(longest_squared([a, b, c]), 10.0);
+        for corners in [[a, b, c], [b, c, a], [c, a, b]] {
+            assert_eq!(longest_side_first(corners), [b, c, a]);
+        }
+        let equal = [DVec3::X, DVec3::Y, DVec3::Z];
+        assert_eq!(longest_side_first(equal), equal);
+        assert_eq!(centre_and_radius([a, b, DVec3::ZERO]), (DVec3::X, 2.0));
+    }
 
     #[test]
     fn the_distance_is_to_the_nearest_of_interior_edges_and_corners() {

@@ -80,6 +80,18 @@ impl Surface {
         [self.positions[a as usize], self.positions[b as usize], self.positions[c as usize]]
     }
 
+    /// A key that is equal exactly for faces with equal corner positions in the same winding.
+    ///
+    /// # Panics
+    /// If `face` is not an index of `faces`.
+    #[must_use]
+    pub fn face_key(&self, face: usize) -> [[u64; 3]; 3] {
+        let mut keys = self.corners(face).map(position_key);
+        let first = (0..3).min_by_key(|&i| keys[i]).unwrap_or(0);
+        keys.rotate_left(first);
+        keys
+    }
+
     /// Twice the area of a face times its unit normal.
     ///
     /// # Panics

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::dynamic_mesh::{DynamicMesh, area_vector};
-use crate::math::{Box3, GrowingTree, Tree, collinear, contact};
+use crate::math::{Box3, GrowingTree, Tree, collinear, contact, longest_squared};
 
 /// Budget of nearby faces that may be tested: per original face, and in total. Ordinary models need a small fraction.
 const NEARBY_PER_FACE: u64 = 400;
@@ -61,11 +61,6 @@ pub(super) fn shape(removed: &[[DVec3; 3]], changed: &[([DVec3; 3], [DVec3; 3])]
 fn roundness([a, b, c]: [DVec3; 3]) -> f64 {
     let sides = a.distance_squared(b) + b.distance_squared(c) + c.distance_squared(a);
     if sides > 0.0 { 2.0 * 3f64.sqrt() * area_vector([a, b, c]).length() / sides } else { 0.0 }
-}
-
-/// The square of the longest side.
-fn longest_squared([a, b, c]: [DVec3; 3]) -> f64 {
-    a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a))
 }
 
 /// A face with separating planes: its own plane, and the perpendicular planes through its edges, with outward normals.

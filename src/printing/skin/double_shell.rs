@@ -143,14 +143,11 @@ fn sample(corners: &impl Fn(u32) -> [DVec3; 3], tree: &Tree, face: u32, diagonal
     };
     let normal = normal_of(face);
     let middle = corners(face).into_iter().sum::<DVec3>() / 3.0;
-    let first = |from: DVec3, step: DVec3, after: Option<(f64, u32)>| {
-        let mut steps = STEPS;
-        tree.first_along([from, from + step], after, &mut steps, |f| {
-            if f == face { None } else { hit(from, step, corners(f)) }
-        })
-    };
     let reach = MAX_WALL * 2.0 * diagonal;
-    let near = [normal, -normal].map(|direction| first(middle, direction * reach, None).map(|(at, f)| (at * reach, f)));
+    let near = [normal, -normal].map(|direction| {
+        let first = tree.first_hit([middle, direction * reach], Some(face), &mut STEPS.clone(), corners);
+        first.map(|(at, f)| (at * reach, f))
+    });
     let (direction, (wall, second)) = match near {
         [Some(front), Some(back)] if front.0 <= back.0 => (normal, front),
         [_, Some(back)] => (-normal, back),

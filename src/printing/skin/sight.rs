@@ -5,7 +5,7 @@ use rustc_hash::FxHashMap;
 
 use super::states::{CellState, Labels};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Tree, hit, ray_direction};
+use crate::math::{Box3, Tree, ray_direction};
 
 /// Rays cast from each cell without evidence.
 const RAYS: u32 = 24;
@@ -103,9 +103,7 @@ impl Sight<'_, '_> {
         let normal = if side.is_multiple_of(2) { sides.area_vector(facet) } else { -sides.area_vector(facet) };
         let step = if step.dot(normal) < 0.0 { -step } else { step };
         let mut steps = STEPS;
-        let found = self.tree.first_along([middle, middle + step], None, &mut steps, |f| {
-            if f == facet { None } else { hit(middle, step, sides.triangle(f)) }
-        });
+        let found = self.tree.first_hit([middle, step], Some(facet), &mut steps, |f| sides.triangle(f));
         found.map(|(_, f)| 2 * f + u32::from(sides.area_vector(f).dot(step) > 0.0))
     }
 }

@@ -5,7 +5,7 @@
 //! least wall's diameter around the same centre replaces it.
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Ball, Nearest, Tree, hit};
+use crate::math::{Ball, Nearest, Tree, centre_and_radius, hit, longest_side_first};
 use crate::mesh::Surface;
 use crate::printing::thickness::OpposedPair;
 use glam::DVec3;
@@ -207,14 +207,13 @@ impl<'a> Fillers<'a> {
     /// Visits samples of a triangle of a face, with the points opposite. A large triangle has those of its halves.
     fn sample(
         &self,
-        [a, b, c]: [DVec3; 3],
+        corners: [DVec3; 3],
         of: (u32, DVec3),
         depth: u32,
         visit: &mut impl FnMut(Contact, Option<Nearest>),
     ) {
         let (_, normal) = of;
-        let centre = (a + b + c) / 3.0;
-        let size = [a, b, c].map(|p| p.distance(centre)).into_iter().fold(0.0, f64::max);
+        let (centre, size) = centre_and_radius(corners);
         if size <= 0.6 * self.search.spacing || depth >= MAX_DEPTH {
             visit(Contact { point: centre, normal }, self.opposite(centre, of, 2.0 * self.thickest()));
             return;
@@ -226,8 +225,7 @@ impl<'a> Fillers<'a> {
         };
         if size > MAX_TESTED * self.settings.min_wall || may_be_thin() {
             // Across the longest side, so that a long narrow face has few samples.
-            let longest = longest_side([a, b, c]);
-            let [a, b, c] = [0, 1, 2].map(|k| [a, b, c][(longest + k) % 3]);
+            let [a, b, c] = longest_side_first(corners);
             let middle = (a + b) / 2.0;
             for half in [[a, middle, c], [middle, b, c]] {
                 self.sample(half, of, depth + 1, visit);
@@ -243,9 +241,8 @@ impl<'a> Fillers<'a> {
     /// Where the perpendicular of at most `longest` from a point of a face leaves the material.
     fn opposite(&self, point: DVec3, (own, normal): (u32, DVec3), longest: f64) -> Option<Nearest> {
         let step = -normal * longest;
-        let first = self.tree.first_along([point, point + step], None, &mut STEPS.clone(), |face| {
-            if face == own { None } else { hit(point, step, self.surface.corners(face as usize)) }
-        });
+        let corners = |face: u32| self.surface.corners(face as usize);
+        let first = self.tree.first_hit([point, step], Some(own), &mut STEPS.clone(), corners);
         let at = |(fraction, face): (f64, u32)| Nearest {
             face,
             point: point + step * fraction,
@@ -329,10 +326,4 @@ impl<'a> Fillers<'a> {
         let outward = (touched.point - (point + normal * ball.radius)).normalize_or_zero();
         if outward.dot(normal) < -OPPOSED { wanted } else { (ball.radius - gap / 2.0).clamp(0.0, wanted) }
     }
-}
-
-/// The number of the corner at which the longest side of a triangle begins.
-fn longest_side(corners: [DVec3; 3]) -> usize {
-    let length = |k: usize| corners[k].distance_squared(corners[(k + 1) % 3]);
-    (1..3).fold(0, |longest, k| if length(k) > length(longest) { k } else { longest })
 }

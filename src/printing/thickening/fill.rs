@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::bodies::{Filler, Fillers, Search};
 use super::outcome::{Thickening, ThinReason};
-use super::results::{Grown, Thin};
+use super::results::{Grown, Thin, face_count};
 use super::spheres::Spheres;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 
@@ -68,8 +68,12 @@ struct State<'a> {
     /// Balls that broke a promise, and why.
     left_out: Vec<(Filler, Broken)>,
     cells: Cells,
-    /// The search on the input, for the deviation.
-    input: Tree,
+    /// The tree of the base, for the sources.
+    base_tree: Tree,
+    /// The tree of the input, for the deviation.
+    input_tree: Tree,
+    /// The balls of the first round, if they are known.
+    first: Option<Vec<Filler>>,
     /// The number of the round.
     round: usize,
 }
@@ -91,12 +95,14 @@ impl Filling<'_> {
     /// [`Cancelled`] when the work was cancelled.
     pub fn run(&self, base: &Grown) -> Result<Grown, Cancelled> {
         let (mut best, mut current) = (base.clone(), base.clone());
-        let Some(cells) = self.context.unless_late(self.cells_for(base))? else {
+        let Some((cells, first)) = self.context.unless_late(self.cells_for(base))? else {
             best.reason = Some(ThinReason::Time);
             return Ok(best);
         };
-        let input = Tree::new(&self.input.positions, &self.input.faces);
-        let mut state = State { base, balls: Vec::new(), left_out: Vec::new(), cells, input, round: 0 };
+        let [base_tree, input_tree] =
+            [&base.surface, self.input].map(|surface| Tree::new(&surface.positions, &surface.faces));
+        let (balls, left_out) = (Vec::new(), Vec::new());
+        let mut state = State { base, balls, left_out, cells, base_tree, input_tree, first, round: 0 };
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
             let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
@@ -117,10 +123,10 @@ impl Filling<'_> {
     }
 
     /// The finest cells with which the body of the first round has few enough faces. The number of faces with the coarsest
-    /// cells, which are quick to build, tells it.
-    fn cells_for(&self, base: &Grown) -> Result<Cells, Cancelled> {
-        let [.., coarsest] = CELLS;
-        let fillers = self.fillers(base, coarsest, 0)?.unwrap_or_default();
+    /// cells, which are quick to build, tells it. Also the balls of the first round, if they are known then.
+    fn cells_for(&self, base: &Grown) -> Result<(Cells, Option<Vec<Filler>>), Cancelled> {
+        let [finer @ .., coarsest] = CELLS;
+        let Some(fillers) = self.fillers(base, coarsest, 0)? else { return Ok((coarsest, None)) };
         let faces = match self.body(&fillers, coarsest.share, u64::MAX) {
             Ok(body) => body.faces.len() as f64,
             Err(RemeshError::Empty) => 0.0,
@@ -128,7 +134,7 @@ impl Filling<'_> {
             Err(_) => f64::INFINITY,
         };
         let fits = |cells: &Cells| faces * (coarsest.share / cells.share).powi(2) <= cells.max_faces as f64;
-        Ok(CELLS.into_iter().find(fits).unwrap_or(coarsest))
+        Ok(finer.into_iter().find(fits).map_or((coarsest, Some(fillers)), |finer| (finer, None)))
     }
 
     /// The balls that a result still needs; none if there are too many.
@@ -141,9 +147,13 @@ impl Filling<'_> {
     /// One round. The surface stays the same if nothing can grow.
     fn round(&self, current: &Grown, state: &mut State<'_>) -> Result<Grown, Cancelled> {
         let mut next = Grown { reason: Some(ThinReason::Union), ..current.clone() };
-        let Some(mut fillers) = self.fillers(current, state.cells, state.round)? else { return Ok(next) };
+        let fillers = match state.first.take() {
+            Some(first) => Some(first),
+            None => self.fillers(current, state.cells, state.round)?,
+        };
+        let Some(mut fillers) = fillers else { return Ok(next) };
         next.limited.extend(fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre));
-        fillers.par_iter_mut().for_each(|filler| filler.radius = self.allowed_radius(filler, &state.input));
+        fillers.par_iter_mut().for_each(|filler| filler.radius = self.allowed_radius(filler, &state.input_tree));
         let is_left_out = |filler: &Filler| {
             let near = 0.5 * self.settings.min_wall;
             state.left_out.iter().find(|(other, _)| other.centre.distance(filler.centre) < near).map(|&(_, why)| why)
@@ -157,7 +167,7 @@ impl Filling<'_> {
         next.reason = union.broken.map(reason).or(next.reason);
         if let Some(surface) = union.surface {
             state.balls = union.balls;
-            next.surface = self.with_sources(surface, &state.base.surface);
+            next.surface = self.with_sources(surface, (&state.base.surface, &state.base_tree));
             next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
         }
         Ok(next)
@@ -225,9 +235,8 @@ impl Filling<'_> {
     }
 
     /// The number of the input's faces.
-    #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
     fn faces(&self) -> u32 {
-        self.input.faces.len() as u32
+        face_count(self.input)
     }
 
     /// The source of a body's faces.
@@ -236,8 +245,7 @@ impl Filling<'_> {
     }
 
     /// Gives the faces of a body the source of the nearest face below.
-    fn with_sources(&self, mut united: Surface, below: &Surface) -> Surface {
-        let tree = Tree::new(&below.positions, &below.faces);
+    fn with_sources(&self, mut united: Surface, (below, tree): (&Surface, &Tree)) -> Surface {
         let nearest = |face: usize| {
             let centre = united.corners(face).into_iter().sum::<DVec3>() / 3.0;
             let found = tree.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), |f| below.corners(f as usize));

@@ -65,9 +65,7 @@ impl Thickening {
         ClosedSurface::try_from(surface)?;
         let before = Thin::of(surface, min_wall, context)?;
         let results = results::Results { settings: *self, input: surface, before: &before };
-        let mut start = surface.clone();
-        start.source = (0..count(surface)).collect();
-        let start = Grown { surface: start, thin: before.clone(), ..Grown::default() };
+        let start = Grown { surface: results::with_own_sources(surface), thin: before.clone(), ..Grown::default() };
         if before.is_empty() {
             return Ok(results.finish(start));
         }
@@ -117,9 +115,4 @@ impl Thickening {
         let thin = if is_proved { Thin::default() } else { Thin::of(&surface, self.min_wall, context)? };
         Ok(Some(Grown { surface, thin, ..Grown::default() }))
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
-fn count(surface: &Surface) -> u32 {
-    surface.faces.len() as u32
 }

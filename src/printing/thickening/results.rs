@@ -172,6 +172,17 @@ fn volume(surface: &Surface) -> f64 {
     (0..surface.faces.len()).map(part).sum::<f64>() / 6.0
 }
 
+/// The number of faces of a surface.
+#[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+pub fn face_count(surface: &Surface) -> u32 {
+    surface.faces.len() as u32
+}
+
+/// The input as the start of a way to a result: each face is its own source.
+pub fn with_own_sources(input: &Surface) -> Surface {
+    Surface { source: (0..face_count(input)).collect(), ..input.clone() }
+}
+
 /// The faces of a surface on the way to a result that are not faces of the input, which has `count` faces.
 fn added_faces(surface: &Surface, count: usize) -> Vec<u32> {
     let is_added = |&(_, source): &(u32, &u32)| *source as usize >= count;

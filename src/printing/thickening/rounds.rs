@@ -11,7 +11,7 @@ use super::layer::layered;
 use super::outcome::{Thickening, ThickeningError};
 use super::places::Places;
 use super::refine::Refined;
-use super::results::deviation_of_added;
+use super::results::{deviation_of_added, face_count, with_own_sources};
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
@@ -87,8 +87,7 @@ impl<'a> Rounds<'a> {
     fn grown(&mut self, thin_before: &[Vec<Opposed>]) -> Result<Grown, ThickeningError> {
         let settings = self.settings;
         // Faces carry the index of the input's face; added faces carry it plus the number of faces.
-        let mut surface = self.input.clone();
-        surface.source = (0..self.faces()).collect();
+        let mut surface = with_own_sources(self.input);
         let mut thin = thin_before.to_vec();
         let mut best = Grown { area: thin_area(&surface, &thin), surface: surface.clone(), thin: thin.clone() };
         for number in 0..MAX_ROUNDS {
@@ -131,9 +130,7 @@ impl<'a> Rounds<'a> {
 
     /// The places that are not yet taken back, and of which much stays thin or a wall got thinner.
     fn failed(&self, grown: &Grown, before: &[Vec<Opposed>]) -> Vec<u32> {
-        let mut unmarked = self.input.clone();
-        unmarked.source = (0..self.faces()).collect();
-        let before = self.measures(&unmarked, before);
+        let before = self.measures(&with_own_sources(self.input), before);
         let after = self.measures(&grown.surface, &grown.thin);
         let is_failed = |&place: &u32| {
             let [before, after] = [&before, &after].map(|measures| measures[place as usize]);
@@ -146,7 +143,7 @@ impl<'a> Rounds<'a> {
     }
 
     fn faces(&self) -> u32 {
-        u32::try_from(self.input.faces.len()).unwrap_or(u32::MAX)
+        face_count(self.input)
     }
 
     /// The place of a face, by its carrier.

@@ -115,8 +115,8 @@ impl<'a> Walls<'a> {
 
     /// The share of a step from a point at which it first meets a face other than `own`.
     pub fn first_hit(&self, from: DVec3, step: DVec3, own: u32) -> Option<f64> {
-        let meets = |face: u32| (face != own).then(|| hit(from, step, self.corners(face))).flatten();
-        self.tree.first_along([from, from + step], None, &mut u64::MAX.clone(), meets).map(|(share, _)| share)
+        let first = self.tree.first_hit([from, step], Some(own), &mut u64::MAX.clone(), |face| self.corners(face));
+        first.map(|(share, _)| share)
     }
 
     /// The share of the thickness of a wedge that a segment at a right angle to one of its sides measures.

@@ -1,6 +1,6 @@
 //! Chords that end at a concave edge or vertex: necks, grooves opposite a wall, pits.
 
-use crate::math::nearest_on_triangle;
+use crate::math::{longest_squared, nearest_on_triangle};
 use glam::DVec3;
 use smallvec::{SmallVec, smallvec};
 
@@ -108,7 +108,7 @@ impl Prepared<'_> {
     /// The faces that meet at a point of face `f`.
     fn faces_at(&self, f: u32, p: DVec3) -> Faces {
         let (face, corners) = (self.surface.faces[f as usize], self.corners(f));
-        let near = TOUCHING * longest_side(corners);
+        let near = TOUCHING * longest_squared(corners).sqrt();
         if let Some(i) = (0..3).find(|&i| corners[i].distance(p) <= near) {
             self.stars.of(face[i]).iter().copied().collect()
         } else if let Some(i) = (0..3).find(|&i| is_on_edge(p, corners, i)) {
@@ -159,14 +159,10 @@ struct End {
     around: Faces,
 }
 
-fn longest_side([a, b, c]: [DVec3; 3]) -> f64 {
-    a.distance(b).max(b.distance(c)).max(c.distance(a))
-}
-
 /// Whether a point of a triangle lies on its edge `i`.
 fn is_on_edge(p: DVec3, corners: [DVec3; 3], i: usize) -> bool {
     let (a, b) = (corners[i], corners[(i + 1) % 3]);
-    let longest = (0..3).fold(0.0f64, |most, k| most.max(corners[k].distance_squared(corners[(k + 1) % 3])));
+    let longest = longest_squared(corners);
     (b - a).cross(p - a).length_squared() <= TOUCHING * TOUCHING * longest * (b - a).length_squared()
 }
 

@@ -1,7 +1,7 @@
 //! A measurement of a surface that was measured before it was changed in places.
 
-use crate::math::Tree;
-use crate::mesh::{Surface, position_key};
+use crate::math::{Tree, centre_and_radius};
+use crate::mesh::Surface;
 use glam::DVec3;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
@@ -51,8 +51,8 @@ impl Earlier<'_> {
     /// For each face the face of the earlier surface with the same corners.
     fn same_faces(&self, surface: &Surface) -> Vec<Option<u32>> {
         let numbers = 0..self.surface.faces.len();
-        let before: FxHashMap<_, u32> = numbers.map(|face| key(self.surface, face)).zip(0u32..).collect();
-        (0..surface.faces.len()).into_par_iter().map(|face| before.get(&key(surface, face)).copied()).collect()
+        let before: FxHashMap<_, u32> = numbers.map(|face| self.surface.face_key(face)).zip(0u32..).collect();
+        (0..surface.faces.len()).into_par_iter().map(|face| before.get(&surface.face_key(face)).copied()).collect()
     }
 
     /// For each face whether it is in both surfaces and farther than `reach` from all faces that are in only one.
@@ -66,19 +66,10 @@ impl Earlier<'_> {
         let tree = Tree::new(changed.as_flattened(), &faces);
         let is_kept = |(face, same): (usize, &Option<u32>)| {
             let corners = surface.corners(face);
-            let centre = corners.iter().sum::<DVec3>() / 3.0;
-            let radius = corners.iter().fold(0.0f64, |most, p| most.max(p.distance(centre)));
+            let (centre, radius) = centre_and_radius(corners);
             let is_near = || tree.nearest(centre, reach + radius, &mut u64::MAX.clone(), |f| changed[f as usize]);
             same.is_some() && is_near().is_none()
         };
         same.par_iter().enumerate().map(is_kept).collect()
     }
-}
-
-/// The positions of a face's corners, the same for every first corner.
-fn key(surface: &Surface, face: usize) -> [[u64; 3]; 3] {
-    let mut corners = surface.corners(face).map(position_key);
-    let first = (0..3).min_by_key(|&k| corners[k]).unwrap_or(0);
-    corners.rotate_left(first);
-    corners
 }

@@ -102,7 +102,7 @@ pub fn opposed_pairs_after(
 ) -> Result<OpposedPairs, Cancelled> {
     let prepared = Prepared::new(surface, side);
     let known = earlier.known(surface, below, prepared.scale);
-    let found = prepared.thinnest_of(known, below * prepared.scale, context)?;
+    let found = prepared.thinnest_of(&known, below * prepared.scale, context)?;
     Ok(prepared.pairs(&found))
 }
 

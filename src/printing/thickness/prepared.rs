@@ -140,10 +140,7 @@ impl<'a> Prepared<'a> {
         skip: Option<u32>,
         steps: &mut u64,
     ) -> Option<(f64, u32)> {
-        let step = direction * longest;
-        let found = self.tree.first_along([from, from + step], None, steps, |face| {
-            if Some(face) == skip { None } else { hit(from, step, self.corners(face)) }
-        });
+        let found = self.tree.first_hit([from, direction * longest], skip, steps, |face| self.corners(face));
         found.map(|(fraction, face)| (fraction * longest, face))
     }
 

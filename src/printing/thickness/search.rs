@@ -2,7 +2,7 @@
 
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
-use crate::math::{triangles_of, vec3a};
+use crate::math::{centre_and_radius, triangles_of, vec3a};
 use glam::{DVec3, Vec3A};
 use rayon::prelude::*;
 use smallvec::SmallVec;
@@ -89,8 +89,7 @@ impl Query<'_> {
             let [low, high] = [bounds.min - bound, bounds.max + bound].map(|p| vec3a(frame.to_tree(p)));
             return Reach::Box { low, high };
         }
-        let centre = corners.iter().sum::<DVec3>() / 3.0;
-        let radius = corners.iter().fold(0.0f64, |r, p| r.max(p.distance(centre)));
+        let (centre, radius) = centre_and_radius(corners);
         let step = -self.prepared.normal(self.face) * bound * frame.scale();
         // The clamp makes zero times a reciprocal zero.
         let reciprocal = vec3a(step.recip()).clamp(Vec3A::splat(f32::MIN), Vec3A::splat(f32::MAX));
@@ -251,24 +250,25 @@ impl Prepared<'_> {
 
     /// The thinnest places of each face below `limit` (in the scaled unit).
     pub(super) fn thinnest(&self, limit: f64, context: &Context<'_>) -> Result<Vec<Thinnest>, Cancelled> {
-        self.thinnest_of(vec![None; self.len()], limit, context)
+        self.thinnest_of(&[], limit, context)
     }
 
-    /// Like [`Prepared::thinnest`], for the faces of which the thinnest place is not `known`.
+    /// Like [`Prepared::thinnest`], for the faces of which the thinnest place is not `known`. `known` may be empty.
     pub(super) fn thinnest_of(
         &self,
-        known: Vec<Option<Thinnest>>,
+        known: &[Option<Thinnest>],
         limit: f64,
         context: &Context<'_>,
     ) -> Result<Vec<Thinnest>, Cancelled> {
         // No chord is longer, and the search needs a finite limit.
         let limit = limit.min(2.0 * self.surface.bounds().diagonal());
-        let is_open = |&f: &u32| known[f as usize].is_none() && self.normal(f) != DVec3::ZERO;
+        let is_open = |&f: &u32| known.get(f as usize).is_none_or(Option::is_none) && self.normal(f) != DVec3::ZERO;
         let measured: Vec<u32> = (0u32..).take(self.len()).filter(is_open).collect();
         let concave: Vec<u32> = measured.iter().copied().filter(|&f| self.spread[f as usize] > 0.0).collect();
-        let mut all: Vec<Thinnest> = known.into_iter().map(Option::unwrap_or_default).collect();
-        for (face, known) in (0u32..).zip(all.clone()) {
-            known.mirror(face, &mut all);
+        let mut all = vec![Thinnest::default(); self.len()];
+        all.iter_mut().zip(known).for_each(|(own, known)| *own = known.unwrap_or_default());
+        for (face, known) in (0u32..).zip(known) {
+            known.iter().for_each(|known| known.mirror(face, &mut all));
         }
         for (faces, is_concave) in [(measured, false), (concave, true)] {
             let found = self.search(&faces, limit, is_concave.then_some(&all[..]), context)?;

@@ -9,7 +9,7 @@ use super::bore::{Bore, across};
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Analysis, intersections};
 use crate::math::{Box3, Tree};
-use crate::mesh::{Edges, Surface, position_key};
+use crate::mesh::{Edges, Surface};
 use crate::printing::voids::{OUTSIDE, Regions, RegionsError};
 
 /// The relative tolerance of a bore's width and of volumes that must not change.
@@ -135,14 +135,6 @@ fn void_volumes(regions: &Regions, surface: &Surface) -> Vec<f64> {
     volumes
 }
 
-/// A face by the bits of its corners, starting at the least.
-fn face_key(surface: &Surface, face: usize) -> [[u64; 3]; 3] {
-    let mut keys = surface.corners(face).map(position_key);
-    let first = (0..3).min_by_key(|&i| keys[i]).unwrap_or(0);
-    keys.rotate_left(first);
-    keys
-}
-
 /// Whether a face whose box meets no bore is gone, or a new face belongs neither to a bore nor to a face at one.
 fn has_far_change(before: &Surface, after: &Surface, bores: &[Bore]) -> bool {
     let boxes: Vec<Box3> = bores
@@ -157,8 +149,8 @@ fn has_far_change(before: &Surface, after: &Surface, bores: &[Bore]) -> bool {
         let own = Box3::of(surface.corners(f));
         boxes.iter().any(|bounds| bounds.meets(&own))
     };
-    let kept: FxHashSet<[[u64; 3]; 3]> = (0..after.faces.len()).map(|f| face_key(after, f)).collect();
-    let gone = |f: &usize| !kept.contains(&face_key(before, *f));
+    let kept: FxHashSet<[[u64; 3]; 3]> = (0..after.faces.len()).map(|f| after.face_key(f)).collect();
+    let gone = |f: &usize| !kept.contains(&before.face_key(*f));
     let mut removed: FxHashSet<u32> = FxHashSet::default();
     for f in (0..before.faces.len()).filter(gone) {
         if !is_near(before, f) {
@@ -166,9 +158,9 @@ fn has_far_change(before: &Surface, after: &Surface, bores: &[Bore]) -> bool {
         }
         removed.insert(before.source[f]);
     }
-    let known: FxHashSet<[[u64; 3]; 3]> = (0..before.faces.len()).map(|f| face_key(before, f)).collect();
+    let known: FxHashSet<[[u64; 3]; 3]> = (0..before.faces.len()).map(|f| before.face_key(f)).collect();
     (0..after.faces.len())
-        .any(|f| !known.contains(&face_key(after, f)) && !is_near(after, f) && !removed.contains(&after.source[f]))
+        .any(|f| !known.contains(&after.face_key(f)) && !is_near(after, f) && !removed.contains(&after.source[f]))
 }
 
 /// Whether a face reaches into the cylinder around a bore's axis.

@@ -6,7 +6,7 @@
 mod rounds;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
-use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated, position_key};
+use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Overlaps, WindingRuleChoice};
@@ -175,14 +175,7 @@ impl SelfUnionRounds {
 /// Whether two surfaces have faces with the same corners and the same winding.
 fn have_same_faces(one: &Surface, other: &Surface) -> bool {
     let faces = |surface: &Surface| {
-        let mut faces: Vec<[[u64; 3]; 3]> = (0..surface.faces.len())
-            .map(|f| {
-                let mut keys = surface.corners(f).map(position_key);
-                let first = (0..3).min_by_key(|&i| keys[i]).unwrap_or(0);
-                keys.rotate_left(first);
-                keys
-            })
-            .collect();
+        let mut faces: Vec<_> = (0..surface.faces.len()).map(|f| surface.face_key(f)).collect();
         faces.sort_unstable();
         faces
     };
