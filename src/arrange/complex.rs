@@ -9,7 +9,7 @@ use super::grid::{Grid, Plane, Whole};
 use super::points::Points;
 use super::triangulation::{Line, Support, Triangulation};
 use crate::context::{Cancelled, Context};
-use crate::math::{Contact, PairSearch, Tree, contact};
+use crate::math::{Contact, Hubs, PairSearch, Tree, contact};
 use crate::mesh::{NotClosed, Surface};
 
 /// Step budget of the search for meeting faces, and the additional steps for each face.
@@ -204,7 +204,8 @@ fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u3
             Contact::Coplanar | Contact::Same => Some(true),
         }
     };
-    let search = PairSearch { look, budget: STEPS + STEPS_PER_FACE * corners.len() as u64 };
+    let hubs = Hubs::find(unit, corners);
+    let search = PairSearch { look, budget: STEPS + STEPS_PER_FACE * corners.len() as u64, hubs: hubs.as_ref() };
     let mut pairs = Vec::new();
     let too_many = || ArrangeError::Failed("too many faces meet".to_owned());
     let complete = search.within(tree, |hits| -> Result<(), ArrangeError> {

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::analysis::{flat_faces, get_or_try_init};
 use super::{Analysis, Defect, DefectKind, Findings, IntersectingPair, Intersections, Meeting, SelfIntersections};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Contact, Frame, Hit, PairSearch, Tree, common_point, contact, to_unit_range};
+use crate::math::{Box3, Contact, Frame, Hit, Hubs, PairSearch, Tree, common_point, contact, to_unit_range};
 use crate::mesh::Parts;
 
 /// Budget of a search, in steps: a fixed allowance plus steps per face. Takes a few seconds; typical models need far
@@ -62,19 +62,22 @@ fn intersections_within(
     context.check()?;
     let tree = analysis.tree();
     context.check()?;
+    let hubs = Hubs::find(unit, faces);
+    let hubs = hubs.as_ref();
+    context.check()?;
     let mut collector = Collector::new([analysis, analysis]);
     let complete = if let Some(known) = &analysis.known_pairs {
         collector.add(known.hits.clone(), context)?;
-        let search = PairSearch { look: meeting, budget };
+        let search = PairSearch { look: meeting, budget, hubs };
         search.within_changed(tree, &known.changed, |hits| collector.add(hits, context))?
     } else if analysis.subject.materials.is_none() {
-        PairSearch { look: meeting, budget }.within(tree, |hits| collector.add(hits, context))?
+        PairSearch { look: meeting, budget, hubs }.within(tree, |hits| collector.add(hits, context))?
     } else {
         let look = |f: u32, g: u32, steps: &mut u64| {
             let is_one_body = analysis.material(f) == analysis.material(g);
             meeting(f, g, steps).filter(|&meeting| is_one_body || bodies_overlap(analysis, [f, g], meeting))
         };
-        PairSearch { look, budget }.within(tree, |hits| collector.add(hits, context))?
+        PairSearch { look, budget, hubs }.within(tree, |hits| collector.add(hits, context))?
     };
     Ok(collector.finish(complete))
 }
@@ -104,6 +107,7 @@ pub fn intersections_between(
             face_meeting(&unit, [faces_a, &faces_b], [&flat_a, &flat_b], [f, g], steps)
         },
         budget: STEPS + STEPS_PER_FACE * (faces_a.len() + faces_b.len()) as u64,
+        hubs: None,
     };
     let frame = Frame::around(&unit, &[faces_a.as_slice(), &faces_b].concat());
     let trees = [Tree::in_frame(frame, &unit, faces_a), Tree::in_frame(frame, &unit, &faces_b)];

@@ -5,6 +5,7 @@
 
 mod boxes;
 mod bvh_build;
+mod hubs;
 mod nearest;
 mod opposite;
 mod pairs;
@@ -19,6 +20,7 @@ mod triangle_pair;
 mod winding;
 
 pub use boxes::Box3;
+pub use hubs::Hubs;
 pub use nearest::{Ball, Nearest};
 pub use opposite::OppositeFaces;
 pub use pairs::{Hit, PairSearch};
