@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::judge::inspect_measured;
-use super::options::{Options, PrintOptions};
+use super::options::Options;
 use super::report::{OfferedFile, Report};
 use super::size::settle_size;
 use crate::analyze::{DrawError, subject};
@@ -26,7 +26,7 @@ impl Report {
         };
         let mut names =
             render::names_of_repair(self.before.measures.faces, offered_file.map(|after| after.measures.faces));
-        if offered_file.is_some() && self.verdict.passes && wall_limit_mm(&self.options.print).is_some() {
+        if offered_file.is_some() && self.verdict.passes && self.options.print.wall_limit_mm().is_some() {
             names.extend(render::THICKNESS);
         }
         if offered_file.is_some() && !self.verdict.passes {
@@ -61,7 +61,7 @@ pub fn draw(
     let draw_both = |after: &Analysis<'_>, repaired: Marked<'_>, is_printable: bool| {
         let mut drawings = draw_repaired(before, Some(repaired), context)?;
         drawings.extend(draw_change(repaired.soup, &original.provenance(after, context)?, context)?);
-        match wall_limit_mm(&options.print) {
+        match options.print.wall_limit_mm() {
             _ if !is_printable => drawings.push(draw_remaining(repaired, context)?),
             Some(limit_mm) => drawings.extend(draw_walls(after, repaired.soup, limit_mm, context)?),
             None => {}
@@ -90,12 +90,6 @@ pub fn draw_result(repaired: &[u8], report: &Report, context: &Context<'_>) -> R
     let analysis = Analysis::new(subject(&mesh, Some(&report.unit)), context)?;
     let (_, findings) = inspect_measured(&analysis, context)?;
     Ok(render::draw_result(Marked { soup: &mesh.soup, findings: &findings }, context)?)
-}
-
-/// The wall thickness, in millimetres, to which a drawing of walls relates; `None` if no option states one.
-fn wall_limit_mm(options: &PrintOptions) -> Option<f64> {
-    let of_process = || Some(options.profile()?.free_wall_mm.limit);
-    options.min_wall.or_else(of_process).filter(|&limit| limit > 0.0)
 }
 
 /// Draws the wall thickness of a printable result. `soup` has the faces of its file.

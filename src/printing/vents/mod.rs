@@ -46,7 +46,7 @@ pub enum VentFailure {
     #[error("no straight bore of this diameter leads through one wall to the outside")]
     NoWay,
     /// Bores exist, but fewer than requested have a place.
-    #[error("only {drilled} bores have a place")]
+    #[error("only {drilled} of the bores {} a place", if *drilled == 1 { "has" } else { "have" })]
     TooFew {
         /// Number of bores drilled.
         drilled: u32,

@@ -15,12 +15,17 @@ const STARTS: usize = 300;
 const MAX_TESTED: usize = 400;
 /// Bores with a place that are compared for visibility.
 const FINALISTS: usize = 8;
+/// Where a second axis starts beside the centre of a void, in the bore's radius: an axis through the centre of a
+/// symmetric model often meets an edge, and then its way is uncertain.
+const ASIDE: [f64; 2] = [0.0137, 0.0071];
 /// Rays along the wall of a bore, and rays that measure visibility.
 const RING: u32 = 16;
 const VIEWS: u32 = 32;
 /// How far a bore starts inside the void, and ends outside, in its radius.
 const LEAD: f64 = 1.0;
 const OVERRUN: f64 = 0.25;
+/// How much earlier than at the plane of the mouth a ray around a bore may leave the wall, in its distance from the axis.
+const MAX_EARLY_EXIT: f64 = 0.5;
 /// The sine-like slope of a bore's direction to the normal of the void's wall from which it is tried.
 const LEAST_ALIGNMENT: f64 = 0.4;
 /// Weights of the score: each term is about 0 to 1, and less is better.
@@ -69,8 +74,9 @@ struct Candidate {
     direction: DVec3,
     /// Where the axis enters and leaves the wall, as distances from the start.
     wall: [f64; 2],
-    /// The region of the wall.
+    /// The region of the wall, and the face through which the axis leaves it.
     material: u32,
+    mouth_face: u32,
     score: f64,
 }
 
@@ -84,6 +90,12 @@ impl Candidate {
     }
 }
 
+/// A ray parallel to the axis of a bore.
+struct Ray {
+    from: DVec3,
+    hits: Vec<Passage>,
+}
+
 /// Chooses places for bores.
 pub(super) struct Placement<'a> {
     rays: RegionRays<'a>,
@@ -91,8 +103,9 @@ pub(super) struct Placement<'a> {
     voids: &'a [SealedVoid],
     options: &'a VentOptions,
     up: DVec3,
-    /// The radius of the prism's corners, on the unit scale.
+    /// The radius of the prism's corners, and the wall to keep around it, on the unit scale.
     radius: f64,
+    wall: f64,
     /// The lowest and highest height of the model, and its diagonal, on the unit scale.
     heights: [f64; 2],
     diagonal: f64,
@@ -105,8 +118,9 @@ impl<'a> Placement<'a> {
         let up = options.up.try_normalize().unwrap_or(DVec3::Z);
         let heights = range(rays.unit.iter().map(|p| p.dot(up)));
         let radius = options.diameter / 2.0 * rays.scale * corner_radius() * (1.0 + 1e-5);
+        let wall = options.wall * rays.scale;
         let diagonal = surface.bounds().diagonal() * rays.scale;
-        Self { rays, regions, voids, options, up, radius, heights, diagonal }
+        Self { rays, regions, voids, options, up, radius, wall, heights, diagonal }
     }
 
     /// The places of a void's bores: for each bore the best place, followed by others in case it fails.
@@ -143,9 +157,12 @@ impl<'a> Placement<'a> {
         }
         let centre = self.voids[void].at * self.rays.scale;
         for direction in fixed.into_iter().chain((0..26).map(ray_direction)) {
-            let reach = [centre, centre + direction * self.diagonal];
-            if let Some(wall) = self.rays.along(reach, None).and_then(|hits| hits.first().copied()) {
-                let start = centre + direction * (wall.distance - self.lead()).max(wall.distance / 2.0);
+            let [a, b] = across(direction);
+            for aside in [DVec3::ZERO, (a * ASIDE[0] + b * ASIDE[1]) * self.radius] {
+                let from = centre + aside;
+                let found = self.rays.along([from, from + direction * self.diagonal], None);
+                let Some(wall) = found.and_then(|hits| hits.first().copied()) else { continue };
+                let start = from + direction * (wall.distance - self.lead()).max(wall.distance / 2.0);
                 candidates.extend(self.candidate(task, start, direction));
             }
         }
@@ -196,7 +213,7 @@ impl<'a> Placement<'a> {
             return None;
         }
         let wall = [first.distance, second.distance];
-        let mut found = Candidate { start, direction, wall, material: first.to, score: 0.0 };
+        let mut found = Candidate { start, direction, wall, material: first.to, mouth_face: second.face, score: 0.0 };
         let share = |p: DVec3, [low, high]: [f64; 2]| (p.dot(self.up) - low) / (high - low).max(f64::MIN_POSITIVE);
         let bounds = self.voids[task.void].bounds;
         let corners = (0..8u32).map(|i| {
@@ -213,7 +230,8 @@ impl<'a> Placement<'a> {
         Some(found)
     }
 
-    /// The best candidates whose whole width passes, far from the bores that the void has, best first.
+    /// The best candidates whose whole width passes, far from the bores that the void has, best first. Those that leave
+    /// the wanted wall around the bore come before all others.
     fn best(
         &self,
         candidates: &[Candidate],
@@ -231,38 +249,66 @@ impl<'a> Placement<'a> {
         let apart = |candidate: &Candidate| if own.is_empty() { 0.0 } else { APART * nearest(candidate) / size };
         let mut ranked: Vec<(f64, &Candidate)> = candidates.iter().map(|c| (c.score - apart(c), c)).collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut finalists: Vec<(f64, Site)> = Vec::new();
+        let mut finalists: [Vec<(f64, Site)>; 2] = Default::default();
         for (tested, (score, candidate)) in ranked.into_iter().enumerate() {
             if tested % 16 == 0 {
                 context.check()?;
             }
-            if finalists.len() >= FINALISTS || (tested >= MAX_TESTED && !finalists.is_empty()) {
+            let has_any = finalists.iter().any(|list| !list.is_empty());
+            if finalists[0].len() >= FINALISTS || (tested >= MAX_TESTED && has_any) {
                 break;
             }
             let Some(site) = self.site(candidate, task) else { continue };
             if own.iter().chain(task.others).any(|other| self.collide(&site, other)) {
                 continue;
             }
-            finalists.push((score + VISIBLE * self.visibility(candidate), site));
+            let thin = usize::from(!self.has_wall_around(candidate, task));
+            if finalists[thin].len() < FINALISTS {
+                finalists[thin].push((score + VISIBLE * self.visibility(candidate), site));
+            }
         }
-        finalists.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Ok(finalists.into_iter().map(|(_, site)| site).collect())
+        finalists.iter_mut().for_each(|list| list.sort_by(|a, b| a.0.total_cmp(&b.0)));
+        Ok(finalists.into_iter().flatten().map(|(_, site)| site).collect())
+    }
+
+    /// Whether rays around a bore, up to the wanted wall away from it, meet no surface but that of the void and the one
+    /// in which the bore ends. A ray that ends long before the plane of the bore's mouth left through another side.
+    fn has_wall_around(&self, candidate: &Candidate, task: &Task<'_>) -> bool {
+        let radii = [0.5, 1.0].map(|share| self.radius + share * self.wall);
+        let length = candidate.wall[1] + 4.0 * radii[1];
+        let Some(rays) = self.rays_around(candidate, length, radii) else { return false };
+        let normal = self.rays.normal(candidate.mouth_face);
+        let slope = candidate.direction.dot(normal);
+        rays.iter().all(|ray| {
+            let Some(leaves) = self.passes_wall(&ray.hits, candidate, task) else { return false };
+            let to_plane = (candidate.mouth() - ray.from).dot(normal) / slope;
+            ray.hits[leaves].distance >= to_plane - MAX_EARLY_EXIT * radii[1]
+        })
+    }
+
+    /// The index of the passage at which a ray leaves the void and its wall; `None` if it meets another region before.
+    fn passes_wall(&self, hits: &[Passage], candidate: &Candidate, task: &Task<'_>) -> Option<usize> {
+        let region = self.voids[task.void].region;
+        let leaves = hits.iter().position(|hit| self.is_open(hit, task))?;
+        hits[..leaves].iter().all(|hit| hit.to == candidate.material || hit.to == region).then_some(leaves)
+    }
+
+    /// Whether a passage leads into an open region other than the void.
+    fn is_open(&self, hit: &Passage, task: &Task<'_>) -> bool {
+        task.is_open[hit.to as usize] && hit.to != self.voids[task.void].region
     }
 
     /// The bore of a candidate, if rays along its wall pass from the void and its wall into the open region, too.
     fn site(&self, candidate: &Candidate, task: &Task<'_>) -> Option<Site> {
         let Candidate { start, direction, wall, .. } = *candidate;
         let longest = wall[1] + 6.0 * self.radius;
-        let rays = self.rays_along_wall(candidate, longest)?;
-        let region = self.voids[task.void].region;
-        let is_open = |hit: &Passage| task.is_open[hit.to as usize] && hit.to != region;
+        let around = self.rays_around(candidate, longest, [0.55, 1.0].map(|share| share * self.radius))?;
+        let mut rays: Vec<Vec<Passage>> = around.into_iter().map(|ray| ray.hits).collect();
+        rays.push(self.rays.along([start, start + direction * longest], None)?);
+        let is_open = |hit: &Passage| self.is_open(hit, task);
         let mut end = 0.0f64;
         for hits in &rays {
-            let leaves = hits.iter().position(is_open)?;
-            if hits[..leaves].iter().any(|hit| hit.to != candidate.material && hit.to != region) {
-                return None;
-            }
-            end = end.max(hits[leaves].distance);
+            end = end.max(hits[self.passes_wall(hits, candidate, task)?].distance);
         }
         end += OVERRUN * self.radius;
         // Once outside, no ray meets anything before the end of the bore.
@@ -279,15 +325,16 @@ impl<'a> Placement<'a> {
         Some(Site { void: task.void, mouth, direction, length: (wall[1] - wall[0]) / scale, inlet, axis })
     }
 
-    /// The passages along the axis and along rays around it. `None` if one starts neither in the void nor in its wall.
-    fn rays_along_wall(&self, candidate: &Candidate, length: f64) -> Option<Vec<Vec<Passage>>> {
+    /// The passages along rays around the axis, at two distances from it. `None` if one starts neither in the void nor in
+    /// its wall.
+    fn rays_around(&self, candidate: &Candidate, length: f64, radii: [f64; 2]) -> Option<Vec<Ray>> {
         let Candidate { start, direction, material, .. } = *candidate;
         let [a, b] = across(direction);
-        let mut rays: Vec<Vec<Passage>> = vec![self.rays.along([start, start + direction * length], None)?];
+        let mut rays = Vec::new();
         for i in 0..2 * RING {
             let angle = std::f64::consts::TAU * (f64::from(i) + 0.3) / f64::from(RING);
-            let share = if i < RING { 1.0 } else { 0.55 };
-            let from = start + (a * angle.cos() + b * angle.sin()) * (share * self.radius);
+            let radius = radii[usize::from(i < RING)];
+            let from = start + (a * angle.cos() + b * angle.sin()) * radius;
             let aside = self.rays.along([start, from], None)?;
             let is_known = match aside.as_slice() {
                 [] => true,
@@ -297,15 +344,16 @@ impl<'a> Placement<'a> {
             if !is_known {
                 return None;
             }
-            rays.push(self.rays.along([from, from + direction * length], None)?);
+            rays.push(Ray { from, hits: self.rays.along([from, from + direction * length], None)? });
         }
         Some(rays)
     }
 
-    /// Whether two bores come closer than their diameter to each other.
+    /// Whether the wall between two bores is thinner than their radius or the wanted wall.
     fn collide(&self, one: &Site, other: &Site) -> bool {
-        let gap = segment_distance(one.axis, other.axis) - 2.0 * self.radius / self.rays.scale;
-        gap < self.radius / self.rays.scale
+        let in_wall = |site: &Site| [site.inlet, site.mouth];
+        let gap = segment_distance(in_wall(one), in_wall(other)) * self.rays.scale - 2.0 * self.radius;
+        gap < self.radius.max(self.wall)
     }
 
     /// The share of directions from which a mouth is seen; directions from far below count little.

@@ -23,13 +23,15 @@ fn rounded(mut surface: Surface) -> Surface {
     surface
 }
 
-fn vented(surface: &Surface, diameter: f64, per_void: u32) -> Vented {
+fn drilled(surface: &Surface, options: VentOptions) -> Vented {
     let mut result = None;
-    quietly(|context| {
-        let options = VentOptions { diameter, per_void, up: DVec3::Z, precision: Precision::F32 };
-        result = Some(vent_voids(surface, &options, &union, context).unwrap());
-    });
+    quietly(|context| result = Some(vent_voids(surface, &options, &union, context).unwrap()));
     result.unwrap()
+}
+
+fn vented(surface: &Surface, diameter: f64, per_void: u32) -> Vented {
+    let wall = diameter / 2.0;
+    drilled(surface, VentOptions { diameter, per_void, wall, up: DVec3::Z, precision: Precision::F32 })
 }
 
 fn voids(surface: &Surface) -> usize {
@@ -111,7 +113,7 @@ fn nested_dolls_get_a_chain_of_bores() {
 fn a_diameter_that_is_no_number_is_refused() {
     quietly(|context| {
         for diameter in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let options = VentOptions { diameter, per_void: 1, up: DVec3::Z, precision: Precision::F32 };
+            let options = VentOptions { diameter, per_void: 1, wall: 1.0, up: DVec3::Z, precision: Precision::F32 };
             let result = vent_voids(&sphere(1.0, 1), &options, &union, context);
             assert_eq!(result.unwrap_err(), VentError::Diameter);
         }
@@ -133,7 +135,7 @@ fn a_union_that_fails_or_lies_leaves_the_model_as_it_was() {
     let model =
         joined(&[cuboid(DVec3::ZERO, DVec3::splat(10.0)), inverted(cuboid(DVec3::splat(2.0), DVec3::splat(8.0)))]);
     quietly(|context| {
-        let options = VentOptions { diameter: 2.0, per_void: 1, up: DVec3::Z, precision: Precision::F32 };
+        let options = VentOptions { diameter: 2.0, per_void: 1, wall: 1.0, up: DVec3::Z, precision: Precision::F32 };
         let fails = |_: Surface, _: &Context<'_>| Err(UnionError::Failed("no".to_owned()));
         let done = vent_voids(&model, &options, &fails, context).unwrap();
         assert_eq!(done.failed, [(0, VentFailure::NotSubtracted("no".to_owned()))]);
@@ -193,4 +195,37 @@ fn bores_of_random_cavities_change_no_face_away_from_them() {
         }
     }
     assert!(drilled > 8, "{drilled}");
+}
+
+#[test]
+fn bores_leave_the_wanted_wall_to_the_sides_and_to_each_other() {
+    let outer = 20.0;
+    let model =
+        joined(&[cuboid(DVec3::ZERO, DVec3::splat(outer)), inverted(cuboid(DVec3::splat(5.0), DVec3::splat(15.0)))]);
+    for (diameter, per_void, wall) in [(3.5, 2, 0.7), (3.5, 4, 1.0), (2.0, 2, 3.0), (6.0, 2, 1.5)] {
+        let done = drilled(&model, VentOptions { diameter, per_void, wall, up: DVec3::Z, precision: Precision::F32 });
+        assert!(done.failed.is_empty(), "{diameter}: {:?}", done.failed);
+        for (i, vent) in done.vents.iter().enumerate() {
+            let far = diameter / 2.0 + wall;
+            for axis in (0..3).filter(|&axis| vent.at[axis].min(outer - vent.at[axis]) > 1e-6) {
+                let free = vent.at[axis].min(outer - vent.at[axis]);
+                assert!(free >= far - 1e-9, "{diameter}: {free} beside {:?}", vent.at);
+            }
+            let apart = |other: &Vent| vent.direction == -other.direction || vent.at.distance(other.at) >= far;
+            assert!(done.vents[..i].iter().all(apart), "{diameter}: {:?}", done.vents);
+        }
+    }
+}
+
+#[test]
+fn a_bore_with_too_little_wall_is_drilled_where_no_other_has_a_place() {
+    let model = joined(&[
+        cuboid(DVec3::ZERO, DVec3::new(6.0, 6.0, 20.0)),
+        inverted(cuboid(DVec3::new(1.0, 1.0, 4.0), DVec3::new(5.0, 5.0, 16.0))),
+    ]);
+    let options = |wall| VentOptions { diameter: 3.0, per_void: 1, wall, up: DVec3::Z, precision: Precision::F32 };
+    for wall in [0.5, 8.0] {
+        let done = drilled(&model, options(wall));
+        assert_eq!((done.failed.len(), voids(&done.surface)), (0, 0), "{wall}: {:?}", done.failed);
+    }
 }

@@ -74,7 +74,9 @@ impl Operation for VentVoids {
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let (diameter_mm, per_void) = scope.options.print.vents();
         let diameter = diameter_mm / scope.millimetres;
-        Self { options: VentOptions { diameter, per_void, up: scope.up, precision: scope.format.precision() } }
+        let wall = scope.options.print.wall_limit_mm().map_or(diameter / 2.0, |limit| limit / scope.millimetres);
+        let precision = scope.format.precision();
+        Self { options: VentOptions { diameter, per_void, wall, up: scope.up, precision } }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {

@@ -188,6 +188,13 @@ impl PrintOptions {
         self.min_wall.or_else(|| if self.thicken_to_process { of_process() } else { None })
     }
 
+    /// The least wall thickness that a printable result has, in millimetres; `None` if no option states one.
+    #[must_use]
+    pub fn wall_limit_mm(&self) -> Option<f64> {
+        let of_process = || Some(self.profile()?.free_wall_mm.limit);
+        self.min_wall.or_else(of_process).filter(|&limit| limit > 0.0)
+    }
+
     /// Least volume of a separate solid, in cubic units of `millimetres` length: the limit of the process, or a share of `whole`.
     #[must_use]
     pub fn min_island_volume(&self, millimetres: f64, whole: impl FnOnce() -> f64) -> f64 {
