@@ -52,9 +52,9 @@ pub struct Profile {
     /// Whether the process prints in liquid resin, so that hollows which open only upward trap resin or air during the print.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub checks_cups: bool,
-    /// Density of the printed material in g/cm³; absent if the process prints several materials.
+    /// Density of the printed material; absent if the process prints several materials.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub material_density_g_cm3: Option<f64>,
+    pub material_density: Option<Density>,
     /// Build volume of a common machine; absent if there is no limit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub build_volume_mm: Option<BuildVolume>,
@@ -108,6 +108,20 @@ pub struct EscapeHoles {
     /// not counted.
     pub count: u32,
     /// Where the rule comes from.
+    pub basis: Basis,
+    /// Titles of the sources.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sources: Vec<String>,
+}
+
+/// The density of a printed part.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(deny_unknown_fields)]
+pub struct Density {
+    /// The density in g/cm³.
+    pub g_cm3: f64,
+    /// Where the density comes from.
     pub basis: Basis,
     /// Titles of the sources.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -232,7 +246,8 @@ impl ProcessLimits {
             profile.title.clone_from(title);
         }
         if let Some(density) = self.material_density_g_cm3 {
-            profile.material_density_g_cm3 = Some(density).filter(|&density| density > 0.0);
+            let requested = Density { g_cm3: density, basis: Basis::Requested, sources: Vec::new() };
+            profile.material_density = Some(requested).filter(|requested| requested.g_cm3 > 0.0);
         }
         if let Some(size) = self.build_volume_mm {
             profile.build_volume_mm = Some(BuildVolume { size, basis: Basis::Requested, sources: Vec::new() });
@@ -317,7 +332,9 @@ impl Profile {
         let optional = [self.max_faces.as_mut(), self.max_bytes.as_mut()].into_iter().flatten();
         let limits = limits.into_iter().chain(optional).map(|limit| &mut limit.sources);
         let holes = self.escape_holes.as_mut().map(|holes| &mut holes.sources);
-        limits.chain(holes).chain(self.build_volume_mm.as_mut().map(|volume| &mut volume.sources)).collect()
+        let density = self.material_density.as_mut().map(|density| &mut density.sources);
+        let volume = self.build_volume_mm.as_mut().map(|volume| &mut volume.sources);
+        limits.chain(holes).chain(density).chain(volume).collect()
     }
 }
 

@@ -172,7 +172,8 @@ fn with_answer(options: &Options, answer: &Answer) -> Option<Options> {
 fn summary_of(answer: Option<&Answer>, detail: String, report: &Report) -> Option<Alternative> {
     let (file, measures) = (report.output.clone()?, &report.after.as_ref()?.measures);
     let mm = report.unit.used.millimetres();
-    let density = report.options.print.profile().and_then(|profile| profile.material_density_g_cm3);
+    let density =
+        report.options.print.profile().and_then(|profile| profile.material_density).map(|density| density.g_cm3);
     let volume_mm3 = Some(measures.volume.value * mm.powi(3)).filter(|_| measures.volume.reliable);
     Some(Alternative {
         id: answer.map_or_else(|| DEFAULT_CHOICE.to_owned(), Answer::id),

@@ -1247,6 +1247,18 @@ export interface components {
          * @enum {string}
          */
         DeliveryStatus: "pending" | "delivered" | "failed";
+        /** @description The density of a printed part. */
+        Density: {
+            /** @description Where the density comes from. */
+            basis: components["schemas"]["Basis"];
+            /**
+             * Format: double
+             * @description The density in g/cm³.
+             */
+            g_cm3: number;
+            /** @description Titles of the sources. */
+            sources?: string[];
+        };
         /** @description Distance from the surface of one mesh to the surface of another, sampled evenly by area. */
         Deviation: {
             /** @description Whether every point was measured. False if the search ran out of its budget. */
@@ -2842,11 +2854,7 @@ export interface components {
             gap_mm: components["schemas"]["Limit"];
             /** @description Narrowest hole. */
             hole_mm: components["schemas"]["Limit"];
-            /**
-             * Format: double
-             * @description Density of the printed material in g/cm³; absent if the process prints several materials.
-             */
-            material_density_g_cm3?: number | null;
+            material_density?: components["schemas"]["Density"] | null;
             max_bytes?: components["schemas"]["Limit"] | null;
             max_faces?: components["schemas"]["Limit"] | null;
             /** @description Name of the profile, as in the option `process`. */
@@ -4244,6 +4252,7 @@ export type DefectGroup = components['schemas']['DefectGroup'];
 export type DefectKind = components['schemas']['DefectKind'];
 export type DeliveryAttempt = components['schemas']['DeliveryAttempt'];
 export type DeliveryStatus = components['schemas']['DeliveryStatus'];
+export type Density = components['schemas']['Density'];
 export type Deviation = components['schemas']['Deviation'];
 export type Distribution = components['schemas']['Distribution'];
 export type EdgeAngles = components['schemas']['EdgeAngles'];

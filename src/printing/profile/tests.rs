@@ -42,6 +42,7 @@ fn a_request_replaces_single_limits_and_keeps_the_others() {
     assert_eq!((profile.free_wall_mm.limit, profile.free_wall_mm.basis), (1.4, Basis::Requested));
     assert_eq!(profile.supported_wall_mm, Profile::named("sls").expect("built in").supported_wall_mm);
     assert_eq!(profile.escape_holes, None);
+    assert_eq!(profile.material_density, Profile::named("sls").expect("built in").material_density);
     let limits = ProcessLimits { based_on: Some("tpu".to_owned()), ..ProcessLimits::default() };
     let profile = Profile::resolve("our-tpu", Some(&limits)).expect("a profile");
     assert_eq!((profile.name.as_str(), profile.free_wall_mm.limit), ("our-tpu", 1.5));

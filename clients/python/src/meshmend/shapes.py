@@ -163,6 +163,17 @@ DeliveryStatus: TypeAlias = Literal['pending', 'delivered', 'failed']
 """The status of a delivery."""
 
 
+class Density(TypedDict, closed=True):
+    """The density of a printed part."""
+
+    basis: Basis
+    """Where the density comes from."""
+    g_cm3: float
+    """The density in g/cm³."""
+    sources: NotRequired[list[str]]
+    """Titles of the sources."""
+
+
 class Elements(TypedDict):
     """Counts of the file's own vertices and faces, before coincident vertices are merged."""
 
@@ -563,8 +574,7 @@ class Profile(TypedDict, closed=True):
     """Narrowest gap between two surfaces of one solid, such as a slot."""
     hole_mm: Limit
     """Narrowest hole."""
-    material_density_g_cm3: NotRequired[float | None]
-    """Density of the printed material in g/cm³; absent if the process prints several materials."""
+    material_density: NotRequired[Density | None]
     max_bytes: NotRequired[Limit | None]
     max_faces: NotRequired[Limit | None]
     name: str
