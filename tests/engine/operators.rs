@@ -1,8 +1,10 @@
 //! Each operator of tier 1 by itself.
 
 use glam::DVec3;
+use meshmend::format::{Format, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::Outcome;
 use meshmend::repair::operators::degenerate::{remove_caps, remove_collapsed, remove_without_area};
 use meshmend::repair::operators::duplicates::remove_duplicates;
 use meshmend::repair::operators::holes::FillHoles;
@@ -12,7 +14,7 @@ use meshmend::repair::sheets::{encloses, open_sheet_share};
 use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere, torus};
-use crate::support::{change_count, with_context};
+use crate::support::{change_count, measured_file, repair_up_to_tier_2, with_context};
 
 fn measured(soup: &Soup) -> Measures {
     with_context(|c| measure(soup, c)).unwrap()
@@ -210,6 +212,32 @@ fn the_first_of_duplicate_faces_stays() {
     assert_eq!(change_count(&remove_duplicates(&mut mesh), "duplicate_faces_removed"), cube.faces.len() as u64);
     assert_eq!(mesh.source, (0..cube.faces.len() as u32).collect::<Vec<_>>());
     assert!(measured(&mesh.to_soup()).printable());
+}
+
+#[test]
+fn a_solid_written_twice_stays_where_it_touches_another_at_an_edge() {
+    let twice = cube(DVec3::ZERO, 1.0, 1);
+    let other = cube(DVec3::new(1.0, 1.0, 0.0), 1.0, 1);
+    let mut mesh = surface(&join(&join(&twice, &twice), &other));
+    let changes = remove_duplicates(&mut mesh);
+    assert_eq!(change_count(&changes, "duplicate_faces_removed"), twice.faces.len() as u64);
+    assert_eq!(change_count(&changes, "cancelling_faces_removed"), 0);
+    assert_eq!(mesh.faces.len(), 24);
+}
+
+#[test]
+fn solids_written_twice_stay_where_they_share_a_side_and_edges_with_others() {
+    let at = |x: f64, y: f64| cube(DVec3::new(x, y, 0.0), 1.0, 1);
+    let cubes = [at(0.0, 0.0), at(0.0, 0.0), at(1.0, 0.0), at(-1.0, 1.0), at(-1.0, -1.0), at(3.0, 3.0)];
+    let soup = cubes.iter().fold(Soup::default(), |all, cube| join(&all, cube));
+    let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{}", repaired.report.summary);
+    let volume = measured_file(&repaired.bytes).volume.value;
+    assert!((volume - 5.0).abs() < 1e-4, "{volume}");
+    // One of two solids that share a side faces inward, so that the side is wound alike twice, but encloses nothing.
+    let soup = join(&at(0.0, 0.0), &inside_out(at(1.0, 0.0)));
+    let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
+    assert!((measured_file(&repaired.bytes).volume.value - 2.0).abs() < 1e-4);
 }
 
 #[test]

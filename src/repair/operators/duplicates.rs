@@ -5,15 +5,19 @@
 
 use std::collections::HashSet;
 
+use rustc_hash::FxHashMap;
+
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::ray_caster::RayCaster;
-use crate::inspect::group_faces;
+use crate::inspect::{FaceGroups, group_faces};
 use crate::math::ray_direction;
 use crate::mesh::{Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Zero-thickness patches above this share of the total area stay as one sheet where they are visible.
 const LARGE_AREA_SHARE: f64 = 5e-3;
+/// Pairs of a patch above which equal windings of each pair are no accident in a surface that is wound at random.
+const LEAST_COPY: usize = 4;
 /// The most sampled faces, the rays tried from each, and the faces that all rays together may test.
 const MAX_SAMPLES: usize = 256;
 const RAYS: u32 = 24;
@@ -26,7 +30,8 @@ const MAX_PASSES: u32 = 8;
 /// As chains modulo 2, two faces on the same vertices cancel. The pair may be a zero-thickness facet or a piece of surface
 /// that was written twice. Connected pairs are judged together. All of them go where that leaves fewer boundary or
 /// non-manifold edges than one sheet would; otherwise one sheet stays, so that a free-standing two-sided sheet is not lost.
-/// Large visible patches also stay.
+/// Large visible patches also stay, and so do closed patches whose pairs are each wound alike: solids that were written
+/// twice.
 ///
 /// ```text
 ///    ____________                    ____________
@@ -37,12 +42,27 @@ const MAX_PASSES: u32 = 8;
 /// Precondition: none. Result: no two faces have the same three vertices; of faces with the same winding the first stays.
 /// Leaves: overlapping faces with different vertices.
 pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
+    remove(surface, false)
+}
+
+/// Groups with an even number of faces on the same three vertices.
+#[derive(Default)]
+struct Pairs {
+    /// The face of each group that stays if the group does.
+    faces: Vec<u32>,
+    /// Whether the faces of each group are all wound alike.
+    have_one_winding: Vec<bool>,
+}
+
+/// Removes duplicates. With `may_keep_solids`, parts of solids that were written twice stay twice where one copy would leave
+/// the solids open: the union, which counts how often a place is enclosed, then resolves them.
+fn remove(surface: &mut Surface, may_keep_solids: bool) -> Vec<Change> {
     let groups = group_faces(&surface.faces);
     if groups.len() == surface.faces.len() {
         return Vec::new();
     }
     let mut keep = vec![true; surface.faces.len()];
-    let mut canceling = Vec::new();
+    let mut pairs = Pairs::default();
     for group in groups.iter().filter(|g| g.len() > 1) {
         let even = group.iter().filter(|&&f| is_even(surface.faces[f as usize])).count();
         let majority = 2 * even >= group.len();
@@ -50,12 +70,16 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
         for &f in group {
             keep[f as usize] = Some(&f) == first;
         }
-        // Parity is used rather than winding, which means little before the surface is oriented.
+        // Parity is used rather than winding: that of a single face means little before the surface is oriented.
         if group.len() % 2 == 0 {
-            canceling.extend(first.copied());
+            pairs.faces.extend(first.copied());
+            pairs.have_one_winding.push(even == 0 || even == group.len());
         }
     }
-    let cancelled = drop_cancelling_patches(surface, &mut keep, &canceling);
+    let cancelled = drop_cancelling_patches(surface, &mut keep, &pairs, may_keep_solids).unwrap_or_else(|| {
+        keep_by_winding(surface, &groups, &mut keep);
+        keep.iter().filter(|is_kept| !**is_kept).count() as u64
+    });
     let removed = surface.retain_faces(&keep);
     Change::list([
         (ChangeKind::DuplicateFacesRemoved, removed - cancelled),
@@ -63,11 +87,53 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
     ])
 }
 
-/// Removes the remaining sheet of patches that should be removed. `canceling` lists the kept faces of groups with an even
-/// number of faces. Returns the number of removed faces, both faces of each pair counted.
-fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], canceling: &[u32]) -> u64 {
+/// Keeps as many faces of each group as one winding outnumbers the other, so that each place stays enclosed as often as
+/// before.
+fn keep_by_winding(surface: &Surface, groups: &FaceGroups, keep: &mut [bool]) {
+    for group in groups.iter().filter(|group| group.len() > 1) {
+        let (even, odd): (Vec<u32>, Vec<u32>) = group.iter().partition(|&&f| is_even(surface.faces[f as usize]));
+        let (more, fewer) = if even.len() >= odd.len() { (even, odd) } else { (odd, even) };
+        group.iter().for_each(|&f| keep[f as usize] = false);
+        more[fewer.len()..].iter().for_each(|&f| keep[f as usize] = true);
+    }
+}
+
+/// Whether the surface is made of closed solids that all face outward, as far as samples tell: at each edge the faces of
+/// both directions balance, and no place in front of the sampled pairs is enclosed less than never.
+fn is_union_of_solids(surface: &Surface, pairs: &Pairs) -> bool {
+    let is_ascending = |h: u32| {
+        let face = surface.faces[h as usize / 3];
+        face[h as usize % 3] < face[(h as usize + 1) % 3]
+    };
+    let edges = Edges::new(&surface.faces);
+    if !edges.iter().all(|half_edges| 2 * half_edges.iter().filter(|&&h| is_ascending(h)).count() == half_edges.len()) {
+        return false;
+    }
+    let is_one = pairs.faces.iter().zip(&pairs.have_one_winding).filter(|(_, is_one)| **is_one);
+    let sheets: Vec<u32> = is_one.map(|(&f, _)| f).collect();
+    let mut rays = RayCaster::new(surface, surface.faces.clone(), BUDGET);
+    let stride = sheets.len().div_ceil(MAX_SAMPLES);
+    let mut decided = 0;
+    for &f in sheets.iter().step_by(stride) {
+        let (face, normal) = (surface.faces[f as usize], surface.area_vector(f as usize));
+        let from = rays.centroid(face);
+        let mut ahead = (0..RAYS).map(ray_direction).filter(|ray| ray.dot(normal) > 0.0);
+        match ahead.find_map(|ray| rays.winding(from, from + ray * 8.0, face)) {
+            Some(winding) if winding < 0 => return false,
+            Some(_) => decided += 1,
+            None => {}
+        }
+    }
+    decided > 0
+}
+
+/// Removes the remaining sheet of patches that should be removed. `pairs` are the groups with an even number of faces.
+/// Returns the number of removed faces, both faces of each pair counted. `None` if `may_keep_solids`, and a patch is a part
+/// of a solid that was written twice.
+fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], pairs: &Pairs, may_keep_solids: bool) -> Option<u64> {
+    let canceling = &pairs.faces;
     if canceling.is_empty() {
-        return 0;
+        return Some(0);
     }
     let mut pair_at = vec![u32::MAX; surface.faces.len()];
     for (&f, i) in canceling.iter().zip(0u32..) {
@@ -97,23 +163,20 @@ fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], canceling: &[u3
     for i in (0u32..).take(canceling.len()) {
         patches[sets.root(i) as usize].push(i);
     }
-    patches.retain(|patch| patch.iter().any(|&i| attached[i as usize]));
+    let is_copy =
+        |patch: &[u32]| patch.len() >= LEAST_COPY && patch.iter().all(|&i| pairs.have_one_winding[i as usize]);
+    let is_closed = |patch: &[u32]| {
+        let mut of_edge: FxHashMap<u32, u32> = FxHashMap::default();
+        patch.iter().flat_map(|&i| edges_of[i as usize]).for_each(|e| *of_edge.entry(e).or_default() += 1);
+        of_edge.values().all(|count| count % 2 == 0)
+    };
+    patches.retain(|patch| patch.iter().any(|&i| attached[i as usize]) && !(is_copy(patch) && is_closed(patch)));
+    if may_keep_solids && patches.iter().any(|patch| is_copy(patch)) && is_union_of_solids(surface, pairs) {
+        return None;
+    }
     let mut is_kept = vec![true; canceling.len()];
     let mut choice = PairChoice { edges_of: &edges_of, kept_count, is_kept: &mut is_kept };
-    for _ in 0..MAX_PASSES {
-        // Each change alters the best choice for the neighbours.
-        let changed = patches.iter().filter(|patch| choice.toggle_if_better(patch)).count();
-        if changed == 0 {
-            break;
-        }
-    }
-    // Bring back single pairs: pieces of surface that were written twice and are only connected to a facet.
-    for _ in 0..MAX_PASSES {
-        let back: Vec<u32> = patches.iter().flatten().copied().filter(|&i| !choice.is_kept[i as usize]).collect();
-        if back.iter().filter(|&&i| choice.toggle_if_better(&[i])).count() == 0 {
-            break;
-        }
-    }
+    choice.choose(&patches);
     keep_visible_boards(surface, canceling, &mut is_kept, |i| sets.root(i));
     let mut removed = 0;
     for (&f, is_kept) in canceling.iter().zip(is_kept) {
@@ -122,7 +185,7 @@ fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], canceling: &[u3
             removed += 2;
         }
     }
-    removed
+    Some(removed)
 }
 
 /// Samples the faces numbered in `candidates` and reports for each sample whether a ray from its centroid escapes the surface.
@@ -180,6 +243,24 @@ struct PairChoice<'a> {
 }
 
 impl PairChoice<'_> {
+    /// Chooses for each patch, and then for single pairs of patches that would go.
+    fn choose(&mut self, patches: &[Vec<u32>]) {
+        for _ in 0..MAX_PASSES {
+            // Each change alters the best choice for the neighbours.
+            let changed = patches.iter().filter(|patch| self.toggle_if_better(patch)).count();
+            if changed == 0 {
+                break;
+            }
+        }
+        // Bring back single pairs: pieces of surface that were written twice and are only connected to a facet.
+        for _ in 0..MAX_PASSES {
+            let back: Vec<u32> = patches.iter().flatten().copied().filter(|&i| !self.is_kept[i as usize]).collect();
+            if back.iter().filter(|&&i| self.toggle_if_better(&[i])).count() == 0 {
+                break;
+            }
+        }
+    }
+
     /// Toggles the choice for a patch where that leaves fewer boundary or non-manifold edges. Returns whether it did.
     fn toggle_if_better(&mut self, patch: &[u32]) -> bool {
         if self.toggle(patch) < 0 {
@@ -228,6 +309,6 @@ impl Operation for RemoveDuplicates {
     }
 
     fn run(&self, surface: &mut Surface, _context: &Context<'_>) -> Result<Applied, Cancelled> {
-        Ok(remove_duplicates(surface).into())
+        Ok(remove(surface, true).into())
     }
 }

@@ -38,15 +38,39 @@ impl RayCaster {
     /// Calls `visit` with every face that the segment crosses, except face number `ignored`. Returns `false` where the segment
     /// touches an edge or the budget is spent; some faces are then not visited.
     pub fn each_crossing(&mut self, from: DVec3, to: DVec3, ignored: Option<u32>, mut visit: impl FnMut(u32)) -> bool {
+        self.each_passage(from, to, |f, _| Some(f) == ignored, |f, _| visit(f))
+    }
+
+    /// How often the faces enclose the start of a segment that ends outside all of them: faces that the segment leaves
+    /// through, less those through which it enters, except those on the same three vertices as `own`. `None` where it
+    /// touches an edge or the budget is spent.
+    pub fn winding(&mut self, from: DVec3, to: DVec3, own: [u32; 3]) -> Option<i64> {
+        let mut winding = 0;
+        let is_own = |_: u32, face: [u32; 3]| face.iter().all(|v| own.contains(v));
+        let is_clear = self.each_passage(from, to, is_own, |_, leaves| winding += if leaves { 1 } else { -1 });
+        is_clear.then_some(winding)
+    }
+
+    /// Calls `visit` with every face that the segment crosses and that is not ignored, and whether the segment leaves
+    /// through it. Returns `false` where the segment touches an edge or the budget is spent.
+    fn each_passage(
+        &mut self,
+        from: DVec3,
+        to: DVec3,
+        is_ignored: impl Fn(u32, [u32; 3]) -> bool,
+        mut visit: impl FnMut(u32, bool),
+    ) -> bool {
         let Self { unit, faces, tree, spent, budget } = self;
         let mut clear = true;
         tree.along(from, to, |i| {
             *spent += 1;
-            if Some(i) != ignored {
-                match crossing(from, to, faces[i as usize].map(|v| unit[v as usize])) {
+            let face = faces[i as usize];
+            if !is_ignored(i, face) {
+                match crossing(from, to, face.map(|v| unit[v as usize])) {
                     Crossing::Miss => {}
                     Crossing::Touches => clear = false,
-                    Crossing::Enters | Crossing::Leaves => visit(i),
+                    Crossing::Enters => visit(i, false),
+                    Crossing::Leaves => visit(i, true),
                 }
             }
             clear && spent < budget

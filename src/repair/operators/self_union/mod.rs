@@ -5,6 +5,8 @@
 
 mod rounds;
 
+use rustc_hash::FxHashSet;
+
 use crate::arrange::{ArrangeError, Arrangement, Exact};
 use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
@@ -53,8 +55,8 @@ impl SelfUnionRounds {
     /// Precondition: closed and consistently wound. Result: no two faces intersect. New vertices are rounded to f32 one by
     /// one without making faces meet (`rounding.rs`). Where faces then intersect again, their vertices snap to ever
     /// coarser grids and the arrangement is computed again (after the snap rounding of Valque and Lazard).
-    /// Leaves: the input surface where it is not closed, where nothing intersects and no region is opened, or where the
-    /// arrangement fails; pairs that still intersect after the coarsest grid.
+    /// Leaves: the input surface where it is not closed, where nothing intersects or is there twice and no region is opened,
+    /// or where the arrangement fails; pairs that still intersect after the coarsest grid.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
@@ -73,7 +75,8 @@ impl SelfUnionRounds {
         let before = count(&searched.intersections);
         // Without intersections, one part may still enclose another because its holes were filled.
         let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_generated(source));
-        if before == 0 && !may_open && !self.always {
+        let always = self.always || (before == 0 && has_faces_twice(surface));
+        if before == 0 && !may_open && !always {
             return Ok(Resolved::default());
         }
         let faces_before = surface.faces.len() as u64;
@@ -101,7 +104,7 @@ impl SelfUnionRounds {
             Err(error) => return Ok(undone(before, error)),
         };
         let done = rounds.totals;
-        if before == 0 && done.opened == 0 && (!self.always || have_same_faces(surface, &best.surface)) {
+        if before == 0 && done.opened == 0 && (!always || have_same_faces(surface, &best.surface)) {
             return Ok(Resolved::default());
         }
         // An incomplete result must at least be closed; intersecting faces are the lesser defect.
@@ -170,6 +173,12 @@ impl SelfUnionRounds {
         all.pairs_left = count(&crossings(surface, None, context)?.intersections);
         Ok(all)
     }
+}
+
+/// Whether two faces have the same corners and the same winding, as where a part of a solid was written twice.
+fn has_faces_twice(surface: &Surface) -> bool {
+    let mut known = FxHashSet::default();
+    !(0..surface.faces.len()).all(|f| known.insert(surface.face_key(f)))
 }
 
 /// Whether two surfaces have faces with the same corners and the same winding.
