@@ -2,7 +2,7 @@
 
 use super::options::{Options, OutputFormat, Verify};
 use super::part_accounting::{part_accounting, parts_dropped, surviving_input};
-use super::red_flags::{AddedSurface, Comparison, part_lost, red_flags, surface_invented};
+use super::red_flags::{AddedSurface, Comparison, part_lost, pinhole_patches, red_flags, surface_invented};
 use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode};
 use super::tasks::SurfaceState;
 use crate::analyze::subject;
@@ -127,7 +127,7 @@ impl Judging<'_, '_> {
             measures: &measures,
             patches: Some(&patches),
             gone: &dropped,
-            are_patches_opaque: is_interior_filled,
+            opaque: &|| if is_interior_filled { patches.clone() } else { pinhole_patches(surface) },
         };
         let mut changes = input.changes_but_for(&after, verification)?;
         // Regions visible through holes were opened on purpose, so the enclosed space differs.

@@ -212,6 +212,8 @@ fn largest_coordinate(measures: &Measures) -> f64 {
 
 /// Share of the surface above which the patch of a hole is large.
 const LARGE_PATCH: f64 = 0.02;
+/// A patch up to this share of the surface closes a pinhole, through which no interior is meant to be seen.
+const PINHOLE: f64 = 0.005;
 /// Most places on thickened sheets and bases that are recorded.
 const MAX_PLACES: usize = 5;
 
@@ -285,8 +287,26 @@ impl AddedSurface {
     }
 }
 
-/// The patches of holes: sets of faces without a source that share edges.
-fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
+/// For each face, whether it is part of a patch that closes a pinhole. None is if all of these together are more than a
+/// small share of the surface. Empty without patches.
+pub(super) fn pinhole_patches(surface: &Surface) -> Vec<bool> {
+    if !surface.source.contains(&NO_SOURCE) {
+        return Vec::new();
+    }
+    let areas: Vec<f64> = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).collect();
+    let whole: f64 = areas.iter().sum();
+    let roots = patch_of_each(surface);
+    let mut of_patch = vec![0.0; surface.faces.len()];
+    let is_patch = |f: usize| surface.source[f] == NO_SOURCE;
+    (0..areas.len()).filter(|&f| is_patch(f)).for_each(|f| of_patch[roots[f] as usize] += areas[f]);
+    let is_pinhole = |f: usize| is_patch(f) && of_patch[roots[f] as usize] <= PINHOLE * whole;
+    let together: f64 = (0..areas.len()).filter(|&f| is_pinhole(f)).map(|f| areas[f]).sum();
+    let are_few = together <= LARGE_PATCH * whole;
+    (0..areas.len()).map(|f| are_few && is_pinhole(f)).collect()
+}
+
+/// A number for each face; faces of patches that share edges have the same.
+fn patch_of_each(surface: &Surface) -> Vec<u32> {
     let is_patch = |f: usize| surface.source[f] == NO_SOURCE;
     let mut sets = UnionFind::new(surface.faces.len());
     for half_edges in Edges::new(&surface.faces).iter() {
@@ -295,7 +315,13 @@ fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
             faces.for_each(|other| sets.unite(first, other));
         }
     }
-    let roots = sets.into_roots();
+    sets.into_roots()
+}
+
+/// The patches of holes: sets of faces without a source that share edges.
+fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
+    let is_patch = |f: usize| surface.source[f] == NO_SOURCE;
+    let roots = patch_of_each(surface);
     let mut number = vec![usize::MAX; surface.faces.len()];
     let mut patch_sets: Vec<(Patch, Box3, f64)> = Vec::new();
     for f in (0..surface.faces.len()).filter(|&f| is_patch(f)) {

@@ -188,3 +188,28 @@ fn a_sphere_cut_into_eight_is_flagged_and_methods_sharing_its_closed_holes_skipp
     let why = "the strategy starts from the same closed holes, so it would enclose the same space";
     assert!(repaired.steps.iter().any(|step| step.note.as_deref() == Some(why)), "{:?}", repaired.steps);
 }
+
+#[test]
+fn surface_seen_through_a_pinhole_alone_is_not_lost() {
+    let options = Options { max_surface_lost_pct: 0.2, ..Options::default() };
+    // A ball reaches into a box. `open` faces of the box's top are missing, above what is then inside the box.
+    let seen_through = |open: usize| {
+        let mut soup = cube(DVec3::ZERO, 10.0, 24);
+        let middle = DVec3::new(5.0, 5.0, 10.0);
+        let distance =
+            |face: &[u32; 3]| face.map(|v| soup.positions[v as usize]).iter().sum::<DVec3>().distance(middle * 3.0);
+        let mut near: Vec<usize> = (0..soup.faces.len()).collect();
+        near.sort_by(|&a, &b| distance(&soup.faces[a]).total_cmp(&distance(&soup.faces[b])));
+        let gone: Vec<usize> = near[..open].to_vec();
+        let mut kept = 0..;
+        soup.faces.retain(|_| kept.next().is_some_and(|f| !gone.contains(&f)));
+        let ball = sphere(DVec3::new(5.0, 9.0, 6.0), 3.9, 32, 16);
+        repair_soup(&join(&soup, &ball), &options, None)
+    };
+    let pinhole = seen_through(12);
+    assert_eq!(pinhole.report.red_flags, []);
+    assert_outcome(&pinhole, Outcome::Repaired);
+    assert_eq!(pinhole.report.changes.unwrap().surface_lost_pct, Some(0.0));
+    let opening = seen_through(60).report.changes.unwrap();
+    assert!(opening.surface_lost_pct.unwrap() > 1.0, "an opening of a twentieth of the top shows the inside");
+}

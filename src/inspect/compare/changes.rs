@@ -150,9 +150,9 @@ pub struct ComparedMesh<'c> {
     pub patches: Option<&'c [bool]>,
     /// For each part of the original, whether the request removes that part; empty if no part is removed.
     pub gone: &'c [bool],
-    /// Whether surface of the original that is visible only through openings that patches close counts as hidden: the
-    /// space behind these openings was filled.
-    pub are_patches_opaque: bool,
+    /// Finds for each face of the result's soup whether surface of the original counts as hidden if it is visible only
+    /// through the opening that this face closes; empty if no face hides any. Called only where surface is lost.
+    pub opaque: &'c (dyn Fn() -> Vec<bool> + Sync),
 }
 
 impl Original<'_> {
@@ -169,7 +169,7 @@ impl Original<'_> {
         context: &Context<'_>,
     ) -> Result<Changes, Cancelled> {
         self.changes_but_for(
-            &ComparedMesh { analysis: after, measures, patches, gone: &[], are_patches_opaque: false },
+            &ComparedMesh { analysis: after, measures, patches, gone: &[], opaque: &Vec::new },
             context,
         )
     }
@@ -284,7 +284,11 @@ impl Original<'_> {
         context: &Context<'_>,
     ) -> Result<(), Cancelled> {
         let meshes = Pair::new(self.analysis, candidate.analysis);
-        let patches = Patches { meshes, is_patch: candidate.patches.unwrap_or_default() };
+        let opaque = (candidate.opaque)();
+        if !opaque.contains(&true) {
+            return Ok(());
+        }
+        let patches = Patches { meshes, is_patch: &opaque };
         let marked: Vec<usize> = (0..marks.len()).filter(|&i| marks[i]).collect();
         let points: Vec<Sample> = marked.iter().map(|&i| self.samples()[i]).collect();
         for (&i, is_visible) in marked.iter().zip(visible(self.analysis, &points, Some(&patches), context)?) {
@@ -325,7 +329,7 @@ impl Original<'_> {
             for (&i, is_visible) in distant.iter().zip(self.visible(&distant, context)?) {
                 counts[i] = is_visible != Some(false);
             }
-            if candidate.are_patches_opaque {
+            if counts.contains(&true) {
                 self.hide_behind_patches(&mut counts, candidate, context)?;
             }
             let subset: Vec<usize> =

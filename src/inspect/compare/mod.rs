@@ -74,7 +74,7 @@ impl Original<'_> {
         measures: &Measures,
         context: &Context<'_>,
     ) -> Result<Comparison, Cancelled> {
-        let candidate = ComparedMesh { analysis: after, measures, patches: None, gone: &[], are_patches_opaque: false };
+        let candidate = ComparedMesh { analysis: after, measures, patches: None, gone: &[], opaque: &Vec::new };
         let (mut changes, distances) = self.changes_and_distances(&candidate, context)?;
         changes.surface = Some(self.provenance(after, context)?.shares);
         let apart = distances.samples.iter().any(|&distance| distance != Some(0.0));
