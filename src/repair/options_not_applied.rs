@@ -335,13 +335,16 @@ impl OptionCheck<'_> {
     }
 
     fn is_remeshed(&self) -> bool {
-        let is_remesh = |step: &Step| step.operator == Some(Operator::Remesh) || remesh_action(step.action).is_some();
-        self.steps().any(|step| step.status == StepStatus::Done && is_remesh(step))
+        self.steps().any(is_remesh)
     }
 
     fn of_remesh(&self) -> NotApplied {
         if self.is_remeshed() {
             return self.kept_input();
+        }
+        if self.steps.iter().any(|executed| is_remesh(&executed.step)) {
+            let reason = "the remeshed result is not printable, has a red flag, or is worse than another result";
+            return Some((NotAppliedCause::MadeWorse, reason.to_owned()));
         }
         Some((NotAppliedCause::NothingToDo, "no remesh was needed".to_owned()))
     }
@@ -394,7 +397,8 @@ impl OptionCheck<'_> {
                 let skipped = steps.filter(|step| step.strategy == 0).find(|step| step.status == StepStatus::Skipped);
                 let why = skipped.and_then(|step| step.note.clone());
                 let cause = if why.is_some() { NotAppliedCause::Unavailable } else { NotAppliedCause::Limited };
-                let why = why.unwrap_or_else(|| "the preset's result was not printable or had a red flag".to_owned());
+                let why =
+                    why.unwrap_or_else(|| "the result of the preset is not printable or has a red flag".to_owned());
                 Some((cause, format!("{why}; the result comes from the preset `{}`", preset.as_str())))
             }
             _ => self.of_plan(),
@@ -422,6 +426,12 @@ impl OptionCheck<'_> {
         };
         self.options.with.iter().filter_map(one).collect()
     }
+}
+
+/// Whether a step remeshed the model.
+fn is_remesh(step: &Step) -> bool {
+    let can_remesh = step.operator == Some(Operator::Remesh) || remesh_action(step.action).is_some();
+    can_remesh && step.status == StepStatus::Done
 }
 
 /// Whether a step made a change that the option controls.

@@ -11,7 +11,7 @@ use meshmend::repair::{
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};
-use crate::support::{repair_bytes, repair_soup};
+use crate::support::{FixedRemesher, repair_bytes, repair_soup};
 
 fn stl(soup: &Soup) -> Vec<u8> {
     format::write(soup, Format::Stl).unwrap()
@@ -415,4 +415,19 @@ fn every_option_is_known_to_the_account_of_those_that_were_not_applied() {
     let all = Options::into_params(|| None).into_iter().chain(PrintOptions::into_params(|| None));
     let names: Vec<String> = all.map(|option| option.name).collect();
     assert_eq!(meshmend::repair::options_accounted_for(), names);
+}
+
+#[test]
+fn a_rejected_remesh_is_named_as_the_reason_why_its_options_have_no_effect() {
+    let mut open = cube(DVec3::ZERO, 10.0, 1);
+    open.faces.pop();
+    let options = Options { preset: Preset::BlenderRemesh, voxel_size: Some(0.3), ..Options::default() };
+    let smaller = FixedRemesher::returning(cube(DVec3::splat(2.0), 6.0, 3));
+    let repaired = repair_bytes(&stl(&open), &options, Some(&smaller)).unwrap();
+    assert_eq!(volumes(&repaired.bytes), [1000.0]);
+    assert_eq!(cause(&repaired, "voxel_size"), Some(NotAppliedCause::MadeWorse));
+    assert_eq!(cause(&repaired, "preset"), Some(NotAppliedCause::Limited));
+    let same = FixedRemesher::returning(cube(DVec3::ZERO, 10.0, 3));
+    let repaired = repair_bytes(&stl(&open), &options, Some(&same)).unwrap();
+    assert_eq!((cause(&repaired, "voxel_size"), cause(&repaired, "preset")), (None, None));
 }

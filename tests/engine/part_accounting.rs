@@ -1,18 +1,16 @@
 //! Part accounting: each part of the input is in the result, was dropped for a reason, or is lost and raises a red flag.
 
 use glam::DVec3;
-use meshmend::context::Context;
 use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, Original, measures};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    OpenSheets, Operator, Options, Outcome, PartAccounting, PartReason, RedFlagCode, RemeshError, RemeshRequest,
-    Remeshed, Remesher, RemesherInfo, Repaired, part_accounting, repair,
+    OpenSheets, Operator, Options, Outcome, PartAccounting, PartReason, RedFlagCode, Repaired, part_accounting, repair,
 };
 use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
-use crate::support::with_context;
+use crate::support::{FixedRemesher, with_context};
 
 fn account_parts(before: &Soup, after: &Soup) -> PartAccounting {
     let accounts = with_context(|context| {
@@ -175,21 +173,7 @@ fn lists_are_bounded_and_counts_are_not() {
     assert_eq!((accounts.parts, accounts.no_volume, accounts.reasons.len()), (1501, 1500, 1000));
 }
 
-/// A remesher that always returns the same mesh.
-struct FixedRemesher(RemesherInfo, Soup);
-
-impl Remesher for FixedRemesher {
-    fn info(&self) -> Result<&RemesherInfo, &str> {
-        Ok(&self.0)
-    }
-
-    fn remesh(&self, _: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
-        Ok(Remeshed::from(self.1.clone()))
-    }
-}
-
 fn remeshed(input: &Soup, answer: Soup) -> Repaired {
-    let info = RemesherInfo { kind: "fake".to_owned(), version: "1.0".to_owned(), program: "fake".to_owned() };
     let bytes = format::write(input, Format::Stl).unwrap();
     let options = Options {
         preset: meshmend::repair::Preset::BlenderRemesh,
@@ -202,7 +186,7 @@ fn remeshed(input: &Soup, answer: Soup) -> Repaired {
         ..Options::default()
     };
     with_context(|context| {
-        repair(&bytes, &options, &Limits::default(), Some(&FixedRemesher(info, answer)), context).unwrap()
+        repair(&bytes, &options, &Limits::default(), Some(&FixedRemesher::returning(answer)), context).unwrap()
     })
 }
 
@@ -238,7 +222,6 @@ fn dropping_a_part_is_worse_than_closing_an_opening_over_a_wall() {
     let input = join(&join(&tub, &block([1.0, 1.0, -0.5], [3.0, 3.0, 1.5])), &crumb);
     let hollow = inside_out(block([1.0, 1.0, 0.01], [3.0, 3.0, 1.5]));
     let answer = join(&join(&outer, &hollow), &block([1.0, 1.0, -0.5], [3.0, 3.0, -0.01]));
-    let info = RemesherInfo { kind: "fake".to_owned(), version: "1.0".to_owned(), program: "fake".to_owned() };
     let options = Options {
         max_volume_change_pct: 100.0,
         without: vec![Operator::Remesh],
@@ -246,7 +229,7 @@ fn dropping_a_part_is_worse_than_closing_an_opening_over_a_wall() {
         ..Options::default()
     };
     let bytes = format::write(&input, Format::Stl).unwrap();
-    let answers = FixedRemesher(info, answer);
+    let answers = FixedRemesher::returning(answer);
     let report = with_context(|c| repair(&bytes, &options, &Limits::default(), Some(&answers), c).unwrap()).report;
     let flags = |chosen: bool| {
         let of = report.candidates.iter().filter(move |candidate| candidate.printable && candidate.chosen == chosen);

@@ -203,7 +203,7 @@ pub enum NotAppliedCause {
     Excluded,
     /// A step that the option needs failed or is not available.
     Unavailable,
-    /// The result with the option would be worse than the input, so the input is returned.
+    /// The result with the option is worse than the input or than another result, which is returned.
     MadeWorse,
 }
 

@@ -10,7 +10,10 @@ use meshmend::arrange::{ArrangeError, Arrangement, Rule, Solid};
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{Measures, measure};
 use meshmend::mesh::{ClosedSurface, Soup, Surface};
-use meshmend::repair::{Change, Context, NoProgress, Options, Outcome, Remesher, RepairError, Repaired, repair};
+use meshmend::repair::{
+    Change, Context, NoProgress, Options, Outcome, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo,
+    RepairError, Repaired, repair,
+};
 use serde_json::Value;
 
 use crate::prose;
@@ -61,6 +64,26 @@ pub fn repair_bytes(bytes: &[u8], options: &Options, remesher: Option<&dyn Remes
     }
     prose::assert_clear(&texts);
     repaired
+}
+
+/// A remesher that always returns the same mesh.
+pub struct FixedRemesher(RemesherInfo, Soup);
+
+impl FixedRemesher {
+    pub fn returning(answer: Soup) -> Self {
+        let info = RemesherInfo { kind: "fake".to_owned(), version: "1.0".to_owned(), program: "fake".to_owned() };
+        Self(info, answer)
+    }
+}
+
+impl Remesher for FixedRemesher {
+    fn info(&self) -> Result<&RemesherInfo, &str> {
+        Ok(&self.0)
+    }
+
+    fn remesh(&self, _: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
+        Ok(Remeshed::from(self.1.clone()))
+    }
 }
 
 /// Adds the strings of at least three words in a JSON value, each with its place.
