@@ -7,7 +7,7 @@ use super::boxes::Box3;
 use super::tree::Tree;
 
 /// The least number of triangles of a hub. Below it, testing all pairs is faster.
-const LEAST_TRIANGLES: usize = 128;
+const LEAST_TRIANGLES: u32 = 128;
 
 /// Fills the list of a triangle's hubs.
 const NO_HUB: u32 = u32::MAX;
@@ -63,13 +63,13 @@ impl Hubs {
     pub fn find(positions: &[DVec3], faces: &[[u32; 3]]) -> Option<Self> {
         let mut counts = vec![0u32; positions.len()];
         faces.iter().flatten().for_each(|&v| counts[v as usize] += 1);
-        let is_hub = |v: u32| counts[v as usize] as usize >= LEAST_TRIANGLES;
+        if counts.iter().all(|&count| count < LEAST_TRIANGLES) {
+            return None;
+        }
+        let is_hub = |v: u32| counts[v as usize] >= LEAST_TRIANGLES;
         let mut corners: Vec<(u32, u32)> = Vec::new();
         for (triangle, face) in (0u32..).zip(faces) {
             corners.extend(face.iter().filter(|&&v| is_hub(v)).map(|&v| (v, triangle)));
-        }
-        if corners.is_empty() {
-            return None;
         }
         corners.sort_unstable();
         corners.dedup();

@@ -263,11 +263,8 @@ impl<L> Walk<'_, L> {
         if self.only.is_some_and(|only| !only.nodes[i as usize] && !only.nodes[j as usize]) {
             return;
         }
-        if self.hubs.is_some_and(|hubs| hubs.nodes[i as usize].meets(hubs.nodes[j as usize])) {
-            return;
-        }
         let (x, y) = (&self.a.nodes[i as usize], &self.b.nodes[j as usize]);
-        if meet(x, y) {
+        if meet(x, y) && self.hubs.is_none_or(|hubs| !hubs.nodes[i as usize].meets(hubs.nodes[j as usize])) {
             if x.is_leaf() && y.is_leaf() {
                 self.test_leaves(x, y, false, end);
             } else {
