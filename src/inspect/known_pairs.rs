@@ -5,7 +5,7 @@
 
 use super::analysis::KnownPairs;
 use super::matching::{FaceKeys, NO_FACE, matched};
-use super::{Analysis, Intersections, intersections};
+use super::{Analysis, Intersections, group_faces, intersections};
 use crate::context::{Cancelled, Context};
 use crate::mesh::{Soup, Surface};
 
@@ -52,6 +52,20 @@ impl SearchedMesh {
         let scale = analysis.scale();
         let keys = analysis.keys(scale).into_owned();
         Ok(Self { intersections, surface: analysis.surface, keys, scale, file_faces: soup.faces.len() })
+    }
+
+    /// Whether two faces have the same corners and the same winding, as where a part of a solid was written twice. Linear
+    /// time.
+    #[must_use]
+    pub fn has_faces_twice(&self) -> bool {
+        let groups = group_faces(&self.surface.faces);
+        // Of three faces on the same corners, two have the same winding.
+        let is_twice = |group: &[u32]| match *group {
+            [_] => false,
+            [f, g] => self.surface.face_key(f as usize) == self.surface.face_key(g as usize),
+            _ => true,
+        };
+        groups.len() < self.surface.faces.len() && groups.iter().any(is_twice)
     }
 }
 

@@ -30,6 +30,12 @@ impl Box3 {
         self.max = self.max.max(p);
     }
 
+    /// The box with all sides moved outward by `margin`.
+    #[must_use]
+    pub fn grown(self, margin: f64) -> Self {
+        Self { min: self.min - margin, max: self.max + margin }
+    }
+
     /// Whether the box contains no point.
     #[must_use]
     pub fn is_empty(&self) -> bool {

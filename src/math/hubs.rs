@@ -112,24 +112,18 @@ fn direction(side: DVec3) -> Option<DVec3> {
 /// common besides that corner have a whole segment from it in common, so their boxes meet.
 fn directions(positions: &[DVec3], faces: &[[u32; 3]], vertex: u32, triangles: &[u32]) -> Tree {
     let at = positions[vertex as usize];
-    let mut ends = Vec::with_capacity(2 * triangles.len());
-    for &triangle in triangles {
-        let sides = faces[triangle as usize].map(|v| direction(positions[v as usize] - at));
-        let corner = faces[triangle as usize].iter().position(|&v| v == vertex).unwrap_or(0);
-        let bounds = match (sides[(corner + 1) % 3], sides[(corner + 2) % 3]) {
-            (Some(a), Some(b)) => {
-                // The arc between both lies beyond its chord by at most one less the cosine of half its angle.
-                let bulge = 1.0 - ((a + b).length() / 2.0).min(1.0);
-                let chord = Box3::of([a, b]);
-                Box3 { min: chord.min - (bulge + MARGIN), max: chord.max + (bulge + MARGIN) }
-            }
-            _ => Box3::of([DVec3::NEG_ONE, DVec3::ONE]),
+    let bounds = |&triangle: &u32| {
+        let face = faces[triangle as usize];
+        let sides = face.map(|v| direction(positions[v as usize] - at));
+        let corner = face.iter().position(|&v| v == vertex).unwrap_or(0);
+        let (Some(a), Some(b)) = (sides[(corner + 1) % 3], sides[(corner + 2) % 3]) else {
+            return Box3::of([DVec3::NEG_ONE, DVec3::ONE]);
         };
-        ends.extend([bounds.min, bounds.max]);
-    }
-    #[expect(clippy::cast_possible_truncation, reason = "triangles are counted in u32, and each is here once")]
-    let boxes: Vec<[u32; 3]> = (0..triangles.len() as u32).map(|i| [2 * i, 2 * i + 1, 2 * i]).collect();
-    Tree::new(&ends, &boxes)
+        // The arc between both lies beyond its chord by at most one less the cosine of half its angle.
+        let bulge = 1.0 - ((a + b).length() / 2.0).min(1.0);
+        Box3::of([a, b]).grown(bulge + MARGIN)
+    };
+    Tree::of_boxes(&triangles.iter().map(bounds).collect::<Vec<_>>())
 }
 
 #[cfg(test)]
@@ -141,23 +135,28 @@ mod tests {
     use super::*;
     use crate::math::{Contact, PairSearch, contact, ray_direction, to_unit_range};
 
-    /// The pairs with more in common than a vertex or an edge, and whether the budget was enough.
+    /// The pairs with more in common than a vertex or an edge, of all triangles or with a `changed` one, and whether the
+    /// budget was enough.
     fn meeting_pairs(
-        positions: &[DVec3],
-        faces: &[[u32; 3]],
+        (positions, faces): (&[DVec3], &[[u32; 3]]),
         hubs: Option<&Hubs>,
+        changed: Option<&[bool]>,
         budget: u64,
     ) -> (Vec<([u32; 2], Contact)>, bool) {
         let look = |f: u32, g: u32, _: &mut u64| {
             let found = contact(positions, faces[f as usize], faces[g as usize], &mut 0);
             (!found.is_apart()).then_some(found)
         };
-        let mut all = Vec::new();
-        let Ok(complete) =
-            PairSearch { look, budget, hubs }.within::<_, Infallible>(&Tree::new(positions, faces), |hits| {
-                all.extend(hits);
-                Ok(())
-            });
+        let (mut all, tree) = (Vec::new(), Tree::new(positions, faces));
+        let search = PairSearch { look, budget, hubs };
+        let take = |hits| {
+            all.extend(hits);
+            Ok(())
+        };
+        let Ok(complete) = match changed {
+            None => search.within::<_, Infallible>(&tree, take),
+            Some(changed) => search.within_changed(&tree, changed, take),
+        };
         all.sort_unstable_by_key(|(pair, _)| *pair);
         (all, complete)
     }
@@ -198,22 +197,12 @@ mod tests {
             let (positions, faces) = fans(hubs, &sizes);
             let found = Hubs::find(&positions, &faces).expect("hubs");
             prop_assert_eq!(found.list.len(), hubs);
-            let (with, _) = meeting_pairs(&positions, &faces, Some(&found), u64::MAX);
-            let (without, _) = meeting_pairs(&positions, &faces, None, u64::MAX);
+            let (with, _) = meeting_pairs((&positions, &faces), Some(&found), None, u64::MAX);
+            let (without, _) = meeting_pairs((&positions, &faces), None, None, u64::MAX);
             prop_assert!(with.len() > 100);
             prop_assert_eq!(&with, &without);
             let marked: Vec<bool> = (0..faces.len()).map(|f| f % changed == 0).collect();
-            let look = |f: u32, g: u32, _: &mut u64| {
-                let found = contact(&positions, faces[f as usize], faces[g as usize], &mut 0);
-                (!found.is_apart()).then_some(found)
-            };
-            let search = PairSearch { look, budget: u64::MAX, hubs: Some(&found) };
-            let mut of_marked = Vec::new();
-            let Ok(_) = search.within_changed::<_, Infallible>(&Tree::new(&positions, &faces), &marked, |hits| {
-                of_marked.extend(hits);
-                Ok(())
-            });
-            of_marked.sort_unstable_by_key(|(pair, _)| *pair);
+            let (of_marked, _) = meeting_pairs((&positions, &faces), Some(&found), Some(&marked), u64::MAX);
             let is_marked = |[f, g]: [u32; 2]| marked[f as usize] || marked[g as usize];
             let expected: Vec<_> = without.iter().filter(|(pair, _)| is_marked(*pair)).collect();
             prop_assert_eq!(of_marked.iter().collect::<Vec<_>>(), expected);
@@ -231,8 +220,8 @@ mod tests {
         let faces: Vec<[u32; 3]> = (0..count).map(|i| [0, 1 + i, 1 + (i + 1) % count]).collect();
         let positions = to_unit_range(&positions);
         let hubs = Hubs::find(&positions, &faces).expect("a hub");
-        assert_eq!(meeting_pairs(&positions, &faces, Some(&hubs), 40 * u64::from(count)), (Vec::new(), true));
-        assert!(!meeting_pairs(&positions, &faces, None, 40 * u64::from(count)).1);
+        assert_eq!(meeting_pairs((&positions, &faces), Some(&hubs), None, 40 * u64::from(count)), (Vec::new(), true));
+        assert!(!meeting_pairs((&positions, &faces), None, None, 40 * u64::from(count)).1);
     }
 
     #[test]

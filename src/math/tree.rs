@@ -42,6 +42,15 @@ impl Tree {
         Self::in_frame(Frame::around(positions, faces), positions, faces)
     }
 
+    /// Builds a tree over boxes, which its queries call triangles.
+    #[must_use]
+    pub fn of_boxes(boxes: &[Box3]) -> Self {
+        let corners: Vec<DVec3> = boxes.iter().flat_map(|bounds| [bounds.min, bounds.max]).collect();
+        #[expect(clippy::cast_possible_truncation, reason = "boxes are counted in u32")]
+        let faces: Vec<[u32; 3]> = (0..boxes.len() as u32).map(|i| [2 * i, 2 * i + 1, 2 * i]).collect();
+        Self::new(&corners, &faces)
+    }
+
     /// Builds the tree in a frame that may cover more than these triangles, such as those of another tree.
     #[must_use]
     pub fn in_frame(frame: Frame, positions: &[DVec3], faces: &[[u32; 3]]) -> Self {

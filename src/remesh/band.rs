@@ -278,7 +278,7 @@ fn near_triangles(
     most: u64,
     steps: &mut u64,
 ) -> Option<Vec<[DVec3; 3]>> {
-    let around = Box3 { min: bounds.min - NEAR_CELLS * grid.cell, max: bounds.max + NEAR_CELLS * grid.cell };
+    let around = bounds.grown(NEAR_CELLS * grid.cell);
     let mut faces = Vec::new();
     field.tree().overlapping(&around, |face| {
         *steps = steps.saturating_sub(1);

@@ -248,7 +248,7 @@ pub(super) struct AddedSurface {
 impl AddedSurface {
     /// Sums the areas of a surface's new faces. Linear time except for sorting.
     pub fn of(surface: &Surface) -> Self {
-        let areas: Vec<f64> = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).collect();
+        let areas = face_areas(surface);
         let mut added = Self { area: areas.iter().sum(), ..Self::default() };
         for ((f, &area), &source) in areas.iter().enumerate().zip(&surface.source) {
             let sum = match source {
@@ -263,7 +263,7 @@ impl AddedSurface {
             *sum += area;
         }
         if surface.source.iter().any(|&source| is_generated(source)) {
-            added.patches = patches(surface, &areas);
+            (added.patches, _) = patches(surface, &areas);
             let least = LARGE_PATCH * added.area;
             added.patches.retain(|patch| patch.area > least);
             added.patches.sort_by(|a, b| b.area.total_cmp(&a.area));
@@ -293,20 +293,22 @@ pub(super) fn pinhole_patches(surface: &Surface) -> Vec<bool> {
     if !surface.source.contains(&NO_SOURCE) {
         return Vec::new();
     }
-    let areas: Vec<f64> = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).collect();
+    let areas = face_areas(surface);
     let whole: f64 = areas.iter().sum();
-    let roots = patch_of_each(surface);
-    let mut of_patch = vec![0.0; surface.faces.len()];
-    let is_patch = |f: usize| surface.source[f] == NO_SOURCE;
-    (0..areas.len()).filter(|&f| is_patch(f)).for_each(|f| of_patch[roots[f] as usize] += areas[f]);
-    let is_pinhole = |f: usize| is_patch(f) && of_patch[roots[f] as usize] <= PINHOLE * whole;
-    let together: f64 = (0..areas.len()).filter(|&f| is_pinhole(f)).map(|f| areas[f]).sum();
-    let are_few = together <= LARGE_PATCH * whole;
-    (0..areas.len()).map(|f| are_few && is_pinhole(f)).collect()
+    let (patches, of_face) = patches(surface, &areas);
+    let is_pinhole = |patch: &&Patch| patch.area <= PINHOLE * whole;
+    let are_few = patches.iter().filter(is_pinhole).map(|patch| patch.area).sum::<f64>() <= LARGE_PATCH * whole;
+    of_face.iter().map(|&at| are_few && patches.get(at).is_some_and(|patch| is_pinhole(&patch))).collect()
 }
 
-/// A number for each face; faces of patches that share edges have the same.
-fn patch_of_each(surface: &Surface) -> Vec<u32> {
+/// The area of each face.
+fn face_areas(surface: &Surface) -> Vec<f64> {
+    (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).collect()
+}
+
+/// The patches of holes: sets of faces without a source that share edges. Also for each face the index of its patch;
+/// `usize::MAX` for all other faces.
+fn patches(surface: &Surface, areas: &[f64]) -> (Vec<Patch>, Vec<usize>) {
     let is_patch = |f: usize| surface.source[f] == NO_SOURCE;
     let mut sets = UnionFind::new(surface.faces.len());
     for half_edges in Edges::new(&surface.faces).iter() {
@@ -315,22 +317,18 @@ fn patch_of_each(surface: &Surface) -> Vec<u32> {
             faces.for_each(|other| sets.unite(first, other));
         }
     }
-    sets.into_roots()
-}
-
-/// The patches of holes: sets of faces without a source that share edges.
-fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
-    let is_patch = |f: usize| surface.source[f] == NO_SOURCE;
-    let roots = patch_of_each(surface);
+    let roots = sets.into_roots();
+    // The first face of a set is its root, so that it has a number before the others.
     let mut number = vec![usize::MAX; surface.faces.len()];
     let mut patch_sets: Vec<(Patch, Box3, f64)> = Vec::new();
     for f in (0..surface.faces.len()).filter(|&f| is_patch(f)) {
-        let slot = &mut number[roots[f] as usize];
-        if *slot == usize::MAX {
-            *slot = patch_sets.len();
+        let root = roots[f] as usize;
+        if number[root] == usize::MAX {
+            number[root] = patch_sets.len();
             patch_sets.push((Patch { area: 0.0, extent: 0.0, at: DVec3::ZERO }, Box3::EMPTY, -1.0));
         }
-        let (patch, bounds, largest) = &mut patch_sets[*slot];
+        number[f] = number[root];
+        let (patch, bounds, largest) = &mut patch_sets[number[f]];
         let corners = surface.corners(f);
         corners.iter().for_each(|&corner| bounds.extend(corner));
         patch.area += areas[f];
@@ -338,7 +336,8 @@ fn patches(surface: &Surface, areas: &[f64]) -> Vec<Patch> {
             (*largest, patch.at) = (areas[f], corners.iter().sum::<DVec3>() / 3.0);
         }
     }
-    patch_sets.into_iter().map(|(patch, bounds, _)| Patch { extent: bounds.diagonal(), ..patch }).collect()
+    let patches = patch_sets.into_iter().map(|(patch, bounds, _)| Patch { extent: bounds.diagonal(), ..patch });
+    (patches.collect(), number)
 }
 
 /// The red flag for more new surface than the options allow. Thickness that the options ask for does not count, and neither do bases,

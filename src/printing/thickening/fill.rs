@@ -187,9 +187,7 @@ impl Filling<'_> {
     fn body(&self, fillers: &[Filler], share: f64, max_faces: u64) -> Result<Surface, RemeshError> {
         let balls: Vec<_> = fillers.iter().map(|filler| (filler.centre, filler.radius)).filter(|b| b.1 > 0.0).collect();
         let (precision, cell) = (self.settings.precision, share * self.settings.min_wall);
-        let around = DVec3::splat(4.0 * self.settings.min_wall);
-        let Box3 { min, max } = self.input.bounds();
-        let bounds = Box3 { min: min - around, max: max + around };
+        let bounds = self.input.bounds().grown(4.0 * self.settings.min_wall);
         let union = BallUnion { balls: &balls, bounds, cell, max_faces, max_memory: MAX_MEMORY, precision };
         let mut surface = union.surface(self.context)?;
         Spheres::new(&balls, cell, precision).fit(&mut surface);

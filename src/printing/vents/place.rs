@@ -158,10 +158,12 @@ impl<'a> Placement<'a> {
         let centre = self.voids[void].at * self.rays.scale;
         for direction in fixed.into_iter().chain((0..26).map(ray_direction)) {
             let [a, b] = across(direction);
-            for aside in [DVec3::ZERO, (a * ASIDE[0] + b * ASIDE[1]) * self.radius] {
-                let from = centre + aside;
-                let found = self.rays.along([from, from + direction * self.diagonal], None);
-                let Some(wall) = found.and_then(|hits| hits.first().copied()) else { continue };
+            let froms = [centre, centre + (a * ASIDE[0] + b * ASIDE[1]) * self.radius];
+            let certain = froms.into_iter().find_map(|from| {
+                let hits = self.rays.along([from, from + direction * self.diagonal], None)?;
+                Some((from, hits))
+            });
+            if let Some((from, wall)) = certain.and_then(|(from, hits)| Some((from, *hits.first()?))) {
                 let start = from + direction * (wall.distance - self.lead()).max(wall.distance / 2.0);
                 candidates.extend(self.candidate(task, start, direction));
             }

@@ -142,7 +142,7 @@ fn has_far_change(before: &Surface, after: &Surface, bores: &[Bore]) -> bool {
         .map(|bore| {
             let bounds = Box3::of(bore.corners());
             let margin = TOLERANCE * (bounds.diagonal() + bounds.max.abs().max(bounds.min.abs()).max_element());
-            Box3 { min: bounds.min - margin, max: bounds.max + margin }
+            bounds.grown(margin)
         })
         .collect();
     let is_near = |surface: &Surface, f: usize| {

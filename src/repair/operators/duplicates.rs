@@ -11,7 +11,7 @@ use super::operator::{Applied, Counter, Operation, Scope};
 use super::ray_caster::RayCaster;
 use crate::inspect::{FaceGroups, group_faces};
 use crate::math::ray_direction;
-use crate::mesh::{Edges, Surface, UnionFind};
+use crate::mesh::{ClosedSurface, Edges, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// Zero-thickness patches above this share of the total area stay as one sheet where they are visible.
@@ -98,15 +98,10 @@ fn keep_by_winding(surface: &Surface, groups: &FaceGroups, keep: &mut [bool]) {
     }
 }
 
-/// Whether the surface is made of closed solids that all face outward, as far as samples tell: at each edge the faces of
-/// both directions balance, and no place in front of the sampled pairs is enclosed less than never.
-fn is_union_of_solids(surface: &Surface, pairs: &Pairs) -> bool {
-    let is_ascending = |h: u32| {
-        let face = surface.faces[h as usize / 3];
-        face[h as usize % 3] < face[(h as usize + 1) % 3]
-    };
-    let edges = Edges::new(&surface.faces);
-    if !edges.iter().all(|half_edges| 2 * half_edges.iter().filter(|&&h| is_ascending(h)).count() == half_edges.len()) {
+/// Whether the surface is made of closed solids that all face outward, as far as samples tell: no place in front of the
+/// sampled pairs is enclosed less than never.
+fn is_union_of_solids(surface: &Surface, edges: &Edges, pairs: &Pairs) -> bool {
+    if ClosedSurface::new(surface, edges).is_err() {
         return false;
     }
     let is_one = pairs.faces.iter().zip(&pairs.have_one_winding).filter(|(_, is_one)| **is_one);
@@ -171,7 +166,7 @@ fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], pairs: &Pairs, 
         of_edge.values().all(|count| count % 2 == 0)
     };
     patches.retain(|patch| patch.iter().any(|&i| attached[i as usize]) && !(is_copy(patch) && is_closed(patch)));
-    if may_keep_solids && patches.iter().any(|patch| is_copy(patch)) && is_union_of_solids(surface, pairs) {
+    if may_keep_solids && patches.iter().any(|patch| is_copy(patch)) && is_union_of_solids(surface, &edges, pairs) {
         return None;
     }
     let mut is_kept = vec![true; canceling.len()];

@@ -184,15 +184,18 @@ impl PrintOptions {
     /// The least wall thickness to thicken to, in millimetres; `None` if walls keep their thickness.
     #[must_use]
     pub fn wall_to_reach_mm(&self) -> Option<f64> {
-        let of_process = || self.profile().map(|profile| profile.free_wall_mm.limit);
-        self.min_wall.or_else(|| if self.thicken_to_process { of_process() } else { None })
+        self.min_wall.or_else(|| if self.thicken_to_process { self.process_wall_mm() } else { None })
     }
 
     /// The least wall thickness that a printable result has, in millimetres; `None` if no option states one.
     #[must_use]
     pub fn wall_limit_mm(&self) -> Option<f64> {
-        let of_process = || Some(self.profile()?.free_wall_mm.limit);
-        self.min_wall.or_else(of_process).filter(|&limit| limit > 0.0)
+        self.min_wall.or_else(|| self.process_wall_mm()).filter(|&limit| limit > 0.0)
+    }
+
+    /// The process's limit for free walls, in millimetres.
+    fn process_wall_mm(&self) -> Option<f64> {
+        self.profile().map(|profile| profile.free_wall_mm.limit)
     }
 
     /// Least volume of a separate solid, in cubic units of `millimetres` length: the limit of the process, or a share of `whole`.

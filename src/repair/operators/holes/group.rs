@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::math::{Box3, Frame, Tree};
+use crate::math::{Box3, Tree};
 use crate::mesh::{BoundaryLoops, Parts};
 
 /// A loop of an island runs opposite to the outer loop: their normals have at most this cosine.
@@ -75,10 +75,8 @@ pub(super) fn group_loops(
     let part = |i: usize| parts.of_face[loops.face[i] as usize];
     let mut inner_of: Vec<Option<usize>> = vec![None; shapes.len()];
     if shapes.len() > 1 {
-        let corners: Vec<DVec3> = shapes.iter().flat_map(|s| [s.bounds.min, s.bounds.max]).collect();
-        #[expect(clippy::cast_possible_truncation, reason = "fewer loops than half-edges")]
-        let boxes: Vec<[u32; 3]> = (0..shapes.len() as u32).map(|i| [2 * i, 2 * i + 1, 2 * i]).collect();
-        let tree = Tree::in_frame(Frame::around(&corners, &boxes), &corners, &boxes);
+        let boxes: Vec<Box3> = shapes.iter().map(|shape| shape.bounds).collect();
+        let tree = Tree::of_boxes(&boxes);
         let mut order: Vec<usize> = (0..shapes.len()).collect();
         order.sort_by(|&i, &j| shapes[j].size.total_cmp(&shapes[i].size).then(i.cmp(&j)));
         let mut steps = STEP_BUDGET;

@@ -5,8 +5,6 @@
 
 mod rounds;
 
-use rustc_hash::FxHashSet;
-
 use crate::arrange::{ArrangeError, Arrangement, Exact};
 use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
@@ -75,7 +73,7 @@ impl SelfUnionRounds {
         let before = count(&searched.intersections);
         // Without intersections, one part may still enclose another because its holes were filled.
         let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_generated(source));
-        let always = self.always || (before == 0 && has_faces_twice(surface));
+        let always = self.always || (before == 0 && searched.has_faces_twice());
         if before == 0 && !may_open && !always {
             return Ok(Resolved::default());
         }
@@ -173,12 +171,6 @@ impl SelfUnionRounds {
         all.pairs_left = count(&crossings(surface, None, context)?.intersections);
         Ok(all)
     }
-}
-
-/// Whether two faces have the same corners and the same winding, as where a part of a solid was written twice.
-fn has_faces_twice(surface: &Surface) -> bool {
-    let mut known = FxHashSet::default();
-    !(0..surface.faces.len()).all(|f| known.insert(surface.face_key(f)))
 }
 
 /// Whether two surfaces have faces with the same corners and the same winding.
