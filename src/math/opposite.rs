@@ -8,6 +8,7 @@ use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 use smallvec::SmallVec;
 
+use super::boxes::Box3;
 use super::threads::{self, FEW_SEARCHES};
 use super::tree::{DEPTH, Tree, spend, triangles_of, vec3a};
 
@@ -196,10 +197,21 @@ impl OppositeFaces<'_> {
         steps: &mut u64,
         is_hit: impl Fn(u32) -> bool,
     ) -> bool {
+        let segment = self.tree.segment(from, to);
+        self.any(normal, steps, |aabb| segment.enters(aabb).is_some(), is_hit)
+    }
+
+    /// Whether `is_hit` accepts a face that is opposite to the unit normal `normal` and whose box meets `bounds`.
+    /// Otherwise like [`OppositeFaces::any_along`].
+    pub fn any_in(&self, bounds: &Box3, normal: DVec3, steps: &mut u64, is_hit: impl Fn(u32) -> bool) -> bool {
+        let [low, high] = [bounds.min, bounds.max].map(|corner| vec3a(self.tree.frame.to_tree(corner)));
+        self.any(normal, steps, |aabb| (aabb.min.cmple(high) & aabb.max.cmpge(low)).all(), is_hit)
+    }
+
+    fn any(&self, normal: DVec3, steps: &mut u64, meets: impl Fn(&Aabb) -> bool, is_hit: impl Fn(u32) -> bool) -> bool {
         let Some(bvh) = &self.tree.bvh else { return false };
-        let (segment, normals) = (self.tree.segment(from, to), Range::of(vec3a(normal)));
-        let may_hit =
-            |at: u32| self.may_be_opposite(at, &normals) && segment.enters(bvh.nodes[at as usize].aabb()).is_some();
+        let normals = Range::of(vec3a(normal));
+        let may_hit = |at: u32| self.may_be_opposite(at, &normals) && meets(bvh.nodes[at as usize].aabb());
         let mut stack: SmallVec<[u32; DEPTH]> = SmallVec::new();
         stack.extend(may_hit(0).then_some(0));
         while let Some(at) = stack.pop() {
@@ -301,6 +313,8 @@ mod tests {
                 let meets = (0u32..).take(faces.len()).any(is_hit);
                 assert!(answer || !meets, "face {face} within {reach}");
                 assert_eq!(opposite.any_along([from, from + step], normal, &mut u64::MAX.clone(), is_hit), meets);
+                let around = Box3::of([from, from + step]);
+                assert_eq!(opposite.any_in(&around, normal, &mut u64::MAX.clone(), is_hit), meets);
                 opposite_count += u32::from(meets);
                 ruled_out_count += u32::from(!answer);
             }

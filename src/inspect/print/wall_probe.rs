@@ -1,10 +1,12 @@
 //! Wall thickness at a point.
 
 use glam::DVec3;
+use smallvec::SmallVec;
 
 use crate::inspect::Analysis;
 use crate::inspect::sampling::{InsideTest, Sample};
-use crate::math::{OppositeFaces, hit};
+use crate::math::threads::{self, FEW_SEARCHES};
+use crate::math::{Box3, OppositeFaces, hit};
 
 /// Winding numbers from which a point is in material, and up to which it is in air. Otherwise the surface is too open.
 const MATERIAL: f64 = 0.75;
@@ -18,6 +20,10 @@ const TOUCHING: f64 = 1e-6;
 const OPPOSITE: f64 = 0.866_025_403_784_438_6;
 /// Cosine of 37 degrees: the same limit for a ball that touches both sides, whose direction varies with the point.
 const BALL_OPPOSITE: f64 = 0.8;
+/// Upper bound of the relative rounding error of a thickness, with a margin.
+const ROUNDING: f64 = 1e-9;
+/// Maximum nodes and triangles visited to rule out a face. A face that exceeds the limit is not ruled out.
+const MAX_STEPS_PER_FACE: u64 = 4096;
 /// Maximum number of faces that a ray may pass inside the material, for example in overlapping parts.
 const MAX_PASSED: usize = 16;
 
@@ -87,6 +93,48 @@ impl<'a> WallProber<'a> {
             // Parts may be inside out.
             Material::Measured(_) => vec![true; faces],
         }
+    }
+
+    /// The faces of which some point may have a wall of at most `longest` behind it, in ascending order.
+    pub fn faces_with_wall(&self, longest: f64) -> Vec<u32> {
+        let may_have_wall = self.may_have_wall(longest);
+        let faces: Vec<u32> = (0u32..).zip(may_have_wall).filter(|(_, may)| *may).map(|(face, _)| face).collect();
+        let Material::Bounded(_, opposite) = &self.material else { return faces };
+        let is_within = threads::map(faces.len(), FEW_SEARCHES, |i| self.is_within(opposite, faces[i], longest));
+        faces.into_iter().zip(is_within).filter(|(_, is_within)| *is_within).map(|(face, _)| face).collect()
+    }
+
+    /// Whether some point of a face has an opposite face within `longest` behind it. A wall between faces with a common
+    /// vertex does not count, nor whether the space between the two faces is filled.
+    fn is_within(&self, opposite: &OppositeFaces<'_>, face: u32, longest: f64) -> bool {
+        let (corners, normal) = (self.analysis.unit_corners(face), self.analysis.unit_normal(face));
+        let reach = longest * (1.0 + ROUNDING);
+        let bounds = Box3::of(corners.into_iter().flat_map(|corner| [corner, corner - normal * reach]));
+        opposite.any_in(&bounds, normal, &mut MAX_STEPS_PER_FACE.clone(), |other| {
+            let depths = self.analysis.unit_corners(other).map(|corner| (corners[0] - corner).dot(normal));
+            let is_deeper = |limit: f64| depths.iter().all(|&depth| depth > limit);
+            !is_deeper(reach)
+                && self.is_opposite(other, -normal, OPPOSITE)
+                && self.thinnest_corner([face, other]).is_some_and(|(_, thickness)| thickness <= reach)
+        })
+    }
+
+    /// The point where the wall between two faces is thinnest, and its thickness there. The thickness between two faces
+    /// varies linearly, so its minimum is at a corner of their overlap. `None` for two faces with a common vertex, which
+    /// form an edge rather than a wall, and for faces without an overlap.
+    pub fn thinnest_corner(&self, faces: [u32; 2]) -> Option<(DVec3, f64)> {
+        let [face, opposite] = faces;
+        let normal = self.analysis.unit_normal(face);
+        if normal == DVec3::ZERO || self.share_a_vertex(faces) {
+            return None;
+        }
+        thinnest_corner(self.analysis.unit_corners(face), normal, self.analysis.unit_corners(opposite))
+    }
+
+    /// Whether two faces have a common vertex.
+    pub fn share_a_vertex(&self, faces: [u32; 2]) -> bool {
+        let [face, other] = faces.map(|face| self.analysis.surface.faces[face as usize]);
+        face.iter().any(|v| other.contains(v))
     }
 
     /// Measures the wall of at most `longest` behind a sample with an inward ray. Tests whether the surface separates
@@ -215,4 +263,28 @@ impl<'a> WallProber<'a> {
 
 fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
     parts.get(analysis.parts.of_face[face as usize] as usize).copied().unwrap_or(false)
+}
+
+/// Thinnest corner between two triangles: projects triangle `q` onto triangle `p` along the normal of `p`, and
+/// returns the corner of the overlap that is nearest to the plane of `q`, with its distance along the normal.
+fn thinnest_corner(p: [DVec3; 3], normal: DVec3, q: [DVec3; 3]) -> Option<(DVec3, f64)> {
+    let mut part: SmallVec<[DVec3; 8]> = SmallVec::from(p.as_slice());
+    for k in 0..3 {
+        let (start, end, third) = (q[k], q[(k + 1) % 3], q[(k + 2) % 3]);
+        let across = (end - start).cross(normal);
+        let across = if across.dot(third - start) < 0.0 { -across } else { across };
+        let height = |x: DVec3| across.dot(x - start);
+        part = (0..part.len())
+            .flat_map(|i| {
+                let (a, b) = (part[i], part[(i + 1) % part.len()]);
+                let (from, to) = (height(a), height(b));
+                let crossing = (from < 0.0) != (to < 0.0);
+                [(from >= 0.0).then_some(a), crossing.then(|| a.lerp(b, from / (from - to)))]
+            })
+            .flatten()
+            .collect();
+    }
+    let plane = (q[1] - q[0]).cross(q[2] - q[0]);
+    let thickness = |x: DVec3| ((q[0] - x).dot(plane) / normal.dot(plane)).abs();
+    part.into_iter().map(|x| (x, thickness(x))).min_by(|(_, a), (_, b)| a.total_cmp(b))
 }

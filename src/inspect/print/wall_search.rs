@@ -142,15 +142,14 @@ impl<'a> WallSearch<'a> {
     /// Measures at further points of the faces that may have a thinner wall than the thinnest one so far. Those near a
     /// sharp edge, where both faces have a common vertex, do not count.
     fn search_further(&mut self, prober: &WallProber<'_>, budget: u64, context: &Context<'_>) -> Result<(), Cancelled> {
-        let may_be_thinnest = prober.may_have_wall(IMPROVEMENT * self.least);
-        let faces: Vec<u32> = (0u32..).zip(may_be_thinnest).filter(|(_, may)| *may).map(|(face, _)| face).collect();
+        let faces = prober.faces_with_wall(IMPROVEMENT * self.least);
         let each = FURTHER_POINTS.len();
         self.run_queries(faces.len() * each, budget, context, |i, search, steps| {
             let centre = search.centre(faces[i / each])?;
             let corners = search.analysis.unit_corners(centre.face);
             let point = corners.into_iter().zip(FURTHER_POINTS[i % each]).map(|(corner, share)| corner * share).sum();
             let wall = search.probe(prober, &Sample { point, ..centre }, steps)?;
-            (!search.share_a_vertex(wall.faces)).then_some(wall)
+            (!prober.share_a_vertex(wall.faces)).then_some(wall)
         })?;
         Ok(())
     }
@@ -165,7 +164,7 @@ impl<'a> WallSearch<'a> {
         self.sort_candidates();
         let mut steps = MOVES_BUDGET;
         for wall in std::mem::take(&mut self.candidates) {
-            let may_be_thinnest = self.thinnest_corner(&wall).is_some_and(|(_, t)| t < IMPROVEMENT * self.least);
+            let may_be_thinnest = prober.thinnest_corner(wall.faces).is_some_and(|(_, t)| t < IMPROVEMENT * self.least);
             if may_be_thinnest {
                 self.descend_from(wall, prober, &mut steps);
             }
@@ -182,7 +181,7 @@ impl<'a> WallSearch<'a> {
 
     /// Finds a thinner wall near a given one. At the thinnest point itself, the ray may miss the opposite face.
     fn thinner(&self, prober: &WallProber<'_>, wall: &Wall, steps: &mut u64) -> Option<Wall> {
-        let (thinnest, _) = self.thinnest_corner(wall)?;
+        let (thinnest, _) = prober.thinnest_corner(wall.faces)?;
         let face = wall.faces[0];
         let normal = self.analysis.unit_normal(face);
         STEP_FRACTIONS.into_iter().find_map(|fraction| {
@@ -191,23 +190,6 @@ impl<'a> WallSearch<'a> {
             let thinner = Wall { thickness, point: sample.point, faces: [face, opposite] };
             (thickness < IMPROVEMENT * wall.thickness).then_some(thinner)
         })
-    }
-
-    /// The point where the wall between a wall's two faces is thinnest, and its thickness there. The thickness between
-    /// two faces varies linearly, so its minimum is at a corner of their overlap. `None` for two faces with a common
-    /// vertex, which form an edge rather than a wall.
-    fn thinnest_corner(&self, wall: &Wall) -> Option<(DVec3, f64)> {
-        let [face, opposite] = wall.faces;
-        let normal = self.analysis.unit_normal(face);
-        if normal == DVec3::ZERO || self.share_a_vertex(wall.faces) {
-            return None;
-        }
-        thinnest_corner(self.analysis.unit_corners(face), normal, self.analysis.unit_corners(opposite))
-    }
-
-    fn share_a_vertex(&self, faces: [u32; 2]) -> bool {
-        let [face, other] = faces.map(|face| self.analysis.surface.faces[face as usize]);
-        face.iter().any(|v| other.contains(v))
     }
 
     /// Runs queries 0 to `count` in an order whose every prefix is spread evenly over all of them. Returns the
@@ -290,28 +272,4 @@ impl<'a> WallSearch<'a> {
         }
         regions
     }
-}
-
-/// Thinnest corner between two triangles: projects triangle `q` onto triangle `p` along the normal of `p`, and
-/// returns the corner of the overlap that is nearest to the plane of `q`, with its distance along the normal.
-fn thinnest_corner(p: [DVec3; 3], normal: DVec3, q: [DVec3; 3]) -> Option<(DVec3, f64)> {
-    let mut part = p.to_vec();
-    for k in 0..3 {
-        let (start, end, third) = (q[k], q[(k + 1) % 3], q[(k + 2) % 3]);
-        let across = (end - start).cross(normal);
-        let across = if across.dot(third - start) < 0.0 { -across } else { across };
-        let height = |x: DVec3| across.dot(x - start);
-        part = (0..part.len())
-            .flat_map(|i| {
-                let (a, b) = (part[i], part[(i + 1) % part.len()]);
-                let (from, to) = (height(a), height(b));
-                let crossing = (from < 0.0) != (to < 0.0);
-                [(from >= 0.0).then_some(a), crossing.then(|| a.lerp(b, from / (from - to)))]
-            })
-            .flatten()
-            .collect();
-    }
-    let plane = (q[1] - q[0]).cross(q[2] - q[0]);
-    let thickness = |x: DVec3| ((q[0] - x).dot(plane) / normal.dot(plane)).abs();
-    part.into_iter().map(|x| (x, thickness(x))).min_by(|(_, a), (_, b)| a.total_cmp(b))
 }
