@@ -22,8 +22,10 @@ const MAX_MOVES: usize = 4_000_000;
 /// The sweeps end when no point moves by more than this share of the patch's size.
 const STILL_SHARE: f64 = 1e-7;
 
-/// The steps that all queries together may take: pairs of triangles tested, plus a surcharge for slow exact predicates.
-const STEP_BUDGET: u64 = 60_000_000;
+/// The steps that all queries together may take: pairs of triangles tested, plus a surcharge for slow exact predicates. A
+/// constant plus a number for each face: holes in a surface that does not intersect itself take less than a tenth of that.
+const STEP_BUDGET: u64 = 5_000_000;
+const STEPS_PER_FACE: u64 = 50;
 const STEPS_PER_SLOW_PREDICATE: u64 = 8;
 /// The number of patch faces that are tested one by one before they get a tree.
 const BLOCK_SIZE: usize = 64;
@@ -231,7 +233,8 @@ impl<'a> Clearance<'a> {
         let frame = Frame::around(&unit, faces);
         let tree = Tree::in_frame(frame, &unit, faces);
         let scale = unit_scale(positions);
-        Self { unit, scale, faces, frame, tree, patches: Vec::new(), blocks: Vec::new(), steps: STEP_BUDGET }
+        let steps = STEP_BUDGET + STEPS_PER_FACE * faces.len() as u64;
+        Self { unit, scale, faces, frame, tree, patches: Vec::new(), blocks: Vec::new(), steps }
     }
 
     /// The positions in the range of the exact predicates.
