@@ -13,6 +13,7 @@ mod local_edits;
 mod names;
 mod operator;
 mod ray_caster;
+mod round_at_once;
 mod rounding;
 
 pub mod base;

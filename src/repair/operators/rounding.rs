@@ -11,6 +11,7 @@ use super::free_positions::{
     DISTINCT_STEP, MoveClearance, NEIGHBOUR_DIRECTIONS, NEW, round_to_f32, spacing, with_vertex,
 };
 use super::operator::{Applied, Counter, Operation, Scope};
+use super::round_at_once::round_at_once;
 use crate::inspect::Decimals;
 use crate::math::Precision;
 use crate::mesh::{Surface, position_key};
@@ -59,9 +60,13 @@ pub(super) fn round_without_contact(
 ) -> Result<Rounded, Cancelled> {
     let lattice = Lattice::of(surface);
     let needs_rounding = |p: DVec3| is_free(p) && lattice.nearest(p) != p;
-    let mut left: Vec<u32> =
+    let vertices: Vec<u32> =
         (0u32..).zip(&surface.positions).filter(|&(_, &p)| needs_rounding(p)).map(|(v, _)| v).collect();
     let mut done = Rounded::default();
+    if vertices.is_empty() {
+        return Ok(done);
+    }
+    let mut left = round_at_once(surface, vertices, |p| lattice.nearest(p), context)?;
     if left.is_empty() {
         return Ok(done);
     }
