@@ -1,5 +1,7 @@
 //! Splits the faces of a surface where they meet, into a complex of facets that share only whole edges and corners.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
@@ -321,8 +323,17 @@ impl Cutter<'_, '_> {
                 self.limits.check(triangulation.count())?;
             }
         }
-        for &face in group {
-            self.insert_cuts(&mut triangulation, face)?;
+        // A face that cuts several faces of the group cuts them along one line.
+        let mut lines: BTreeMap<u32, Vec<[u32; 2]>> = BTreeMap::new();
+        for cuts in group.iter().map(|face| &self.cuts[face]) {
+            cuts.points.iter().for_each(|&point| {
+                triangulation.insert(point);
+            });
+            cuts.lines.iter().for_each(|&(ends, plane)| lines.entry(plane).or_default().push(ends));
+        }
+        for (plane, segments) in lines {
+            triangulation.insert_overlapping(&segments, Support::Plane(plane));
+            self.limits.check(triangulation.count())?;
         }
         triangulation.improve();
         let covers = triangulation.covers(MAX_COVERS).ok_or_else(too_many_points)?;

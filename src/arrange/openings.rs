@@ -15,6 +15,7 @@ use petgraph::{Direction, Graph};
 use super::cells::Cells;
 use super::complex::{ArrangeError, Complex, SolidFaces};
 use crate::context::Context;
+use crate::math::threads::{self, FEW_SEARCHES};
 use crate::math::{Tree, hit, ray_direction};
 use crate::mesh::UnionFind;
 
@@ -22,6 +23,8 @@ use crate::mesh::UnionFind;
 const DIRECTIONS: u32 = 32;
 /// Maximum number of hidden facets tested; the largest are tested first.
 const MAX_HIDDEN: usize = 20_000;
+/// Number of facets tested in parallel before the steps are counted.
+const FACETS_PER_BLOCK: usize = 1024;
 /// Maximum number of facets that all sight lines together may visit.
 const STEPS: u64 = 100_000_000;
 /// Length of a sight line in the scale of the tree, in which the model is about 1 wide.
@@ -241,21 +244,27 @@ impl<'a> Regions<'a> {
         facets.sort_by(|&a, &b| self.area[b].total_cmp(&self.area[a]));
         facets.truncate(MAX_HIDDEN);
         let mut hidden = vec![0.0; self.inside.len()];
-        let (mut all, mut steps) = (0.0, STEPS);
-        for facet in facets {
+        let (mut all, mut left) = (0.0, STEPS);
+        for block in facets.chunks(FACETS_PER_BLOCK) {
             context.check()?;
-            let lines: Vec<Vec<usize>> =
-                (0..DIRECTIONS).filter_map(|number| self.sight(facet, ray_direction(number), &mut steps)).collect();
-            if steps == 0 {
+            let seen = threads::map(block.len(), FEW_SEARCHES, |i| {
+                let mut steps = left;
+                let sights = (0..DIRECTIONS).filter_map(|n| self.sight(block[i], ray_direction(n), &mut steps));
+                (sights.collect::<Vec<Vec<usize>>>(), left - steps)
+            });
+            for (&facet, (lines, steps)) in block.iter().zip(seen) {
+                left = left.saturating_sub(steps);
+                if !lines.is_empty() {
+                    all += self.area[facet];
+                }
+                // Each side of a facet is visible in only half of the directions.
+                let share = 2.0 / f64::from(DIRECTIONS);
+                for &region in lines.iter().flatten() {
+                    hidden[region] += self.area[facet] * share;
+                }
+            }
+            if left == 0 {
                 return Ok(None);
-            }
-            if !lines.is_empty() {
-                all += self.area[facet];
-            }
-            // Each side of a facet is visible in only half of the directions.
-            let share = 2.0 / f64::from(DIRECTIONS);
-            for &region in lines.iter().flatten() {
-                hidden[region] += self.area[facet] * share;
             }
         }
         Ok((all > MIN_HIDDEN_SHARE).then_some(hidden))

@@ -6,6 +6,7 @@ use std::cmp::Ordering;
 use dashu_int::IBig;
 use glam::DVec3;
 use rustc_hash::FxHashMap;
+use smallvec::SmallVec;
 
 use super::grid::{Plane, ULP, Whole, minus, turn};
 use crate::math::Sign;
@@ -14,6 +15,10 @@ use crate::math::Sign;
 const ERROR: f64 = 1.0 / 256.0;
 /// Side of a hash cell for finding equal points, in grid steps.
 const CELL: f64 = 1.0 / 16.0;
+
+/// The sine of the angle between two planes from which they are certainly not parallel, far above the rounding errors of
+/// their normals.
+const MIN_SINE: f64 = 1e-6;
 
 /// The exact definition of a point.
 #[derive(Debug, Clone, Copy)]
@@ -138,11 +143,10 @@ impl Points {
     pub fn upright(&mut self, [u, v]: [u32; 2], axis: usize) -> u32 {
         let ends = [self.whole(u.min(v)), self.whole(u.max(v))];
         *self.uprights.entry(([u.min(v), u.max(v)], axis)).or_insert_with(|| {
-            self.planes.push(Plane::along_axis(ends, axis));
             #[expect(clippy::cast_possible_truncation, reason = "fewer than there are pairs of faces")]
-            {
-                self.planes.len() as u32 - 1
-            }
+            let plane = self.planes.len() as u32;
+            self.planes.push(Plane::along_axis(ends, axis));
+            plane
         })
     }
 
@@ -254,8 +258,8 @@ impl Points {
         (error.max_element() < ERROR / 4.0).then_some(place)
     }
 
-    /// The orientation of three points projected along an axis, exactly.
-    pub fn turn(&self, axis: usize, [a, b, c]: [u32; 3]) -> Sign {
+    /// The orientation of three points in a plane, given by its index, exactly: projected along the plane's axis.
+    pub fn turn(&self, plane: u32, axis: usize, [a, b, c]: [u32; 3]) -> Sign {
         let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
         let [p, q, r] = [self.place(a), self.place(b), self.place(c)];
         let (u, v) = ([p[i] - r[i], p[j] - r[j]], [q[i] - r[i], q[j] - r[j]]);
@@ -267,15 +271,64 @@ impl Points {
         if determinant.abs() > error * size + 2.0 * error * error + 8.0 * ULP * products {
             return Sign::of(determinant);
         }
-        if let [Definition::Place(p), Definition::Place(q), Definition::Place(r)] =
-            [a, b, c].map(|x| self.definitions[x as usize])
-        {
+        let definitions = [a, b, c].map(|x| self.definitions[x as usize]);
+        if let [Definition::Place(p), Definition::Place(q), Definition::Place(r)] = definitions {
             return turn(axis, p, q, r);
+        }
+        if are_on_one_edge(&definitions)
+            || self.are_on_one_level(&definitions, plane)
+            || self.are_on_one_cut(&definitions, plane)
+        {
+            return Sign::Zero;
         }
         let [p, q, r] = [a, b, c].map(|x| self.homogeneous(x));
         let minor = |s: &Homogeneous, t: &Homogeneous| &s[i] * &t[j] - &s[j] * &t[i];
         let sum = minor(p, q) * &r[3] + minor(q, r) * &p[3] + minor(r, p) * &q[3];
         sign_of(&sum)
+    }
+
+    /// Whether it follows from the definitions of three points in a plane that they agree in a coordinate in which the
+    /// plane's points differ, so that they are on one line: as the edges of solids that stand on one level.
+    fn are_on_one_level(&self, points: &[Definition; 3], plane: u32) -> bool {
+        let normal = self.planes[plane as usize].normal;
+        (0..3).any(|k| {
+            let level = |point: &Definition| match point {
+                Definition::Place(p) => Some(p[k]),
+                Definition::LineAndPlane([a, b], _) => Some(a[k]).filter(|level| *level == b[k]),
+                Definition::Planes(_) => None,
+            };
+            let first = level(&points[0]);
+            first.is_some()
+                && points.iter().all(|point| level(point) == first)
+                && (0..3).any(|other| other != k && normal[other] != 0)
+        })
+    }
+
+    /// Whether it follows from the definitions of three points in a plane that another plane contains them all, so that
+    /// they are on one line.
+    fn are_on_one_cut(&self, points: &[Definition; 3], plane: u32) -> bool {
+        let contains = |cut: u32, point: &Definition| {
+            let side = |p: Whole| self.planes[cut as usize].side(p);
+            match point {
+                Definition::Place(p) => side(*p) == Sign::Zero,
+                Definition::LineAndPlane(ends, other) => {
+                    *other == cut || ends.iter().all(|&end| side(end) == Sign::Zero)
+                }
+                Definition::Planes(planes) => planes.contains(&cut),
+            }
+        };
+        let cuts = points.iter().flat_map(|point| match *point {
+            Definition::Place(_) => SmallVec::<[u32; 3]>::new(),
+            Definition::LineAndPlane(_, cut) => SmallVec::from_slice(&[cut]),
+            Definition::Planes(planes) => SmallVec::from(planes),
+        });
+        cuts.into_iter().any(|cut| self.is_oblique([cut, plane]) && points.iter().all(|point| contains(cut, point)))
+    }
+
+    /// Whether two planes are certainly not parallel. Coplanar faces have planes of their own.
+    fn is_oblique(&self, planes: [u32; 2]) -> bool {
+        let [p, q] = planes.map(|plane| DVec3::from_array(self.planes[plane as usize].rounded).normalize_or_zero());
+        p.cross(q).length() > MIN_SINE
     }
 
     /// The side of a plane on which a point lies, exactly.
@@ -308,6 +361,21 @@ impl Points {
     }
 }
 
+/// Whether it follows from the definitions of points that all are on the line through one edge.
+fn are_on_one_edge(points: &[Definition; 3]) -> bool {
+    let edge = points.iter().find_map(|point| match point {
+        Definition::LineAndPlane(ends, _) => Some(ends),
+        _ => None,
+    });
+    edge.is_some_and(|edge| {
+        points.iter().all(|point| match point {
+            Definition::Place(p) => edge.contains(p),
+            Definition::LineAndPlane(ends, _) => ends == edge,
+            Definition::Planes(_) => false,
+        })
+    })
+}
+
 fn cell(place: DVec3) -> [i64; 3] {
     #[expect(clippy::cast_possible_truncation, reason = "positions are within 2^43 steps")]
     place.to_array().map(|x| (x / CELL).floor() as i64)
@@ -337,4 +405,38 @@ fn rounded([x, y, z, w]: &Homogeneous) -> DVec3 {
         i128::try_from(shifted).map_or(f64::MAX, |x| x as f64) / f64::from(1u32 << 16)
     };
     DVec3::new(at(x), at(y), at(z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_in_the_planes_of_coplanar_faces_are_not_on_one_line() {
+        let mut points = Points::default();
+        points.planes.push(Plane::through([[0, 0, 0], [64, 0, 0], [0, 64, 0]]));
+        points.planes.push(Plane::through([[8, 8, 0], [8, 64, 0], [64, 8, 0]]));
+        // Edges that meet the planes so near to each other that floating point does not decide.
+        let corners = [[0, 0], [1, 0], [0, 1]].map(|[x, y]| {
+            let ends = [[0, 0, -1], [x, y, 1023]].map(|end| points.push(end));
+            points.on_edge(ends, 1)
+        });
+        assert_eq!(points.turn(0, 2, corners), Sign::Positive);
+    }
+
+    #[test]
+    fn points_on_one_line_by_definition_have_no_orientation() {
+        let mut points = Points::default();
+        points.planes.push(Plane::through([[0, 0, 0], [64, 0, 0], [0, 64, 0]]));
+        points.planes.push(Plane::through([[0, 0, -8], [64, 64, -8], [0, 0, 8]]));
+        // In the plane through the diagonal, and on the level of the floor.
+        let edges = [[0, 9], [9, 1], [3, 30]].map(|[x, y]| {
+            let ends = [[x, y, 0], [y, x, 0]].map(|end| points.push(end));
+            points.on_edge(ends, 1)
+        });
+        assert_eq!(points.turn(0, 2, edges), Sign::Zero);
+        assert_eq!(points.turn(1, 0, edges), Sign::Zero);
+        let corner = points.push([40, 41, 0]);
+        assert_eq!(points.turn(0, 2, [edges[0], edges[2], corner]), Sign::Positive);
+    }
 }

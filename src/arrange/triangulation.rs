@@ -162,7 +162,7 @@ impl<'a> Triangulation<'a> {
     /// The orientation of three corners: positive for counter-clockwise.
     fn turn(&self, a: u32, b: u32, c: u32) -> Sign {
         let ids = [a, b, c].map(|x| self.ids[x as usize]);
-        let sign = self.points.turn(self.axis, ids);
+        let sign = self.points.turn(self.plane, self.axis, ids);
         if self.turned { -sign } else { sign }
     }
 

@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use smallvec::SmallVec;
 
 use super::{Line, NONE, Support, Triangle, Triangulation};
+use crate::arrange::points::Points;
 use crate::math::Sign;
 
 impl Triangulation<'_> {
@@ -57,6 +58,35 @@ impl Triangulation<'_> {
         let mut from = a;
         while from != b {
             from = self.advance(from, b, index);
+        }
+    }
+
+    /// Inserts segments with the same carrier, which may overlap: each stretch that they cover together is one line.
+    pub fn insert_overlapping(&mut self, segments: &[[u32; 2]], support: Support) {
+        let [first, ..] = segments else { return };
+        let axes = [(self.axis + 1) % 3, (self.axis + 2) % 3];
+        let axis = axes.into_iter().find(|&k| self.points.compare(k, first[0], first[1]) != Ordering::Equal);
+        let axis = axis.unwrap_or(axes[0]);
+        let order = |points: &Points, a: u32, b: u32| points.compare(axis, a, b);
+        let mut ascending: Vec<[u32; 2]> =
+            segments.iter().map(|&[a, b]| if order(self.points, a, b).is_gt() { [b, a] } else { [a, b] }).collect();
+        ascending.sort_by(|[a, _], [b, _]| order(self.points, *a, *b).then(a.cmp(b)));
+        let mut stretches: Vec<[u32; 2]> = Vec::new();
+        for segment in ascending {
+            match stretches.last_mut() {
+                Some([_, end]) if order(self.points, segment[0], *end).is_le() => {
+                    if order(self.points, segment[1], *end).is_gt() {
+                        *end = segment[1];
+                    }
+                }
+                _ => stretches.push(segment),
+            }
+        }
+        for &end in segments.iter().flatten() {
+            self.insert(end);
+        }
+        for ends in stretches {
+            self.insert_line(Line { ends, support, bounds: None });
         }
     }
 
