@@ -21,6 +21,7 @@ use super::runner::{Runner, TaskEnd, TaskRun};
 use super::tasks::{ExecutedStep, IndexedStrategy, Intersections, SurfaceState, Task};
 use crate::arrange::ArrangeError;
 use crate::context::{Cancelled, Context, Stage};
+use crate::inspect::Measures;
 
 /// The state of an escalation: the attempts so far, and what they showed about the input.
 pub(super) struct Escalation<'a> {
@@ -42,6 +43,8 @@ pub(super) struct Escalation<'a> {
     is_remesh_hopeless: bool,
     /// Whether too many faces intersected for a self-union after open sheets were closed.
     is_tangled: bool,
+    /// Whether a result of many faces stayed non-manifold nearly everywhere (see [`is_shredded`]).
+    is_shredded: bool,
 }
 
 /// The result of a strategy's operators.
@@ -95,6 +98,7 @@ impl<'a> Escalation<'a> {
             has_printable_remesh: false,
             is_remesh_hopeless: false,
             is_tangled: false,
+            is_shredded: false,
         })
     }
 
@@ -144,29 +148,43 @@ impl<'a> Escalation<'a> {
             self.attempts.steps.extend(common_start);
         }
         let tasks = Task::of(strategy, COMMON_ACTIONS.len());
-        let mut prefix = self.known_prefix(strategy, &tasks);
-        let surface_after = |prefix: &[KnownTask]| prefix.last().map_or(START, |known_task| known_task.surface);
-        let last_known = surface_after(&prefix);
-        let is_same = |other: &Validation| other.surface == last_known && other.patches == patches_of(strategy);
-        // Only if all tasks are known, their last surface is the strategy's result, which may have been validated before.
-        let validation = self.validations.iter().position(is_same).filter(|_| prefix.len() == tasks.len());
-        if validation.is_none() {
-            // Continue from the last surface that the cache still holds.
-            while !prefix.is_empty()
-                && surface_after(&prefix) != START
-                && self.cache.kept(surface_after(&prefix)).is_none()
-            {
-                prefix.pop();
-            }
+        if let Some(validation) = self.known_rest(indexed, (START, Intersections::Unknown), &tasks) {
+            return Ok(StrategyResult::Judged(validation));
         }
+        let mut prefix = self.known_tasks(strategy, (START, Intersections::Unknown), &tasks);
+        // Continue from the last surface that the cache still holds.
+        while let Some(&KnownTask { surface, .. }) = prefix.last()
+            && surface != START
+            && self.cache.kept(surface).is_none()
+        {
+            prefix.pop();
+        }
+        self.record_reused(index, &tasks, &prefix);
+        self.run_from(indexed, &tasks, &prefix, later)
+    }
+
+    /// The validation of a strategy's result, if the results of all its remaining `tasks` are known and the last was validated. Records the
+    /// reused steps.
+    fn known_rest(
+        &mut self,
+        IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
+        before: (u32, Intersections),
+        tasks: &[Task],
+    ) -> Option<usize> {
+        let known = self.known_tasks(strategy, before, tasks);
+        let result = known.last().map_or(before.0, |known_task| known_task.surface);
+        let is_same = |other: &Validation| other.surface == result && other.patches == patches_of(strategy);
+        let validation = self.validations.iter().position(is_same).filter(|_| known.len() == tasks.len())?;
+        self.record_reused(index, tasks, &known);
+        Some(validation)
+    }
+
+    /// Appends the steps of tasks whose results are known.
+    fn record_reused(&mut self, index: u32, tasks: &[Task], known: &[KnownTask]) {
         for (task, KnownResult { step, .. }) in
-            tasks.iter().zip(&prefix).filter_map(|(task, known_task)| Some((task, known_task.known.as_ref()?)))
+            tasks.iter().zip(known).filter_map(|(task, known_task)| Some((task, known_task.known.as_ref()?)))
         {
             self.attempts.steps.push(ExecutedStep::reused(step, index, task.action));
-        }
-        match validation {
-            Some(validation) => Ok(StrategyResult::Judged(validation)),
-            None => self.run_from(indexed, &tasks, &prefix, later),
         }
     }
 
@@ -211,6 +229,13 @@ impl<'a> Escalation<'a> {
                     None => number,
                 };
                 self.attempts.steps.push(step.into());
+                // An operator without effect can lead back to the surface of an earlier strategy.
+                if !has_changed
+                    && end == TaskEnd::Finished
+                    && let Some(validation) = self.known_rest(indexed, (number, intersections), &tasks[at + 1..])
+                {
+                    return Ok(StrategyResult::Judged(validation));
+                }
                 // Too many faces intersect for a self-union. The rest of this strategy would make the same mesh as a later strategy, which
                 // keeps the overlaps.
                 let is_tangled = matches!(failure, Some(Failure::Arrange(ArrangeError::Tangled(_))));
@@ -229,9 +254,13 @@ impl<'a> Escalation<'a> {
         Ok(if is_nothing { StrategyResult::Nothing } else { StrategyResult::New(number, Box::new(state)) })
     }
 
-    /// The first tasks of a strategy whose results are known from earlier strategies.
-    fn known_prefix(&self, strategy: &Strategy, tasks: &[Task]) -> Vec<KnownTask> {
-        let (mut surface, mut intersections) = (START, Intersections::Unknown);
+    /// The first of `tasks` whose results are known from earlier strategies. `surface` is the number of the surface before them.
+    fn known_tasks(
+        &self,
+        strategy: &Strategy,
+        (mut surface, mut intersections): (u32, Intersections),
+        tasks: &[Task],
+    ) -> Vec<KnownTask> {
         let mut prefix = Vec::new();
         for &task in tasks {
             let mut known = None;
@@ -304,6 +333,7 @@ impl<'a> Escalation<'a> {
     ) -> bool {
         self.compare_methods(strategy, &mut judged);
         self.has_printable_remesh |= Method::of(strategy) == Some(Method::Grid) && judged.measures.printable();
+        self.is_shredded |= is_shredded(&judged.measures);
         step.note = Some(verdict_text(&judged));
         self.attempts.candidates.push(Candidate::new(Some(index), &judged, false));
         let lost = judged.red_flags.iter().any(|flag| flag.code == RedFlagCode::SurfaceLost);
@@ -346,6 +376,13 @@ struct KnownTask {
     surface: u32,
     /// The cached result of the operator; none if the task would change nothing and is not run.
     known: Option<KnownResult>,
+}
+
+/// Whether a surface of many faces has a non-manifold edge for every fourth face, like the cells of a volume mesh. Operators mend such edges
+/// one by one. Where they left so many, others leave them as well.
+fn is_shredded(measures: &Measures) -> bool {
+    const MIN_FACES: u64 = 10_000;
+    measures.faces >= MIN_FACES && 4 * measures.non_manifold_edges > measures.faces
 }
 
 /// Which faces of a strategy's result are patches of holes.

@@ -16,7 +16,7 @@ use meshmend::repair::{
 use proptest::prelude::*;
 
 use crate::meshes::{as_f32, cube, inside_out, join, push, sheet, sphere, torus};
-use crate::support::{repair_bytes, repair_soup};
+use crate::support::{repair_bytes, repair_soup, with_context};
 
 fn read(bytes: &[u8]) -> Soup {
     format::read(bytes, &Limits::default()).unwrap().soup
@@ -463,4 +463,59 @@ fn a_strategy_reuses_a_shared_prefix_and_gives_the_result_it_would_give_alone() 
         mesh.all(|step| step.note.as_ref().is_some_and(|note| note.contains("reused")))
     };
     assert!(!taken(0, Operator::Sew) && taken(1, Operator::Sew) && taken(2, Operator::Sew), "{:#?}", auto.steps);
+}
+
+/// The cells of a cube of `n^3` cells, six tetrahedra each. Each tetrahedron is written as one polygon of its four corners, as programs for
+/// volume meshes sometimes do.
+fn tetrahedra_as_polygons(n: usize) -> Vec<u8> {
+    let mut text = String::new();
+    let index = |[x, y, z]: [usize; 3]| (x * (n + 1) + y) * (n + 1) + z + 1;
+    let points = |count: usize| (0..count.pow(3)).map(move |i| [i / count / count, i / count % count, i % count]);
+    for p in points(n + 1) {
+        let [x, y, z] = p.map(|k| k as f64 / n as f64);
+        text.push_str(&format!("v {x} {y} {z}\n"));
+    }
+    for cell in points(n) {
+        for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+            let mut corner = cell;
+            text.push_str(&format!("f {}", index(corner)));
+            for k in order {
+                corner[k] += 1;
+                text.push_str(&format!(" {}", index(corner)));
+            }
+            text.push('\n');
+        }
+    }
+    text.into_bytes()
+}
+
+fn without_remesh(bytes: &[u8]) -> Vec<Step> {
+    let options = Options { max_tier: 2, without: vec![Operator::Remesh], ..Options::default() };
+    with_context(|context| repair(bytes, &options, &Limits::default(), None, context)).unwrap().report.steps
+}
+
+#[test]
+fn a_strategy_whose_own_operator_changes_nothing_is_not_judged_again() {
+    let steps = without_remesh(&tetrahedra_as_polygons(3));
+    let of_patching: Vec<&Step> = steps
+        .iter()
+        .skip_while(|step| step.action != Action::CleanAndPatch)
+        .take_while(|step| step.action != Action::NativeRemesh)
+        .collect();
+    let [first, rest @ ..] = of_patching.as_slice() else { panic!("{steps:?}") };
+    assert!(first.changed.is_empty(), "{first:?}");
+    let rest: Vec<_> = rest.iter().filter(|step| step.strategy == first.strategy).collect();
+    assert!(rest.iter().any(|step| step.action == Action::Validate), "{rest:?}");
+    assert!(rest.iter().all(|step| step.milliseconds == 0.0 && step.note.is_some()), "{rest:?}");
+}
+
+#[test]
+fn strategies_without_a_remesh_are_skipped_for_a_surface_that_is_shredded() {
+    let steps = without_remesh(&tetrahedra_as_polygons(12));
+    let validated: Vec<u32> =
+        steps.iter().filter(|step| step.action == Action::Validate).map(|step| step.strategy).collect();
+    assert_eq!(validated, [0]);
+    let is_told = |step: &Step| step.note.as_ref().is_some_and(|note| note.contains("non-manifold nearly everywhere"));
+    let skipped = steps.iter().filter(|step| step.status == StepStatus::Skipped && is_told(step));
+    assert!(skipped.count() >= 4, "{steps:?}");
 }

@@ -62,6 +62,9 @@ impl Escalation<'_> {
             When::OpenSheetsRemain if self.is_tangled => {
                 "too many faces intersected after another strategy had closed the open sheets"
             }
+            _ if self.is_shredded && !matches!(Method::of(strategy), Some(Method::Grid | Method::Blender)) => {
+                "an earlier strategy left the surface non-manifold nearly everywhere, which only a remesh can mend"
+            }
             When::NothingClosed if whole() => "the best earlier result is closed and complete",
             _ if self.methods_agree && Method::of(strategy) == Some(Method::Blender) => {
                 "independent methods agree on the red flags, so the input causes them"
