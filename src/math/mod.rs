@@ -35,5 +35,5 @@ pub use triangle::{
     Crossing, centre_and_radius, crossing, hit, longest_side_first, longest_squared, nearest_on_segment,
     nearest_on_triangle, nearest_within, within,
 };
-pub use triangle_pair::{Contact, common_point, contact};
+pub use triangle_pair::{Contact, common_point, contact, intersection};
 pub use winding::{Dipoles, winding_exact};

@@ -380,11 +380,18 @@ impl Projection {
     }
 }
 
-/// A rounded common point of two triangles that should meet: the middle of their intersection.
+/// A rounded common point of two triangles that should meet: the middle of their [`intersection`].
+#[must_use]
+pub fn common_point(p: &[DVec3; 3], q: &[DVec3; 3], coplanar: bool) -> DVec3 {
+    let common = intersection(p, q, coplanar);
+    common.iter().sum::<DVec3>() / common.len() as f64
+}
+
+/// The rounded corners of the intersection of two triangles that should meet: at least one point.
 ///
 /// Positions should be in the range of [`crate::math::to_unit_range`].
 #[must_use]
-pub fn common_point(p: &[DVec3; 3], q: &[DVec3; 3], coplanar: bool) -> DVec3 {
+pub fn intersection(p: &[DVec3; 3], q: &[DVec3; 3], coplanar: bool) -> Vec<DVec3> {
     let normal = (q[1] - q[0]).cross(q[2] - q[0]).normalize_or_zero();
     let mut common = if coplanar { p.to_vec() } else { section(p, |x| normal.dot(x - q[0])) };
     for k in 0..3 {
@@ -395,7 +402,7 @@ pub fn common_point(p: &[DVec3; 3], q: &[DVec3; 3], coplanar: bool) -> DVec3 {
             common = part;
         }
     }
-    common.iter().sum::<DVec3>() / common.len() as f64
+    common
 }
 
 /// Treats heights within rounding of the plane as 0.

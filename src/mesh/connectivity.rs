@@ -171,19 +171,26 @@ impl Fans {
             }
         }
         let mut of_corner = sets.into_roots();
-        let mut fans_at = vec![0u8; surface.positions.len()];
         for (corners, &[a, b, c]) in of_corner.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
             if a == b || b == c || c == a {
                 *corners = [u32::MAX; 3];
             }
         }
-        for (&root, corner) in of_corner.iter().zip(0u32..) {
+        let mut fans = Self { of_corner, non_manifold_vertices: 0 };
+        fans.non_manifold_vertices = fans.at_vertices(surface).into_iter().filter(|&n| n > 1).count() as u64;
+        fans
+    }
+
+    /// The number of fans at each vertex.
+    #[must_use]
+    pub fn at_vertices(&self, surface: &Surface) -> Vec<u32> {
+        let mut counts = vec![0; surface.positions.len()];
+        for (&root, corner) in self.of_corner.iter().zip(0u32..) {
             if root == corner {
-                let count = &mut fans_at[origin(faces, corner) as usize];
-                *count = count.saturating_add(1);
+                counts[origin(&surface.faces, corner) as usize] += 1;
             }
         }
-        Self { of_corner, non_manifold_vertices: fans_at.iter().filter(|&&n| n > 1).count() as u64 }
+        counts
     }
 }
 

@@ -113,6 +113,15 @@ impl Surface {
         self.source.push(source);
     }
 
+    /// Adds the vertices and faces of another surface after the own ones.
+    pub fn append(&mut self, other: Self) {
+        #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+        let first = self.positions.len() as u32;
+        self.positions.extend(other.positions);
+        self.faces.extend(other.faces.iter().map(|face| face.map(|v| v + first)));
+        self.source.extend(other.source);
+    }
+
     /// Keeps the faces for which `keep` (one entry for each face) is true. Returns the number of removed faces.
     pub fn retain_faces(&mut self, keep: &[bool]) -> u64 {
         let before = self.faces.len();

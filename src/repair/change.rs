@@ -133,6 +133,10 @@ change_kinds! {
     PartsUnited = "parts_united",
     /// Pairs of intersecting faces resolved.
     IntersectingPairsResolved = "intersecting_pairs_resolved",
+    /// Closed pieces removed after a union because they were thinner than the rounding of their vertices.
+    CrumbsRemoved = "crumbs_removed",
+    /// Places joined where the surface of a union touched or intersected itself and no vertex could move.
+    ContactsJoined = "contacts_joined",
     /// Faces cut along intersections.
     FacesCut = "faces_cut",
     /// Vertices snapped to another element.

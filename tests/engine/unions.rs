@@ -190,3 +190,24 @@ fn new_vertices_near_zero_are_no_closer_than_the_model_s_precision() {
     }
     assert!(new > 100, "{new} new vertices");
 }
+
+/// Thin boxes around a common axis, like the blades of a fan: every face meets nearly all others.
+fn blades(count: u32, thickness: f64) -> Soup {
+    (0..count).fold(Soup::default(), |all, i| {
+        let turn = DMat3::from_rotation_z(std::f64::consts::PI * f64::from(i) / f64::from(count));
+        let mut blade = cube(DVec3::splat(-0.5), 1.0, 1);
+        blade.positions.iter_mut().for_each(|p| *p = turn * (*p * DVec3::new(10.0, thickness, 3.0)));
+        join(&all, &blade)
+    })
+}
+
+#[test]
+fn thin_blades_around_one_axis_are_united_without_moving_a_vertex() {
+    let soup = as_f32(blades(16, 0.001));
+    let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
+    assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
+    assert!(repaired.report.steps.iter().all(|step| step.moved == 0.0));
+    let volume = repaired.report.after.as_ref().unwrap().measures.volume.value;
+    let expected = filled(&soup);
+    assert!((volume / expected - 1.0).abs() < 1e-4, "{volume} instead of {expected}");
+}

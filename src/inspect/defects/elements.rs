@@ -157,10 +157,7 @@ pub(super) fn find_vertices(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let fan_of = |corner: u32| analysis.fans.of_corner[corner as usize];
     let vertex_of = |corner: u32| faces[corner as usize / 3][corner as usize % 3];
     let corners = || (0u32..).zip(faces.iter().flatten()).filter(|&(corner, _)| fan_of(corner) != u32::MAX);
-    let mut fans = vec![0u32; analysis.surface.positions.len()];
-    for (corner, &v) in corners() {
-        fans[v as usize] += u32::from(fan_of(corner) == corner);
-    }
+    let fans = analysis.fans.at_vertices(&analysis.surface);
     let mut around: Vec<(u32, u32)> =
         corners().filter(|&(_, &v)| fans[v as usize] > 1).map(|(corner, _)| (vertex_of(corner), corner)).collect();
     around.sort_unstable();

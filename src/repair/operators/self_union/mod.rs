@@ -1,22 +1,26 @@
 //! Self-union: replaces intersecting faces by the boundary of the volume that they enclose.
 //!
-//! This file holds the entry points for a whole surface and for separate parts; `rounds.rs` holds the rounds of arranging,
-//! rounding and snapping.
+//! This file holds the entry points for a whole surface and for separate parts. `rounds.rs` holds the rounds of arranging,
+//! rounding and snapping (`snap.rs`), and `residue.rs` removes or joins what they leave.
 
+mod residue;
 mod rounds;
+mod snap;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
+use crate::inspect::SearchedMesh;
 use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Overlaps, WindingRuleChoice};
 pub use rounds::SelfUnionRounds;
 pub(super) use rounds::is_manifold_by_position;
-use rounds::{MAX_PIECES_PER_FACE, Rounds, Totals, append, count, crossings, dense_faces, grid_step, index, snap};
+use rounds::{Best, MAX_PIECES_PER_FACE, Rounds, Totals, count, crossings};
+use snap::{Dense, grid_step, snap};
 
-/// Grid resolution in bits for dense clusters of intersections, which are snapped first. A thousand faces through one point
-/// would otherwise be split into more pieces than there are positions.
-const DENSE_GRID: i32 = 10;
+/// Grid resolutions in bits for dense clusters of intersections, which are snapped first. The finest on which the surface
+/// splits into few enough pieces is used.
+const DENSE_GRIDS: [i32; 4] = [16, 14, 12, 10];
 
 /// The number of intersecting pairs above which the surface counts as tangled: each pair splits off one piece at least, and
 /// mostly two.
@@ -53,6 +57,7 @@ impl SelfUnionRounds {
     /// Precondition: closed and consistently wound. Result: no two faces intersect. New vertices are rounded to f32 one by
     /// one without making faces meet (`rounding.rs`). Where faces then intersect again, their vertices snap to ever
     /// coarser grids and the arrangement is computed again (after the snap rounding of Valque and Lazard).
+    /// Closed pieces thinner than that rounding are removed, and a few places that still touch are joined by tiny solids.
     /// Leaves: the input surface where it is not closed, where nothing intersects or is there twice and no region is opened,
     /// or where the arrangement fails; pairs that still intersect after the coarsest grid.
     ///
@@ -80,28 +85,11 @@ impl SelfUnionRounds {
         let faces_before = surface.faces.len() as u64;
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
-        let mut done = Totals::default();
-        let mut work = surface.clone();
-        let mut pairs = before;
-        if let Some(dense) = dense_faces(&searched.intersections) {
-            let step = grid_step(&work, DENSE_GRID);
-            if step <= self.max_deviation {
-                (done.snapped, done.moved) = snap(&mut work, &dense, step);
-                if is_tangled(before, &work) {
-                    pairs = count(&crossings(&work, Some(&searched), context)?.intersections);
-                }
-            }
-        }
-        if is_tangled(pairs, &work) {
-            return Ok(undone(before, ArrangeError::Tangled(pairs)));
-        }
-        let mut rounds = Rounds::new(self, done, engine, context, searched);
-        let best = match rounds.run(work) {
-            Ok(best) => best,
+        let (best, done) = match (Uniting { settings: self, engine, context }).unite(surface, searched) {
+            Ok(united) => united,
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),
         };
-        let done = rounds.totals;
         if before == 0 && done.opened == 0 && (!always || have_same_faces(surface, &best.surface)) {
             return Ok(Resolved::default());
         }
@@ -118,6 +106,8 @@ impl SelfUnionRounds {
             (ChangeKind::FacesCreated, surface.faces.len() as u64),
             (ChangeKind::VerticesSnapped, done.snapped),
             (ChangeKind::VerticesMerged, done.merged),
+            (ChangeKind::CrumbsRemoved, done.crumbs),
+            (ChangeKind::ContactsJoined, done.plugs),
             (ChangeKind::FacesWithoutThicknessThickened, done.thickened),
             (ChangeKind::FacesAroundOpenRegionsThickened, done.opened),
         ]);
@@ -145,7 +135,10 @@ impl SelfUnionRounds {
                 let face = surface.faces[f as usize].map(|v| {
                     let local = &mut local[v as usize];
                     if *local == u32::MAX {
-                        *local = index(part.positions.len());
+                        #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+                        {
+                            *local = part.positions.len() as u32;
+                        }
                         part.positions.push(surface.positions[v as usize]);
                     }
                     *local
@@ -162,7 +155,7 @@ impl SelfUnionRounds {
             if !done.changes.is_empty() {
                 (cut, created) = (cut + before, created + part.faces.len() as u64);
             }
-            append(&mut whole, part);
+            whole.append(part);
         }
         all.changes = Change::list([(ChangeKind::FacesCut, cut), (ChangeKind::FacesCreated, created)]);
         if cut > 0 {
@@ -170,6 +163,62 @@ impl SelfUnionRounds {
         }
         all.pairs_left = count(&crossings(surface, None, context)?.intersections);
         Ok(all)
+    }
+}
+
+/// The ways to unite a surface whose faces intersect: as it is, or with its dense clusters snapped to a grid.
+#[derive(Clone, Copy)]
+struct Uniting<'a> {
+    settings: &'a SelfUnionRounds,
+    engine: &'a dyn Arrangement,
+    context: &'a Context<'a>,
+}
+
+impl Uniting<'_> {
+    /// The best result, with the counts of the rounds that led to it.
+    fn unite(self, surface: &Surface, searched: SearchedMesh) -> Result<(Best, Totals), ArrangeError> {
+        let dense = Dense::of(surface, &searched.intersections);
+        if dense.as_ref().is_none_or(|dense| !dense.needs_snapping) {
+            let united = self.in_rounds(surface.clone(), Totals::default(), searched, dense.is_some());
+            if dense.is_none() || matches!(united, Ok(_) | Err(ArrangeError::Cancelled(_))) {
+                return united;
+            }
+        }
+        let Some(dense) = dense else { return Err(ArrangeError::Empty) };
+        let searched = crossings(surface, None, self.context)?;
+        let (mut totals, mut work, mut found) = (Totals::default(), surface.clone(), None);
+        for step in DENSE_GRIDS.map(|bits| grid_step(surface, bits)) {
+            if step > self.settings.max_deviation {
+                break;
+            }
+            work.clone_from(surface);
+            (totals.snapped, totals.moved) = snap(&mut work, &dense.faces, step);
+            let snapped = crossings(&work, Some(&searched), self.context)?;
+            let is_loose = Dense::of(&work, &snapped.intersections).is_none();
+            found = Some(snapped);
+            if is_loose {
+                break;
+            }
+        }
+        self.in_rounds(work, totals, found.unwrap_or(searched), false)
+    }
+
+    /// Runs the rounds, unless too many faces intersect. A trial ends after the first round if that left many pairs.
+    fn in_rounds(
+        self,
+        work: Surface,
+        totals: Totals,
+        searched: SearchedMesh,
+        is_trial: bool,
+    ) -> Result<(Best, Totals), ArrangeError> {
+        let pairs = count(&searched.intersections);
+        if is_tangled(pairs, &work) {
+            return Err(ArrangeError::Tangled(pairs));
+        }
+        let mut rounds = Rounds::new(self.settings, totals, self.engine, self.context, searched);
+        rounds.is_trial = is_trial;
+        let best = rounds.run(work)?;
+        Ok((best, rounds.totals))
     }
 }
 

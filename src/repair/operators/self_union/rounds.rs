@@ -2,17 +2,18 @@
 //!
 //! Rounding can make faces intersect again. Then their vertices snap to a coarser grid and the next round begins.
 
-use glam::DVec3;
 use rustc_hash::FxHashSet;
 
+use super::residue::{MAX_PLUG_REACH, Pinched, plugs, remove_crumbs};
+use super::snap::{grid_step, snap};
 use crate::arrange::{ArrangeError, Arrangement, Rule, Solid, WindingRule};
 use crate::inspect::{Intersections, SearchedMesh};
 use crate::math::Precision;
-use crate::mesh::{ClosedSurface, Edges, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, position_key, weld_exactly};
+use crate::mesh::{ClosedSurface, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, position_key, weld_exactly};
 use crate::repair::operators::degenerate::{remove_caps, remove_collapsed};
 use crate::repair::operators::duplicates::remove_duplicates;
 use crate::repair::operators::face_pairs::Pairing;
-use crate::repair::operators::free_positions::{key, round_to_f32};
+use crate::repair::operators::free_positions::round_to_f32;
 use crate::repair::operators::operator::{Counter, Counts};
 use crate::repair::operators::orient::Orient;
 use crate::repair::operators::perturb::Perturb;
@@ -30,6 +31,11 @@ use crate::repair::{Cancelled, Context};
 /// is 16 micrometres.
 const GRIDS: [i32; 6] = [18, 16, 16, 14, 14, 12];
 
+/// Grid resolutions of the solids that join places, the most places, and in how many rounds that is tried.
+const PLUG_GRIDS: [i32; 2] = [18, 16];
+const MAX_PLUGS: u64 = 64;
+const MAX_ATTEMPTS_TO_PLUG: usize = 3;
+
 /// Rounds stop when intersecting pairs exceed the fewest so far by this factor: resolved intersections then come back in
 /// greater number. With very many pairs the factor is lower, since each round takes long.
 const PAIR_GROWTH: f64 = 4.0;
@@ -43,11 +49,6 @@ const MAX_PIECES: usize = 1_000_000;
 pub(super) const MAX_PIECES_PER_FACE: usize = 5;
 /// Up to so many intersecting pairs a round takes no noticeable time.
 const FEW_PAIRS: u64 = 200;
-
-/// The number of intersecting faces from which a face belongs to a dense cluster.
-const DENSE_PARTNERS: u32 = 32;
-/// The number of dense pairs from which clusters are snapped first.
-const MIN_DENSE_PAIRS: usize = 2_000;
 
 /// The settings of a self-union.
 #[derive(Debug, Clone, Copy)]
@@ -67,8 +68,8 @@ pub struct SelfUnionRounds {
 pub(super) struct Best {
     /// The number of face pairs that intersect.
     pub pairs: u64,
-    /// The number of edges whose sheets could not be separated by position.
-    pub pinched: u64,
+    /// The edges and vertices whose sheets could not be separated by position.
+    pub pinched: Pinched,
     /// The surface after the round.
     pub surface: Surface,
     /// The largest displacement by the perturbation, in the model's unit.
@@ -78,7 +79,12 @@ pub(super) struct Best {
 impl Best {
     /// The sort key of a result: lower is better.
     fn rank(&self) -> (bool, u64) {
-        (self.pinched > 0, self.pairs + self.pinched)
+        (self.pinched.count() > 0, self.pairs + self.pinched.count())
+    }
+
+    /// Whether nothing intersects and everything is separated.
+    fn is_clean(&self) -> bool {
+        self.rank() == (false, 0)
     }
 }
 
@@ -89,10 +95,14 @@ pub(super) struct Totals {
     pub snapped: u64,
     /// Vertices merged with neighbours.
     pub merged: u64,
+    /// Closed pieces removed because they were thinner than rounding moves a vertex.
+    pub crumbs: u64,
     /// Zero-thickness faces that got a thickness.
     pub thickened: u64,
     /// Faces around opened regions that got a thickness.
     pub opened: u64,
+    /// Places where sheets touched or intersected that are joined now.
+    pub plugs: u64,
     /// The sum over rounds of the largest displacement, in the model's unit.
     pub moved: f64,
 }
@@ -111,6 +121,10 @@ pub(super) struct Rounds<'a> {
     crossing: Option<(u64, Surface)>,
     /// The fewest intersecting pairs and the fewest faces so far.
     fewest: [u64; 2],
+    /// In how many rounds places were to be joined.
+    attempts_to_plug: usize,
+    /// Whether to fail where the first round leaves many pairs, because another way will be tried.
+    pub is_trial: bool,
 }
 
 impl<'a> Rounds<'a> {
@@ -122,7 +136,18 @@ impl<'a> Rounds<'a> {
         context: &'a Context<'a>,
         searched: SearchedMesh,
     ) -> Self {
-        Self { settings, engine, context, totals, searched, best: None, crossing: None, fewest: [u64::MAX; 2] }
+        Self {
+            settings,
+            engine,
+            context,
+            totals,
+            searched,
+            best: None,
+            crossing: None,
+            fewest: [u64::MAX; 2],
+            attempts_to_plug: 0,
+            is_trial: false,
+        }
     }
 
     /// Runs all rounds.
@@ -151,6 +176,9 @@ impl<'a> Rounds<'a> {
             let intersections = &self.searched.intersections;
             let pairs = count(intersections);
             let [mut takes_part, _] = intersections.takes_part.clone();
+            if self.is_trial && pairs > FEW_PAIRS {
+                return Err(ArrangeError::Tangled(pairs));
+            }
             if self.has_grown(pairs, &work) {
                 break;
             }
@@ -168,7 +196,10 @@ impl<'a> Rounds<'a> {
         }
         match (self.best.take(), self.crossing.take()) {
             (Some(best), _) => Ok(best),
-            (None, Some((pairs, work))) => Ok(self.perturb(&work, pairs, &mut vec![false; work.faces.len()])?),
+            (None, Some((pairs, work))) => {
+                let left = self.perturb(&work, pairs, &mut vec![false; work.faces.len()])?;
+                Ok(self.plug(&left)?.unwrap_or(left))
+            }
             (None, None) => Err(ArrangeError::Failed("each coarser grid gave more intersections or faces".to_owned())),
         }
     }
@@ -190,7 +221,7 @@ impl<'a> Rounds<'a> {
                 // The opened surface has none of the patches that closed the region.
                 *work = std::mem::take(&mut solid.surface);
             }
-            append(work, thick);
+            work.append(thick);
         }
         arranged(self.engine, work, self.settings.winding_rule.into(), self.context)
     }
@@ -200,6 +231,8 @@ impl<'a> Rounds<'a> {
         let is_new = |p| !known_positions.contains(&position_key(p));
         self.totals.merged += round_without_contact(work, is_new, self.context)?.merged;
         settle(work, self.context)?;
+        split_non_manifold(work, Pairing::Angular, Pinches::Cut, self.context)?;
+        self.totals.crumbs += remove_crumbs(work, is_new);
         let limits = DistinguishLimits { max_deviation: self.settings.max_deviation, moves: true };
         self.totals.merged += distinguish_vertices(work, limits, is_new, self.context)?;
         Ok(())
@@ -217,19 +250,56 @@ impl<'a> Rounds<'a> {
     }
 
     /// Keeps a round's result where it is the best so far. Returns whether no better result is possible.
-    fn compare(&mut self, work: &Surface, pairs: u64, takes_part: &mut [bool]) -> Result<bool, Cancelled> {
+    fn compare(&mut self, work: &Surface, pairs: u64, takes_part: &mut [bool]) -> Result<bool, ArrangeError> {
         if pairs > 0 {
             if self.crossing.as_ref().is_none_or(|(fewest, _)| pairs < *fewest) {
                 self.crossing = Some((pairs, work.clone()));
             }
             return Ok(false);
         }
-        let result = self.perturb(work, pairs, takes_part)?;
-        let is_separated = result.pinched == 0;
+        let mut result = self.perturb(work, pairs, takes_part)?;
+        if let Some(plugged) = self.plug(&result)? {
+            result = plugged;
+        }
+        let is_separated = result.pinched.count() == 0;
         if self.best.as_ref().is_none_or(|best| result.rank() < best.rank()) {
             self.best = Some(result);
         }
         Ok(is_separated)
+    }
+
+    /// Joins the sheets that touch or intersect in a few places by tiny solids. `None` where that leaves a defect.
+    fn plug(&mut self, result: &Best) -> Result<Option<Best>, ArrangeError> {
+        let places = result.pinched.count() + result.pairs;
+        if places == 0 || places > MAX_PLUGS || self.attempts_to_plug >= MAX_ATTEMPTS_TO_PLUG {
+            return Ok(None);
+        }
+        self.attempts_to_plug += 1;
+        let searched = crossings(&result.surface, Some(&self.searched), self.context)?;
+        for bits in PLUG_GRIDS {
+            let step = grid_step(&result.surface, bits);
+            if MAX_PLUG_REACH * step > self.settings.max_deviation {
+                break;
+            }
+            let mut work = result.surface.clone();
+            work.append(plugs(&result.surface, &result.pinched, &searched.intersections.pairs, step));
+            weld_exactly(&mut work);
+            let known_positions: FxHashSet<[u64; 3]> = work.positions.iter().map(|&p| position_key(p)).collect();
+            work = match arranged(self.engine, &work, WindingRule::Positive.into(), self.context) {
+                Ok(solid) => solid.surface,
+                Err(error @ ArrangeError::Cancelled(_)) => return Err(error),
+                Err(_) => break,
+            };
+            self.round_new(&mut work, &known_positions)?;
+            let pairs = count(&crossings(&work, Some(&searched), self.context)?.intersections);
+            let plugged = self.perturb(&work, pairs, &mut vec![false; work.faces.len()])?;
+            if plugged.is_clean() {
+                self.totals.plugs += places;
+                self.totals.moved += MAX_PLUG_REACH * step;
+                return Ok(Some(plugged));
+            }
+        }
+        Ok(None)
     }
 
     /// Perturbs sheets that a reader of STL would merge, and marks the faces where that failed.
@@ -241,7 +311,8 @@ impl<'a> Rounds<'a> {
         } else {
             count(&crossings(&surface, Some(&self.searched), self.context)?.intersections)
         };
-        let pinched = mark_pinched(&surface, work, takes_part);
+        let pinched = Pinched::of(&surface);
+        pinched.mark(work, takes_part);
         Ok(Best { pairs, pinched, surface, perturbed })
     }
 }
@@ -279,7 +350,7 @@ fn thickened(solid: &Solid, thickness: f64, context: &Context<'_>) -> Result<Opt
                 let skins = thick.source.iter_mut().filter(|source| **source == SKIN_SOURCE);
                 skins.for_each(|source| *source = OPENED_SKIN_SOURCE);
             }
-            append(&mut all, thick);
+            all.append(thick);
         }
     }
     Ok((!all.faces.is_empty()).then_some(all))
@@ -294,20 +365,6 @@ fn settle(surface: &mut Surface, context: &Context<'_>) -> Result<(), Cancelled>
     Ok(())
 }
 
-/// Converts a count of vertices to the index of the next vertex.
-#[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
-pub(super) fn index(count: usize) -> u32 {
-    count as u32
-}
-
-/// Appends the vertices and faces of `other`.
-pub(super) fn append(surface: &mut Surface, other: Surface) {
-    let first = index(surface.positions.len());
-    surface.positions.extend(other.positions);
-    surface.faces.extend(other.faces.iter().map(|face| face.map(|v| v + first)));
-    surface.source.extend(other.source);
-}
-
 /// Whether a reader that merges vertices by f32 position finds a closed, oriented manifold.
 pub(in crate::repair::operators) fn is_manifold_by_position(surface: &Surface) -> bool {
     let mut welded = surface.clone();
@@ -316,27 +373,6 @@ pub(in crate::repair::operators) fn is_manifold_by_position(surface: &Surface) -
     let counts = Counts::of(&welded);
     use Counter::{BoundaryEdges, MisorientedEdges, NonManifoldEdges, PinchedVertices};
     [BoundaryEdges, MisorientedEdges, NonManifoldEdges, PinchedVertices].iter().all(|&c| counts.get(c) == 0)
-}
-
-/// Marks the faces at edges that, merged by position, have more than two faces. Returns the number of such edges.
-fn mark_pinched(perturbed: &Surface, work: &Surface, takes_part: &mut [bool]) -> u64 {
-    let mut welded = perturbed.clone();
-    weld_exactly(&mut welded);
-    let edges = Edges::new(&welded.faces);
-    let mut pinched: FxHashSet<[u64; 3]> = FxHashSet::default();
-    let mut count = 0;
-    for half_edges in edges.iter().filter(|half_edges| half_edges.len() > 2) {
-        pinched.extend(
-            Edges::ends(&welded.faces, half_edges[0]).iter().map(|&v| position_key(welded.positions[v as usize])),
-        );
-        count += 1;
-    }
-    if count > 0 {
-        for (face, takes) in work.faces.iter().zip(takes_part) {
-            *takes |= face.iter().any(|&v| pinched.contains(&position_key(work.positions[v as usize])));
-        }
-    }
-    count
 }
 
 /// Finds the faces that intersect. Faces that `earlier` has too are not tested against each other again.
@@ -351,64 +387,4 @@ pub(super) fn crossings(
 /// The number of face pairs that intersect.
 pub(super) fn count(intersections: &Intersections) -> u64 {
     intersections.counts.pairs.unwrap_or(0)
-}
-
-/// The step of a grid with `2^bits` steps up to the largest coordinate.
-pub(super) fn grid_step(surface: &Surface, bits: i32) -> f64 {
-    let bounds = surface.bounds();
-    let largest = bounds.min.abs().max(bounds.max.abs()).max_element();
-    #[expect(clippy::cast_possible_truncation, reason = "an exponent")]
-    2f64.powi(largest.log2().ceil() as i32 - bits)
-}
-
-/// Snaps the vertices of the marked faces to a grid, and with them every vertex in the same cells. A coordinate in which all
-/// corners of a face agree stays, so that axis-aligned surface stays flat. Returns the number of moved vertices and the
-/// largest displacement.
-pub(super) fn snap(surface: &mut Surface, takes_part: &[bool], step: f64) -> (u64, f64) {
-    let (mut moved, mut far) = (0, 0.0f64);
-    let mut pinned = vec![[false; 3]; surface.positions.len()];
-    for (face, corners) in surface.faces.iter().zip((0..surface.faces.len()).map(|f| surface.corners(f))) {
-        for k in 0..3 {
-            if corners[0][k] == corners[1][k] && corners[1][k] == corners[2][k] {
-                face.iter().for_each(|&v| pinned[v as usize][k] = true);
-            }
-        }
-    }
-    let on_grid = |p: DVec3, pins: [bool; 3]| {
-        let q = Precision::F32.round((p / step).round() * step);
-        DVec3::from_array([0, 1, 2].map(|k| if pins[k] { p[k] } else { q[k] }))
-    };
-    let mut cells: FxHashSet<[u32; 3]> = FxHashSet::default();
-    for (face, _) in surface.faces.iter().zip(takes_part).filter(|(_, t)| **t) {
-        cells.extend(face.iter().map(|&v| key(on_grid(surface.positions[v as usize], pinned[v as usize]))));
-    }
-    for (p, &pins) in surface.positions.iter_mut().zip(&pinned) {
-        let q = on_grid(*p, pins);
-        if q != *p && cells.contains(&key(q)) {
-            moved += 1;
-            far = far.max(p.distance(q));
-            *p = q;
-        }
-    }
-    weld_exactly(surface);
-    remove_collapsed(surface);
-    (moved, far)
-}
-
-/// Marks the faces of dense clusters: faces that intersect many faces which are dense too. `None` where too few pairs are
-/// dense to matter.
-pub(super) fn dense_faces(intersections: &Intersections) -> Option<Vec<bool>> {
-    let [takes_part, _] = &intersections.takes_part;
-    let mut partners = vec![0u32; takes_part.len()];
-    for pair in &intersections.pairs {
-        pair.faces.iter().for_each(|&f| partners[f as usize] += 1);
-    }
-    let is_dense = |f: u32| partners[f as usize] >= DENSE_PARTNERS;
-    let mut dense = vec![false; takes_part.len()];
-    let mut count = 0;
-    for pair in intersections.pairs.iter().filter(|pair| pair.faces.iter().all(|&f| is_dense(f))) {
-        pair.faces.iter().for_each(|&f| dense[f as usize] = true);
-        count += 1;
-    }
-    (count >= MIN_DENSE_PAIRS).then_some(dense)
 }
