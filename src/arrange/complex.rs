@@ -326,10 +326,12 @@ impl Cutter<'_, '_> {
         // A face that cuts several faces of the group cuts them along one line.
         let mut lines: BTreeMap<u32, Vec<[u32; 2]>> = BTreeMap::new();
         for cuts in group.iter().map(|face| &self.cuts[face]) {
-            cuts.points.iter().for_each(|&point| {
+            for &point in &cuts.points {
                 triangulation.insert(point);
-            });
-            cuts.lines.iter().for_each(|&(ends, plane)| lines.entry(plane).or_default().push(ends));
+            }
+            for &(ends, plane) in &cuts.lines {
+                lines.entry(plane).or_default().push(ends);
+            }
         }
         for (plane, segments) in lines {
             triangulation.insert_overlapping(&segments, Support::Plane(plane));

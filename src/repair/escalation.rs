@@ -148,10 +148,10 @@ impl<'a> Escalation<'a> {
             self.attempts.steps.extend(common_start);
         }
         let tasks = Task::of(strategy, COMMON_ACTIONS.len());
-        if let Some(validation) = self.known_rest(indexed, (START, Intersections::Unknown), &tasks) {
+        let mut prefix = self.known_tasks(strategy, (START, Intersections::Unknown), &tasks);
+        if let Some(validation) = self.known_rest(indexed, START, &tasks, &prefix) {
             return Ok(StrategyResult::Judged(validation));
         }
-        let mut prefix = self.known_tasks(strategy, (START, Intersections::Unknown), &tasks);
         // Continue from the last surface that the cache still holds.
         while let Some(&KnownTask { surface, .. }) = prefix.last()
             && surface != START
@@ -163,19 +163,19 @@ impl<'a> Escalation<'a> {
         self.run_from(indexed, &tasks, &prefix, later)
     }
 
-    /// The validation of a strategy's result, if the results of all its remaining `tasks` are known and the last was validated. Records the
-    /// reused steps.
+    /// The validation of a strategy's result, if the results of all its remaining `tasks` are `known` and the last was validated. `before` is
+    /// the number of the surface before them. Records the reused steps.
     fn known_rest(
         &mut self,
         IndexedStrategy { index, strategy }: IndexedStrategy<'_>,
-        before: (u32, Intersections),
+        before: u32,
         tasks: &[Task],
+        known: &[KnownTask],
     ) -> Option<usize> {
-        let known = self.known_tasks(strategy, before, tasks);
-        let result = known.last().map_or(before.0, |known_task| known_task.surface);
+        let result = known.last().map_or(before, |known_task| known_task.surface);
         let is_same = |other: &Validation| other.surface == result && other.patches == patches_of(strategy);
         let validation = self.validations.iter().position(is_same).filter(|_| known.len() == tasks.len())?;
-        self.record_reused(index, tasks, &known);
+        self.record_reused(index, tasks, known);
         Some(validation)
     }
 
@@ -230,11 +230,12 @@ impl<'a> Escalation<'a> {
                 };
                 self.attempts.steps.push(step.into());
                 // An operator without effect can lead back to the surface of an earlier strategy.
-                if !has_changed
-                    && end == TaskEnd::Finished
-                    && let Some(validation) = self.known_rest(indexed, (number, intersections), &tasks[at + 1..])
-                {
-                    return Ok(StrategyResult::Judged(validation));
+                if !has_changed && end == TaskEnd::Finished {
+                    let rest = &tasks[at + 1..];
+                    let known = self.known_tasks(strategy, (number, intersections), rest);
+                    if let Some(validation) = self.known_rest(indexed, number, rest, &known) {
+                        return Ok(StrategyResult::Judged(validation));
+                    }
                 }
                 // Too many faces intersect for a self-union. The rest of this strategy would make the same mesh as a later strategy, which
                 // keeps the overlaps.

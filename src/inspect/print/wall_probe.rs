@@ -110,10 +110,10 @@ impl<'a> WallProber<'a> {
         let (corners, normal) = (self.analysis.unit_corners(face), self.analysis.unit_normal(face));
         let reach = longest * (1.0 + ROUNDING);
         let bounds = Box3::of(corners.into_iter().flat_map(|corner| [corner, corner - normal * reach]));
-        opposite.any_in(&bounds, normal, &mut MAX_STEPS_PER_FACE.clone(), |other| {
-            let depths = self.analysis.unit_corners(other).map(|corner| (corners[0] - corner).dot(normal));
-            let is_deeper = |limit: f64| depths.iter().all(|&depth| depth > limit);
-            !is_deeper(reach)
+        let mut steps = MAX_STEPS_PER_FACE;
+        opposite.any_in(&bounds, normal, &mut steps, |other| {
+            let is_near = |corner: DVec3| (corners[0] - corner).dot(normal) <= reach;
+            self.analysis.unit_corners(other).into_iter().any(is_near)
                 && self.is_opposite(other, -normal, OPPOSITE)
                 && self.thinnest_corner([face, other]).is_some_and(|(_, thickness)| thickness <= reach)
         })

@@ -224,9 +224,7 @@ impl Filling<'_> {
             Err(_) => return Ok(Err(Broken::Union)),
         };
         let mut both = state.base.surface.clone();
-        let first = u32::try_from(both.positions.len()).unwrap_or(u32::MAX);
-        both.positions.extend(&body.positions);
-        body.faces.iter().for_each(|face| both.push_generated(face.map(|v| v + first), self.mark()));
+        both.append(Surface { source: vec![self.mark(); body.faces.len()], ..body });
         let expected =
             Expected { topology: self.topology, settings: self.settings, first_added: self.faces(), has_crumbs: false };
         united(&both, expected, self.union, self.context)

@@ -164,8 +164,7 @@ impl MoveClearance {
     pub fn new(surface: &Surface) -> Self {
         let scale = unit_scale(&surface.positions);
         let unit: Vec<DVec3> = surface.positions.iter().map(|&p| p * scale).collect();
-        let mut first: FxHashMap<[u64; 3], u32> = FxHashMap::default();
-        let slot = (0u32..).zip(&surface.positions).map(|(v, p)| *first.entry(position_key(*p)).or_insert(v)).collect();
+        let slot = first_at_position(&surface.positions);
         let tree = Tree::new(&unit, &surface.faces);
         let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
         Self {
@@ -357,6 +356,12 @@ impl MoveClearance {
             self.unit.len() as u32 - 1
         }
     }
+}
+
+/// For each position the index of the first equal one.
+pub(super) fn first_at_position(positions: &[DVec3]) -> Vec<u32> {
+    let mut first: FxHashMap<[u64; 3], u32> = FxHashMap::default();
+    (0u32..).zip(positions).map(|(v, p)| *first.entry(position_key(*p)).or_insert(v)).collect()
 }
 
 /// The faces at a vertex with another vertex in its place, in the form that [`MoveClearance::is_clear`] takes.

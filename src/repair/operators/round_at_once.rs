@@ -2,10 +2,10 @@
 //! intersecting faces finds the others much faster than a test of each vertex.
 
 use glam::DVec3;
-use rustc_hash::FxHashMap;
 
+use super::free_positions::first_at_position;
 use crate::math::{Hubs, PairSearch, Tree, area_vanishes, collinear, contact, unit_scale};
-use crate::mesh::{Surface, position_key};
+use crate::mesh::Surface;
 use crate::repair::{Cancelled, Context};
 
 /// The most searches. Each puts back the vertices of faces that meet, which can make them meet faces that moved.
@@ -65,14 +65,11 @@ impl Moved<'_> {
         let Surface { positions, faces, .. } = self.surface;
         let mut blocked = vec![false; positions.len()];
         // Vertices at one position count as one.
-        let mut first: FxHashMap<[u64; 3], u32> = FxHashMap::default();
-        let mut slots: Vec<u32> = Vec::with_capacity(positions.len());
-        for (v, p) in (0u32..).zip(positions) {
-            let slot = *first.entry(position_key(*p)).or_insert(v);
-            if self.old[slot as usize] != self.old[v as usize] {
-                (blocked[slot as usize], blocked[v as usize]) = (true, true);
+        let slots = first_at_position(positions);
+        for (v, slot) in slots.iter().map(|&slot| slot as usize).enumerate() {
+            if self.old[slot] != self.old[v] {
+                (blocked[slot], blocked[v]) = (true, true);
             }
-            slots.push(slot);
         }
         let faces_by_slot: Vec<[u32; 3]> = faces.iter().map(|face| face.map(|v| slots[v as usize])).collect();
         let scale = unit_scale(positions);

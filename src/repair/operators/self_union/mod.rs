@@ -177,15 +177,25 @@ struct Uniting<'a> {
 impl Uniting<'_> {
     /// The best result, with the counts of the rounds that led to it.
     fn unite(self, surface: &Surface, searched: SearchedMesh) -> Result<(Best, Totals), ArrangeError> {
-        let dense = Dense::of(surface, &searched.intersections);
-        if dense.as_ref().is_none_or(|dense| !dense.needs_snapping) {
-            let united = self.in_rounds(surface.clone(), Totals::default(), searched, dense.is_some());
-            if dense.is_none() || matches!(united, Ok(_) | Err(ArrangeError::Cancelled(_))) {
-                return united;
-            }
+        let Some(dense) = Dense::of(surface, &searched.intersections) else {
+            return self.in_rounds(surface.clone(), Totals::default(), searched, false);
+        };
+        if dense.needs_snapping {
+            return self.unite_snapped(surface, &dense, searched);
         }
-        let Some(dense) = dense else { return Err(ArrangeError::Empty) };
-        let searched = crossings(surface, None, self.context)?;
+        match self.in_rounds(surface.clone(), Totals::default(), searched, true) {
+            united @ (Ok(_) | Err(ArrangeError::Cancelled(_))) => united,
+            Err(_) => self.unite_snapped(surface, &dense, crossings(surface, None, self.context)?),
+        }
+    }
+
+    /// The best result after snapping dense clusters to the finest grid that suffices.
+    fn unite_snapped(
+        self,
+        surface: &Surface,
+        dense: &Dense,
+        searched: SearchedMesh,
+    ) -> Result<(Best, Totals), ArrangeError> {
         let (mut totals, mut work, mut found) = (Totals::default(), surface.clone(), None);
         for step in DENSE_GRIDS.map(|bits| grid_step(surface, bits)) {
             if step > self.settings.max_deviation {

@@ -79,11 +79,10 @@ impl Pinched {
         }
         let fans = Fans::new(&welded, &edges).at_vertices(&welded);
         if fans.iter().any(|&fans| fans > 1) {
-            let mut is_new = vec![true; fans.len()];
             for (face, &source) in welded.faces.iter().zip(&welded.source) {
-                for v in face.map(|v| v as usize).into_iter().filter(|&v| fans[v] > 1) {
-                    if std::mem::take(&mut is_new[v]) && !found.vertices.contains(&position_key(welded.positions[v])) {
-                        found.add([welded.positions[v]; 2], source);
+                for p in face.iter().filter(|&&v| fans[v as usize] > 1).map(|&v| welded.positions[v as usize]) {
+                    if !found.vertices.contains(&position_key(p)) {
+                        found.add([p; 2], source);
                     }
                 }
             }
@@ -122,16 +121,17 @@ pub(super) const MAX_PLUG_REACH: f64 = 5.0;
 /// Small closed solids around the pinched places and around the intersections of faces of a surface, with corners at
 /// multiples of `step`. United with the surface they join the sheets that touch there.
 pub(super) fn plugs(surface: &Surface, pinched: &Pinched, pairs: &[IntersectingPair], step: f64) -> Surface {
+    let scale = unit_scale(&surface.positions);
     let mut all = Surface::default();
-    for place in pinched.places.iter().copied().chain(pairs.iter().map(|pair| place_of(surface, pair))) {
+    for place in pinched.places.iter().copied().chain(pairs.iter().map(|pair| place_of(surface, pair, scale))) {
         all.append(plug(place, step));
     }
     all
 }
 
-/// The longest segment between two points in which two faces meet.
-fn place_of(surface: &Surface, pair: &IntersectingPair) -> Place {
-    let scale = unit_scale(&surface.positions);
+/// The longest segment between two points in which two faces meet. `scale` brings the surface into the range of the
+/// predicates.
+fn place_of(surface: &Surface, pair: &IntersectingPair, scale: f64) -> Place {
     let [p, q] = pair.faces.map(|f| surface.corners(f as usize).map(|corner| corner * scale));
     let common = intersection(&p, &q, pair.meeting == Meeting::Coplanar);
     let segments = common.iter().flat_map(|&a| common.iter().map(move |&b| [a, b]));

@@ -159,7 +159,7 @@ impl<'a> Rounds<'a> {
         for grid in GRIDS.into_iter().map(Some).chain([None]) {
             self.context.check()?;
             let first = self.best.is_none() && self.crossing.is_none();
-            let known_positions: FxHashSet<[u64; 3]> = work.positions.iter().map(|&p| position_key(p)).collect();
+            let known_positions = positions_of(&work);
             work = match self.arrange(&mut work, first) {
                 Ok(solid) if solid.surface.faces.len() > max_pieces => {
                     let error =
@@ -275,24 +275,27 @@ impl<'a> Rounds<'a> {
             return Ok(None);
         }
         self.attempts_to_plug += 1;
-        let searched = crossings(&result.surface, Some(&self.searched), self.context)?;
+        let pairs = match result.pairs {
+            0 => Vec::new(),
+            _ => crossings(&result.surface, Some(&self.searched), self.context)?.intersections.pairs,
+        };
         for bits in PLUG_GRIDS {
             let step = grid_step(&result.surface, bits);
             if MAX_PLUG_REACH * step > self.settings.max_deviation {
                 break;
             }
             let mut work = result.surface.clone();
-            work.append(plugs(&result.surface, &result.pinched, &searched.intersections.pairs, step));
+            work.append(plugs(&result.surface, &result.pinched, &pairs, step));
             weld_exactly(&mut work);
-            let known_positions: FxHashSet<[u64; 3]> = work.positions.iter().map(|&p| position_key(p)).collect();
+            let known_positions = positions_of(&work);
             work = match arranged(self.engine, &work, WindingRule::Positive.into(), self.context) {
                 Ok(solid) => solid.surface,
                 Err(error @ ArrangeError::Cancelled(_)) => return Err(error),
                 Err(_) => break,
             };
             self.round_new(&mut work, &known_positions)?;
-            let pairs = count(&crossings(&work, Some(&searched), self.context)?.intersections);
-            let plugged = self.perturb(&work, pairs, &mut vec![false; work.faces.len()])?;
+            let left = count(&crossings(&work, Some(&self.searched), self.context)?.intersections);
+            let plugged = self.perturb(&work, left, &mut vec![false; work.faces.len()])?;
             if plugged.is_clean() {
                 self.totals.plugs += places;
                 self.totals.moved += MAX_PLUG_REACH * step;
@@ -315,6 +318,11 @@ impl<'a> Rounds<'a> {
         pinched.mark(work, takes_part);
         Ok(Best { pairs, pinched, surface, perturbed })
     }
+}
+
+/// The keys of a surface's positions.
+fn positions_of(surface: &Surface) -> FxHashSet<[u64; 3]> {
+    surface.positions.iter().map(|&p| position_key(p)).collect()
 }
 
 /// The boundary of the volume that a surface encloses.

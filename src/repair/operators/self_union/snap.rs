@@ -30,8 +30,8 @@ pub(super) struct Dense {
 }
 
 impl Dense {
-    /// Finds faces that intersect many others which do so too. `None` where these are few, or where the surface splits into few pieces in any case: `k` planes
-    /// divide a face into at most `(k^2 + k + 2) / 2` pieces.
+    /// Finds faces that intersect many others which do so too. `None` where these are few, or where the surface splits into
+    /// few pieces in any case: `k` planes divide a face into at most `(k^2 + k + 2) / 2` pieces.
     pub fn of(surface: &Surface, intersections: &Intersections) -> Option<Self> {
         let [takes_part, _] = &intersections.takes_part;
         let mut partners = vec![0u64; takes_part.len()];
