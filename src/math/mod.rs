@@ -9,6 +9,7 @@ mod hubs;
 mod nearest;
 mod opposite;
 mod pairs;
+mod planar;
 mod precision;
 mod predicates;
 mod segment;
@@ -24,6 +25,7 @@ pub use hubs::Hubs;
 pub use nearest::{Ball, Nearest};
 pub use opposite::OppositeFaces;
 pub use pairs::{Hit, PairSearch};
+pub use planar::triangulated_area;
 pub use precision::{Precision, Rounding, to_unit_range, unit_scale};
 pub use predicates::{
     Sign, area_vanishes, collinear, index_of_middle, order_around, orient2d, orient3d, sort_by_angle,

@@ -44,6 +44,7 @@ mod simplify;
 mod solid;
 mod stitch;
 mod support;
+mod thickening;
 mod threads;
 mod unions;
 mod verify;

@@ -112,7 +112,11 @@ impl Filling<'_> {
             best.reason = next.reason.or(best.reason);
             if next.surface == current.surface {
                 best.limited.extend(next.limited);
-                break;
+                // Later rounds also put balls around thin pairs that no ball touches.
+                if state.round > 1 {
+                    break;
+                }
+                continue;
             }
             current = next;
             if current.thin.lack < best.thin.lack {

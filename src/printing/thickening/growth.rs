@@ -2,6 +2,7 @@
 
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
+use crate::printing::thickness::{OpposedPair, Space, opposed_pairs, rounded_limit};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -154,14 +155,32 @@ impl<'a> Growths<'a> {
         if self.kept[face as usize] {
             return 0.0;
         }
-        let reach = 2.0 * wanted + self.min_gap();
-        let gaps = self.walls.of_point((point, face), reach, WallSide::Air, MAX_AT_POINT);
-        let room = |gap: &Opposed| {
-            let room = (gap.distance - self.min_gap()).max(0.0);
-            let is_shared = self.is_thin(gap.face) && !self.kept[gap.face as usize];
-            if is_shared { room / 2.0 } else { room }
-        };
-        gaps.iter().map(room).fold(wanted, f64::min)
+        let gaps = self.walls.of_point((point, face), self.reach(wanted), WallSide::Air, MAX_AT_POINT);
+        gaps.iter().map(|gap| self.room(gap)).fold(wanted, f64::min)
+    }
+
+    /// The growth of a whole face: `wanted`, or less where a gap in front would become too narrow.
+    pub fn limit_of_face(&self, face: u32, wanted: f64) -> f64 {
+        if self.kept[face as usize] {
+            return 0.0;
+        }
+        let gaps = self.walls.of_face(face, self.reach(wanted), WallSide::Air, MAX_AT_POINT);
+        let least = gaps.iter().map(|gap| self.room(gap)).fold(wanted, f64::min);
+        let corners = self.walls.corners(face);
+        let centre = corners.into_iter().sum::<DVec3>() / 3.0;
+        corners.into_iter().chain([centre]).fold(least, |least, point| self.limit(point, face, least))
+    }
+
+    /// How wide a gap matters for a growth.
+    fn reach(&self, wanted: f64) -> f64 {
+        2.0 * wanted + self.min_gap()
+    }
+
+    /// How far one side of a gap may grow.
+    fn room(&self, gap: &Opposed) -> f64 {
+        let room = (gap.distance - self.min_gap()).max(0.0);
+        let is_shared = self.is_thin(gap.face) && !self.kept[gap.face as usize];
+        if is_shared { room / 2.0 } else { room }
     }
 }
 
@@ -192,6 +211,16 @@ pub fn thin_walls(
         let of_batch: Vec<Vec<Opposed>> =
             batch.par_iter().map(|&face| walls.of_face(face, min_wall, WallSide::Material, MAX_WITNESSES)).collect();
         thin.extend(of_batch);
+    }
+    // The nearest points of two faces can lie on their borders, where a third face is in the way. The measure that decides
+    // looks between all points.
+    let limit = rounded_limit(surface, min_wall);
+    for pair in opposed_pairs(surface, limit, Space::Material, context)?.walls {
+        let OpposedPair { faces: [face, other], points, distance, thickness, .. } = pair;
+        let found = &mut thin[face as usize];
+        if found.is_empty() {
+            found.push(Opposed { face: other, points, distance, thickness });
+        }
     }
     Ok(thin)
 }

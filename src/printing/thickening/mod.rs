@@ -11,9 +11,12 @@ mod fill;
 mod growth;
 mod layer;
 mod mitre;
+mod moved;
 mod outcome;
+mod pieces;
 mod places;
 mod refine;
+mod regions;
 mod results;
 mod rounds;
 mod sides;
@@ -24,20 +27,24 @@ mod walls;
 
 use fill::Filling;
 use results::{Grown, Thin};
+use rounds::{Fit, Rounds};
 use unite::Topology;
 
-use crate::context::Context;
+use crate::context::{Cancelled, Context};
 use crate::mesh::{ClosedSurface, Surface};
+use crate::printing::thickness::{Space, opposed_pairs, rounded_limit};
 
 pub use outcome::{Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
 pub use unite::SelfUnion;
 
 /// Share of the remaining time that the growth may take; the rest is for the last measure and for the checks of the result.
 const TIME_SHARE: f64 = 0.6;
-/// Share of that time for the prisms.
-const PRISM_SHARE: f64 = 0.4;
+/// Share of the time that is left then for each kind of layer.
+const LAYER_SHARE: f64 = 0.2;
 /// Most thin faces for which prisms are tried: they keep edges sharp, but often fail on many small faces.
 const MAX_PRISMS: usize = 400;
+/// The share of the least gap to which rounding may narrow a gap.
+const MAX_NARROWER: f64 = 0.98;
 /// The share of the lack of thickness up to which balls add to prisms; above it they replace the prisms, because the
 /// surfaces of both meet at angles that leave slivers.
 const MAX_LACK: f64 = 0.5;
@@ -70,23 +77,27 @@ impl Thickening {
             return Ok(results.finish(start));
         }
         let limited = context.limited_to(context.remaining().mul_f64(TIME_SHARE));
-        let mut grown = start.clone();
-        if let Some(layered) = self.with_prisms(&start, union, &limited, context)? {
-            if layered.thin.is_empty() {
+        let (mut grown, mut base) = (start.clone(), start.clone());
+        for fit in [Fit::Regions, Fit::Points] {
+            let Some(layered) = self.with_layer(fit, (&start, &base), union, (&limited, context))? else { continue };
+            let is_better = layered.is_better_than(&grown, &before);
+            // Sharp edges that are left stay as they are.
+            if layered.thin.is_empty() || is_better && layered.thin.walls().is_empty() {
                 return Ok(results.finish(layered));
             }
-            if layered.thin.lack < before.lack {
+            if is_better || layered.thin.lack <= MAX_LACK * base.thin.lack {
+                base = layered.clone();
+            }
+            if is_better {
                 grown = layered;
             }
         }
-        // Sharp edges alone stay as they are.
-        if self.growth == Growth::Both && !grown.thin.walls().is_empty() {
+        if self.growth == Growth::Both && !base.thin.walls().is_empty() {
             let topology = Topology::of(surface, self);
             let filling = Filling { settings: *self, union, context: &limited, input: surface, topology };
-            let base = if grown.thin.lack <= MAX_LACK * before.lack { grown.clone() } else { start };
             let filled = filling.run(&base)?;
             let deviation = || results::deviation_of_added(surface, &filled.surface);
-            if filled.thin.lack < grown.thin.lack && deviation() <= fill::MAX_DEVIATION * min_wall {
+            if filled.is_better_than(&grown, &before) && deviation() <= fill::MAX_DEVIATION * min_wall {
                 grown = filled;
             } else {
                 (grown.limited, grown.reason) = (filled.limited, filled.reason);
@@ -95,24 +106,42 @@ impl Thickening {
         Ok(results.finish(grown))
     }
 
-    /// The surface with a layer of prisms, within a share of the time in `limited`. Nothing is thin in it if the prisms'
-    /// own measure, which follows each prism, finds no thin wall. None if prisms are not tried, or the time ran out.
-    fn with_prisms(
+    /// A surface with a layer on it. Takes a share of the time in `limited`. None if the layer is not tried, or the time ran out.
+    fn with_layer(
         &self,
-        start: &Grown,
+        fit: Fit,
+        (start, base): (&Grown, &Grown),
         union: &dyn SelfUnion,
-        limited: &Context<'_>,
-        context: &Context<'_>,
+        (limited, context): (&Context<'_>, &Context<'_>),
     ) -> Result<Option<Grown>, ThickeningError> {
-        if self.growth == Growth::Both && start.thin.count() > MAX_PRISMS {
+        if fit == Fit::Points && self.growth == Growth::Both && base.thin.count() > MAX_PRISMS {
             return Ok(None);
         }
-        let prisms = limited.limited_to(limited.remaining().mul_f64(PRISM_SHARE));
-        let (surface, is_proved) = match rounds::Rounds::run(*self, &start.surface, union, &prisms) {
+        let limited = limited.limited_to(limited.remaining().mul_f64(LAYER_SHARE));
+        let mut surface = match Rounds::run(*self, fit, &base.surface, union, &limited) {
             Err(ThickeningError::Cancelled(_)) if !context.is_cancelled() => return Ok(None),
             result => result?,
         };
-        let thin = if is_proved { Thin::default() } else { Thin::of(&surface, self.min_wall, context)? };
+        let (of_base, of_input) = (results::face_count(&base.surface), results::face_count(&start.surface));
+        for source in &mut surface.source {
+            let below = base.surface.source[(*source % of_base.max(1)) as usize];
+            *source = if *source >= of_base { below % of_input + of_input } else { below };
+        }
+        if fit == Fit::Regions && self.narrows_a_gap(&surface, of_input, context)? {
+            return Ok(None);
+        }
+        let thin = Thin::of(&surface, self.min_wall, context)?;
         Ok(Some(Grown { surface, thin, ..Grown::default() }))
+    }
+
+    /// Whether a gap at an added face, whose source is at least `first_added`, is narrower than the least gap.
+    fn narrows_a_gap(&self, surface: &Surface, first_added: u32, context: &Context<'_>) -> Result<bool, Cancelled> {
+        if self.min_gap <= 0.0 {
+            return Ok(false);
+        }
+        let limit = rounded_limit(surface, MAX_NARROWER * self.min_gap);
+        let gaps = opposed_pairs(surface, limit, Space::Air, context)?.walls;
+        let is_added = |face: &u32| surface.source[*face as usize] >= first_added;
+        Ok(gaps.iter().any(|gap| gap.faces.iter().any(is_added)))
     }
 }

@@ -18,7 +18,7 @@ const FINEST: f64 = 0.5;
 /// The largest difference between the growth and its linear interpolation, as a share of the least wall.
 const TOLERANCE: f64 = 0.015;
 /// The most splits: a constant and a number for each face.
-const MAX_SPLITS: usize = 200_000;
+const MAX_SPLITS: usize = 20_000;
 const MAX_SPLITS_PER_FACE: usize = 2;
 
 /// A surface with some edges split. Pieces know the face that they belong to.
@@ -90,6 +90,18 @@ impl Refined {
         }
         refined.raise(growths);
         Ok(refined)
+    }
+
+    /// The faces of a surface as they are, with the growth at their corners.
+    pub fn unsplit(surface: &Surface, growth: FxHashMap<(u32, u32), f64>, precision: Precision) -> Self {
+        Self {
+            positions: surface.positions.clone(),
+            faces: surface.faces.clone(),
+            parent: (0u32..).take(surface.faces.len()).collect(),
+            growth,
+            half_edges: FxHashMap::default(),
+            precision,
+        }
     }
 
     /// The same pieces, of which only those grow whose face takes part.

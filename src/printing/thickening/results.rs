@@ -12,6 +12,9 @@ use super::outcome::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThinRea
 use super::places::Places;
 use super::walls::Opposed;
 
+/// The share of the least thickness before below which a result counts as thinner.
+pub const MAX_THINNER: f64 = 0.98;
+
 /// The thin walls and sharp edges of a surface, by the measure that decides.
 #[derive(Debug, Clone, Default)]
 pub struct Thin {
@@ -62,6 +65,11 @@ impl Thin {
         self.walls().is_empty() && self.tips().is_empty()
     }
 
+    /// The least thickness of a wall; infinite if no wall is thin.
+    pub fn least(&self) -> f64 {
+        self.walls().iter().map(|pair| pair.thickness).fold(f64::INFINITY, f64::min)
+    }
+
     /// The number of thin faces.
     pub fn count(&self) -> usize {
         self.walls().len() + self.tips().len()
@@ -93,6 +101,13 @@ pub struct Grown {
     pub limited: Vec<DVec3>,
     /// Why growth ended before everything was thick.
     pub reason: Option<ThinReason>,
+}
+
+impl Grown {
+    /// Whether more is thick than in another result, and no wall is much thinner than the thinnest one `before`.
+    pub fn is_better_than(&self, other: &Self, before: &Thin) -> bool {
+        self.thin.lack < other.thin.lack && self.thin.least() >= MAX_THINNER * before.least()
+    }
 }
 
 /// The frame of a result.

@@ -7,11 +7,14 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::growth::{Growths, thin_walls};
-use super::layer::layered;
+use super::layer::{Layered, layered};
+use super::moved::moved;
 use super::outcome::{Thickening, ThickeningError};
+use super::pieces::Pieces;
 use super::places::Places;
 use super::refine::Refined;
-use super::results::{deviation_of_added, face_count, with_own_sources};
+use super::regions::Regions;
+use super::results::{MAX_THINNER, deviation_of_added, face_count, with_own_sources};
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
@@ -19,8 +22,6 @@ use super::walls::{Opposed, Walls};
 const MAX_ROUNDS: usize = 3;
 /// The most times that the rounds start again without the places that stay thin.
 const MAX_RESTARTS: usize = 2;
-/// The factor on the least thickness of a place below which the place counts as worse than before.
-const MAX_THINNER: f64 = 0.98;
 /// The largest distance from the input, as a share of the least wall: a wall grows on one side by its thickness at most,
 /// and a mitre is longer.
 const MAX_DEVIATION: f64 = 1.5;
@@ -32,6 +33,8 @@ const MAX_UNIONS: usize = 6;
 const MAX_RAISES: usize = 8;
 /// The least that a wall grows after the first round, as a share of the least wall. Thinner layers leave slivers.
 const LEAST_STEP: f64 = 0.02;
+/// How much more material whole regions may need in all rounds than growth that follows the thickness.
+const MAX_MORE: f64 = 1.35;
 /// Walls thinner than the least wall by this share count as thin: f32 resolves less.
 const RESOLUTION: f64 = 1.0 / (1 << 20) as f64;
 
@@ -47,30 +50,47 @@ pub struct Rounds<'a> {
     places: Places,
     /// For each place, whether its layer was taken back.
     taken_back: Vec<bool>,
+    fit: Fit,
+    /// The material that growth following the thickness adds, by the first round, and what flat regions added so far.
+    needed: f64,
+    added: f64,
+}
+
+/// How the surface grows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fit {
+    /// Each flat region grows by one distance: its vertices move, or prisms stand on it where they cannot. A
+    /// region stays if that needs much more material.
+    Regions,
+    /// Each point grows as far as it needs, with prisms on pieces of the faces.
+    Points,
 }
 
 impl<'a> Rounds<'a> {
     /// Runs all rounds. Faces of the result have the index of the input's face as their source; those of the layer have it
-    /// plus the number of faces. Also whether no wall of the result is thin.
+    /// plus the number of faces.
     ///
     /// # Errors
     /// [`ThickeningError::Cancelled`] when the work should stop.
     pub fn run(
         settings: Thickening,
+        fit: Fit,
         input: &'a Surface,
         union: &'a dyn SelfUnion,
         context: &'a Context<'a>,
-    ) -> Result<(Surface, bool), ThickeningError> {
+    ) -> Result<Surface, ThickeningError> {
         let thin_before = thin_of(input, settings.min_wall, context)?;
         let places = Places::new(input, &thin_before);
         let taken_back = vec![false; places.count as usize];
         let topology = Topology::of(input, &settings);
-        let mut rounds = Self { settings, input, union, context, topology, places, taken_back };
+        let mut rounds =
+            Self { settings, input, union, context, topology, places, taken_back, fit, needed: 0.0, added: 0.0 };
         let mut best = rounds.grown(&thin_before)?;
         // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
         for number in 0..=MAX_RESTARTS {
             let mut failed = rounds.failed(&best, &thin_before);
-            if failed.is_empty() {
+            let is_hopeless = || rounds.fit == Fit::Regions && failed.len() == rounds.places.count as usize;
+            if failed.is_empty() || is_hopeless() {
                 break;
             }
             if number == MAX_RESTARTS {
@@ -79,8 +99,7 @@ impl<'a> Rounds<'a> {
             failed.iter().for_each(|&place| rounds.taken_back[place as usize] = true);
             best = rounds.grown(&thin_before)?;
         }
-        let is_proved = best.thin.iter().all(Vec::is_empty);
-        Ok((best.surface, is_proved))
+        Ok(best.surface)
     }
 
     /// The rounds from the input on; the result with the least thin area.
@@ -100,7 +119,9 @@ impl<'a> Rounds<'a> {
             let area = thin_area(&surface, &thin);
             // The first round is judged place by place.
             let is_better = number == 0 || area < best.area && !self.is_thinner_somewhere(&surface, &thin, &best);
-            if !is_better || deviation_of_added(self.input, &surface) > MAX_DEVIATION * settings.min_wall {
+            let is_hopeless = self.fit == Fit::Regions && number > 0 && area > MAX_LEFT * best.area;
+            if !is_better || is_hopeless || deviation_of_added(self.input, &surface) > MAX_DEVIATION * settings.min_wall
+            {
                 break;
             }
             best = Grown { area, surface: surface.clone(), thin: thin.clone() };
@@ -134,8 +155,9 @@ impl<'a> Rounds<'a> {
         let after = self.measures(&grown.surface, &grown.thin);
         let is_failed = |&place: &u32| {
             let [before, after] = [&before, &after].map(|measures| measures[place as usize]);
-            let is_worse = after.area > MAX_LEFT * before.area
-                || after.least < MAX_THINNER * before.least.min(self.settings.min_wall);
+            // Balls can mend what whole regions leave at a few faces.
+            let is_thinner = || after.least < MAX_THINNER * before.least.min(self.settings.min_wall);
+            let is_worse = after.area > MAX_LEFT * before.area || self.fit == Fit::Points && is_thinner();
             let is_near = after.least >= MAX_THINNER * self.settings.min_wall;
             !self.taken_back[place as usize] && is_worse && !is_near
         };
@@ -154,23 +176,29 @@ impl<'a> Rounds<'a> {
     /// One round: the united surface; none where nothing grows.
     fn round(&mut self, surface: &Surface, number: usize) -> Result<Option<Surface>, ThickeningError> {
         let place: Vec<Option<u32>> = (0..surface.faces.len()).map(|face| self.place_of(surface, face)).collect();
-        let may_grow = |face: u32| place[face as usize].is_none_or(|place| !self.taken_back[place as usize]);
         let least = if number == 0 { 0.0 } else { LEAST_STEP * self.settings.min_wall };
-        let growths = Growths::new(surface, self.settings, least, may_grow, self.context)?;
-        let mut refined = Refined::new(surface, &growths, self.settings.precision, self.context)?;
-        refined.spread(&growths);
+        let (growths, mut pieces) = self.pieces(surface, least, &place, number)?;
         let mut thin: Option<Vec<u32>> = None;
         for _ in 0..MAX_RAISES {
-            let still = self.raise(surface, &mut refined, &growths, thin.as_deref())?;
+            let still = self.raise(surface, &mut pieces, &growths, thin.as_deref())?;
             if still.is_empty() {
                 break;
             }
             thin = Some(still);
         }
-        refined.spread(&growths);
+        if self.fit == Fit::Points {
+            pieces.refined.spread(&growths);
+        }
         let all: Vec<u32> = (0..self.places.count).filter(|&place| !self.taken_back[place as usize]).collect();
-        let mut attempt = Attempt { rounds: self, surface, place: &place, refined: &refined, unions: 0 };
+        let regions = pieces.regions.as_ref();
+        let mut attempt =
+            Attempt { rounds: self, surface, place: &place, refined: &pieces.refined, regions, unions: 0 };
         if let Some(Ok(whole)) = attempt.union_of(&all)? {
+            return Ok(Some(whole));
+        }
+        if attempt.regions.take().is_some()
+            && let Some(Ok(whole)) = attempt.union_of(&all)?
+        {
             return Ok(Some(whole));
         }
         let (kept, broken) = attempt.largest_good(&all)?;
@@ -181,16 +209,80 @@ impl<'a> Rounds<'a> {
         Ok(result.and_then(Result::ok))
     }
 
+    /// The surface with its growth, in pieces on which the growth is nearly linear, or in flat regions.
+    fn pieces<'s>(
+        &mut self,
+        surface: &'s Surface,
+        least: f64,
+        place: &[Option<u32>],
+        number: usize,
+    ) -> Result<(Growths<'s>, Pieces), Cancelled> {
+        let may_grow = |face: u32| place[face as usize].is_none_or(|place| !self.taken_back[place as usize]);
+        let (settings, precision) = (self.settings, self.settings.precision);
+        let growths = Growths::new(surface, settings, least, may_grow, self.context)?;
+        let mut refined = Refined::new(surface, &growths, precision, self.context)?;
+        if self.fit == Fit::Points {
+            refined.spread(&growths);
+            return Ok((growths, Pieces { refined, regions: None }));
+        }
+        let mut regions = Regions::new(surface, &refined, settings.min_wall);
+        if number == 0 {
+            (self.needed, self.added) = (regions.volume(), 0.0);
+        }
+        let is_little = number > 0 && self.added + regions.whole_volume() <= MAX_MORE * self.needed;
+        if is_little || regions.are_thin_as_a_whole() {
+            let pieces = self.whole(surface, regions, &growths);
+            return Ok((growths, pieces));
+        }
+        // The sides of thin walls that are part of thick regions stay; the others grow by all that is needed.
+        let may_grow = |face: u32| may_grow(face) && regions.is_thin_as_a_whole(face);
+        let growths = Growths::new(surface, settings, least, may_grow, self.context)?;
+        let refined = Refined::new(surface, &growths, precision, self.context)?;
+        regions = Regions::new(surface, &refined, settings.min_wall);
+        regions.keep_thin_as_a_whole();
+        let pieces = self.whole(surface, regions, &growths);
+        Ok((growths, pieces))
+    }
+
+    /// A surface whose regions grow as a whole, as far as the gaps in front of them allow.
+    fn whole(&mut self, surface: &Surface, mut regions: Regions, growths: &Growths<'_>) -> Pieces {
+        regions.limit(growths);
+        self.added += regions.whole_volume();
+        Pieces {
+            refined: Refined::unsplit(surface, regions.growth(surface), self.settings.precision),
+            regions: Some(regions),
+        }
+    }
+
+    /// The surface with its layer: as moved vertices or as prisms. None if the vertices cannot move.
+    fn layered(
+        &self,
+        refined: &Refined,
+        regions: Option<&Regions>,
+        surface: &Surface,
+    ) -> Result<Option<Layered>, Cancelled> {
+        let (source, precision) = (&surface.source, self.settings.precision);
+        match regions {
+            Some(regions) => moved((refined, regions), source, self.faces(), precision, self.context),
+            None => layered(refined, source, self.faces(), precision, self.context).map(Some),
+        }
+    }
+
     /// Raises the tops that still have a thin wall, among some pieces or all. Returns their pieces. Raising only
     /// increases distances, so no other piece becomes thin.
     fn raise(
         &self,
         surface: &Surface,
-        refined: &mut Refined,
+        pieces: &mut Pieces,
         growths: &Growths<'_>,
         among: Option<&[u32]>,
     ) -> Result<Vec<u32>, Cancelled> {
-        let layered = layered(refined, &surface.source, self.faces(), self.settings.precision, self.context)?;
+        let refined = &pieces.refined;
+        let mut found = self.layered(refined, pieces.regions.as_ref(), surface)?;
+        if found.is_none() {
+            found = self.layered(refined, None, surface)?;
+        }
+        let Some(layered) = found else { return Ok(Vec::new()) };
         let walls = Walls::new(&layered.surface);
         let limit = self.settings.min_wall * (1.0 - RESOLUTION);
         let takes_part = |piece: &u32| among.is_none_or(|among| among.binary_search(piece).is_ok());
@@ -215,17 +307,13 @@ impl<'a> Rounds<'a> {
             })
             .collect();
         let mut raised: Vec<u32> = Vec::new();
-        let mut at: FxHashMap<(u32, u32), f64> = FxHashMap::default();
+        let mut most: FxHashMap<u32, f64> = FxHashMap::default();
         for (&(_, piece), &more) in tops.iter().zip(&more).filter(|(_, more)| **more > 0.0) {
             raised.push(piece);
-            for v in refined.faces[piece as usize] {
-                let most = at.entry((v, refined.parent[piece as usize])).or_insert(0.0);
-                *most = most.max(more);
-            }
+            let most = most.entry(pieces.group_of(piece)).or_insert(0.0);
+            *most = most.max(more);
         }
-        for (key, more) in at {
-            *refined.growth.entry(key).or_insert(0.0) += more;
-        }
+        pieces.raise(most, growths);
         raised.sort_unstable();
         Ok(raised)
     }
@@ -263,6 +351,8 @@ struct Attempt<'a, 'b> {
     surface: &'a Surface,
     place: &'a [Option<u32>],
     refined: &'a Refined,
+    /// The regions whose vertices move; none if prisms stand on the faces.
+    regions: Option<&'a Regions>,
     unions: usize,
 }
 
@@ -272,13 +362,14 @@ impl Attempt<'_, '_> {
         let takes_part =
             |parent: u32| self.place[parent as usize].is_none_or(|place| places.binary_search(&place).is_ok());
         let rounds = self.rounds;
-        let source = &self.surface.source;
-        let precision = rounds.settings.precision;
-        let layered = layered(&self.refined.only(takes_part), source, rounds.faces(), precision, rounds.context)?;
+        self.unions += 1;
+        let refined = self.refined.only(takes_part);
+        let Some(layered) = rounds.layered(&refined, self.regions, self.surface)? else {
+            return Ok(Some(Err(Broken::Union)));
+        };
         if layered.piece.iter().all(Option::is_none) {
             return Ok(None);
         }
-        self.unions += 1;
         let expected = Expected {
             topology: rounds.topology,
             settings: rounds.settings,

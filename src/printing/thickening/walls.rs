@@ -124,7 +124,8 @@ impl<'a> Walls<'a> {
         (1.0 - self.normal(face).dot(self.normal(other))) / 2.0
     }
 
-    fn corners(&self, face: u32) -> [DVec3; 3] {
+    /// The corners of a face.
+    pub fn corners(&self, face: u32) -> [DVec3; 3] {
         self.surface.corners(face as usize)
     }
 

@@ -2,6 +2,7 @@
 
 use super::names::Operator;
 use super::operator::{Applied, Counter, Failure, Operation, Scope};
+use super::rounding::{DistinguishLimits, distinguish_vertices};
 use crate::arrange::WindingRule;
 use crate::math::Precision;
 use crate::mesh::Surface;
@@ -99,6 +100,9 @@ impl RemeshInside {
             reduced = reduce_remeshed(&mut result, surface, remeshed.cell, self.remesh.precision, context)?;
             changes.append(&mut reduced.changes);
         }
+        let limits = DistinguishLimits { max_deviation: self.max_deviation, moves: true };
+        let merged = distinguish_vertices(&mut result, limits, |_| true, context)?;
+        changes.extend(Change::list([(ChangeKind::NearCoincidentVerticesMerged, merged)]));
         *surface = result;
         let mut left = format!(
             "cell size {:.6}; 99 % of the input is within {:.6} of the result, all of it within {:.6}; 99 % of the result \

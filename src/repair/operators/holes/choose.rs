@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use super::group::{Hole, newell};
 use super::patch::{Clearance, Faults, Patch};
-use super::triangulate::{Criterion, grow_from_sharp_corners, least_weight, planar, shortest_cut};
-use crate::math::{Precision, Sign, collinear, orient3d};
+use super::triangulate::{Criterion, grow_from_sharp_corners, least_weight, shortest_cut};
+use crate::math::{Precision, Sign, collinear, orient3d, triangulated_area};
 use crate::mesh::Edges;
 use crate::repair::operators::names::HoleFilling;
 use crate::repair::{Cancelled, Context};
@@ -243,7 +243,7 @@ impl<'a> Filler<'a> {
                 context.check()?;
                 complete(triangulation)
             }
-            Method::Planar => complete(planar(points, ends, *normal).filter(|triangles| {
+            Method::Planar => complete(triangulated_area(points, ends, *normal).filter(|triangles| {
                 let is_side = |i: usize, j: usize| corners.is_side(i, j);
                 let free = |i: usize, j: usize| is_side(i, j) || !edge_exists(i, j);
                 triangles.iter().all(|&[a, b, c]| free(a, b) && free(b, c) && free(c, a))

@@ -374,7 +374,7 @@ mod tests {
         let side = |from: DVec3, to: DVec3| (0..8).map(move |i| from.lerp(to, f64::from(i) / 8.0));
         let [a, b, c, d] = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
         let points: Vec<DVec3> = side(a, b).chain(side(b, c)).chain(side(c, d)).chain(side(d, a)).collect();
-        let triangles = super::super::triangulate::planar(&points, &[32], DVec3::Z).unwrap_or_default();
+        let triangles = crate::math::triangulated_area(&points, &[32], DVec3::Z).unwrap_or_default();
         let mut patch = Patch { fixed: 32, points, triangles };
         patch.refine(&[0.125; 32], |_, _| false, |p| p);
         let area = |t: &[usize; 3]| {

@@ -108,7 +108,8 @@ fn pins_tubes_wedges_and_fins_reach_the_wall() {
             let solid = surface(shape.0.clone(), shape.1.clone(), turn);
             let done = thickened(&solid, both(1.0)).unwrap();
             assert!(done.is_proved, "{name} turned by {turn}: {:?}", done.places);
-            assert!(done.added_volume > 0.0 && done.max_deviation < 0.6, "{name} {}", done.max_deviation);
+            // Balls have half of the least wall and their margin as radius.
+            assert!(done.added_volume > 0.0 && done.max_deviation < 0.7, "{name} {}", done.max_deviation);
         }
     }
 }
@@ -121,9 +122,12 @@ fn faces_far_from_the_thin_place_keep_their_bits() {
     let keys = |surface: &Surface, face: usize| surface.corners(face).map(position_key);
     let after: Vec<_> =
         (0..done.surface.faces.len()).map(|f| (keys(&done.surface, f), done.surface.source[f])).collect();
-    let kept = (0..solid.faces.len()).filter(|&f| after.contains(&(keys(&solid, f), solid.source[f]))).count();
-    // The sides of the fin grow, and its foot and the block's top are cut.
-    assert!(kept >= 18, "{kept} of {}", solid.faces.len());
+    // The vertices of the fin move, also within the planes beside its sides. All others stay.
+    let left: Vec<_> = done.surface.positions.iter().map(|&p| position_key(p)).collect();
+    let stays = |&f: &usize| keys(&solid, f).iter().all(|key| left.contains(key));
+    let stay: Vec<usize> = (0..solid.faces.len()).filter(stays).collect();
+    assert!(stay.len() >= 8, "{} of {}", stay.len(), solid.faces.len());
+    assert!(stay.into_iter().all(|f| after.contains(&(keys(&solid, f), solid.source[f]))));
 }
 
 #[test]

@@ -1,0 +1,200 @@
+//! Flat regions: connected faces in one plane, which grow as a whole.
+//!
+//! Growth that follows the thickness exactly splits faces. Where a wall is thin nearly everywhere, one distance for each
+//! flat region needs hardly more material, splits no face and keeps edges sharp:
+//!
+//! ```text
+//!    +--------------+          +----------------+
+//!    |  +-----------+    ->    |                |
+//!    |  |                      |   +------------+
+//!    +--+                      |   |
+//!                              +---+
+//! ```
+
+use crate::mesh::{Edges, Surface, UnionFind};
+use glam::DVec3;
+use rayon::prelude::*;
+use rustc_hash::{FxHashMap, FxHashSet};
+
+use super::growth::Growths;
+use super::refine::Refined;
+use super::walls::{NOISE, trusted_normal};
+
+/// Cosine of the angle up to which neighbours count as one flat region: half a degree.
+const FLAT: f64 = 0.999_96;
+/// The share of a region's area that must be thin if the region grows as a whole.
+const LEAST_SHARE: f64 = 0.7;
+/// How much more material a whole region may need than growth that follows the thickness, and all regions together.
+const MAX_MORE: f64 = 1.3;
+/// The area of a small region, in squares of the least wall.
+const SMALL: f64 = 4.0;
+
+/// The flat regions of a surface, with the growth that a refined surface needs.
+pub struct Regions {
+    /// For each face, its region: the smallest face in it.
+    of_face: Vec<u32>,
+    /// For each region, its faces.
+    faces: FxHashMap<u32, Vec<u32>>,
+    /// For each face, its unit normal; zero if rounding decides it.
+    normals: Vec<DVec3>,
+    /// The regions with a thin face.
+    needs: FxHashMap<u32, Need>,
+    /// Those of them that may grow as a whole, with hardly more material than growth that follows the thickness.
+    whole: FxHashSet<u32>,
+}
+
+/// What a region needs.
+#[derive(Debug, Clone, Copy, Default)]
+struct Need {
+    /// The area of the region.
+    area: f64,
+    /// The area of its pieces that grow.
+    thin_area: f64,
+    /// The largest growth.
+    growth: f64,
+    /// The material that growth following the thickness adds.
+    volume: f64,
+}
+
+impl Regions {
+    /// Finds the flat regions of `surface`, of which `refined` has the pieces.
+    pub fn new(surface: &Surface, refined: &Refined, min_wall: f64) -> Self {
+        let largest = surface.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
+        let normal = |face: u32| trusted_normal(surface.corners(face as usize), NOISE * largest);
+        let normals: Vec<DVec3> = (0u32..).take(surface.faces.len()).map(normal).collect();
+        let mut groups = UnionFind::new(surface.faces.len());
+        let edges = Edges::new(&surface.faces);
+        for half_edges in edges.iter() {
+            if let &[g, h] = half_edges
+                && normals[g as usize / 3].dot(normals[h as usize / 3]) >= FLAT
+            {
+                groups.unite(g / 3, h / 3);
+            }
+        }
+        // A face without a normal lies in the plane of the face across its longest edge.
+        for face in (0u32..).take(normals.len()).filter(|&face| normals[face as usize] == DVec3::ZERO) {
+            let [a, b, _] = longest_edge_first(surface, face);
+            let across = edges.find(a, b).map(|edge| edges.half_edges(edge)).unwrap_or_default();
+            across.iter().for_each(|half_edge| groups.unite(face, half_edge / 3));
+        }
+        let of_face = groups.into_roots();
+        let mut faces: FxHashMap<u32, Vec<u32>> = FxHashMap::default();
+        for (face, &region) in (0u32..).zip(&of_face) {
+            faces.entry(region).or_default().push(face);
+        }
+        let mut needs: FxHashMap<u32, Need> = FxHashMap::default();
+        for (piece, &parent) in (0u32..).zip(&refined.parent) {
+            let growth = [0, 1, 2].map(|k| refined.corner_growth(piece, k));
+            let [a, b, c] = refined.corners(piece);
+            let area = (b - a).cross(c - a).length() / 2.0;
+            let need = needs.entry(of_face[parent as usize]).or_default();
+            need.area += area;
+            need.growth = growth.into_iter().fold(need.growth, f64::max);
+            if growth.iter().any(|&growth| growth > 0.0) {
+                need.thin_area += area;
+                need.volume += area * growth.iter().sum::<f64>() / 3.0;
+            }
+        }
+        needs.retain(|_, need| need.growth > 0.0);
+        let whole = whole(&needs, SMALL * min_wall * min_wall);
+        Self { of_face, faces, normals, needs, whole }
+    }
+
+    /// The region of a face.
+    pub fn of(&self, face: u32) -> u32 {
+        self.of_face[face as usize]
+    }
+
+    /// The faces of a region, in ascending order.
+    pub fn faces(&self, region: u32) -> &[u32] {
+        self.faces.get(&region).map_or(&[], Vec::as_slice)
+    }
+
+    /// The unit normals of all faces; zero where rounding decides.
+    pub fn normals(&self) -> &[DVec3] {
+        &self.normals
+    }
+
+    /// Whether all thin regions may grow as a whole.
+    pub fn are_thin_as_a_whole(&self) -> bool {
+        self.whole.len() == self.needs.len()
+    }
+
+    /// Whether the region of a face is thin and may grow as a whole.
+    pub fn is_thin_as_a_whole(&self, face: u32) -> bool {
+        self.whole.contains(&self.of(face))
+    }
+
+    /// Keeps the growth of the regions that may grow as a whole.
+    pub fn keep_thin_as_a_whole(&mut self) {
+        self.needs.retain(|region, _| self.whole.contains(region));
+    }
+
+    /// Lowers the growth of regions so that no gap in front of them becomes too narrow.
+    pub fn limit(&mut self, growths: &Growths<'_>) {
+        let Self { faces, needs, .. } = self;
+        needs.par_iter_mut().for_each(|(region, need)| {
+            let of_region = faces.get(region).into_iter().flatten();
+            need.growth = of_region.fold(need.growth, |least, &face| growths.limit_of_face(face, least));
+        });
+        needs.retain(|_, need| need.growth > 0.0);
+    }
+
+    /// The material that growth following the thickness adds.
+    pub fn volume(&self) -> f64 {
+        self.sum(|need| need.volume)
+    }
+
+    /// The material that whole regions add.
+    pub fn whole_volume(&self) -> f64 {
+        self.sum(|need| need.area * need.growth)
+    }
+
+    /// The sum over all regions, in the order of their faces.
+    fn sum(&self, of: impl Fn(&Need) -> f64) -> f64 {
+        let mut needs: Vec<(&u32, &Need)> = self.needs.iter().collect();
+        needs.sort_unstable_by_key(|(region, _)| **region);
+        needs.into_iter().map(|(_, need)| of(need)).sum()
+    }
+
+    /// The growth at each corner of the faces of `surface`, without pieces.
+    pub fn growth(&self, surface: &Surface) -> FxHashMap<(u32, u32), f64> {
+        let of_face = |face: u32| self.needs.get(&self.of(face)).map(|need| need.growth);
+        let corners =
+            |(face, corners): (u32, &[u32; 3])| of_face(face).map(|growth| corners.map(|v| ((v, face), growth)));
+        (0u32..).zip(&surface.faces).filter_map(corners).flatten().collect()
+    }
+}
+
+/// The regions that may grow as a whole: all if together they need hardly more material for it. Otherwise those that need
+/// hardly more each, and small ones, from the least waste on, as long as all together need hardly more.
+fn whole(needs: &FxHashMap<u32, Need>, small: f64) -> FxHashSet<u32> {
+    let mut regions: Vec<(u32, Need)> = needs.iter().map(|(&region, &need)| (region, need)).collect();
+    let waste = |need: &Need| need.area * need.growth - need.volume;
+    regions.sort_unstable_by(|(r, a), (s, b)| waste(a).total_cmp(&waste(b)).then(r.cmp(s)));
+    let mut left = (MAX_MORE - 1.0) * regions.iter().map(|(_, need)| need.volume).sum::<f64>();
+    if regions.iter().map(|(_, need)| waste(need)).sum::<f64>() <= left {
+        return needs.keys().copied().collect();
+    }
+    let (mut whole, others): (Vec<_>, Vec<_>) = regions.into_iter().partition(|(_, need)| need.is_thin_as_a_whole());
+    left -= whole.iter().map(|(_, need)| waste(need)).sum::<f64>();
+    whole.extend(others.into_iter().filter(|(_, need)| need.area <= small).take_while(|(_, need)| {
+        left -= waste(need);
+        left >= 0.0
+    }));
+    whole.into_iter().map(|(region, _)| region).collect()
+}
+
+/// The vertices of a face, of which the first two have the longest edge.
+fn longest_edge_first(surface: &Surface, face: u32) -> [u32; 3] {
+    let [a, b, c] = surface.faces[face as usize];
+    let length = |[a, b, _]: &[u32; 3]| surface.positions[*a as usize].distance_squared(surface.positions[*b as usize]);
+    let turns = [[a, b, c], [b, c, a], [c, a, b]];
+    turns.into_iter().max_by(|one, other| length(one).total_cmp(&length(other))).unwrap_or([a, b, c])
+}
+
+impl Need {
+    fn is_thin_as_a_whole(&self) -> bool {
+        self.thin_area >= LEAST_SHARE * self.area && self.area * self.growth <= MAX_MORE * self.volume
+    }
+}

@@ -1,0 +1,148 @@
+//! Walls that are too thin grow to the least wall, and the rest of the model stays.
+
+use glam::{DQuat, DVec3};
+use meshmend::format::{Limits, read};
+use meshmend::math::Box3;
+use meshmend::mesh::Soup;
+use meshmend::repair::{Options, Outcome, PrintOptions, Repaired, WallThickening};
+use meshmend::scene::Unit;
+
+use crate::meshes::{as_f32, cube, inside_out, join, push, sphere};
+use crate::support::{assert_outcome, measured_file, repair_soup};
+
+/// Thickens to a least wall. Nothing may stay thin.
+fn thickened(soup: &Soup, min_wall: f64) -> (Repaired, WallThickening) {
+    let print = PrintOptions { min_wall: Some(min_wall), ..PrintOptions::default() };
+    let options = Options { print, unit: Some(Unit::Millimetre), max_tier: 2, ..Options::default() };
+    let repaired = repair_soup(soup, &options, None);
+    assert_outcome(&repaired, Outcome::Repaired);
+    let thickening = repaired.report.steps.iter().find_map(|step| step.thickening.clone()).expect("a thickening step");
+    assert_eq!(thickening.left_count, 0, "{thickening:?}");
+    (repaired, thickening)
+}
+
+fn bounds(repaired: &Repaired) -> Box3 {
+    Box3::of(read(&repaired.bytes, &Limits::default()).expect("a readable file").soup.positions)
+}
+
+fn box_at(low: DVec3, sides: DVec3) -> Soup {
+    let mut soup = cube(DVec3::ZERO, 1.0, 1);
+    soup.positions.iter_mut().for_each(|p| *p = low + *p * sides);
+    soup
+}
+
+fn turned(mut soup: Soup) -> Soup {
+    let turn = DQuat::from_scaled_axis(DVec3::new(0.4, -0.9, 0.3));
+    soup.positions.iter_mut().for_each(|p| *p = turn * *p);
+    as_f32(soup)
+}
+
+/// A bracket of two walls, 12 and 9 long, 10 high and 0.8 thick. Its corner is in the origin. A vertex in the middle of the long
+/// inner side is `near` the other wall.
+fn bracket(near: f64) -> Soup {
+    let outline = [[0.0, 0.0], [12.0, 0.0], [12.0, 0.8], [0.8, 0.8], [0.8, 9.0], [0.0, 9.0]];
+    let at = |k: usize, z: f64| DVec3::new(outline[k % 6][0], outline[k % 6][1], z);
+    let mut soup = Soup::default();
+    for [a, b, c] in [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]] {
+        push(&mut soup, [at(a, 10.0), at(b, 10.0), at(c, 10.0)]);
+        push(&mut soup, [at(a, 0.0), at(c, 0.0), at(b, 0.0)]);
+    }
+    for k in 0..6 {
+        let side = [at(k, 0.0), at(k + 1, 0.0), at(k + 1, 10.0), at(k, 10.0)];
+        if k == 2 {
+            let middle = DVec3::new(0.8 + near, 0.8, 5.0);
+            (0..4).for_each(|i| push(&mut soup, [side[i], side[(i + 1) % 4], middle]));
+        } else {
+            push(&mut soup, [side[0], side[1], side[2]]);
+            push(&mut soup, [side[0], side[2], side[3]]);
+        }
+    }
+    as_f32(soup)
+}
+
+/// The volume of the bracket with walls of 1.2, of which each side grew by 0.2.
+fn thick_bracket() -> f64 {
+    10.0 * 1.2 * (12.2 + 9.2 - 1.2)
+}
+
+#[test]
+fn a_bracket_keeps_its_faces_while_its_walls_grow() {
+    for soup in [bracket(4.0), turned(bracket(4.0))] {
+        let (repaired, thickening) = thickened(&soup, 1.2);
+        let measured = measured_file(&repaired.bytes);
+        assert_eq!(measured.faces, soup.faces.len() as u64);
+        assert!((measured.volume.value / thick_bracket() - 1.0).abs() < 0.01, "{}", measured.volume.value);
+        // The corner moves along the diagonal.
+        assert!((0.28..0.30).contains(&thickening.max_deviation_mm), "{thickening:?}");
+    }
+}
+
+#[test]
+fn a_side_whose_faces_would_turn_over_gets_new_faces() {
+    let soup = bracket(0.05);
+    let (repaired, _) = thickened(&soup, 1.2);
+    let measured = measured_file(&repaired.bytes);
+    // The vertex in the middle is gone, and with it two of four faces.
+    assert_eq!(measured.faces, soup.faces.len() as u64 - 2);
+    assert!((measured.volume.value / thick_bracket() - 1.0).abs() < 0.01, "{}", measured.volume.value);
+}
+
+#[test]
+fn a_plate_beside_a_block_grows_only_on_its_own_side() {
+    // The lower sides of the plate and the block are one flat region.
+    let step =
+        join(&box_at(DVec3::ZERO, DVec3::new(20.0, 10.0, 0.5)), &box_at(DVec3::ZERO, DVec3::new(10.0, 10.0, 5.0)));
+    let (repaired, thickening) = thickened(&as_f32(step), 1.0);
+    let bounds = bounds(&repaired);
+    assert_eq!((bounds.min.z, bounds.max.z), (0.0, 5.0));
+    assert!((thickening.added_volume_mm3 / 50.0 - 1.0).abs() < 0.02, "{thickening:?}");
+}
+
+#[test]
+fn a_frame_of_thin_bars_stays_a_frame_of_few_faces() {
+    let (length, thickness) = (10.0, 0.625);
+    let mut frame = Soup::default();
+    for axis in 0..3 {
+        for corner in 0..4 {
+            let mut low = DVec3::ZERO;
+            low[(axis + 1) % 3] = f64::from(corner & 1) * (length - thickness);
+            low[(axis + 2) % 3] = f64::from(corner >> 1) * (length - thickness);
+            let mut sides = DVec3::splat(thickness);
+            sides[axis] = length;
+            frame = join(&frame, &box_at(low, sides));
+        }
+    }
+    let (repaired, _) = thickened(&as_f32(frame), 1.0);
+    let measured = measured_file(&repaired.bytes);
+    assert!(measured.faces < 400, "{}", measured.faces);
+    // Twelve bars of 1 x 1 around a cube of 10.375, which share eight corners.
+    let volume = 12.0 * (10.375 - 2.0) + 8.0;
+    assert!((measured.volume.value / volume - 1.0).abs() < 0.02, "{}", measured.volume.value);
+}
+
+#[test]
+fn a_thin_shell_grows_on_both_sides_and_keeps_its_faces() {
+    let shell = as_f32(join(&sphere(DVec3::ZERO, 10.0, 48, 24), &inside_out(sphere(DVec3::ZERO, 9.5, 48, 24))));
+    let (repaired, _) = thickened(&shell, 1.0);
+    let measured = measured_file(&repaired.bytes);
+    assert_eq!(measured.faces, shell.faces.len() as u64);
+    let [outer, inner] = [10.0f64, 9.5].map(measured_ball);
+    let grown = (measured.volume.value - (outer - inner)) / (4.0 * std::f64::consts::PI * 9.75 * 9.75);
+    assert!((0.45..0.56).contains(&grown), "{grown}");
+}
+
+/// The volume of the tests' ball of 48 by 24.
+fn measured_ball(radius: f64) -> f64 {
+    measured_file(&repair_soup(&sphere(DVec3::ZERO, radius, 48, 24), &Options::default(), None).bytes).volume.value
+}
+
+#[test]
+fn a_wall_that_grows_over_its_neighbour_is_cut_there() {
+    // A fin of 0.4 on a plate, 0.3 from the plate's edge: its side grows beyond the edge.
+    let plate = box_at(DVec3::ZERO, DVec3::new(20.0, 10.0, 3.0));
+    let fin = box_at(DVec3::new(0.1, 1.0, 2.0), DVec3::new(0.4, 8.0, 6.0));
+    let (repaired, thickening) = thickened(&as_f32(join(&plate, &fin)), 1.0);
+    let bounds = bounds(&repaired);
+    assert!(bounds.min.x < 0.0 && bounds.max.x == 20.0, "{bounds:?}");
+    assert!(thickening.added_volume_mm3 < 0.6 * 8.0 * 5.0 * 1.5, "{thickening:?}");
+}
