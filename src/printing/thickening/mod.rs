@@ -1,10 +1,13 @@
 //! Thickening: grows the walls of a solid that are thinner than a limit, and proves the result.
 //!
-//! A few thin faces get a layer of prisms (`growth`, `refine`, `layer`, `rounds`), which keeps edges sharp. Otherwise balls of the
-//! least wall's diameter stand along the middle of the thin places (`bodies`), and one closed surface around all balls is
-//! built (`spheres`, `fill`). The exact union of the solid with the layer or the balls is the result (`unite`). So every
-//! face outside the added material keeps its exact corners. The walls of the rounded result are then measured again, and
-//! further rounds add what is missing. The result with the least lack of thickness counts (`results`).
+//! Three ways follow one another, each on the result of the one before, until nothing is thin. Flat regions that are thin nearly
+//! everywhere grow by one distance (`regions`): their vertices move (`moved`), so that the surface keeps its faces. Then a few
+//! thin faces get a layer of prisms, as high as each point needs (`refine`, `layer`), which keeps edges sharp. `growth` finds
+//! the distances, and `rounds` repeats and checks both. At last balls of the least wall's diameter stand along the middle of
+//! the thin places (`bodies`), and one closed surface around all balls is built (`spheres`, `fill`). The exact union of the
+//! solid with the layer or the balls is the result (`unite`), so faces outside the added material keep their exact corners.
+//! After each way the walls of the rounded result are measured. The result with the least lack of thickness counts
+//! (`results`).
 
 mod bodies;
 mod fill;
@@ -53,7 +56,8 @@ impl Thickening {
     /// Thickens the walls of a solid. The surface must be closed, oriented outward and without intersections; its
     /// positions must have the precision of the output.
     ///
-    /// Promises: the input is contained in the result. Faces outside the added material keep their corners and sources.
+    /// Promises: the input is contained in the result. Faces outside the added material keep their corners and sources, but
+    /// beside a moved region their corners move within their plane.
     /// Handles and large cavities stay, and only touching or small near solids are joined. Where a wall stays thin, a
     /// place says why.
     ///
