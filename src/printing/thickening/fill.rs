@@ -112,13 +112,13 @@ impl Filling<'_> {
             best.reason = next.reason.or(best.reason);
             if next.surface == current.surface {
                 best.limited.extend(next.limited);
-                // Later rounds also put balls around thin pairs that no ball touches.
+                // A second round also puts balls around thin pairs that no ball touches.
                 if state.round > 1 {
                     break;
                 }
-                continue;
+            } else {
+                current = next;
             }
-            current = next;
             if current.thin.lack < best.thin.lack {
                 best = current.clone();
             }

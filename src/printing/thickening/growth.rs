@@ -73,19 +73,29 @@ impl<'a> Growths<'a> {
             thin.into_iter().map(|wall| Witness { point: wall.points[0], growth: 0.0, wall }).collect()
         };
         growths.witnesses = thin.into_iter().map(without_growth).collect();
+        growths.evaluate();
+        Ok(growths)
+    }
+
+    /// Keeps the faces that `may_grow` excludes, too.
+    pub fn restrict(&mut self, may_grow: impl Fn(u32) -> bool) {
+        for (face, kept) in (0u32..).zip(&mut self.kept) {
+            *kept |= !may_grow(face);
+        }
+        self.evaluate();
+    }
+
+    /// Evaluates the growth at all witnesses.
+    fn evaluate(&mut self) {
         let growth: Vec<Vec<f64>> = (0u32..)
-            .take(surface.faces.len())
-            .collect::<Vec<u32>>()
+            .zip(&self.witnesses)
+            .collect::<Vec<_>>()
             .par_iter()
-            .map(|&face| {
-                let all = &growths.witnesses[face as usize];
-                all.iter().map(|witness| growths.of_wall(face, &witness.wall)).collect()
-            })
+            .map(|&(face, all)| all.iter().map(|witness| self.of_wall(face, &witness.wall)).collect())
             .collect();
-        for (witnesses, growth) in growths.witnesses.iter_mut().zip(growth) {
+        for (witnesses, growth) in self.witnesses.iter_mut().zip(growth) {
             witnesses.iter_mut().zip(growth).for_each(|(witness, growth)| witness.growth = growth);
         }
-        Ok(growths)
     }
 
     /// The least wall that is aimed at.

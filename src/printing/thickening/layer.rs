@@ -20,7 +20,7 @@ use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
 use super::mitre::{Plane, mitre};
-use super::refine::Refined;
+use super::refine::{Refined, index};
 use super::walls::{NOISE, trusted_normal};
 
 /// Cosine of the angle up to which faces at an edge are one smooth surface, on which the growth fades out.
@@ -354,9 +354,4 @@ impl Builder {
 
 fn normal([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a).normalize_or_zero()
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "vertices and faces are counted in u32")]
-fn index(count: usize) -> u32 {
-    count as u32
 }

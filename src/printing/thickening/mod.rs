@@ -48,8 +48,7 @@ const LAYER_SHARE: f64 = 0.2;
 const MAX_PRISMS: usize = 400;
 /// The share of the least gap to which rounding may narrow a gap.
 const MAX_NARROWER: f64 = 0.98;
-/// The share of the lack of thickness up to which balls add to prisms; above it they replace the prisms, because the
-/// surfaces of both meet at angles that leave slivers.
+/// The share of the lack of thickness up to which the next way starts from a result with a wall that is thinner than before.
 const MAX_LACK: f64 = 0.5;
 
 impl Thickening {

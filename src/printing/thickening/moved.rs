@@ -23,7 +23,7 @@ use smallvec::SmallVec;
 
 use super::layer::{Layered, SMOOTH};
 use super::mitre::{Plane, mitre};
-use super::refine::Refined;
+use super::refine::{Refined, index};
 use super::regions::Regions;
 
 /// How far a vertex may leave the plane of a face that does not grow, as a share of the growth.
@@ -239,9 +239,4 @@ fn borders(faces: impl Iterator<Item = [u32; 3]>) -> Option<(Vec<u32>, Vec<usize
         }
     }
     Some((border, ends))
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
-fn index(count: usize) -> u32 {
-    count as u32
 }

@@ -140,11 +140,7 @@ impl Refined {
 
     /// The longest edge of a piece, with its length. Equal edges are ordered by their vertices.
     fn longest_edge(&self, face: u32) -> (f64, [u32; 2]) {
-        let [a, b, c] = self.faces[face as usize];
-        let at = |v: u32| self.positions[v as usize];
-        let edge = |a: u32, b: u32| (at(a).distance(at(b)), [a.min(b), a.max(b)]);
-        let longer = |x: (f64, [u32; 2]), y: (f64, [u32; 2])| if (y.0, y.1) > (x.0, x.1) { y } else { x };
-        longer(edge(a, b), longer(edge(b, c), edge(c, a)))
+        longest_edge(&self.positions, self.faces[face as usize])
     }
 
     /// Splits the longest edge of a piece, or first that of a neighbour of which this edge is not the longest: the path
@@ -275,6 +271,14 @@ impl Refined {
     }
 }
 
+/// The longest edge of a face, with its length. Equal edges are ordered by their vertices.
+pub fn longest_edge(positions: &[DVec3], [a, b, c]: [u32; 3]) -> (f64, [u32; 2]) {
+    let at = |v: u32| positions[v as usize];
+    let edge = |a: u32, b: u32| (at(a).distance(at(b)), [a.min(b), a.max(b)]);
+    let longer = |x: (f64, [u32; 2]), y: (f64, [u32; 2])| if (y.0, y.1) > (x.0, x.1) { y } else { x };
+    longer(edge(a, b), longer(edge(b, c), edge(c, a)))
+}
+
 /// The face of each half-edge that only one face has.
 fn half_edges(faces: &[[u32; 3]]) -> FxHashMap<(u32, u32), u32> {
     let mut of_face: FxHashMap<(u32, u32), u32> = FxHashMap::default();
@@ -298,7 +302,8 @@ fn weights(p: DVec3, [a, b, c]: [DVec3; 3]) -> Option<[f64; 3]> {
     w.iter().all(|&w| w >= -1e-9).then_some(w)
 }
 
+/// The index of the item after `count` vertices or faces.
 #[expect(clippy::cast_possible_truncation, reason = "vertices and faces are counted in u32")]
-fn index(count: usize) -> u32 {
+pub fn index(count: usize) -> u32 {
     count as u32
 }

@@ -17,8 +17,7 @@ use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::growth::Growths;
-use super::refine::Refined;
-use super::walls::{NOISE, trusted_normal};
+use super::refine::{Refined, longest_edge};
 
 /// Cosine of the angle up to which neighbours count as one flat region: half a degree.
 const FLAT: f64 = 0.999_96;
@@ -37,6 +36,8 @@ pub struct Regions {
     faces: FxHashMap<u32, Vec<u32>>,
     /// For each face, its unit normal; zero if rounding decides it.
     normals: Vec<DVec3>,
+    /// The area up to which a region is small.
+    small: f64,
     /// The regions with a thin face.
     needs: FxHashMap<u32, Need>,
     /// Those of them that may grow as a whole, with hardly more material than growth that follows the thickness.
@@ -58,10 +59,8 @@ struct Need {
 
 impl Regions {
     /// Finds the flat regions of `surface`, of which `refined` has the pieces.
-    pub fn new(surface: &Surface, refined: &Refined, min_wall: f64) -> Self {
-        let largest = surface.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
-        let normal = |face: u32| trusted_normal(surface.corners(face as usize), NOISE * largest);
-        let normals: Vec<DVec3> = (0u32..).take(surface.faces.len()).map(normal).collect();
+    pub fn new(surface: &Surface, growths: &Growths<'_>, refined: &Refined, min_wall: f64) -> Self {
+        let normals: Vec<DVec3> = (0u32..).take(surface.faces.len()).map(|face| growths.walls.normal(face)).collect();
         let mut groups = UnionFind::new(surface.faces.len());
         let edges = Edges::new(&surface.faces);
         for half_edges in edges.iter() {
@@ -73,7 +72,7 @@ impl Regions {
         }
         // A face without a normal lies in the plane of the face across its longest edge.
         for face in (0u32..).take(normals.len()).filter(|&face| normals[face as usize] == DVec3::ZERO) {
-            let [a, b, _] = longest_edge_first(surface, face);
+            let (_, [a, b]) = longest_edge(&surface.positions, surface.faces[face as usize]);
             let across = edges.find(a, b).map(|edge| edges.half_edges(edge)).unwrap_or_default();
             across.iter().for_each(|half_edge| groups.unite(face, half_edge / 3));
         }
@@ -82,12 +81,20 @@ impl Regions {
         for (face, &region) in (0u32..).zip(&of_face) {
             faces.entry(region).or_default().push(face);
         }
+        let (needs, whole, small) = (FxHashMap::default(), FxHashSet::default(), SMALL * min_wall * min_wall);
+        let mut regions = Self { of_face, faces, normals, small, needs, whole };
+        regions.assess(refined);
+        regions
+    }
+
+    /// Finds what each region needs, by the growth of its pieces.
+    pub fn assess(&mut self, refined: &Refined) {
         let mut needs: FxHashMap<u32, Need> = FxHashMap::default();
         for (piece, &parent) in (0u32..).zip(&refined.parent) {
             let growth = [0, 1, 2].map(|k| refined.corner_growth(piece, k));
             let [a, b, c] = refined.corners(piece);
             let area = (b - a).cross(c - a).length() / 2.0;
-            let need = needs.entry(of_face[parent as usize]).or_default();
+            let need = needs.entry(self.of(parent)).or_default();
             need.area += area;
             need.growth = growth.into_iter().fold(need.growth, f64::max);
             if growth.iter().any(|&growth| growth > 0.0) {
@@ -96,8 +103,8 @@ impl Regions {
             }
         }
         needs.retain(|_, need| need.growth > 0.0);
-        let whole = whole(&needs, SMALL * min_wall * min_wall);
-        Self { of_face, faces, normals, needs, whole }
+        self.whole = whole(&needs, self.small);
+        self.needs = needs;
     }
 
     /// The region of a face.
@@ -183,14 +190,6 @@ fn whole(needs: &FxHashMap<u32, Need>, small: f64) -> FxHashSet<u32> {
         left >= 0.0
     }));
     whole.into_iter().map(|(region, _)| region).collect()
-}
-
-/// The vertices of a face, of which the first two have the longest edge.
-fn longest_edge_first(surface: &Surface, face: u32) -> [u32; 3] {
-    let [a, b, c] = surface.faces[face as usize];
-    let length = |[a, b, _]: &[u32; 3]| surface.positions[*a as usize].distance_squared(surface.positions[*b as usize]);
-    let turns = [[a, b, c], [b, c, a], [c, a, b]];
-    turns.into_iter().max_by(|one, other| length(one).total_cmp(&length(other))).unwrap_or([a, b, c])
 }
 
 impl Need {

@@ -219,53 +219,37 @@ impl<'a> Rounds<'a> {
     ) -> Result<(Growths<'s>, Pieces), Cancelled> {
         let may_grow = |face: u32| place[face as usize].is_none_or(|place| !self.taken_back[place as usize]);
         let (settings, precision) = (self.settings, self.settings.precision);
-        let growths = Growths::new(surface, settings, least, may_grow, self.context)?;
+        let mut growths = Growths::new(surface, settings, least, may_grow, self.context)?;
         let mut refined = Refined::new(surface, &growths, precision, self.context)?;
         if self.fit == Fit::Points {
             refined.spread(&growths);
             return Ok((growths, Pieces { refined, regions: None }));
         }
-        let mut regions = Regions::new(surface, &refined, settings.min_wall);
+        let mut regions = Regions::new(surface, &growths, &refined, settings.min_wall);
         if number == 0 {
             (self.needed, self.added) = (regions.volume(), 0.0);
         }
         let is_little = number > 0 && self.added + regions.whole_volume() <= MAX_MORE * self.needed;
-        if is_little || regions.are_thin_as_a_whole() {
-            let pieces = self.whole(surface, regions, &growths);
-            return Ok((growths, pieces));
+        if !is_little && !regions.are_thin_as_a_whole() {
+            // The sides of thin walls that are part of thick regions stay; the others grow by all that is needed.
+            growths.restrict(|face| regions.is_thin_as_a_whole(face));
+            regions.assess(&Refined::new(surface, &growths, precision, self.context)?);
+            regions.keep_thin_as_a_whole();
         }
-        // The sides of thin walls that are part of thick regions stay; the others grow by all that is needed.
-        let may_grow = |face: u32| may_grow(face) && regions.is_thin_as_a_whole(face);
-        let growths = Growths::new(surface, settings, least, may_grow, self.context)?;
-        let refined = Refined::new(surface, &growths, precision, self.context)?;
-        regions = Regions::new(surface, &refined, settings.min_wall);
-        regions.keep_thin_as_a_whole();
-        let pieces = self.whole(surface, regions, &growths);
-        Ok((growths, pieces))
-    }
-
-    /// A surface whose regions grow as a whole, as far as the gaps in front of them allow.
-    fn whole(&mut self, surface: &Surface, mut regions: Regions, growths: &Growths<'_>) -> Pieces {
-        regions.limit(growths);
+        regions.limit(&growths);
         self.added += regions.whole_volume();
-        Pieces {
-            refined: Refined::unsplit(surface, regions.growth(surface), self.settings.precision),
-            regions: Some(regions),
-        }
+        let refined = Refined::unsplit(surface, regions.growth(surface), precision);
+        Ok((growths, Pieces { refined, regions: Some(regions) }))
     }
 
-    /// The surface with its layer: as moved vertices or as prisms. None if the vertices cannot move.
-    fn layered(
-        &self,
-        refined: &Refined,
-        regions: Option<&Regions>,
-        surface: &Surface,
-    ) -> Result<Option<Layered>, Cancelled> {
-        let (source, precision) = (&surface.source, self.settings.precision);
-        match regions {
-            Some(regions) => moved((refined, regions), source, self.faces(), precision, self.context),
-            None => layered(refined, source, self.faces(), precision, self.context).map(Some),
-        }
+    /// The surface whose regions move; none if none can.
+    fn moved(&self, refined: &Refined, regions: &Regions, surface: &Surface) -> Result<Option<Layered>, Cancelled> {
+        moved((refined, regions), &surface.source, self.faces(), self.settings.precision, self.context)
+    }
+
+    /// The surface with prisms on its pieces.
+    fn with_prisms(&self, refined: &Refined, surface: &Surface) -> Result<Layered, Cancelled> {
+        layered(refined, &surface.source, self.faces(), self.settings.precision, self.context)
     }
 
     /// Raises the tops that still have a thin wall, among some pieces or all. Returns their pieces. Raising only
@@ -278,11 +262,11 @@ impl<'a> Rounds<'a> {
         among: Option<&[u32]>,
     ) -> Result<Vec<u32>, Cancelled> {
         let refined = &pieces.refined;
-        let mut found = self.layered(refined, pieces.regions.as_ref(), surface)?;
-        if found.is_none() {
-            found = self.layered(refined, None, surface)?;
-        }
-        let Some(layered) = found else { return Ok(Vec::new()) };
+        let moved = pieces.regions.as_ref().map(|regions| self.moved(refined, regions, surface)).transpose()?;
+        let layered = match moved.flatten() {
+            Some(moved) => moved,
+            None => self.with_prisms(refined, surface)?,
+        };
         let walls = Walls::new(&layered.surface);
         let limit = self.settings.min_wall * (1.0 - RESOLUTION);
         let takes_part = |piece: &u32| among.is_none_or(|among| among.binary_search(piece).is_ok());
@@ -364,9 +348,11 @@ impl Attempt<'_, '_> {
         let rounds = self.rounds;
         self.unions += 1;
         let refined = self.refined.only(takes_part);
-        let Some(layered) = rounds.layered(&refined, self.regions, self.surface)? else {
-            return Ok(Some(Err(Broken::Union)));
+        let layered = match self.regions {
+            Some(regions) => rounds.moved(&refined, regions, self.surface)?,
+            None => Some(rounds.with_prisms(&refined, self.surface)?),
         };
+        let Some(layered) = layered else { return Ok(Some(Err(Broken::Union))) };
         if layered.piece.iter().all(Option::is_none) {
             return Ok(None);
         }
