@@ -6,6 +6,7 @@
 
 use super::judge::{Judged, Judging, Patches, ResultClass, class_of_printable};
 use super::operators::remesh::RemeshInside;
+use super::part_accounting::IntendedChanges;
 use super::red_flags::AddedSurface;
 use super::report::{RedFlag, RedFlagCode};
 use crate::context::Cancelled;
@@ -43,7 +44,7 @@ impl Forecast {
             if remesh.with_cell(diagonal / resolution).apply(&mut coarse, judging.context)?.failed.is_some() {
                 return Ok(None);
             }
-            let Ok(judged) = judging.judge(&coarse, Patches::None, Some(added), false) else {
+            let Ok(judged) = judging.judge(&coarse, Patches::None, Some(added), IntendedChanges::default()) else {
                 return if judging.context.is_cancelled() { Err(Cancelled) } else { Ok(None) };
             };
             results.push(judged);

@@ -9,6 +9,7 @@ use super::judge::{
 use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::Orient;
 use super::options::{Nested, Options};
+use super::part_accounting::IntendedChanges;
 use super::presets::changes_printable;
 use super::red_flags::AddedSurface;
 use super::remesher::Remesher;
@@ -106,7 +107,7 @@ impl Input<'_> {
         if self.time.can_verify(surface.faces.len(), context) {
             let start = context.now();
             let judging = Judging { format, input: self.original, options, context };
-            match judging.judge(surface, Patches::BySource, None, false) {
+            match judging.judge(surface, Patches::BySource, None, IntendedChanges::default()) {
                 Ok(judged) => {
                     self.time.record_verification(surface.faces.len(), context.now().saturating_sub(start));
                     return Ok(Some(judged));

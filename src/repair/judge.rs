@@ -1,7 +1,7 @@
 //! The judging of results: each result is written, read back, measured and compared with the input, and gets a rank.
 
 use super::options::{Options, OutputFormat, Verify};
-use super::part_accounting::{part_accounting, parts_dropped, surviving_input};
+use super::part_accounting::{IntendedChanges, part_accounting, parts_dropped, surviving_input};
 use super::red_flags::{AddedSurface, Comparison, part_lost, pinhole_patches, red_flags, surface_invented};
 use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode};
 use super::tasks::SurfaceState;
@@ -90,8 +90,7 @@ pub(super) struct Judging<'a, 'i> {
 
 impl Judging<'_, '_> {
     /// Writes a mesh, reads the written bytes back and judges them, so that the verdict covers exactly the file that may be returned.
-    /// `before_remesh` is the surface added before a remesh. If the interior was filled, the input's
-    /// volume is no reference.
+    /// `before_remesh` is the surface added before a remesh.
     ///
     /// Judging may continue after the deadline until the end of verification. Details of a final result are left out after the deadline.
     ///
@@ -102,7 +101,7 @@ impl Judging<'_, '_> {
         surface: &Surface,
         patches: Patches,
         before_remesh: Option<&AddedSurface>,
-        is_interior_filled: bool,
+        intended: IntendedChanges,
     ) -> Result<Judged, JudgeError> {
         let &Self { format, input, options, context } = self;
         let verification = &context.for_verification();
@@ -115,7 +114,7 @@ impl Judging<'_, '_> {
             analysis.reuse_intersections(input.analysis());
         }
         let measures = measure_analysis(&analysis, verification)?;
-        let part_accounting = part_accounting(input, &analysis, options, is_interior_filled, verification)?;
+        let part_accounting = part_accounting(input, &analysis, options, intended, verification)?;
         // The format keeps the order of faces, so `patches` fits the faces that were read back.
         let patches: Vec<bool> = match patches {
             Patches::BySource => surface.source.iter().map(|&source| is_generated(source)).collect(),
@@ -127,7 +126,7 @@ impl Judging<'_, '_> {
             measures: &measures,
             patches: Some(&patches),
             gone: &dropped,
-            opaque: &|| if is_interior_filled { patches.clone() } else { pinhole_patches(surface) },
+            opaque: &|| if intended.is_interior_filled { patches.clone() } else { pinhole_patches(surface) },
         };
         let mut changes = input.changes_but_for(&after, verification)?;
         // Regions visible through holes were opened on purpose, so the enclosed space differs.
@@ -143,7 +142,7 @@ impl Judging<'_, '_> {
             after: &measures,
             changes: &changes,
             surviving,
-            is_interior_filled,
+            is_interior_filled: intended.is_interior_filled,
         };
         let mut red_flags = red_flags(&comparison, options);
         red_flags.extend(part_lost(&part_accounting, context));
@@ -173,9 +172,9 @@ impl Judging<'_, '_> {
     /// As [`Judging::judge`].
     pub fn judge_with_requests(&self, result: &SurfaceState, patches: Patches) -> Result<Judged, JudgeError> {
         let added = result.added_surface.as_ref();
-        let mut judged = self.judge(&result.surface, patches, added, result.is_interior_filled)?;
+        let mut judged = self.judge(&result.surface, patches, added, result.intended)?;
         if let Some(before) = &result.before_requests {
-            let sound = self.judge(before, patches, added, result.is_interior_filled)?;
+            let sound = self.judge(before, patches, added, result.intended)?;
             let of_whole = [RedFlagCode::PartLost, RedFlagCode::Deviation];
             judged.red_flags.retain(|flag| of_whole.contains(&flag.code));
             judged.red_flags.extend(sound.red_flags.into_iter().filter(|flag| !of_whole.contains(&flag.code)));

@@ -51,7 +51,7 @@ pub use options::{
     Require, Verify, Voids, WallGrowth, WindingRuleChoice,
 };
 pub use options_not_applied::options_accounted_for;
-pub use part_accounting::part_accounting;
+pub use part_accounting::{IntendedChanges, part_accounting};
 pub use pipeline::{Repaired, repair};
 pub use plan::{categorise, make_plan};
 pub use red_flags::{Comparison, SurvivingInput, red_flags};

@@ -20,8 +20,17 @@ const NO_THICKNESS: [f64; 2] = [1e-6, 2.0 / (1u64 << 23) as f64];
 /// operator that drops parts, so the two volumes differ slightly.
 const MARGIN: f64 = 1.05;
 
-/// Accounts for each part of the input in a result that was read back from its own bytes. `is_interior_filled` tells whether
-/// the interior was filled, which may remove small solids.
+/// Changes to what is solid that a repair made on purpose, so that they are no signs of damage.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct IntendedChanges {
+    /// Whether the interior was filled, so that the input's volume is no reference.
+    pub is_interior_filled: bool,
+    /// Whether small separate solids were removed or attached.
+    pub are_islands_treated: bool,
+}
+
+/// Accounts for each part of the input in a result that was read back from its own bytes. Small solids may be
+/// missing if `intended` says so.
 ///
 /// # Errors
 /// [`Cancelled`] if the job was canceled or the deadline passed.
@@ -29,10 +38,10 @@ pub fn part_accounting(
     input: &Original<'_>,
     result: &Analysis<'_>,
     options: &Options,
-    is_interior_filled: bool,
+    intended: IntendedChanges,
     context: &Context<'_>,
 ) -> Result<PartAccounting, Cancelled> {
-    let drops_islands = options.print.islands.drops(is_interior_filled);
+    let drops_islands = intended.are_islands_treated || options.print.islands.drops(intended.is_interior_filled);
     let reasons_of =
         |missed: &[u32]| reasons_of_absence(input.analysis(), result, missed, (options, drops_islands), context);
     input.part_accounting(result, reasons_of, context)

@@ -180,7 +180,8 @@ impl Runner<'_> {
             } else {
                 *counts = Some(after);
                 state.moved += moved;
-                state.is_interior_filled |= operator == Operator::FillInterior;
+                state.intended.is_interior_filled |= operator == Operator::FillInterior;
+                state.intended.are_islands_treated |= operator == Operator::TreatIslands;
                 if operator.changes_sound_model() && state.before_requests.is_none() {
                     state.before_requests = Some(Box::new(kept));
                 }

@@ -6,6 +6,7 @@ use super::change::ChangeKind;
 use super::operators::split_non_manifold::Pairing;
 use super::operators::{Counts, Failure};
 use super::options::{Operator, Options, WindingRuleChoice};
+use super::part_accounting::IntendedChanges;
 use super::presets::{remesh_action, tier_of};
 use super::red_flags::AddedSurface;
 use super::report::{Action, Step, StepStatus, Strategy};
@@ -50,8 +51,8 @@ pub(super) struct SurfaceState {
     pub moved: f64,
     /// Number of holes of solids that stay open because they exceed the options' limits.
     over_limit: u64,
-    /// Whether the interior was filled, so that the input's volume is no reference.
-    pub is_interior_filled: bool,
+    /// The changes to what is solid that were made on purpose.
+    pub intended: IntendedChanges,
     /// The surface before the first change to a sound model that the options ask for, such as thicker walls; none before such a change.
     pub before_requests: Option<Box<Surface>>,
     /// The surface added before a remesh, which the remeshed faces no longer show.
@@ -66,7 +67,7 @@ impl SurfaceState {
             counts: None,
             moved: 0.0,
             over_limit: 0,
-            is_interior_filled: false,
+            intended: IntendedChanges::default(),
             before_requests: None,
             added_surface: None,
         }

@@ -5,7 +5,8 @@ use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::{Analysis, CompareOptions, Original, measures};
 use meshmend::mesh::Soup;
 use meshmend::repair::{
-    OpenSheets, Operator, Options, Outcome, PartAccounting, PartReason, RedFlagCode, Repaired, part_accounting, repair,
+    IntendedChanges, OpenSheets, Operator, Options, Outcome, PartAccounting, PartReason, RedFlagCode, Repaired,
+    part_accounting, repair,
 };
 use proptest::prelude::*;
 
@@ -17,7 +18,7 @@ fn account_parts(before: &Soup, after: &Soup) -> PartAccounting {
         let [before, after] = [before, after].map(|soup| Analysis::new(soup.into(), context).unwrap());
         let measured = measures(&before, context).unwrap();
         let original = Original::new(&before, &measured, CompareOptions::BRIEF);
-        part_accounting(&original, &after, &Options::default(), false, context).unwrap()
+        part_accounting(&original, &after, &Options::default(), IntendedChanges::default(), context).unwrap()
     });
     let PartAccounting { parts, kept, changed, duplicate, no_volume, inside_another, debris, lost, unknown, .. } =
         accounts;

@@ -1,6 +1,6 @@
 //! Preparation for a printing process: size, cavities, islands, interiors, walls, and the rules of the process.
 
-use glam::DVec3;
+use glam::{DVec3, IVec3};
 use meshmend::mesh::Soup;
 use meshmend::printing::rules::{PrintRule, RuleOutcome, RuleResult};
 use meshmend::repair::{
@@ -9,7 +9,7 @@ use meshmend::repair::{
 };
 use meshmend::scene::Unit;
 
-use crate::meshes::{as_f32, cube, inside_out, join, sphere};
+use crate::meshes::{as_f32, cube, inside_out, join, push, sphere};
 use crate::support::{assert_outcome, measured_file, repair_soup};
 
 fn run(soup: &Soup, print: PrintOptions) -> Repaired {
@@ -187,6 +187,53 @@ fn a_double_shell_whose_outer_skin_touches_itself_along_an_edge_becomes_a_solid(
     let [not_applied] = &open.report.options_not_applied[..] else { panic!("{:?}", open.report.options_not_applied) };
     assert_eq!((not_applied.option.as_str(), not_applied.cause), ("interior", NotAppliedCause::Unavailable));
     assert!(not_applied.reason.contains("wider than the seal"), "{}", not_applied.reason);
+}
+
+/// The surface of the unit cells of a grid of `n` cells a side for which `is_solid` holds.
+fn cells(n: i32, is_solid: impl Fn(IVec3) -> bool) -> Soup {
+    let is_solid = |cell: IVec3| cell.cmpge(IVec3::ZERO).all() && cell.cmplt(IVec3::splat(n)).all() && is_solid(cell);
+    let mut soup = Soup::default();
+    for cell in (0..n.pow(3)).map(|i| IVec3::new(i % n, i / n % n, i / n / n)).filter(|&cell| is_solid(cell)) {
+        for (axis, side) in (0..3).flat_map(|axis| [(axis, -1), (axis, 1)]) {
+            let unit = |k: usize| IVec3::AXES[(axis + k) % 3];
+            if !is_solid(cell + unit(0) * side) {
+                let corner = cell + unit(0) * i32::max(side, 0);
+                let [a, b] = if side > 0 { [unit(1), unit(2)] } else { [unit(2), unit(1)] };
+                let quad = [corner, corner + a, corner + a + b, corner + b].map(|p| p.as_dvec3());
+                push(&mut soup, [quad[0], quad[1], quad[2]]);
+                push(&mut soup, [quad[0], quad[2], quad[3]]);
+            }
+        }
+    }
+    soup
+}
+
+#[test]
+fn a_shell_that_stays_hollow_tells_the_seal_that_fills_it() {
+    // A cube with walls of 1 mm and a tunnel of 2 mm in one of them, which is wider than the largest default seal, 0.83 mm.
+    let is_wall = |cell: IVec3| cell.min_element() == 0 || cell.max_element() == 19;
+    let is_tunnel = |cell: IVec3| cell.z == 0 && (9..11).contains(&cell.x) && (9..11).contains(&cell.y);
+    let shell = cells(20, |cell| is_wall(cell) && !is_tunnel(cell));
+    let crumbs = join(&cube(DVec3::splat(21.0), 0.3, 1), &cube(DVec3::new(15.0, -1.0, 4.0), 0.3, 1));
+    let repair = |seal_mm| {
+        let print = PrintOptions { seal_mm, ..PrintOptions::default() };
+        let unit = Some(Unit::Millimetre);
+        let options = Options { print, unit, preset: Preset::Generated, max_tier: 2, ..Options::default() };
+        repair_soup(&join(&shell, &crumbs), &options, None)
+    };
+    let hollow = repair(None);
+    assert_outcome(&hollow, Outcome::Repaired);
+    assert!(volume(&hollow) < 2200.0, "{}", volume(&hollow));
+    let accounting = hollow.report.part_accounting.as_ref().expect("a part accounting");
+    assert_eq!((accounting.lost, accounting.dropped), (0, 2), "the crumbs were dropped for a reason");
+    let [told] = &hollow.report.options_not_applied[..] else { panic!("{:?}", hollow.report.options_not_applied) };
+    assert_eq!((told.option.as_str(), told.cause), ("preset", NotAppliedCause::Limited));
+    let seal = told.reason.split_once("`seal_mm` to ").and_then(|(_, rest)| rest.split(' ').next()?.parse().ok());
+    assert!(seal.is_some_and(|seal| (1.0..3.5).contains(&seal)), "{}", told.reason);
+    let filled = repair(seal);
+    assert_outcome(&filled, Outcome::Repaired);
+    assert!((volume(&filled) / 8_000.0 - 1.0).abs() < 0.001, "{}", volume(&filled));
+    assert!(filled.report.options_not_applied.is_empty(), "{:?}", filled.report.options_not_applied);
 }
 
 #[test]

@@ -34,6 +34,13 @@ const AGREEMENT: f64 = 0.01;
 /// Octree nodes for a seal that the caller chose, and for one that is tried.
 const MAX_NODES: usize = 40_000_000;
 const MAX_NODES_TRIED: usize = 3_000_000;
+/// A skin with a mean wall below this share of the diagonal may still be hollow.
+const HOLLOW_WALL: f64 = 0.05;
+/// Widest seal, as a share of the diagonal, and the factor between the seals, with which a hollow skin is tried.
+const WIDEST: f64 = 0.1;
+const WIDER: f64 = 1.3;
+/// A wider seal fills a space if the volume grows by at least this factor.
+const FILLS: f64 = 1.25;
 /// Octree nodes for half the seal, relative to the nodes for the seal.
 const MORE_NODES: usize = 5;
 
@@ -60,6 +67,9 @@ pub struct OuterSkin {
     pub seal: f64,
     /// Which faces of the input are not in the skin, and why.
     pub accounting: Accounting,
+    /// A wider seal with which a space that air reaches now would be filled, in the model's unit. None if there is no such
+    /// space, or its openings are wider than a tenth of the diagonal.
+    pub filling_seal: Option<f64>,
 }
 
 /// Finds the outer skin. `seal` is in the model's unit; none chooses one.
@@ -73,8 +83,9 @@ pub fn outer_skin(surface: &Surface, seal: Option<f64>, context: &Context<'_>) -
     let sides = FacetSides::new(surface, context)?;
     let model = Model::new(surface, &sides);
     let (seal, outer) = model.choose(seal, context)?;
+    let filling_seal = model.filling_seal(seal, &outer, context)?;
     let accounting = Accounting::new(surface, &sides, &outer);
-    Ok(OuterSkin { surface: outer_facets(&sides, &outer), seal, accounting })
+    Ok(OuterSkin { surface: outer_facets(&sides, &outer), seal, accounting, filling_seal })
 }
 
 /// A model prepared for several seals.
@@ -125,6 +136,26 @@ impl<'a> Model<'a> {
         best.map(|(seal, _, outer)| (seal, outer)).ok_or(OuterSkinError::TooFine)
     }
 
+    /// The least wider seal tried with which a thin-walled skin would be filled.
+    fn filling_seal(&self, seal: f64, outer: &[bool], context: &Context<'_>) -> Result<Option<f64>, OuterSkinError> {
+        let (volume, widest) = (self.volume(outer), WIDEST * self.diagonal);
+        if seal * WIDER > widest || 2.0 * volume > HOLLOW_WALL * self.diagonal * self.area(outer) {
+            return Ok(None);
+        }
+        let fills = |seal: f64| -> Result<bool, OuterSkinError> {
+            let found = self.outer(seal, MAX_NODES, context)?;
+            Ok(found.is_some_and(|(outer, _)| self.volume(&outer) >= FILLS * volume))
+        };
+        if !fills(widest)? {
+            return Ok(None);
+        }
+        let mut wider = seal * WIDER;
+        while wider < widest && !fills(wider)? {
+            wider *= WIDER;
+        }
+        Ok(Some(wider.min(widest)))
+    }
+
     /// For each side whether outside air is in front of it, with the octree's number of nodes.
     fn outer(
         &self,
@@ -138,6 +169,17 @@ impl<'a> Model<'a> {
         let evidence = evidence(self.sides, &self.tree, &reach, context)?;
         let labels = Labels::new((self.sides, &self.cells), &evidence, (&self.tree, seal), context)?;
         Ok(Some((labels.outer, reach.node_count())))
+    }
+
+    /// The area of the facets with air on one side.
+    fn area(&self, outer: &[bool]) -> f64 {
+        let is_bound = |facet: &u32| outer[2 * *facet as usize] != outer[2 * *facet as usize + 1];
+        let bound = (0u32..).take(self.sides.corners.len()).filter(is_bound);
+        let area = |facet: u32| {
+            let [a, b, c] = self.sides.triangle(facet);
+            (b - a).cross(c - a).length() / 2.0
+        };
+        bound.map(area).sum()
     }
 
     /// The volume behind the facets with air on one side.

@@ -5,7 +5,7 @@ use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::printing::skin::{DropReason, OuterSkinError};
 use crate::repair::solid_skin::{SkinError, SkinIslands, SkinOptions, solid_skin};
-use crate::repair::{Cancelled, Change, ChangeKind, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context, Interior, Preset};
 
 /// Replaces a model by the boundary of all that air cannot reach from outside through openings wider than the seal.
 ///
@@ -23,6 +23,10 @@ use crate::repair::{Cancelled, Change, ChangeKind, Context};
 pub struct FillInterior {
     seal: Option<f64>,
     precision: Precision,
+    /// Millimetres per unit of the model.
+    millimetres: f64,
+    /// The option that asks for a filled interior; `None` if the model itself called for it.
+    requested_by: Option<&'static str>,
 }
 
 impl Operation for FillInterior {
@@ -37,7 +41,12 @@ impl Operation for FillInterior {
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let seal = scope.options.print.seal_mm.map(|seal| seal / scope.millimetres);
-        Self { seal, precision: scope.format.precision() }
+        let requested_by = match (scope.options.print.interior, scope.options.preset) {
+            (Interior::Fill, _) => Some("interior"),
+            (_, Preset::Generated) => Some("preset"),
+            _ => None,
+        };
+        Self { seal, precision: scope.format.precision(), millimetres: scope.millimetres, requested_by }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
@@ -65,7 +74,16 @@ impl Operation for FillInterior {
             (ChangeKind::InnerPiecesDropped, inner),
             (ChangeKind::SheetsInsideSolidsRemoved, sheets),
         ]);
+        let reason = |filling: f64| {
+            format!(
+                "the model stays hollow, because its inside is open to the air through openings wider than {:.3} mm; set `seal_mm` to {:.3} \
+                 to fill it",
+                result.seal * self.millimetres,
+                filling * self.millimetres
+            )
+        };
+        let limited = self.requested_by.zip(result.filling_seal.map(reason)).into_iter().collect();
         *surface = result.surface;
-        Ok(Applied { changes, left: Some(left), ..Applied::default() })
+        Ok(Applied { changes, left: Some(left), limited, ..Applied::default() })
     }
 }

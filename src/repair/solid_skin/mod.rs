@@ -61,6 +61,8 @@ pub struct SkinResult {
     pub surface: Surface,
     /// The seal, in the model's unit.
     pub seal: f64,
+    /// A wider seal with which a space that air reaches now would be filled, in the model's unit, if there is one.
+    pub filling_seal: Option<f64>,
     /// The patches.
     pub sealed: Vec<SealedPlace>,
     /// The result's volume less the signed volume of the input, about the centre of its box, in cubic units. Meaningful
@@ -112,7 +114,7 @@ pub enum SkinError {
 /// # Errors
 /// [`SkinError`]: nothing is enclosed, the faces cannot be arranged, or the work was cancelled.
 pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_>) -> Result<SkinResult, SkinError> {
-    let OuterSkin { surface: open, seal, mut accounting } = outer_skin(surface, options.seal, context)?;
+    let OuterSkin { surface: open, seal, mut accounting, filling_seal } = outer_skin(surface, options.seal, context)?;
     if open.faces.is_empty() {
         return Err(SkinError::Empty(seal));
     }
@@ -145,7 +147,7 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
     }
     let centre = surface.bounds().centre();
     let filled_volume = signed_volume(&skin, centre) - signed_volume(surface, centre);
-    Ok(SkinResult { surface: skin, seal, sealed, filled_volume, dropped, attached, kept_exactly_pct })
+    Ok(SkinResult { surface: skin, seal, filling_seal, sealed, filled_volume, dropped, attached, kept_exactly_pct })
 }
 
 /// The signed volume between the faces and a point.
