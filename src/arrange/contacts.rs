@@ -84,7 +84,11 @@ impl<'a> Contacts<'a> {
         for (face, own, other) in [(f, &one, &two), (g, &two, &one)] {
             let cuts = self.cuts.entry(face).or_default();
             cuts.points.extend(common.iter().filter(|point| !own.ids.contains(point)));
-            if let [from, to] = common.as_slice() {
+            // Coplanar faces that touch meet along their edges, which are lines already. Their planes have no common line.
+            let is_coplanar = own.sides == [Sign::Zero; 3];
+            if let [from, to] = common.as_slice()
+                && !is_coplanar
+            {
                 cuts.lines.push(([*from, *to], other.plane));
             }
         }

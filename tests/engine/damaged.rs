@@ -1,10 +1,16 @@
 //! Repair restores known solids that were damaged in many ways at once.
 
+use std::collections::HashSet;
+
+use glam::DVec3;
 use meshmend::format::{Format, write};
+use meshmend::mesh::Soup;
+use meshmend::repair::Outcome;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use crate::damage::{DAMAGES, Damaged, Random, SOLIDS, TEARS};
+use crate::meshes::{cube, join};
 use crate::support::{measured_file, repair_up_to_tier_2};
 
 /// The solids that share a wall. Both sheets of the wall must go. With many missing or tripled faces in and around the
@@ -55,6 +61,28 @@ fn damaged(solid: usize, kinds: usize, amount: usize, seed: u64) -> (String, Dam
         }
     }
     (name, mesh)
+}
+
+#[test]
+fn boxes_that_share_planes_and_faces_are_united_to_the_cells_that_they_cover() {
+    for seed in 0..12 {
+        let mut random = Random::new(seed);
+        let (mut soup, mut covered) = (Soup::default(), HashSet::new());
+        for _ in 0..25 {
+            let low = [0; 3].map(|_| random.below(4));
+            let size = [0; 3].map(|_| 1 + random.below(2));
+            let mut one = cube(DVec3::ZERO, 1.0, 1);
+            let [from, by] = [low, size].map(|side| DVec3::from_array(side.map(|length| length as f64)));
+            one.positions.iter_mut().for_each(|p| *p = from + *p * by);
+            soup = join(&soup, &one);
+            let cells = |k: usize| low[k]..low[k] + size[k];
+            covered.extend(cells(0).flat_map(|x| cells(1).flat_map(move |y| cells(2).map(move |z| [x, y, z]))));
+        }
+        let repaired = repair_up_to_tier_2(&write(&soup, Format::Stl).unwrap());
+        assert_eq!(repaired.report.outcome, Outcome::Repaired, "seed {seed}: {}", repaired.report.summary);
+        let volume = measured_file(&repaired.bytes).volume.value;
+        assert!((volume - covered.len() as f64).abs() < 1e-3, "seed {seed}: {volume} of {} cells", covered.len());
+    }
 }
 
 #[test]

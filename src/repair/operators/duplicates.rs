@@ -45,13 +45,22 @@ pub fn remove_duplicates(surface: &mut Surface) -> Vec<Change> {
     remove(surface, false)
 }
 
-/// Groups with an even number of faces on the same three vertices.
+/// Groups with an even number of faces on the same three vertices, and others that enclose a place more than once.
 #[derive(Default)]
 struct Pairs {
     /// The face of each group that stays if the group does.
     faces: Vec<u32>,
     /// Whether the faces of each group are all wound alike.
     have_one_winding: Vec<bool>,
+    /// A face of each other group in which one winding outnumbers the other by three or more.
+    repeated: Vec<u32>,
+}
+
+impl Pairs {
+    /// Whether faces of some group are wound alike.
+    fn have_repeats(&self) -> bool {
+        !self.repeated.is_empty() || self.have_one_winding.contains(&true)
+    }
 }
 
 /// Removes duplicates. With `may_keep_solids`, parts of solids that were written twice stay twice where one copy would leave
@@ -74,12 +83,15 @@ fn remove(surface: &mut Surface, may_keep_solids: bool) -> Vec<Change> {
         if group.len() % 2 == 0 {
             pairs.faces.extend(first.copied());
             pairs.have_one_winding.push(even == 0 || even == group.len());
+        } else if (2 * even).abs_diff(group.len()) > 1 {
+            pairs.repeated.extend(first.copied());
         }
     }
-    let cancelled = drop_cancelling_patches(surface, &mut keep, &pairs, may_keep_solids).unwrap_or_else(|| {
+    let mut cancelled = drop_cancelling_patches(surface, &mut keep, &pairs);
+    if may_keep_solids && pairs.have_repeats() && !is_closed(surface, &keep) && is_union_of_solids(surface, &pairs) {
         keep_by_winding(surface, &groups, &mut keep);
-        keep.iter().filter(|is_kept| !**is_kept).count() as u64
-    });
+        cancelled = keep.iter().filter(|is_kept| !**is_kept).count() as u64;
+    }
     let removed = surface.retain_faces(&keep);
     Change::list([
         (ChangeKind::DuplicateFacesRemoved, removed - cancelled),
@@ -98,14 +110,21 @@ fn keep_by_winding(surface: &Surface, groups: &FaceGroups, keep: &mut [bool]) {
     }
 }
 
+/// Whether the faces to keep form a closed surface.
+fn is_closed(surface: &Surface, keep: &[bool]) -> bool {
+    let mut kept = surface.clone();
+    kept.retain_faces(keep);
+    ClosedSurface::new(&kept, &Edges::new(&kept.faces)).is_ok()
+}
+
 /// Whether the surface is made of closed solids that all face outward, as far as samples tell: no place in front of the
-/// sampled pairs is enclosed less than never.
-fn is_union_of_solids(surface: &Surface, edges: &Edges, pairs: &Pairs) -> bool {
-    if ClosedSurface::new(surface, edges).is_err() {
+/// sampled faces is enclosed less than never.
+fn is_union_of_solids(surface: &Surface, pairs: &Pairs) -> bool {
+    if ClosedSurface::new(surface, &Edges::new(&surface.faces)).is_err() {
         return false;
     }
     let is_one = pairs.faces.iter().zip(&pairs.have_one_winding).filter(|(_, is_one)| **is_one);
-    let sheets: Vec<u32> = is_one.map(|(&f, _)| f).collect();
+    let sheets: Vec<u32> = is_one.map(|(&f, _)| f).chain(pairs.repeated.iter().copied()).collect();
     let mut rays = RayCaster::new(surface, surface.faces.clone(), BUDGET);
     let stride = sheets.len().div_ceil(MAX_SAMPLES);
     let mut decided = 0;
@@ -123,12 +142,11 @@ fn is_union_of_solids(surface: &Surface, edges: &Edges, pairs: &Pairs) -> bool {
 }
 
 /// Removes the remaining sheet of patches that should be removed. `pairs` are the groups with an even number of faces.
-/// Returns the number of removed faces, both faces of each pair counted. `None` if `may_keep_solids`, and a patch is a part
-/// of a solid that was written twice.
-fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], pairs: &Pairs, may_keep_solids: bool) -> Option<u64> {
+/// Returns the number of removed faces, both faces of each pair counted.
+fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], pairs: &Pairs) -> u64 {
     let canceling = &pairs.faces;
     if canceling.is_empty() {
-        return Some(0);
+        return 0;
     }
     let mut pair_at = vec![u32::MAX; surface.faces.len()];
     for (&f, i) in canceling.iter().zip(0u32..) {
@@ -166,9 +184,6 @@ fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], pairs: &Pairs, 
         of_edge.values().all(|count| count % 2 == 0)
     };
     patches.retain(|patch| patch.iter().any(|&i| attached[i as usize]) && !(is_copy(patch) && is_closed(patch)));
-    if may_keep_solids && patches.iter().any(|patch| is_copy(patch)) && is_union_of_solids(surface, &edges, pairs) {
-        return None;
-    }
     let mut is_kept = vec![true; canceling.len()];
     let mut choice = PairChoice { edges_of: &edges_of, kept_count, is_kept: &mut is_kept };
     choice.choose(&patches);
@@ -180,7 +195,7 @@ fn drop_cancelling_patches(surface: &Surface, keep: &mut [bool], pairs: &Pairs, 
             removed += 2;
         }
     }
-    Some(removed)
+    removed
 }
 
 /// Samples the faces numbered in `candidates` and reports for each sample whether a ray from its centroid escapes the surface.
