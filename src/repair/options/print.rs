@@ -93,7 +93,7 @@ pub enum Interior {
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Islands {
-    /// Keep small solids. Remove them only if the interior of a double shell is filled.
+    /// Keep small solids, but remove them from a double shell and with the preset `generated`.
     #[default]
     Auto,
     /// Keep small solids.
