@@ -81,13 +81,13 @@ impl<'a> Contacts<'a> {
         self.corners_on(&two, &one, &mut common);
         self.edges_through(&one, &two, &mut common);
         self.edges_through(&two, &one, &mut common);
+        // Coplanar faces that touch meet along their edges, which are lines already. Their planes have no common line.
+        let are_coplanar = one.sides == [Sign::Zero; 3];
         for (face, own, other) in [(f, &one, &two), (g, &two, &one)] {
             let cuts = self.cuts.entry(face).or_default();
             cuts.points.extend(common.iter().filter(|point| !own.ids.contains(point)));
-            // Coplanar faces that touch meet along their edges, which are lines already. Their planes have no common line.
-            let is_coplanar = own.sides == [Sign::Zero; 3];
             if let [from, to] = common.as_slice()
-                && !is_coplanar
+                && !are_coplanar
             {
                 cuts.lines.push(([*from, *to], other.plane));
             }

@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use crate::damage::{DAMAGES, Damaged, Random, SOLIDS, TEARS};
-use crate::meshes::{cube, join};
+use crate::meshes::{cuboid, join};
 use crate::support::{measured_file, repair_up_to_tier_2};
 
 /// The solids that share a wall. Both sheets of the wall must go. With many missing or tripled faces in and around the
@@ -71,10 +71,8 @@ fn boxes_that_share_planes_and_faces_are_united_to_the_cells_that_they_cover() {
         for _ in 0..25 {
             let low = [0; 3].map(|_| random.below(4));
             let size = [0; 3].map(|_| 1 + random.below(2));
-            let mut one = cube(DVec3::ZERO, 1.0, 1);
-            let [from, by] = [low, size].map(|side| DVec3::from_array(side.map(|length| length as f64)));
-            one.positions.iter_mut().for_each(|p| *p = from + *p * by);
-            soup = join(&soup, &one);
+            let [corner, sides] = [low, size].map(|of| DVec3::from_array(of.map(|length| length as f64)));
+            soup = join(&soup, &cuboid(corner, sides, 1));
             let cells = |k: usize| low[k]..low[k] + size[k];
             covered.extend(cells(0).flat_map(|x| cells(1).flat_map(move |y| cells(2).map(move |z| [x, y, z]))));
         }

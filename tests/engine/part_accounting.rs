@@ -10,7 +10,7 @@ use meshmend::repair::{
 };
 use proptest::prelude::*;
 
-use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
+use crate::meshes::{cube, cuboid, inside_out, join, push, sheet, sphere};
 use crate::support::{FixedRemesher, with_context};
 
 fn account_parts(before: &Soup, after: &Soup) -> PartAccounting {
@@ -39,13 +39,6 @@ fn reasons(before: &Soup, after: &Soup) -> Vec<(u32, PartReason)> {
 
 fn box_at(x: f64, size: f64) -> Soup {
     cube(DVec3::new(x, 0.0, 0.0), size, 3)
-}
-
-/// A cuboid with `n` cells along each side.
-fn cuboid(low: DVec3, sides: DVec3, n: u32) -> Soup {
-    let mut soup = cube(DVec3::ZERO, 1.0, n);
-    soup.positions.iter_mut().for_each(|p| *p = low + *p * sides);
-    soup
 }
 
 #[test]

@@ -9,7 +9,7 @@ use meshmend::repair::{
 };
 use meshmend::scene::Unit;
 
-use crate::meshes::{as_f32, cube, inside_out, join, push, sphere};
+use crate::meshes::{as_f32, cube, cuboid, inside_out, join, push, sphere};
 use crate::support::{assert_outcome, measured_file, repair_soup};
 
 fn run(soup: &Soup, print: PrintOptions) -> Repaired {
@@ -25,13 +25,6 @@ fn rule(repaired: &Repaired, rule: PrintRule) -> &RuleResult {
 
 fn volume(repaired: &Repaired) -> f64 {
     measured_file(&repaired.bytes).volume.value
-}
-
-/// A box from the origin with sides of these lengths.
-fn box_of(sides: DVec3) -> Soup {
-    let mut soup = cube(DVec3::ZERO, 1.0, 1);
-    soup.positions.iter_mut().for_each(|p| *p *= sides);
-    soup
 }
 
 /// A cube of 20 mm with a sealed cubic cavity of 10 mm.
@@ -54,7 +47,7 @@ fn double_shell(gap: f64) -> Soup {
 
 #[test]
 fn a_model_is_scaled_to_the_requested_height_or_longest_side() {
-    let plate = box_of(DVec3::new(4.0, 2.0, 1.0));
+    let plate = cuboid(DVec3::ZERO, DVec3::new(4.0, 2.0, 1.0), 1);
     let tall = run(&plate, PrintOptions { target_height_mm: Some(30.0), ..PrintOptions::default() });
     let size = tall.report.after.as_ref().and_then(|after| after.print.as_ref()).expect("measures").size_mm;
     assert_eq!(size, [120.0, 60.0, 30.0]);
@@ -67,7 +60,7 @@ fn a_model_is_scaled_to_the_requested_height_or_longest_side() {
 
 #[test]
 fn a_requested_size_ends_doubts_about_the_unit() {
-    let tiny = box_of(DVec3::new(0.05, 0.03, 0.002));
+    let tiny = cuboid(DVec3::ZERO, DVec3::new(0.05, 0.03, 0.002), 1);
     let warnings = |target_longest_mm| {
         let print = PrintOptions { target_longest_mm, ..PrintOptions::default() };
         let report = repair_soup(&tiny, &Options { print, ..Options::default() }, None).report;
@@ -248,7 +241,7 @@ fn an_ordinary_hollow_print_is_not_taken_for_a_double_shell() {
 
 #[test]
 fn a_thin_plate_is_thickened_and_verified_against_the_process() {
-    let plate = box_of(DVec3::new(40.0, 30.0, 0.4));
+    let plate = cuboid(DVec3::ZERO, DVec3::new(40.0, 30.0, 0.4), 1);
     let process = Some("mjf".to_owned());
     let thin = run(&plate, PrintOptions { process: process.clone(), ..PrintOptions::default() });
     let failed = rule(&thin, PrintRule::FreeWall);
@@ -266,7 +259,7 @@ fn a_thin_plate_is_thickened_and_verified_against_the_process() {
 
 #[test]
 fn a_result_that_is_not_print_ready_is_refused_on_request() {
-    let plate = box_of(DVec3::new(40.0, 30.0, 0.4));
+    let plate = cuboid(DVec3::ZERO, DVec3::new(40.0, 30.0, 0.4), 1);
     let print = PrintOptions { process: Some("fdm".to_owned()), ..PrintOptions::default() };
     let options = Options { print, require: Require::PrintReady, unit: Some(Unit::Millimetre), ..Options::default() };
     let refused = repair_soup(&plate, &options, None).report;
@@ -289,7 +282,7 @@ fn an_option_without_anything_to_do_is_reported() {
 #[test]
 fn an_oversized_model_fails_the_build_volume_with_the_side_that_is_too_long() {
     let print = PrintOptions { process: Some("resin".to_owned()), ..PrintOptions::default() };
-    let repaired = run(&box_of(DVec3::new(20.0, 200.0, 20.0)), print);
+    let repaired = run(&cuboid(DVec3::ZERO, DVec3::new(20.0, 200.0, 20.0), 1), print);
     let failed = rule(&repaired, PrintRule::BuildVolume);
     assert_eq!((failed.result, failed.limit, failed.measured), (RuleOutcome::Fail, Some(175.0), Some(200.0)));
 }
@@ -297,7 +290,7 @@ fn an_oversized_model_fails_the_build_volume_with_the_side_that_is_too_long() {
 #[test]
 fn a_unit_in_doubt_is_reported_with_candidates() {
     // A plate of 50 by 30 by 2 mm, in metres.
-    let tiny = box_of(DVec3::new(0.05, 0.03, 0.002));
+    let tiny = cuboid(DVec3::ZERO, DVec3::new(0.05, 0.03, 0.002), 1);
     let repaired = repair_soup(&tiny, &Options::default(), None);
     let candidates = repaired.report.unit_candidates.expect("candidates");
     assert_eq!(candidates.likely, Some(Unit::Metre), "{candidates}");

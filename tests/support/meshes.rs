@@ -30,6 +30,13 @@ pub fn cube(low: DVec3, size: f64, n: u32) -> Soup {
     soup
 }
 
+/// An axis-parallel box with sides of these lengths and `n` cells along each side, outward.
+pub fn cuboid(low: DVec3, sides: DVec3, n: u32) -> Soup {
+    let mut soup = cube(DVec3::ZERO, 1.0, n);
+    soup.positions.iter_mut().for_each(|p| *p = low + *p * sides);
+    soup
+}
+
 /// A torus of `n` by `m` quads around the z axis, outward.
 pub fn torus(big: f64, small: f64, n: u32, m: u32) -> Soup {
     let at = |i: u32, j: u32| {

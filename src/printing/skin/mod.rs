@@ -173,13 +173,7 @@ impl<'a> Model<'a> {
 
     /// The area of the facets with air on one side.
     fn area(&self, outer: &[bool]) -> f64 {
-        let is_bound = |facet: &u32| outer[2 * *facet as usize] != outer[2 * *facet as usize + 1];
-        let bound = (0u32..).take(self.sides.corners.len()).filter(is_bound);
-        let area = |facet: u32| {
-            let [a, b, c] = self.sides.triangle(facet);
-            (b - a).cross(c - a).length() / 2.0
-        };
-        bound.map(area).sum()
+        boundary(outer).map(|facet| self.sides.area_vector(facet).length() / 2.0).sum()
     }
 
     /// The volume behind the facets with air on one side.
@@ -187,24 +181,21 @@ impl<'a> Model<'a> {
         let signed = |facet: u32| {
             let [a, b, c] = self.sides.triangle(facet).map(|p| p - self.centre);
             let volume = a.dot(b.cross(c)) / 6.0;
-            match (outer[2 * facet as usize], outer[2 * facet as usize + 1]) {
-                (true, false) => volume,
-                (false, true) => -volume,
-                _ => 0.0,
-            }
+            if outer[2 * facet as usize] { volume } else { -volume }
         };
-        (0u32..).take(self.sides.corners.len()).map(signed).sum()
+        boundary(outer).map(signed).sum()
     }
+}
+
+/// The facets with air on exactly one side.
+fn boundary(outer: &[bool]) -> impl Iterator<Item = u32> {
+    (0u32..).zip(outer.chunks_exact(2)).filter(|(_, sides)| sides[0] != sides[1]).map(|(facet, _)| facet)
 }
 
 /// The facets with air on exactly one side, with the air in front, in the order of the faces they come from; `source`
 /// holds those faces.
 fn outer_facets(sides: &FacetSides, outer: &[bool]) -> Surface {
-    let mut kept: Vec<(u32, u32)> = (0u32..)
-        .zip(&sides.face)
-        .filter(|&(facet, _)| outer[2 * facet as usize] != outer[2 * facet as usize + 1])
-        .map(|(facet, &face)| (face, facet))
-        .collect();
+    let mut kept: Vec<(u32, u32)> = boundary(outer).map(|facet| (sides.face[facet as usize], facet)).collect();
     kept.sort_unstable();
     let corners = |facet: u32| {
         let [a, b, c] = sides.corners[facet as usize];

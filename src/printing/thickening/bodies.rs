@@ -33,10 +33,10 @@ const BATCH: usize = 1 << 6;
 /// Faces larger than this many least walls are split without a test of their thickness: the ball that would prove it meets
 /// too many other faces.
 const MAX_TESTED: f64 = 2.0;
-/// The most parts that the faces of a batch are split into. A wall that is far thinner than its faces needs more.
-const MAX_PARTS: u64 = 4_000_000;
-/// Parts between two checks for cancellation.
-const PARTS_PER_CHECK: u64 = 1 << 10;
+/// The most triangles that the faces of a batch are split into. A wall that is far thinner than its faces needs more.
+const MAX_TRIANGLES: u64 = 4_000_000;
+/// Triangles between two checks for cancellation.
+const TRIANGLES_PER_CHECK: u64 = 1 << 10;
 /// The deepest subdivision of a face.
 const MAX_DEPTH: u32 = 32;
 /// Sine of half the angle of a wedge from which its end counts as a sharp edge.
@@ -93,29 +93,29 @@ type Cell = [i64; 3];
 /// The cells with thin balls, and whether one of them has a filler of its full size. More balls there add nothing.
 type Filled = FxHashMap<Cell, bool>;
 
-/// The parts that the faces of a batch are split into.
-struct Parts<'a> {
+/// The number of triangles that the faces of a batch were split into.
+struct TriangleBudget<'a> {
     count: AtomicU64,
     context: &'a Context<'a>,
 }
 
-impl Parts<'_> {
-    /// Counts a part. Whether there are too many, or the work should stop.
+impl TriangleBudget<'_> {
+    /// Counts a triangle. Whether there are too many, or the work should stop.
     fn should_stop(&self) -> bool {
         let count = self.count.fetch_add(1, Ordering::Relaxed);
-        if count >= MAX_PARTS {
+        if count >= MAX_TRIANGLES {
             return true;
         }
-        let should_stop = count.is_multiple_of(PARTS_PER_CHECK) && self.context.check().is_err();
+        let should_stop = count.is_multiple_of(TRIANGLES_PER_CHECK) && self.context.check().is_err();
         if should_stop {
-            self.count.store(MAX_PARTS, Ordering::Relaxed);
+            self.count.store(MAX_TRIANGLES, Ordering::Relaxed);
         }
         should_stop
     }
 
-    /// Whether there were too many parts, so that some were left out.
-    fn are_too_many(&self) -> bool {
-        self.count.load(Ordering::Relaxed) > MAX_PARTS
+    /// Whether there were too many triangles, so that some were left out.
+    fn is_exceeded(&self) -> bool {
+        self.count.load(Ordering::Relaxed) > MAX_TRIANGLES
     }
 }
 
@@ -171,12 +171,11 @@ impl<'a> Fillers<'a> {
         faces.dedup();
         let mut kept = Kept::default();
         for batch in faces.chunks(BATCH) {
-            context.check()?;
-            let parts = Parts { count: AtomicU64::new(0), context };
-            let of_face = |&face| self.of_face(face, &kept.is_filled, &parts);
+            let budget = TriangleBudget { count: AtomicU64::new(0), context };
+            let of_face = |&face| self.of_face(face, &kept.is_filled, &budget);
             let found: Vec<Vec<ThinBall>> = batch.par_iter().map(of_face).collect();
             context.check()?;
-            if parts.are_too_many() {
+            if budget.is_exceeded() {
                 return Ok(None);
             }
             let (first, others): (Vec<_>, Vec<_>) =
@@ -222,14 +221,14 @@ impl<'a> Fillers<'a> {
         trusted_normal(self.surface.corners(face as usize), self.noise)
     }
 
-    /// The thin balls at samples of a face, but hardly any in cells that are filled. Incomplete where the face has too many
-    /// parts, or the work should stop.
-    fn of_face(&self, face: u32, is_filled: &Filled, parts: &Parts<'_>) -> Vec<ThinBall> {
+    /// The thin balls at samples of a face, but hardly any in cells that are filled. Incomplete where the budget is
+    /// exceeded, or the work should stop.
+    fn of_face(&self, face: u32, is_filled: &Filled, budget: &TriangleBudget<'_>) -> Vec<ThinBall> {
         let normal = self.normal(face);
         let mut found = Vec::new();
         if normal != DVec3::ZERO {
             let corners = self.surface.corners(face as usize);
-            self.sample(corners, (face, normal), (0, parts), &mut |contact, opposite| {
+            self.sample(corners, (face, normal), (0, budget), &mut |contact, opposite| {
                 if !opposite.is_some_and(|opposite| self.is_filled_between(contact, opposite, is_filled)) {
                     found.extend(self.thin_ball(contact, opposite));
                 }
@@ -249,10 +248,10 @@ impl<'a> Fillers<'a> {
         &self,
         corners: [DVec3; 3],
         of: (u32, DVec3),
-        (depth, parts): (u32, &Parts<'_>),
+        (depth, budget): (u32, &TriangleBudget<'_>),
         visit: &mut impl FnMut(Contact, Option<Nearest>),
     ) {
-        if parts.should_stop() {
+        if budget.should_stop() {
             return;
         }
         let (_, normal) = of;
@@ -271,7 +270,7 @@ impl<'a> Fillers<'a> {
             let [a, b, c] = longest_side_first(corners);
             let middle = (a + b) / 2.0;
             for half in [[a, middle, c], [middle, b, c]] {
-                self.sample(half, of, (depth + 1, parts), visit);
+                self.sample(half, of, (depth + 1, budget), visit);
             }
         }
     }
@@ -379,21 +378,13 @@ mod tests {
     use super::*;
     use crate::context::NoProgress;
     use crate::math::Precision;
-    use crate::mesh::Soup;
+    use crate::printing::shapes::cuboid;
     use crate::printing::thickening::Growth;
-
-    /// A box with two corners at opposite ends of its diagonal.
-    fn plate(low: DVec3, high: DVec3) -> Surface {
-        let corner = |k: usize| DVec3::select(glam::BVec3::new(k & 1 == 1, k & 2 == 2, k & 4 == 4), high, low);
-        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-        let faces = quads.into_iter().flat_map(|[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
-        Surface::from_soup(&Soup { positions: (0..8).map(corner).collect(), faces }).0
-    }
 
     #[test]
     fn the_search_in_a_face_far_larger_than_its_wall_can_be_stopped() {
         // Sampling these faces would take 600 million balls.
-        let plate = plate(DVec3::ZERO, DVec3::new(1000.0, 1000.0, 0.1));
+        let plate = cuboid(DVec3::ZERO, DVec3::new(1000.0, 1000.0, 0.1));
         let settings = Thickening { min_wall: 0.2, growth: Growth::Both, min_gap: 0.0, precision: Precision::F32 };
         let (cancel, checks) = (AtomicBool::new(false), AtomicU64::new(0));
         let clock = || Duration::from_secs(checks.fetch_add(1, Ordering::Relaxed));

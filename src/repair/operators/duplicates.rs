@@ -88,7 +88,7 @@ fn remove(surface: &mut Surface, may_keep_solids: bool) -> Vec<Change> {
         }
     }
     let mut cancelled = drop_cancelling_patches(surface, &mut keep, &pairs);
-    if may_keep_solids && pairs.have_repeats() && !is_closed(surface, &keep) && is_union_of_solids(surface, &pairs) {
+    if may_keep_solids && pairs.have_repeats() && !stays_closed(surface, &keep) && is_union_of_solids(surface, &pairs) {
         keep_by_winding(surface, &groups, &mut keep);
         cancelled = keep.iter().filter(|is_kept| !**is_kept).count() as u64;
     }
@@ -111,16 +111,16 @@ fn keep_by_winding(surface: &Surface, groups: &FaceGroups, keep: &mut [bool]) {
 }
 
 /// Whether the faces to keep form a closed surface.
-fn is_closed(surface: &Surface, keep: &[bool]) -> bool {
+fn stays_closed(surface: &Surface, keep: &[bool]) -> bool {
     let mut kept = surface.clone();
     kept.retain_faces(keep);
-    ClosedSurface::new(&kept, &Edges::new(&kept.faces)).is_ok()
+    ClosedSurface::try_from(&kept).is_ok()
 }
 
 /// Whether the surface is made of closed solids that all face outward, as far as samples tell: no place in front of the
 /// sampled faces is enclosed less than never.
 fn is_union_of_solids(surface: &Surface, pairs: &Pairs) -> bool {
-    if ClosedSurface::new(surface, &Edges::new(&surface.faces)).is_err() {
+    if ClosedSurface::try_from(surface).is_err() {
         return false;
     }
     let is_one = pairs.faces.iter().zip(&pairs.have_one_winding).filter(|(_, is_one)| **is_one);

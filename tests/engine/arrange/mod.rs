@@ -13,7 +13,7 @@ use meshmend::repair::operators::self_union::SelfUnionRounds;
 use proptest::prelude::*;
 
 use crate::damage::Random;
-use crate::meshes::{as_f32, cube, inside_out, join, push, sphere, torus};
+use crate::meshes::{as_f32, cube, cuboid, inside_out, join, push, sphere, torus};
 use crate::support::manifold::ManifoldRust;
 use crate::support::{arranged, measured, measured_as_stl, with_context};
 
@@ -35,11 +35,8 @@ fn assert_near(a: f64, b: f64) {
 
 /// A box of this size at `low`, with integer corners.
 fn block(low: [i32; 3], size: [i32; 3]) -> Soup {
-    let mut soup = cube(DVec3::ZERO, 1.0, 1);
-    for p in &mut soup.positions {
-        *p = DVec3::from_array(low.map(f64::from)) + *p * DVec3::from_array(size.map(f64::from));
-    }
-    soup
+    let [low, size] = [low, size].map(|of| DVec3::from_array(of.map(f64::from)));
+    cuboid(low, size, 1)
 }
 
 fn turned(mut soup: Soup, turn: DQuat, offset: DVec3) -> Soup {
