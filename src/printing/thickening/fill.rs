@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::bodies::{Filler, Fillers, Search};
 use super::outcome::{Thickening, ThinReason};
-use super::results::{Grown, Thin, face_count};
+use super::results::{Grown, Thin, deviation_of_added, face_count};
 use super::spheres::Spheres;
 use super::unite::{Broken, Expected, SelfUnion, Topology, united};
 
@@ -30,12 +30,14 @@ const MAX_MORE_FACES: u64 = 3;
 const MAX_MEMORY: u64 = 1 << 29;
 /// The most unions of a round. More than one is needed only where a promise is broken.
 const MAX_UNIONS: usize = 8;
+/// The share of the largest deviation that balls may take. The rest is the error of their surface.
+const BALLS_DEVIATION: f64 = 0.9;
 /// Balls that break a promise are left out in groups of at most this fraction of a round's balls: one in so many.
 const LEFT_OUT: usize = 32;
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
 /// rest is the margin for the error of the balls' surface, and what later rounds add beside earlier balls.
-pub const MAX_DEVIATION: f64 = 1.25;
+const MAX_DEVIATION: f64 = 1.25;
 
 /// A size of cells.
 #[derive(Clone, Copy)]
@@ -119,7 +121,8 @@ impl Filling<'_> {
             } else {
                 current = next;
             }
-            if current.thin.lack < best.thin.lack {
+            let deviation = || deviation_of_added(self.input, &current.surface);
+            if current.thin.lack < best.thin.lack && deviation() <= MAX_DEVIATION * self.settings.min_wall {
                 best = current.clone();
             }
         }
@@ -157,7 +160,12 @@ impl Filling<'_> {
         };
         let Some(mut fillers) = fillers else { return Ok(next) };
         next.limited.extend(fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre));
-        fillers.par_iter_mut().for_each(|filler| filler.radius = self.allowed_radius(filler, &state.input_tree));
+        let least = state.cells.share * self.settings.min_wall;
+        fillers.par_iter_mut().for_each(|filler| {
+            let allowed = self.allowed_radius(filler, &state.input_tree);
+            // The surface of a ball that is smaller than a cell can be a cell away from it.
+            filler.radius = if allowed < filler.radius.min(least) { 0.0 } else { allowed };
+        });
         let is_left_out = |filler: &Filler| {
             let near = 0.5 * self.settings.min_wall;
             state.left_out.iter().find(|(other, _)| other.centre.distance(filler.centre) < near).map(|&(_, why)| why)
@@ -177,9 +185,9 @@ impl Filling<'_> {
         Ok(next)
     }
 
-    /// The radius with which a ball moves the input's surface by at most [`MAX_DEVIATION`]: at most that of the ball.
+    /// The radius with which a ball moves the input's surface by less than [`MAX_DEVIATION`]: at most that of the ball.
     fn allowed_radius(&self, &Filler { centre, radius, .. }: &Filler, input: &Tree) -> f64 {
-        let most = MAX_DEVIATION * self.settings.min_wall;
+        let most = BALLS_DEVIATION * MAX_DEVIATION * self.settings.min_wall;
         let corners = |face: u32| self.input.corners(face as usize);
         let Some(nearest) = input.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), corners) else { return radius };
         let [a, b, c] = corners(nearest.face);

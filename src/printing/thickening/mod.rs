@@ -99,8 +99,7 @@ impl Thickening {
             let topology = Topology::of(surface, self);
             let filling = Filling { settings: *self, union, context: &limited, input: surface, topology };
             let filled = filling.run(&base)?;
-            let deviation = || results::deviation_of_added(surface, &filled.surface);
-            if filled.is_better_than(&grown, &before) && deviation() <= fill::MAX_DEVIATION * min_wall {
+            if filled.is_better_than(&grown, &before) {
                 grown = filled;
             } else {
                 (grown.limited, grown.reason) = (filled.limited, filled.reason);
