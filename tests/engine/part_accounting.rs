@@ -204,9 +204,7 @@ fn a_dropped_part_raises_the_flag_and_makes_the_repair_partial() {
 fn dropping_a_part_is_worse_than_closing_an_opening_over_a_wall() {
     let block = |low: [f64; 3], high: [f64; 3]| {
         let (low, high) = (DVec3::from_array(low), DVec3::from_array(high));
-        let mut soup = cube(DVec3::ZERO, 1.0, 2);
-        soup.positions.iter_mut().for_each(|p| *p = low + *p * (high - low));
-        soup
+        cuboid(low, high - low, 2)
     };
     // A tub without a lid, a block through its floor, and a crumb below it.
     let outer = cube(DVec3::ZERO, 4.0, 3);

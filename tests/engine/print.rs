@@ -9,7 +9,7 @@ use meshmend::inspect::{InspectOptions, Level, NoWallReason, PrintMeasures, Thin
 use meshmend::mesh::Soup;
 use meshmend::scene::{Unit, UnitSource};
 
-use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
+use crate::meshes::{cube, cuboid, inside_out, join, push, sheet, sphere};
 
 fn with(soup: &Soup, options: &InspectOptions) -> Option<PrintMeasures> {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
@@ -21,13 +21,8 @@ fn print(soup: &Soup) -> PrintMeasures {
     with(soup, &InspectOptions::default()).unwrap()
 }
 
-/// An axis-parallel box with sides of any length.
 fn block(low: DVec3, size: DVec3) -> Soup {
-    let mut soup = cube(DVec3::ZERO, 1.0, 4);
-    for p in &mut soup.positions {
-        *p = low + *p * size;
-    }
-    soup
+    cuboid(low, size, 4)
 }
 
 fn mapped(soup: &Soup, map: impl Fn(DVec3) -> DVec3) -> Soup {

@@ -9,7 +9,7 @@ use meshmend::remesh::{Remesh, RemeshError, Remeshed, WindingRule};
 use meshmend::repair::operators::remesh::RemeshInside;
 use proptest::prelude::*;
 
-use crate::meshes::{cube, inside_out, join, push, sheet, sphere};
+use crate::meshes::{cube, cuboid, inside_out, join, push, sheet, sphere};
 use crate::support::{change_count, measured_as_stl, with_context};
 
 /// Remeshes with cells of 1/`n` of the diagonal.
@@ -253,11 +253,7 @@ fn a_soup_of_walls_is_solid() {
     for i in 0..40 {
         let at = DVec3::from(r3(f64::from(i))) * 4.0;
         let size = DVec3::from(r3(f64::from(i + 900))) * 2.0 + 0.05;
-        let mut part = cube(DVec3::ZERO, 1.0, 1);
-        for p in &mut part.positions {
-            *p = at + *p * size;
-        }
-        soup = join(&soup, &part);
+        soup = join(&soup, &cuboid(at, size, 1));
         push(&mut soup, [at, at + DVec3::new(size.x, 0.3, 0.0), at + DVec3::new(0.2, size.y, size.z)]);
     }
     solid(&turned(soup), 96.0);

@@ -7,7 +7,7 @@ use meshmend::mesh::Soup;
 use meshmend::repair::{Options, Outcome, PrintOptions, Repaired, WallThickening};
 use meshmend::scene::Unit;
 
-use crate::meshes::{as_f32, cube, inside_out, join, push, sphere};
+use crate::meshes::{as_f32, cuboid, inside_out, join, push, sphere};
 use crate::support::{assert_outcome, measured_file, repair_soup};
 
 /// Thickens to a least wall. Nothing may stay thin.
@@ -23,12 +23,6 @@ fn thickened(soup: &Soup, min_wall: f64) -> (Repaired, WallThickening) {
 
 fn bounds(repaired: &Repaired) -> Box3 {
     Box3::of(read(&repaired.bytes, &Limits::default()).expect("a readable file").soup.positions)
-}
-
-fn box_at(low: DVec3, sides: DVec3) -> Soup {
-    let mut soup = cube(DVec3::ZERO, 1.0, 1);
-    soup.positions.iter_mut().for_each(|p| *p = low + *p * sides);
-    soup
 }
 
 fn turned(mut soup: Soup) -> Soup {
@@ -90,8 +84,10 @@ fn a_side_whose_faces_would_turn_over_gets_new_faces() {
 #[test]
 fn a_plate_beside_a_block_grows_only_on_its_own_side() {
     // The lower sides of the plate and the block are one flat region.
-    let step =
-        join(&box_at(DVec3::ZERO, DVec3::new(20.0, 10.0, 0.5)), &box_at(DVec3::ZERO, DVec3::new(10.0, 10.0, 5.0)));
+    let step = join(
+        &cuboid(DVec3::ZERO, DVec3::new(20.0, 10.0, 0.5), 1),
+        &cuboid(DVec3::ZERO, DVec3::new(10.0, 10.0, 5.0), 1),
+    );
     let (repaired, thickening) = thickened(&as_f32(step), 1.0);
     let bounds = bounds(&repaired);
     assert_eq!((bounds.min.z, bounds.max.z), (0.0, 5.0));
@@ -109,7 +105,7 @@ fn a_frame_of_thin_bars_stays_a_frame_of_few_faces() {
             low[(axis + 2) % 3] = f64::from(corner >> 1) * (length - thickness);
             let mut sides = DVec3::splat(thickness);
             sides[axis] = length;
-            frame = join(&frame, &box_at(low, sides));
+            frame = join(&frame, &cuboid(low, sides, 1));
         }
     }
     let (repaired, _) = thickened(&as_f32(frame), 1.0);
@@ -139,8 +135,8 @@ fn measured_ball(radius: f64) -> f64 {
 #[test]
 fn a_wall_that_grows_over_its_neighbour_is_cut_there() {
     // A fin of 0.4 on a plate, 0.3 from the plate's edge: its side grows beyond the edge.
-    let plate = box_at(DVec3::ZERO, DVec3::new(20.0, 10.0, 3.0));
-    let fin = box_at(DVec3::new(0.1, 1.0, 2.0), DVec3::new(0.4, 8.0, 6.0));
+    let plate = cuboid(DVec3::ZERO, DVec3::new(20.0, 10.0, 3.0), 1);
+    let fin = cuboid(DVec3::new(0.1, 1.0, 2.0), DVec3::new(0.4, 8.0, 6.0), 1);
     let (repaired, thickening) = thickened(&as_f32(join(&plate, &fin)), 1.0);
     let bounds = bounds(&repaired);
     assert!(bounds.min.x < 0.0 && bounds.max.x == 20.0, "{bounds:?}");

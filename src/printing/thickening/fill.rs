@@ -30,14 +30,14 @@ const MAX_MORE_FACES: u64 = 3;
 const MAX_MEMORY: u64 = 1 << 29;
 /// The most unions of a round. More than one is needed only where a promise is broken.
 const MAX_UNIONS: usize = 8;
-/// The share of the largest deviation that balls may take. The rest is the error of their surface.
-const BALLS_DEVIATION: f64 = 0.9;
 /// Balls that break a promise are left out in groups of at most this fraction of a round's balls: one in so many.
 const LEFT_OUT: usize = 32;
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
 /// rest is the margin for the error of the balls' surface, and what later rounds add beside earlier balls.
 const MAX_DEVIATION: f64 = 1.25;
+/// The share of the largest deviation that the spheres of balls may take. The rest is the error of their surface.
+const SPHERES_SHARE: f64 = 0.9;
 
 /// A size of cells.
 #[derive(Clone, Copy)]
@@ -121,7 +121,7 @@ impl Filling<'_> {
             } else {
                 current = next;
             }
-            let deviation = || deviation_of_added(self.input, &current.surface);
+            let deviation = || deviation_of_added((self.input, &state.input_tree), &current.surface);
             if current.thin.lack < best.thin.lack && deviation() <= MAX_DEVIATION * self.settings.min_wall {
                 best = current.clone();
             }
@@ -160,12 +160,7 @@ impl Filling<'_> {
         };
         let Some(mut fillers) = fillers else { return Ok(next) };
         next.limited.extend(fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre));
-        let least = state.cells.share * self.settings.min_wall;
-        fillers.par_iter_mut().for_each(|filler| {
-            let allowed = self.allowed_radius(filler, &state.input_tree);
-            // The surface of a ball that is smaller than a cell can be a cell away from it.
-            filler.radius = if allowed < filler.radius.min(least) { 0.0 } else { allowed };
-        });
+        fillers.par_iter_mut().for_each(|filler| filler.radius = self.allowed_radius(filler, state));
         let is_left_out = |filler: &Filler| {
             let near = 0.5 * self.settings.min_wall;
             state.left_out.iter().find(|(other, _)| other.centre.distance(filler.centre) < near).map(|&(_, why)| why)
@@ -185,14 +180,18 @@ impl Filling<'_> {
         Ok(next)
     }
 
-    /// The radius with which a ball moves the input's surface by less than [`MAX_DEVIATION`]: at most that of the ball.
-    fn allowed_radius(&self, &Filler { centre, radius, .. }: &Filler, input: &Tree) -> f64 {
-        let most = BALLS_DEVIATION * MAX_DEVIATION * self.settings.min_wall;
+    /// The radius with which a ball moves the input's surface by less than [`MAX_DEVIATION`]: at most that of the ball. None
+    /// is left of a ball that would have to be smaller than a cell, since its surface can be a cell away from it.
+    fn allowed_radius(&self, &Filler { centre, radius, .. }: &Filler, state: &State<'_>) -> f64 {
+        let min_wall = self.settings.min_wall;
+        let most = SPHERES_SHARE * MAX_DEVIATION * min_wall;
         let corners = |face: u32| self.input.corners(face as usize);
-        let Some(nearest) = input.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), corners) else { return radius };
+        let nearest = state.input_tree.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), corners);
+        let Some(nearest) = nearest else { return radius };
         let [a, b, c] = corners(nearest.face);
         let is_inside = (b - a).cross(c - a).dot(centre - nearest.point) < 0.0;
-        radius.min(if is_inside { most + nearest.distance } else { most - nearest.distance }).max(0.0)
+        let allowed = if is_inside { most + nearest.distance } else { most - nearest.distance };
+        if allowed < radius.min(state.cells.share * min_wall) { 0.0 } else { radius.min(allowed) }
     }
 
     /// The surface of a union of balls, with cells of a share of the least wall.

@@ -7,6 +7,7 @@ use crate::printing::thickness::{
     Earlier, OpposedPair, OpposedPairs, Space, opposed_pairs, opposed_pairs_after, rounded_limit,
 };
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::outcome::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThinReason};
 use super::places::Places;
@@ -139,7 +140,8 @@ impl Results<'_> {
         }
         results.sort_by(|a, b| b.area.total_cmp(&a.area));
         let added_faces = added_faces(&surface, count);
-        let max_deviation = deviation(self.input, &surface, &added_faces);
+        let tree = Tree::new(&self.input.positions, &self.input.faces);
+        let max_deviation = deviation((self.input, &tree), &surface, &added_faces);
         let added_volume = volume(&surface) - volume(self.input);
         for source in &mut surface.source {
             *source = self.input.source[*source as usize % count.max(1)];
@@ -205,20 +207,20 @@ fn added_faces(surface: &Surface, count: usize) -> Vec<u32> {
 }
 
 /// The largest distance of the added faces of a surface on the way to a result from the input.
-pub fn deviation_of_added(input: &Surface, surface: &Surface) -> f64 {
-    deviation(input, surface, &added_faces(surface, input.faces.len()))
+pub fn deviation_of_added(input: (&Surface, &Tree), surface: &Surface) -> f64 {
+    deviation(input, surface, &added_faces(surface, input.0.faces.len()))
 }
 
-/// The largest distance of the corners and the centres of some faces from another surface.
-fn deviation(from: &Surface, of: &Surface, faces: &[u32]) -> f64 {
-    let tree = Tree::new(&from.positions, &from.faces);
-    let mut most = 0.0f64;
-    for &face in faces {
+/// The largest distance of the corners and the centres of some faces from another surface, given with its tree.
+fn deviation((from, tree): (&Surface, &Tree), of: &Surface, faces: &[u32]) -> f64 {
+    let distance = |p: DVec3| {
+        let nearest = tree.nearest(p, f64::INFINITY, &mut u64::MAX.clone(), |face| from.corners(face as usize));
+        nearest.map_or(0.0, |nearest| nearest.distance)
+    };
+    let of_face = |&face: &u32| {
         let corners = of.corners(face as usize);
-        for p in corners.into_iter().chain([corners.into_iter().sum::<DVec3>() / 3.0]) {
-            let nearest = tree.nearest(p, f64::INFINITY, &mut u64::MAX.clone(), |f| from.corners(f as usize));
-            most = most.max(nearest.map_or(0.0, |nearest| nearest.distance));
-        }
-    }
-    most
+        let centre = corners.into_iter().sum::<DVec3>() / 3.0;
+        corners.into_iter().chain([centre]).map(distance).fold(0.0, f64::max)
+    };
+    faces.par_iter().map(of_face).reduce(|| 0.0, f64::max)
 }

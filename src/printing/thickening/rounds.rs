@@ -1,6 +1,7 @@
 //! The rounds of a thickening: measure, grow, unite, and measure again.
 
 use crate::context::{Cancelled, Context};
+use crate::math::Tree;
 use crate::mesh::Surface;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -107,6 +108,7 @@ impl<'a> Rounds<'a> {
         let settings = self.settings;
         // Faces carry the index of the input's face; added faces carry it plus the number of faces.
         let mut surface = with_own_sources(self.input);
+        let input_tree = Tree::new(&self.input.positions, &self.input.faces);
         let mut thin = thin_before.to_vec();
         let mut best = Grown { area: thin_area(&surface, &thin), surface: surface.clone(), thin: thin.clone() };
         for number in 0..MAX_ROUNDS {
@@ -120,8 +122,8 @@ impl<'a> Rounds<'a> {
             // The first round is judged place by place.
             let is_better = number == 0 || area < best.area && !self.is_thinner_somewhere(&surface, &thin, &best);
             let is_hopeless = self.fit == Fit::Regions && number > 0 && area > MAX_LEFT * best.area;
-            if !is_better || is_hopeless || deviation_of_added(self.input, &surface) > MAX_DEVIATION * settings.min_wall
-            {
+            let deviation = || deviation_of_added((self.input, &input_tree), &surface);
+            if !is_better || is_hopeless || deviation() > MAX_DEVIATION * settings.min_wall {
                 break;
             }
             best = Grown { area, surface: surface.clone(), thin: thin.clone() };
