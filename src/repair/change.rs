@@ -201,6 +201,8 @@ change_kinds! {
     VoidsLeft = "voids_left",
     /// Thin regions of walls thickened.
     WallsThickened = "walls_thickened",
+    /// Through holes narrower than the least gap that thicker walls closed.
+    ThroughHolesClosed = "through_holes_closed",
     /// Thin regions of walls that stayed thin.
     ThinWallsLeft = "thin_walls_left",
     /// Boundary vertices merged within the weld tolerance.

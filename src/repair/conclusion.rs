@@ -234,6 +234,7 @@ fn assumptions_of(conclusion: &Conclusion, judged: &Judged, input: &Input<'_>, o
     all.extend(cavities(judged, input, options));
     all.extend(interior_filled(&steps, options));
     all.extend(islands_dropped(&steps, options));
+    all.extend(through_holes_closed(&steps));
     all
 }
 
@@ -261,6 +262,17 @@ fn islands_dropped(steps: &[&Step], options: &Options) -> Option<Assumption> {
     (count > 0 && options.print.islands == Islands::Auto).then(|| {
         let detail = format!("{} removed.", counted(count, "small separate solid was", "small separate solids were"));
         Assumption::new(AssumptionKind::PiecesDropped, count, detail).unless("islands=keep")
+    })
+}
+
+/// The assumption that through holes beside thickened walls are too narrow to print.
+fn through_holes_closed(steps: &[&Step]) -> Option<Assumption> {
+    let count = changed(steps, Operator::ThickenWalls, ChangeKind::ThroughHolesClosed);
+    (count > 0).then(|| {
+        let subject = counted(count, "through hole was", "through holes were");
+        let detail =
+            format!("{subject} closed by thicker walls, because a narrower gap than the least gap does not print.");
+        Assumption::new(AssumptionKind::ThroughHolesClosed, count, detail)
     })
 }
 

@@ -923,7 +923,7 @@ export interface components {
          * @description The kinds of assumption.
          * @enum {string}
          */
-        AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "interior_filled" | "methods_agree";
+        AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "interior_filled" | "through_holes_closed" | "methods_agree";
         /** @description The four attributes of a mesh as the tool meshalyzer defines them. Some attributes require preceding ones. */
         Attributes: {
             /** @description Whether every edge is shared by two or more faces. Edges with more than two faces are allowed. */
@@ -4011,6 +4011,11 @@ export interface components {
              * @description Largest distance of the added surface from the input, in millimetres.
              */
             max_deviation_mm: number;
+            /**
+             * Format: int64
+             * @description Number of through holes that the added material closed. Each was narrower than the least gap.
+             */
+            through_holes_closed?: number;
         };
         /** @description A result file in a webhook message. */
         WebhookArtifact: {

@@ -27,7 +27,7 @@ const PARALLEL: f64 = -0.99;
 /// Like [`OPPOSED`] in later rounds, for the edges beside earlier balls: 60 degrees.
 const WIDE: f64 = -0.5;
 /// Steps of one ball.
-const STEPS: u64 = 1 << 16;
+pub const STEPS: u64 = 1 << 16;
 /// Faces between two checks for cancellation. A large face has very many samples.
 const BATCH: usize = 1 << 6;
 /// Faces larger than this many least walls are split without a test of their thickness: the ball that would prove it meets

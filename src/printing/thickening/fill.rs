@@ -8,10 +8,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bodies::{Filler, Fillers, Search};
+use super::gaps::{CELL, balls_over_gaps};
 use super::outcome::{Thickening, ThinReason};
 use super::results::{Grown, Thin, deviation_of_added, face_count};
 use super::spheres::Spheres;
-use super::unite::{Broken, Expected, SelfUnion, Topology, united};
+use super::unite::{Added, Broken, Expected, SelfUnion, Topology, united};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 12;
@@ -30,14 +31,20 @@ const MAX_MORE_FACES: u64 = 3;
 const MAX_MEMORY: u64 = 1 << 29;
 /// The most unions of a round. More than one is needed only where a promise is broken.
 const MAX_UNIONS: usize = 8;
-/// Balls that break a promise are left out in groups of at most this fraction of a round's balls: one in so many.
-const LEFT_OUT: usize = 32;
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
 /// rest is the margin for the error of the balls' surface, and what later rounds add beside earlier balls.
 const MAX_DEVIATION: f64 = 1.25;
-/// The share of the largest deviation that the spheres of balls may take. The rest is the error of their surface.
-const SPHERES_SHARE: f64 = 0.9;
+/// The share of the largest deviation that balls may take. The rest is the error of their surface.
+const BALLS_DEVIATION: f64 = 0.9;
+/// Wide through holes must stay open for balls that are larger by this share of the least wall, each time. So they stay wider
+/// than twice that. Two sizes, since where balls meet faces, the narrow tunnel of a crease can hide that a hole is closed;
+/// it hardly ever does with both.
+const CLEARANCES: [f64; 2] = [0.1, 0.14];
+/// After how many refusals no closed hole is looked at any more. Each look takes as long as several unions.
+const MAX_REFUSALS: usize = 2;
+/// Balls that break a promise are left out in groups of at most this fraction of a round's balls: one in so many.
+const LEFT_OUT: usize = 32;
 
 /// A size of cells.
 #[derive(Clone, Copy)]
@@ -78,6 +85,10 @@ struct State<'a> {
     first: Option<Vec<Filler>>,
     /// The number of the round.
     round: usize,
+    /// The topology that the next result must have.
+    topology: Topology,
+    /// How many times a wide hole was perhaps closed.
+    refusals: usize,
 }
 
 /// A union with some of the balls of a round.
@@ -104,7 +115,9 @@ impl Filling<'_> {
         let [base_tree, input_tree] =
             [&base.surface, self.input].map(|surface| Tree::new(&surface.positions, &surface.faces));
         let (balls, left_out) = (Vec::new(), Vec::new());
-        let mut state = State { base, balls, left_out, cells, base_tree, input_tree, first, round: 0 };
+        let (round, topology) = (0, self.topology);
+        let mut state =
+            State { base, balls, left_out, cells, base_tree, input_tree, first, round, topology, refusals: 0 };
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
             let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
@@ -174,6 +187,7 @@ impl Filling<'_> {
         next.reason = union.broken.map(reason).or(next.reason);
         if let Some(surface) = union.surface {
             state.balls = union.balls;
+            next.through_holes_closed = self.topology.handles_lost(state.topology);
             next.surface = self.with_sources(surface, (&state.base.surface, &state.base_tree));
             next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
         }
@@ -184,7 +198,7 @@ impl Filling<'_> {
     /// is left of a ball that would have to be smaller than a cell, since its surface can be a cell away from it.
     fn allowed_radius(&self, &Filler { centre, radius, .. }: &Filler, state: &State<'_>) -> f64 {
         let min_wall = self.settings.min_wall;
-        let most = SPHERES_SHARE * MAX_DEVIATION * min_wall;
+        let most = BALLS_DEVIATION * MAX_DEVIATION * min_wall;
         let corners = |face: u32| self.input.corners(face as usize);
         let nearest = state.input_tree.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), corners);
         let Some(nearest) = nearest else { return radius };
@@ -213,32 +227,85 @@ impl Filling<'_> {
         for _ in 0..MAX_UNIONS {
             let Some(some) = open.pop() else { break };
             let with = [&best.balls[..], &some].concat();
-            match self.union_of(state, &with)? {
-                Ok(surface) => (best.surface, best.balls) = (Some(surface), with),
-                Err(reason) => {
-                    best.broken = Some(reason);
-                    if some.len() > fewest.max(1) {
-                        open.extend(halves(some));
-                    } else {
-                        state.left_out.extend(some.into_iter().map(|filler| (filler, reason)));
-                    }
+            let (surface, mut broken) = match self.union_of(state, &[(&with, state.cells.share)])? {
+                Some((surface, broken)) => (Some(surface), broken),
+                None => (None, Some(Broken::Union)),
+            };
+            if broken == Some(Broken::ThroughHole) && state.refusals < MAX_REFUSALS {
+                if self.leaves_wide_holes_open(&with, state)? {
+                    broken = None;
+                } else {
+                    state.refusals += 1;
                 }
+            }
+            if let Some(broken) = broken {
+                best.broken = Some(broken);
+                if some.len() > fewest.max(1) {
+                    open.extend(halves(some));
+                } else {
+                    state.left_out.extend(some.into_iter().map(|filler| (filler, broken)));
+                }
+            } else if let Some(surface) = surface {
+                let topology = Topology::of(&surface, &self.settings);
+                state.topology = state.topology.without_holes_missing_in(topology);
+                (best.surface, best.balls) = (Some(surface), with);
             }
         }
         Ok(best)
     }
 
-    fn union_of(&self, state: &State<'_>, balls: &[Filler]) -> Result<Result<Surface, Broken>, Cancelled> {
-        let body = match self.body(balls, state.cells.share, MAX_MORE_FACES * state.cells.max_faces) {
-            Ok(body) => body,
-            Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
-            Err(_) => return Ok(Err(Broken::Union)),
+    /// Whether new balls leave each through hole of the base open that is wider than the least gap, as far as that is known.
+    /// They come after those of earlier rounds.
+    fn leaves_wide_holes_open(&self, balls: &[Filler], state: &State<'_>) -> Result<bool, Cancelled> {
+        let (earlier, new) = balls.split_at(state.balls.len());
+        let reach = |ball: &Filler| Filler { radius: ball.radius + self.settings.min_gap, ..*ball };
+        let near: Vec<Filler> = new.iter().map(reach).collect();
+        let over = balls_over_gaps((self.input, &state.input_tree), &near, &self.settings, self.context)?;
+        let Some(over) = over.filter(|over| !over.is_empty()) else { return Ok(false) };
+        let topology = |balls: &[Filler]| {
+            let over = (&over[..], CELL * self.settings.min_gap / self.settings.min_wall);
+            let union = self.union_of(state, &[over, (balls, state.cells.share)])?;
+            Ok(union.map(|(surface, _)| Topology::of(&surface, &self.settings)))
         };
-        let mut both = state.base.surface.clone();
-        both.append(Surface { source: vec![self.mark(); body.faces.len()], ..body });
-        let expected =
-            Expected { topology: self.topology, settings: self.settings, first_added: self.faces(), has_crumbs: false };
-        united(&both, expected, self.union, self.context)
+        let mut before: Vec<Topology> = Vec::new();
+        for balls in [&[], earlier] {
+            let Some(found) = topology(balls)? else { return Ok(false) };
+            before.push(found);
+        }
+        for clearance in CLEARANCES {
+            let larger = |ball: &Filler| Filler { radius: ball.radius + clearance * self.settings.min_wall, ..*ball };
+            let larger: Vec<Filler> = earlier.iter().copied().chain(new.iter().map(larger)).collect();
+            let Some(after) = topology(&larger)? else { return Ok(false) };
+            if before.iter().any(|before| before.handles_lost(after) > 0) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// The union of the base and bodies of balls, each with the size of its cells as a share of the least wall, and the promise
+    /// that it breaks; none if it fails.
+    fn union_of(
+        &self,
+        state: &State<'_>,
+        bodies: &[(&[Filler], f64)],
+    ) -> Result<Option<(Surface, Option<Broken>)>, Cancelled> {
+        let mut all = state.base.surface.clone();
+        for &(balls, share) in bodies {
+            match self.body(balls, share, MAX_MORE_FACES * state.cells.max_faces) {
+                Ok(body) => all.append(Surface { source: vec![self.mark(); body.faces.len()], ..body }),
+                Err(RemeshError::Empty) => {}
+                Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
+                Err(_) => return Ok(None),
+            }
+        }
+        let expected = Expected {
+            topology: state.topology,
+            settings: self.settings,
+            first_added: self.faces(),
+            added: Added::Balls,
+        };
+        united(&all, expected, self.union, self.context)
     }
 
     /// The number of the input's faces.
@@ -277,6 +344,6 @@ fn halves(mut balls: Vec<Filler>) -> [Vec<Filler>; 2] {
 fn reason(broken: Broken) -> ThinReason {
     match broken {
         Broken::Union => ThinReason::Union,
-        Broken::Topology => ThinReason::Topology,
+        Broken::Parts | Broken::ThroughHole => ThinReason::Topology,
     }
 }

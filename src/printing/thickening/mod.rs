@@ -11,6 +11,8 @@
 
 mod bodies;
 mod fill;
+mod gaps;
+
 mod growth;
 mod layer;
 mod mitre;
@@ -57,8 +59,8 @@ impl Thickening {
     ///
     /// Promises: the input is contained in the result. Faces outside the added material keep their corners and sources, but
     /// beside a moved region their corners move within their plane.
-    /// Handles and large cavities stay, and only touching or small near solids are joined. Where a wall stays thin, a
-    /// place says why.
+    /// Large cavities stay, only touching or small near solids are joined, and no through hole that is wider than the least
+    /// gap is closed. Where a wall stays thin, a place says why.
     ///
     /// # Errors
     /// [`ThickeningError`] for unusable settings, a surface that is not closed, or a cancellation.

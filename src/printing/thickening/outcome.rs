@@ -81,6 +81,8 @@ pub struct Thickened {
     pub added_volume: f64,
     /// The largest distance from an added vertex to the input.
     pub max_deviation: f64,
+    /// The number of through holes that were closed. Each was narrower than the least gap.
+    pub through_holes_closed: u64,
     /// The thin places, largest area first.
     pub places: Vec<ThickenedPlace>,
     /// The added faces, as indices into `surface`.

@@ -102,6 +102,8 @@ pub struct Grown {
     pub limited: Vec<DVec3>,
     /// Why growth ended before everything was thick.
     pub reason: Option<ThinReason>,
+    /// Through holes of the input that were closed.
+    pub through_holes_closed: u64,
 }
 
 impl Grown {
@@ -122,7 +124,7 @@ impl Results<'_> {
     /// Assembles the result.
     pub fn finish(&self, grown: Grown) -> Thickened {
         let count = self.input.faces.len();
-        let Grown { mut surface, thin, limited, reason: last } = grown;
+        let Grown { mut surface, thin, limited, reason: last, through_holes_closed } = grown;
         let before = self.before.of_faces(count);
         let places = Places::new(self.input, &before);
         let mut results = self.places_before(&before, &places);
@@ -147,7 +149,15 @@ impl Results<'_> {
             *source = self.input.source[*source as usize % count.max(1)];
         }
         let is_proved = thin.walls().is_empty();
-        Thickened { surface, added_volume, max_deviation, places: results, added_faces, is_proved }
+        Thickened {
+            surface,
+            added_volume,
+            max_deviation,
+            through_holes_closed,
+            places: results,
+            added_faces,
+            is_proved,
+        }
     }
 
     /// Why a wall stays thin: a gap limited the growth near it, or `last` ended the growth.

@@ -16,7 +16,7 @@ use super::places::Places;
 use super::refine::Refined;
 use super::regions::Regions;
 use super::results::{MAX_THINNER, deviation_of_added, face_count, with_own_sources};
-use super::unite::{Broken, Expected, SelfUnion, Topology, united};
+use super::unite::{Added, Broken, Expected, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
 /// The most rounds.
@@ -362,9 +362,10 @@ impl Attempt<'_, '_> {
             topology: rounds.topology,
             settings: rounds.settings,
             first_added: rounds.faces(),
-            has_crumbs: true,
+            added: Added::Layer,
         };
-        united(&layered.surface, expected, rounds.union, rounds.context).map(Some)
+        let united = united(&layered.surface, expected, rounds.union, rounds.context)?;
+        Ok(Some(united.ok_or(Broken::Union).and_then(|(surface, broken)| broken.map_or(Ok(surface), Err))))
     }
 
     /// The places whose layers can be united together, and those that cannot. By halving.

@@ -29,8 +29,10 @@ const MAX_ROUNDING: f64 = 0.01;
 pub enum Broken {
     /// The arrangement or the rounding failed.
     Union,
-    /// Parts or cavities changed, or a hole was closed.
-    Topology,
+    /// The groups of solids or the large cavities changed.
+    Parts,
+    /// A through hole was closed.
+    ThroughHole,
 }
 
 /// Two solids that are nearer than this share of the least wall touch.
@@ -38,12 +40,22 @@ const TOUCHING: f64 = 0.02;
 /// A point that is nearest to nothing.
 const FAR_AWAY: DVec3 = DVec3::splat(1e100);
 
-/// The number of groups of solids and of large cavities, and the Euler characteristic.
+/// What is added to a solid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Added {
+    /// A layer on the faces. A small solid without faces of the input is the rest of a layer, and is removed.
+    Layer,
+    /// Balls. Around a ball there can be a whole small solid of the input.
+    Balls,
+}
+
+/// The number of groups of solids, of large cavities, and of handles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Topology {
     solids: usize,
     cavities: usize,
-    euler: i64,
+    /// One for each through hole, of all parts.
+    handles: i64,
 }
 
 impl Topology {
@@ -51,33 +63,53 @@ impl Topology {
     /// least wall with one that is nearer than the least gap. Cavities smaller than that cube do not count.
     pub fn of(surface: &Surface, settings: &Thickening) -> Self {
         let edges = Edges::new(&surface.faces);
-        let count = |n: usize| i64::try_from(n).unwrap_or(i64::MAX);
-        let euler = count(surface.positions.len()) - count(edges.len()) + count(surface.faces.len());
         let parts = Parts::new(surface, &edges);
         let volumes = volumes(surface, &parts);
-        let small = settings.min_wall.powi(3);
-        let cavities = volumes.iter().filter(|volume| **volume <= -small).count();
-        let mut groups = UnionFind::new(volumes.len());
-        if volumes.iter().filter(|volume| **volume > 0.0).count() > 1 {
-            let touching = TOUCHING * settings.min_wall;
-            let reach = |part: u32| {
-                if volumes[part as usize] < small { settings.min_gap.max(touching) } else { touching }
-            };
-            for [one, other] in near_solids(surface, &parts, &volumes, reach) {
-                groups.unite(one, other);
-            }
-        }
-        let roots = groups.into_roots();
+        let cavities = volumes.iter().filter(|volume| **volume <= -small(settings)).count();
+        let roots = groups(surface, &parts, &volumes, settings);
         let is_group = |(part, root): &(u32, &u32)| part == *root && volumes[*part as usize] > 0.0;
         let solids = (0u32..).zip(&roots).filter(is_group).count();
-        Self { solids, cavities, euler }
+        let count = |n: usize| i64::try_from(n).unwrap_or(i64::MAX);
+        let euler = count(surface.positions.len()) - count(edges.len()) + count(surface.faces.len());
+        Self { solids, cavities, handles: count(parts.count) - euler / 2 }
     }
 
-    /// Whether a result has the groups of solids, the large cavities and at least the handles of `before`. Growth can leave
-    /// a narrow tunnel in a crease.
-    fn keeps(self, before: Self) -> bool {
-        (self.solids, self.cavities) == (before.solids, before.cavities) && self.euler <= before.euler
+    /// The property of `before` that a result lacks. It may have more handles: growth can leave a narrow tunnel in a crease.
+    fn broken_since(self, before: Self) -> Option<Broken> {
+        if (self.solids, self.cavities) != (before.solids, before.cavities) {
+            return Some(Broken::Parts);
+        }
+        (self.handles < before.handles).then_some(Broken::ThroughHole)
     }
+
+    /// The same without the through holes that a result lacks.
+    pub fn without_holes_missing_in(self, result: Self) -> Self {
+        Self { handles: self.handles.min(result.handles), ..self }
+    }
+
+    /// The number of handles that a result lacks.
+    pub fn handles_lost(self, result: Self) -> u64 {
+        u64::try_from(self.handles - result.handles).unwrap_or(0)
+    }
+}
+
+/// The volume below which a solid or a cavity is small.
+fn small(settings: &Thickening) -> f64 {
+    settings.min_wall.powi(3)
+}
+
+/// For each part, the first part of its group.
+fn groups(surface: &Surface, parts: &Parts, volumes: &[f64], settings: &Thickening) -> Vec<u32> {
+    let mut groups = UnionFind::new(volumes.len());
+    if volumes.iter().filter(|volume| **volume > 0.0).count() > 1 {
+        let touching = TOUCHING * settings.min_wall;
+        let is_small = |part: u32| volumes[part as usize] < small(settings);
+        let reach = |part: u32| if is_small(part) { settings.min_gap.max(touching) } else { touching };
+        for [one, other] in near_solids(surface, parts, volumes, reach) {
+            groups.unite(one, other);
+        }
+    }
+    groups.into_roots()
 }
 
 /// Pairs of solids, of which the second is within the reach of a vertex of the first.
@@ -119,12 +151,12 @@ pub struct Expected {
     pub settings: Thickening,
     /// The least source of added faces.
     pub first_added: u32,
-    /// Whether a solid without faces of the input may be the rest of a layer, and is removed if it is small. Around a ball
-    /// there can be a whole small solid of the input.
-    pub has_crumbs: bool,
+    /// What was added.
+    pub added: Added,
 }
 
-/// The boundary of the union of a solid and its layer.
+/// The boundary of the union of a solid and what was added, without small bubbles and crumbs, and the promise that it breaks.
+/// None if there is no such union.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -133,22 +165,19 @@ pub fn united(
     expected: Expected,
     union: &dyn SelfUnion,
     context: &Context<'_>,
-) -> Result<Result<Surface, Broken>, Cancelled> {
-    let Some(mut united) = union.unite(surface, MAX_ROUNDING * expected.settings.min_wall, context)? else {
-        return Ok(Err(Broken::Union));
-    };
-    fill_bubbles(&mut united, &expected);
-    Ok(if Topology::of(&united, &expected.settings).keeps(expected.topology) {
-        Ok(united)
-    } else {
-        Err(Broken::Topology)
-    })
+) -> Result<Option<(Surface, Option<Broken>)>, Cancelled> {
+    let united = union.unite(surface, MAX_ROUNDING * expected.settings.min_wall, context)?;
+    Ok(united.map(|mut united| {
+        fill_bubbles(&mut united, &expected);
+        let broken = Topology::of(&united, &expected.settings).broken_since(expected.topology);
+        (united, broken)
+    }))
 }
 
 /// Removes the closed parts smaller than the cube of the least wall that the layer creates: bubbles of air between its prisms, and
 /// crumbs of the layer alone. A bubble that held air of the model keeps its faces only if it is larger.
 fn fill_bubbles(surface: &mut Surface, expected: &Expected) {
-    let most = expected.settings.min_wall.powi(3);
+    let most = small(&expected.settings);
     let parts = Parts::new(surface, &Edges::new(&surface.faces));
     let volume = volumes(surface, &parts);
     let mut has_added = vec![false; parts.count];
@@ -159,7 +188,7 @@ fn fill_bubbles(surface: &mut Surface, expected: &Expected) {
         has_old[part as usize] |= !is_added;
     }
     let is_bubble = |part: usize| volume[part] <= 0.0 && has_added[part];
-    let is_crumb = |part: usize| expected.has_crumbs && volume[part] > 0.0 && !has_old[part];
+    let is_crumb = |part: usize| expected.added == Added::Layer && volume[part] > 0.0 && !has_old[part];
     let is_removed: Vec<bool> =
         (0..parts.count).map(|part| volume[part].abs() < most && (is_bubble(part) || is_crumb(part))).collect();
     if is_removed.contains(&true) {
@@ -198,28 +227,29 @@ mod tests {
     #[test]
     fn a_small_cavity_may_be_lost_but_no_large_one_and_no_solid() {
         let before = of(&[(0.0, 10.0), (1.0, -0.1), (2.0, -1.0), (20.0, 0.1)]);
-        assert!(of(&[(0.0, 10.0), (2.0, -1.0), (20.0, 0.1)]).keeps(before));
-        assert!(!of(&[(0.0, 10.0), (1.0, -0.1), (20.0, 0.1)]).keeps(before));
-        assert!(!of(&[(0.0, 10.0), (1.0, -0.1), (2.0, -1.0)]).keeps(before));
+        let broken = |shapes| of(shapes).broken_since(before);
+        assert_eq!(broken(&[(0.0, 10.0), (2.0, -1.0), (20.0, 0.1)]), None);
+        assert_eq!(broken(&[(0.0, 10.0), (1.0, -0.1), (20.0, 0.1)]), Some(Broken::Parts));
+        assert_eq!(broken(&[(0.0, 10.0), (1.0, -0.1), (2.0, -1.0)]), Some(Broken::Parts));
     }
 
     #[test]
     fn only_a_small_or_touching_solid_may_join_its_neighbour() {
         // The slanted face of the first is at x + y + z = 3; the others start at (1 + d, 1 + d, 1 + d).
-        let one = of(&[(0.0, 3.0)]);
-        assert!(one.keeps(of(&[(0.0, 3.0), (1.1, 0.3)])), "a small solid at less than the gap");
-        assert!(!one.keeps(of(&[(0.0, 3.0), (1.2, 0.3)])), "a small solid at more than the gap");
-        assert!(!one.keeps(of(&[(0.0, 3.0), (1.1, 3.0)])), "a large solid");
-        assert!(one.keeps(of(&[(0.0, 3.0), (1.005, 3.0)])), "a large solid that touches");
+        let one = |before: &[(f64, f64)]| of(&[(0.0, 3.0)]).broken_since(of(before)).is_none();
+        assert!(one(&[(0.0, 3.0), (1.1, 0.3)]), "a small solid at less than the gap");
+        assert!(!one(&[(0.0, 3.0), (1.2, 0.3)]), "a small solid at more than the gap");
+        assert!(!one(&[(0.0, 3.0), (1.1, 3.0)]), "a large solid");
+        assert!(one(&[(0.0, 3.0), (1.005, 3.0)]), "a large solid that touches");
     }
 
     #[test]
     fn a_small_solid_of_added_faces_is_a_crumb_only_of_a_layer() {
         let topology = of(&[(0.0, 1.0)]);
-        for (has_crumbs, faces) in [(true, 4), (false, 8)] {
+        for (added, faces) in [(Added::Layer, 4), (Added::Balls, 8)] {
             let mut surface = tetrahedra(&[(0.0, 1.0), (5.0, 0.1)]);
             surface.source = vec![0, 1, 2, 3, 4, 4, 4, 4];
-            fill_bubbles(&mut surface, &Expected { topology, settings: settings(), first_added: 4, has_crumbs });
+            fill_bubbles(&mut surface, &Expected { topology, settings: settings(), first_added: 4, added });
             assert_eq!(surface.faces.len(), faces);
         }
     }

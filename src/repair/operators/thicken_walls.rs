@@ -75,6 +75,7 @@ impl Operation for ThickenWalls {
         let left = thin.regions.iter().filter(|region| region.kind != FeatureKind::SharpEdge).count();
         let changes = Change::list([
             (ChangeKind::WallsThickened, proved as u64),
+            (ChangeKind::ThroughHolesClosed, thickened.through_holes_closed),
             (ChangeKind::ThinWallsLeft, left as u64),
             (ChangeKind::FacesAdded, thickened.added_faces.len() as u64),
         ]);
@@ -105,6 +106,7 @@ impl ThickenWalls {
             added_faces: thickened.added_faces.len() as u64,
             added_volume_mm3: thickened.added_volume * self.millimetres.powi(3),
             max_deviation_mm: thickened.max_deviation * self.millimetres,
+            through_holes_closed: thickened.through_holes_closed,
             left_count: regions.len() as u64,
             left: regions.iter().take(MAX_LISTED).map(left).collect(),
         }
@@ -191,6 +193,7 @@ mod tests {
             surface: Surface::default(),
             added_volume: 2.0,
             max_deviation: 3.0,
+            through_holes_closed: 0,
             places: Vec::new(),
             added_faces: vec![4, 5],
             is_proved: false,

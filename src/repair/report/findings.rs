@@ -131,6 +131,8 @@ pub enum AssumptionKind {
     CavitiesFilled,
     /// A double shell was assumed to be a solid, and its interior was filled.
     InteriorFilled,
+    /// Through holes narrower than the least gap were closed where walls were thickened.
+    ThroughHolesClosed,
     /// A measure over a red flag's threshold is a property of the input, because independent methods agree on it. The amount is that
     /// measure.
     MethodsAgree,

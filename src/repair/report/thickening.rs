@@ -39,6 +39,9 @@ pub struct WallThickening {
     pub added_volume_mm3: f64,
     /// Largest distance of the added surface from the input, in millimetres.
     pub max_deviation_mm: f64,
+    /// Number of through holes that the added material closed. Each was narrower than the least gap.
+    #[serde(default)]
+    pub through_holes_closed: u64,
     /// Number of places that stay thin, sharp edges included.
     pub left_count: u64,
     /// The places that stay thin: walls first, then sharp edges; at most 100.

@@ -30,7 +30,7 @@ class ArtifactLink(TypedDict):
     """The SHA-256 hash of the file's bytes, in hexadecimal. Omitted for images and coloured meshes."""
 
 
-AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'interior_filled', 'methods_agree']
+AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'interior_filled', 'through_holes_closed', 'methods_agree']
 """The kinds of assumption."""
 
 
@@ -1955,6 +1955,8 @@ class WallThickening(TypedDict):
     """Number of places that stay thin, sharp edges included."""
     max_deviation_mm: float
     """Largest distance of the added surface from the input, in millimetres."""
+    through_holes_closed: NotRequired[int]
+    """Number of through holes that the added material closed. Each was narrower than the least gap."""
 
 
 class WebhookDeliveries(TypedDict):

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::context::{Context, NoProgress, monotonic_clock};
 use crate::math::Precision;
-use crate::mesh::{Soup, Surface, position_key};
+use crate::mesh::{Edges, Soup, Surface, position_key};
 use glam::{DQuat, DVec3};
 
 use super::LayerUnion;
@@ -182,20 +182,32 @@ fn unusable_settings_and_open_surfaces_are_errors() {
     }
 }
 
-/// A curved sheet of many faces: its upper side and its lower side are moved copies of one grid.
-fn curved_sheet(thickness: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
+/// A curved sheet of 4 by 4 and many faces. Its upper side is a copy of the lower one, moved by the thickness, and moved more
+/// or less by at most the roughness. The middle has a square hole of as many thirds.
+fn curved_sheet(thickness: f64, roughness: f64, hole: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let n = 12;
+    let open = 5..5 + hole;
     let at = |i: u32, j: u32, z: f64| {
         let [x, y] = [i, j].map(|k| 4.0 * f64::from(k) / f64::from(n));
         DVec3::new(x, y, z + 0.1 * (x - 2.0).powi(2))
     };
     let m = n + 1;
     let side = |z| (0..m * m).map(move |k| at(k % m, k / m, z));
-    let positions: Vec<DVec3> = side(0.0).chain(side(thickness)).collect();
+    let rough = (0u32..).map(|k| DVec3::Z * roughness * ((f64::from(k) * 12.9898).sin() * 43_758.545_3).sin());
+    let upper = side(thickness).zip(rough).map(|(p, more)| p + more);
+    let positions: Vec<DVec3> = side(0.0).chain(upper).collect();
     let (low, high) = (|i: u32, j: u32| i + m * j, |i: u32, j: u32| m * m + i + m * j);
     let quad = |[a, b, c, d]: [u32; 4]| [[a, b, c], [a, c, d]];
     let mut faces = Vec::new();
-    for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
+    for k in open.clone() {
+        let (from, to) = (open.start, open.end);
+        faces.extend(quad([low(k, from), high(k, from), high(k + 1, from), low(k + 1, from)]));
+        faces.extend(quad([low(k, to), low(k + 1, to), high(k + 1, to), high(k, to)]));
+        faces.extend(quad([low(from, k), low(from, k + 1), high(from, k + 1), high(from, k)]));
+        faces.extend(quad([low(to, k), high(to, k), high(to, k + 1), low(to, k + 1)]));
+    }
+    let is_open = |&(i, j): &(u32, u32)| open.contains(&i) && open.contains(&j);
+    for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))).filter(|at| !is_open(at)) {
         faces.extend(quad([high(i, j), high(i + 1, j), high(i + 1, j + 1), high(i, j + 1)]));
         faces.extend(quad([low(i, j), low(i, j + 1), low(i + 1, j + 1), low(i + 1, j)]));
     }
@@ -210,11 +222,27 @@ fn curved_sheet(thickness: f64) -> (Vec<DVec3>, Vec<[u32; 3]>) {
 
 #[test]
 fn balls_thicken_a_curved_sheet_of_many_faces() {
-    let (positions, faces) = curved_sheet(0.5);
+    let (positions, faces) = curved_sheet(0.5, 0.0, 0);
     let sheet = surface(positions, faces, 1.0);
     let done = thickened(&sheet, both(1.0)).unwrap();
     assert!(done.is_proved, "{:?}", done.places);
     assert!(done.max_deviation < 0.7, "{}", done.max_deviation);
     // The least volume is 16 * 0.5, without the balls' overhang at the rim.
     assert!((7.5..14.0).contains(&done.added_volume), "{}", done.added_volume);
+}
+
+#[test]
+fn only_a_hole_narrower_than_the_least_gap_is_closed() {
+    let euler = |s: &Surface| s.positions.len() as i64 - Edges::new(&s.faces).len() as i64 + s.faces.len() as i64;
+    // Holes of 0.33 and 0.67.
+    for (hole, closed) in [(1, 1), (2, 0)] {
+        let (positions, faces) = curved_sheet(0.3, 0.15, hole);
+        let sheet = surface(positions, faces, 1.0);
+        assert_eq!(euler(&sheet), 0, "one through hole");
+        let done = thickened(&sheet, Thickening { min_gap: 0.5, ..both(1.0) }).unwrap();
+        assert_eq!(done.through_holes_closed, closed);
+        assert!(done.added_volume > 10.0, "{}", done.added_volume);
+        assert_eq!(done.is_proved, closed == 1, "{:?}", done.places);
+        assert!(closed == 1 || euler(&done.surface) <= 0, "the hole is open");
+    }
 }

@@ -115,6 +115,7 @@ export const de: Words = {
     cavities_kept: ({ n, k }) => `${n} ${s(k, "geschlossener Hohlraum bleibt", "geschlossene Hohlräume bleiben")} hohl.`,
     cavities_filled: ({ n, k }) => `${n} ${s(k, "geschlossener Hohlraum wurde", "geschlossene Hohlräume wurden")} gefüllt.`,
     interior_filled: () => "Das Modell ist eine doppelte Schale. Ihr Inneres wurde gefüllt, das Modell ist also massiv.",
+    through_holes_closed: ({ n, k }) => `${n} ${s(k, "Durchgangsloch", "Durchgangslöcher")}, zu schmal zum Drucken, ${s(k, "wurde", "wurden")} durch dickere Wände geschlossen.`,
     methods_agree: () => "Verschiedene Verfahren ergaben dieselbe ungewöhnliche Größe. Sie gehört also zum Modell.",
   },
   decideOtherwise: "Anders wählen",
