@@ -270,8 +270,7 @@ fn through_holes_closed(steps: &[&Step]) -> Option<Assumption> {
     let count = changed(steps, Operator::ThickenWalls, ChangeKind::ThroughHolesClosed);
     (count > 0).then(|| {
         let subject = counted(count, "through hole was", "through holes were");
-        let detail =
-            format!("{subject} closed by thicker walls, because a narrower gap than the least gap does not print.");
+        let detail = format!("{subject} closed by thicker walls: gaps as narrow as that do not print.");
         Assumption::new(AssumptionKind::ThroughHolesClosed, count, detail)
     })
 }
