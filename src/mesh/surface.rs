@@ -102,6 +102,17 @@ impl Surface {
         (b - a).cross(c - a)
     }
 
+    /// The Euler characteristic: vertices in use, less edges, plus faces. `edges` are those of the faces.
+    #[must_use]
+    pub fn euler_characteristic(&self, edges: &Edges) -> i64 {
+        let mut used = vec![false; self.positions.len()];
+        self.faces.iter().flatten().for_each(|&v| used[v as usize] = true);
+        let vertices = used.iter().filter(|used| **used).count();
+        #[expect(clippy::cast_possible_wrap, reason = "elements are counted in u32")]
+        let [vertices, edges, faces] = [vertices, edges.len(), self.faces.len()].map(|count| count as i64);
+        vertices - edges + faces
+    }
+
     /// Adds a face with [`NO_SOURCE`].
     pub fn push_patch(&mut self, face: [u32; 3]) {
         self.push_generated(face, NO_SOURCE);

@@ -16,7 +16,7 @@ use rustc_hash::FxHashMap;
 
 use super::outcome::Thickening;
 use super::results::Thin;
-use super::walls::{NOISE, trusted_normal};
+use super::walls::{noise_of, trusted_normal};
 
 /// The largest dot product of the outward directions at two contacts of a ball in a wall: 36.9 degrees.
 const OPPOSED: f64 = -0.8;
@@ -93,29 +93,35 @@ type Cell = [i64; 3];
 /// The cells with thin balls, and whether one of them has a filler of its full size. More balls there add nothing.
 type Filled = FxHashMap<Cell, bool>;
 
-/// The number of triangles that the faces of a batch were split into.
-struct TriangleBudget<'a> {
+/// The number of triangles that faces were split into, and the most.
+pub struct TriangleBudget<'a> {
     count: AtomicU64,
+    most: u64,
     context: &'a Context<'a>,
 }
 
-impl TriangleBudget<'_> {
+impl<'a> TriangleBudget<'a> {
+    /// No triangle yet, of at most so many.
+    pub fn new(most: u64, context: &'a Context<'a>) -> Self {
+        Self { count: AtomicU64::new(0), most, context }
+    }
+
     /// Counts a triangle. Whether there are too many, or the work should stop.
-    fn should_stop(&self) -> bool {
+    pub fn should_stop(&self) -> bool {
         let count = self.count.fetch_add(1, Ordering::Relaxed);
-        if count >= MAX_TRIANGLES {
+        if count >= self.most {
             return true;
         }
         let should_stop = count.is_multiple_of(TRIANGLES_PER_CHECK) && self.context.check().is_err();
         if should_stop {
-            self.count.store(MAX_TRIANGLES, Ordering::Relaxed);
+            self.count.store(self.most, Ordering::Relaxed);
         }
         should_stop
     }
 
     /// Whether there were too many triangles, so that some were left out.
-    fn is_exceeded(&self) -> bool {
-        self.count.load(Ordering::Relaxed) > MAX_TRIANGLES
+    pub fn is_exceeded(&self) -> bool {
+        self.count.load(Ordering::Relaxed) > self.most
     }
 }
 
@@ -156,9 +162,8 @@ struct ThinBall {
 impl<'a> Fillers<'a> {
     /// Prepares the search.
     pub fn new(surface: &'a Surface, settings: Thickening, search: Search) -> Self {
-        let largest = surface.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
         let tree = Tree::new(&surface.positions, &surface.faces);
-        Self { surface, tree, settings, search, noise: NOISE * largest }
+        Self { surface, tree, settings, search, noise: noise_of(&surface.positions) }
     }
 
     /// The balls of all thin faces; none if there are too many.
@@ -171,7 +176,7 @@ impl<'a> Fillers<'a> {
         faces.dedup();
         let mut kept = Kept::default();
         for batch in faces.chunks(BATCH) {
-            let budget = TriangleBudget { count: AtomicU64::new(0), context };
+            let budget = TriangleBudget::new(MAX_TRIANGLES, context);
             let of_face = |&face| self.of_face(face, &kept.is_filled, &budget);
             let found: Vec<Vec<ThinBall>> = batch.par_iter().map(of_face).collect();
             context.check()?;

@@ -12,7 +12,7 @@ use super::gaps::{CELL, balls_over_gaps};
 use super::outcome::{Thickening, ThinReason};
 use super::results::{Grown, Thin, deviation_of_added, face_count};
 use super::spheres::Spheres;
-use super::unite::{Added, Broken, Expected, SelfUnion, Topology, united};
+use super::unite::{Added, Broken, SelfUnion, Topology, united};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 12;
@@ -114,10 +114,18 @@ impl Filling<'_> {
         };
         let [base_tree, input_tree] =
             [&base.surface, self.input].map(|surface| Tree::new(&surface.positions, &surface.faces));
-        let (balls, left_out) = (Vec::new(), Vec::new());
-        let (round, topology) = (0, self.topology);
-        let mut state =
-            State { base, balls, left_out, cells, base_tree, input_tree, first, round, topology, refusals: 0 };
+        let mut state = State {
+            base,
+            balls: Vec::new(),
+            left_out: Vec::new(),
+            cells,
+            base_tree,
+            input_tree,
+            first,
+            round: 0,
+            topology: self.topology,
+            refusals: 0,
+        };
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
             let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
@@ -227,10 +235,9 @@ impl Filling<'_> {
         for _ in 0..MAX_UNIONS {
             let Some(some) = open.pop() else { break };
             let with = [&best.balls[..], &some].concat();
-            let (surface, mut broken) = match self.union_of(state, &[(&with, state.cells.share)])? {
-                Some((surface, broken)) => (Some(surface), broken),
-                None => (None, Some(Broken::Union)),
-            };
+            let union = self.union_of(state, &[(&with, state.cells.share)])?;
+            let broken_in = |(_, topology): &(Surface, Topology)| topology.broken_since(state.topology);
+            let mut broken = union.as_ref().map_or(Some(Broken::Union), broken_in);
             if broken == Some(Broken::ThroughHole) && state.refusals < MAX_REFUSALS {
                 if self.leaves_wide_holes_open(&with, state)? {
                     broken = None;
@@ -245,8 +252,7 @@ impl Filling<'_> {
                 } else {
                     state.left_out.extend(some.into_iter().map(|filler| (filler, broken)));
                 }
-            } else if let Some(surface) = surface {
-                let topology = Topology::of(&surface, &self.settings);
+            } else if let Some((surface, topology)) = union {
                 state.topology = state.topology.without_holes_missing_in(topology);
                 (best.surface, best.balls) = (Some(surface), with);
             }
@@ -265,31 +271,28 @@ impl Filling<'_> {
         let topology = |balls: &[Filler]| {
             let over = (&over[..], CELL * self.settings.min_gap / self.settings.min_wall);
             let union = self.union_of(state, &[over, (balls, state.cells.share)])?;
-            Ok(union.map(|(surface, _)| Topology::of(&surface, &self.settings)))
+            Ok(union.map(|(_, topology)| topology))
         };
-        let mut before: Vec<Topology> = Vec::new();
-        for balls in [&[], earlier] {
-            let Some(found) = topology(balls)? else { return Ok(false) };
-            before.push(found);
-        }
+        let Some(base) = topology(&[])? else { return Ok(false) };
+        let Some(before) = topology(earlier)? else { return Ok(false) };
         for clearance in CLEARANCES {
             let larger = |ball: &Filler| Filler { radius: ball.radius + clearance * self.settings.min_wall, ..*ball };
             let larger: Vec<Filler> = earlier.iter().copied().chain(new.iter().map(larger)).collect();
             let Some(after) = topology(&larger)? else { return Ok(false) };
-            if before.iter().any(|before| before.handles_lost(after) > 0) {
+            if base.handles_lost(after) > 0 || before.handles_lost(after) > 0 {
                 return Ok(false);
             }
         }
         Ok(true)
     }
 
-    /// The union of the base and bodies of balls, each with the size of its cells as a share of the least wall, and the promise
-    /// that it breaks; none if it fails.
+    /// The union of the base and bodies of balls, each with the size of its cells as a share of the least wall, and its
+    /// topology; none if it fails.
     fn union_of(
         &self,
         state: &State<'_>,
         bodies: &[(&[Filler], f64)],
-    ) -> Result<Option<(Surface, Option<Broken>)>, Cancelled> {
+    ) -> Result<Option<(Surface, Topology)>, Cancelled> {
         let mut all = state.base.surface.clone();
         for &(balls, share) in bodies {
             match self.body(balls, share, MAX_MORE_FACES * state.cells.max_faces) {
@@ -299,13 +302,7 @@ impl Filling<'_> {
                 Err(_) => return Ok(None),
             }
         }
-        let expected = Expected {
-            topology: state.topology,
-            settings: self.settings,
-            first_added: self.faces(),
-            added: Added::Balls,
-        };
-        united(&all, expected, self.union, self.context)
+        united(&all, (Added::Balls, self.faces()), &self.settings, self.union, self.context)
     }
 
     /// The number of the input's faces.

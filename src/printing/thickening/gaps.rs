@@ -3,17 +3,15 @@
 //! Balls of nearly half the least gap, around points of the surface in front of which there is a narrow gap, close most narrow
 //! gaps and no wide one. What they leave open must stay open when walls grow.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree, centre_and_radius, longest_side_first};
 use crate::mesh::Surface;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::bodies::{Filler, MAX_BALLS, STEPS};
+use super::bodies::{Filler, MAX_BALLS, STEPS, TriangleBudget};
 use super::outcome::Thickening;
-use super::walls::{NOISE, trusted_normal};
+use super::walls::{noise_of, trusted_normal};
 
 /// The radius of a ball, as a share of the least gap: half of what the cells of the surface of many balls leave of it.
 const RADIUS: f64 = (1.0 - CELL) / 2.0;
@@ -42,24 +40,23 @@ pub fn balls_over_gaps(
         return Ok(None);
     }
     let boxes: Vec<Box3> = balls.iter().map(|ball| Box3::of([ball.centre]).grown(ball.radius)).collect();
-    let largest = surface.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
     let samples = Samples {
         surface,
         balls,
         tree_of_balls: Tree::of_boxes(&boxes),
         tree,
-        noise: NOISE * largest,
+        noise: noise_of(&surface.positions),
         least_gap: settings.min_gap,
-        triangles: AtomicU64::new(0),
+        budget: TriangleBudget::new(MAX_TRIANGLES, context),
     };
     let radius = RADIUS * settings.min_gap;
     let faces: Vec<u32> = (0u32..).take(surface.faces.len()).collect();
     let mut over = Vec::new();
     for batch in faces.chunks(BATCH) {
-        context.check()?;
         let found: Vec<Vec<DVec3>> = batch.par_iter().map(|&face| samples.of(face)).collect();
+        context.check()?;
         over.extend(found.into_iter().flatten().map(|centre| Filler { centre, radius, is_limited: false }));
-        if over.len() > MAX_BALLS || samples.are_too_many() {
+        if over.len() > MAX_BALLS || samples.budget.is_exceeded() {
             return Ok(None);
         }
     }
@@ -77,8 +74,7 @@ struct Samples<'a> {
     /// Height of a triangle below which rounding decides its normal.
     noise: f64,
     least_gap: f64,
-    /// The number of triangles that faces were split into.
-    triangles: AtomicU64,
+    budget: TriangleBudget<'a>,
 }
 
 impl Samples<'_> {
@@ -87,9 +83,8 @@ impl Samples<'_> {
         let corners = self.surface.corners(face as usize);
         let normal = trusted_normal(corners, self.noise);
         let mut samples = Vec::new();
-        let mut open = vec![corners];
-        while let Some(corners) = open.pop().filter(|_| !self.are_too_many()) {
-            self.triangles.fetch_add(1, Ordering::Relaxed);
+        let mut open = if normal == DVec3::ZERO { Vec::new() } else { vec![corners] };
+        while let Some(corners) = open.pop().filter(|_| !self.budget.should_stop()) {
             let (centre, size) = centre_and_radius(corners);
             let mut is_near = false;
             self.tree_of_balls.overlapping(&Box3::of(corners), |ball| {
@@ -98,7 +93,7 @@ impl Samples<'_> {
                 !is_near
             });
             if is_near && size <= SAMPLE * self.least_gap {
-                samples.extend(Some(centre).filter(|_| normal != DVec3::ZERO && self.is_before_gap(centre, normal)));
+                samples.extend(Some(centre).filter(|_| self.is_before_gap(centre, normal)));
             } else if is_near {
                 let [a, b, c] = longest_side_first(corners);
                 let middle = (a + b) / 2.0;
@@ -106,11 +101,6 @@ impl Samples<'_> {
             }
         }
         samples
-    }
-
-    /// Whether faces were split into too many triangles, so that samples are missing.
-    fn are_too_many(&self) -> bool {
-        self.triangles.load(Ordering::Relaxed) > MAX_TRIANGLES
     }
 
     /// Whether a ball of air as wide as the least gap does not fit in front of a point.

@@ -21,7 +21,7 @@ use smallvec::SmallVec;
 
 use super::mitre::{Plane, mitre};
 use super::refine::{Refined, index};
-use super::walls::{NOISE, trusted_normal};
+use super::walls::{noise_of, trusted_normal};
 
 /// Cosine of the angle up to which faces at an edge are one smooth surface, on which the growth fades out.
 pub const SMOOTH: f64 = 0.866_025_403_784_438_6;
@@ -207,8 +207,8 @@ impl<'a> Tops<'a> {
 
 /// The normals of the pieces; zero where rounding decides them.
 pub fn trusted_normals(refined: &Refined) -> Vec<DVec3> {
-    let largest = refined.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
-    (0..index(refined.faces.len())).map(|face| trusted_normal(refined.corners(face), NOISE * largest)).collect()
+    let noise = noise_of(&refined.positions);
+    (0..index(refined.faces.len())).map(|face| trusted_normal(refined.corners(face), noise)).collect()
 }
 
 /// A vertex with the pieces around it.

@@ -12,7 +12,6 @@
 mod bodies;
 mod fill;
 mod gaps;
-
 mod growth;
 mod layer;
 mod mitre;

@@ -16,7 +16,7 @@ use super::places::Places;
 use super::refine::Refined;
 use super::regions::Regions;
 use super::results::{MAX_THINNER, deviation_of_added, face_count, with_own_sources};
-use super::unite::{Added, Broken, Expected, SelfUnion, Topology, united};
+use super::unite::{Added, Broken, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
 /// The most rounds.
@@ -43,6 +43,8 @@ const RESOLUTION: f64 = 1.0 / (1 << 20) as f64;
 pub struct Rounds<'a> {
     settings: Thickening,
     input: &'a Surface,
+    /// The tree of the input, for the deviation.
+    input_tree: Tree,
     union: &'a dyn SelfUnion,
     context: &'a Context<'a>,
     /// The topology of the input.
@@ -84,8 +86,10 @@ impl<'a> Rounds<'a> {
         let places = Places::new(input, &thin_before);
         let taken_back = vec![false; places.count as usize];
         let topology = Topology::of(input, &settings);
+        let input_tree = Tree::new(&input.positions, &input.faces);
+        let (needed, added) = (0.0, 0.0);
         let mut rounds =
-            Self { settings, input, union, context, topology, places, taken_back, fit, needed: 0.0, added: 0.0 };
+            Self { settings, input, input_tree, union, context, topology, places, taken_back, fit, needed, added };
         let mut best = rounds.grown(&thin_before)?;
         // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
         for number in 0..=MAX_RESTARTS {
@@ -108,7 +112,6 @@ impl<'a> Rounds<'a> {
         let settings = self.settings;
         // Faces carry the index of the input's face; added faces carry it plus the number of faces.
         let mut surface = with_own_sources(self.input);
-        let input_tree = Tree::new(&self.input.positions, &self.input.faces);
         let mut thin = thin_before.to_vec();
         let mut best = Grown { area: thin_area(&surface, &thin), surface: surface.clone(), thin: thin.clone() };
         for number in 0..MAX_ROUNDS {
@@ -122,7 +125,7 @@ impl<'a> Rounds<'a> {
             // The first round is judged place by place.
             let is_better = number == 0 || area < best.area && !self.is_thinner_somewhere(&surface, &thin, &best);
             let is_hopeless = self.fit == Fit::Regions && number > 0 && area > MAX_LEFT * best.area;
-            let deviation = || deviation_of_added((self.input, &input_tree), &surface);
+            let deviation = || deviation_of_added((self.input, &self.input_tree), &surface);
             if !is_better || is_hopeless || deviation() > MAX_DEVIATION * settings.min_wall {
                 break;
             }
@@ -358,14 +361,10 @@ impl Attempt<'_, '_> {
         if layered.piece.iter().all(Option::is_none) {
             return Ok(None);
         }
-        let expected = Expected {
-            topology: rounds.topology,
-            settings: rounds.settings,
-            first_added: rounds.faces(),
-            added: Added::Layer,
-        };
-        let united = united(&layered.surface, expected, rounds.union, rounds.context)?;
-        Ok(Some(united.ok_or(Broken::Union).and_then(|(surface, broken)| broken.map_or(Ok(surface), Err))))
+        let added = (Added::Layer, rounds.faces());
+        let united = united(&layered.surface, added, &rounds.settings, rounds.union, rounds.context)?;
+        let Some((surface, topology)) = united else { return Ok(Some(Err(Broken::Union))) };
+        Ok(Some(topology.broken_since(rounds.topology).map_or(Ok(surface), Err)))
     }
 
     /// The places whose layers can be united together, and those that cannot. By halving.

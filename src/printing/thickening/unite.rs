@@ -69,13 +69,12 @@ impl Topology {
         let roots = groups(surface, &parts, &volumes, settings);
         let is_group = |(part, root): &(u32, &u32)| part == *root && volumes[*part as usize] > 0.0;
         let solids = (0u32..).zip(&roots).filter(is_group).count();
-        let count = |n: usize| i64::try_from(n).unwrap_or(i64::MAX);
-        let euler = count(surface.positions.len()) - count(edges.len()) + count(surface.faces.len());
-        Self { solids, cavities, handles: count(parts.count) - euler / 2 }
+        let part_count = i64::try_from(parts.count).unwrap_or(i64::MAX);
+        Self { solids, cavities, handles: part_count - surface.euler_characteristic(&edges) / 2 }
     }
 
     /// The property of `before` that a result lacks. It may have more handles: growth can leave a narrow tunnel in a crease.
-    fn broken_since(self, before: Self) -> Option<Broken> {
+    pub fn broken_since(self, before: Self) -> Option<Broken> {
         if (self.solids, self.cavities) != (before.solids, before.cavities) {
             return Some(Broken::Parts);
         }
@@ -142,53 +141,41 @@ fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
     volumes
 }
 
-/// The expectations of a union.
-#[derive(Debug, Clone, Copy)]
-pub struct Expected {
-    /// The topology that the result must have.
-    pub topology: Topology,
-    /// The settings of the thickening.
-    pub settings: Thickening,
-    /// The least source of added faces.
-    pub first_added: u32,
-    /// What was added.
-    pub added: Added,
-}
-
-/// The boundary of the union of a solid and what was added, without small bubbles and crumbs, and the promise that it breaks.
-/// None if there is no such union.
+/// The boundary of the union of a solid and what was added, without small bubbles and crumbs, and its topology. Faces with a
+/// source of at least `first_added` are what was added. None if there is no such union.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn united(
     surface: &Surface,
-    expected: Expected,
+    (added, first_added): (Added, u32),
+    settings: &Thickening,
     union: &dyn SelfUnion,
     context: &Context<'_>,
-) -> Result<Option<(Surface, Option<Broken>)>, Cancelled> {
-    let united = union.unite(surface, MAX_ROUNDING * expected.settings.min_wall, context)?;
+) -> Result<Option<(Surface, Topology)>, Cancelled> {
+    let united = union.unite(surface, MAX_ROUNDING * settings.min_wall, context)?;
     Ok(united.map(|mut united| {
-        fill_bubbles(&mut united, &expected);
-        let broken = Topology::of(&united, &expected.settings).broken_since(expected.topology);
-        (united, broken)
+        fill_bubbles(&mut united, (added, first_added), settings);
+        let topology = Topology::of(&united, settings);
+        (united, topology)
     }))
 }
 
 /// Removes the closed parts smaller than the cube of the least wall that the layer creates: bubbles of air between its prisms, and
 /// crumbs of the layer alone. A bubble that held air of the model keeps its faces only if it is larger.
-fn fill_bubbles(surface: &mut Surface, expected: &Expected) {
-    let most = small(&expected.settings);
+fn fill_bubbles(surface: &mut Surface, (added, first_added): (Added, u32), settings: &Thickening) {
+    let most = small(settings);
     let parts = Parts::new(surface, &Edges::new(&surface.faces));
     let volume = volumes(surface, &parts);
     let mut has_added = vec![false; parts.count];
     let mut has_old = vec![false; parts.count];
     for (face, &part) in parts.of_face.iter().enumerate().filter(|(_, part)| **part != Parts::NONE) {
-        let is_added = surface.source[face] >= expected.first_added;
+        let is_added = surface.source[face] >= first_added;
         has_added[part as usize] |= is_added;
         has_old[part as usize] |= !is_added;
     }
     let is_bubble = |part: usize| volume[part] <= 0.0 && has_added[part];
-    let is_crumb = |part: usize| expected.added == Added::Layer && volume[part] > 0.0 && !has_old[part];
+    let is_crumb = |part: usize| added == Added::Layer && volume[part] > 0.0 && !has_old[part];
     let is_removed: Vec<bool> =
         (0..parts.count).map(|part| volume[part].abs() < most && (is_bubble(part) || is_crumb(part))).collect();
     if is_removed.contains(&true) {
@@ -245,11 +232,10 @@ mod tests {
 
     #[test]
     fn a_small_solid_of_added_faces_is_a_crumb_only_of_a_layer() {
-        let topology = of(&[(0.0, 1.0)]);
         for (added, faces) in [(Added::Layer, 4), (Added::Balls, 8)] {
             let mut surface = tetrahedra(&[(0.0, 1.0), (5.0, 0.1)]);
             surface.source = vec![0, 1, 2, 3, 4, 4, 4, 4];
-            fill_bubbles(&mut surface, &Expected { topology, settings: settings(), first_added: 4, added });
+            fill_bubbles(&mut surface, (added, 4), &settings());
             assert_eq!(surface.faces.len(), faces);
         }
     }

@@ -16,7 +16,7 @@ const ALIGNED: f64 = 0.5;
 const END: f64 = 1e-3;
 
 /// Height of a triangle below which the rounding to f32 decides its normal, as a share of the largest coordinate.
-pub const NOISE: f64 = 16.0 / (1 << 24) as f64;
+const NOISE: f64 = 16.0 / (1 << 24) as f64;
 
 /// The side of a face on which its opposed faces are searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,9 +61,9 @@ pub struct Walls<'a> {
 impl<'a> Walls<'a> {
     /// Prepares the search.
     pub fn new(surface: &'a Surface) -> Self {
-        let largest = surface.positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()));
-        let normals = (0..surface.faces.len()).map(|f| trusted_normal(surface.corners(f), NOISE * largest)).collect();
-        Self { surface, normals, tree: Tree::new(&surface.positions, &surface.faces), contact: NOISE * largest }
+        let noise = noise_of(&surface.positions);
+        let normals = (0..surface.faces.len()).map(|f| trusted_normal(surface.corners(f), noise)).collect();
+        Self { surface, normals, tree: Tree::new(&surface.positions, &surface.faces), contact: noise }
     }
 
     /// The unit normal of a face; zero if it has no area.
@@ -223,6 +223,11 @@ impl<'a> Walls<'a> {
         });
         clear
     }
+}
+
+/// The height of a triangle between some positions below which rounding decides its normal.
+pub fn noise_of(positions: &[DVec3]) -> f64 {
+    NOISE * positions.iter().fold(0.0f64, |most, p| most.max(p.abs().max_element()))
 }
 
 /// The unit normal of a triangle; zero if its least height is below `noise`, so that rounding decides the normal.

@@ -64,8 +64,8 @@ pub(super) fn verify(
     let edges = [before, after].map(|surface| Edges::new(&surface.faces));
     // Each bore joins two boundaries, or adds a handle: both take two from the Euler characteristic.
     #[expect(clippy::cast_possible_wrap, reason = "few bores")]
-    let expected = euler(before, &edges[0]) - 2 * bores.len() as i64;
-    if euler(after, &edges[1]) != expected {
+    let expected = before.euler_characteristic(&edges[0]) - 2 * bores.len() as i64;
+    if after.euler_characteristic(&edges[1]) != expected {
         return Ok(Some(Mistake::Topology));
     }
     if has_far_change(before, after, bores) {
@@ -81,20 +81,6 @@ pub(super) fn verify(
     let soup = after.to_soup();
     let found = intersections(&Analysis::new((&soup).into(), context)?, context)?;
     Ok((!found.counts.proven_none()).then_some(Mistake::Intersects))
-}
-
-/// Vertices in use, less edges, plus faces.
-fn euler(surface: &Surface, edges: &Edges) -> i64 {
-    let mut used = vec![false; surface.positions.len()];
-    surface.faces.iter().flatten().for_each(|&v| used[v as usize] = true);
-    let vertices = used.iter().filter(|used| **used).count();
-    #[expect(clippy::cast_possible_wrap, reason = "elements are counted in u32")]
-    [vertices, edges.len(), surface.faces.len()]
-        .map(|count| count as i64)
-        .iter()
-        .zip([1, -1, 1])
-        .map(|(c, s)| c * s)
-        .sum()
 }
 
 /// Compares the regions: `opened` voids are gone, all other voids and the number of solids are the same.

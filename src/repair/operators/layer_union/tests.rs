@@ -233,7 +233,7 @@ fn balls_thicken_a_curved_sheet_of_many_faces() {
 
 #[test]
 fn only_a_hole_narrower_than_the_least_gap_is_closed() {
-    let euler = |s: &Surface| s.positions.len() as i64 - Edges::new(&s.faces).len() as i64 + s.faces.len() as i64;
+    let euler = |surface: &Surface| surface.euler_characteristic(&Edges::new(&surface.faces));
     // Holes of 0.33 and 0.67.
     for (hole, closed) in [(1, 1), (2, 0)] {
         let (positions, faces) = curved_sheet(0.3, 0.15, hole);
