@@ -92,14 +92,25 @@ impl PrintReadiness {
         self.cups.truncate(most);
     }
 
-    /// The result in one sentence.
+    /// The result in a sentence, and a second sentence about resin cups.
     #[must_use]
     pub fn in_words(&self) -> String {
-        if self.ready {
-            return format!("The model meets every rule of {}.", self.title);
-        }
         let failed: Vec<&str> = self.shortfalls().map(|rule| rule.rule.in_words()).collect();
-        format!("The model does not meet these rules of {}: {}.", self.title, failed.join(", "))
+        let result = match self.ready {
+            true => format!("The model meets every rule of {}.", self.title),
+            false => format!("The model does not meet these rules of {}: {}.", self.title, failed.join(", ")),
+        };
+        if self.cups.is_empty() {
+            return result;
+        }
+        format!(
+            "{result} In this orientation, {} during the print: {:.0} mm³. Turn the model, or drill a drain hole at the lowest point.",
+            match self.cups.len() {
+                1 => "a hollow holds resin".to_owned(),
+                n => format!("{n} hollows hold resin"),
+            },
+            self.cups.iter().map(|cup| cup.volume_mm3).sum::<f64>()
+        )
     }
 }
 

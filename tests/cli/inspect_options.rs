@@ -128,3 +128,25 @@ fn pictures_are_drawn_into_the_folder_and_of_several_files_each_has_its_own() {
     let output = workspace.run(&["inspect", "bad.stl", "--pictures", "file"]);
     assert!(exit_code(&output) == 3 && stderr(&output).contains("file"), "{}", stderr(&output));
 }
+
+/// A block of 20 mm with a square pit of 16 x 16 x 18 mm that opens upward.
+const CUP: &str = "\
+v 0 0 0\nv 20 0 0\nv 20 20 0\nv 0 20 0\nv 0 0 20\nv 20 0 20\nv 20 20 20\nv 0 20 20
+v 2 2 2\nv 18 2 2\nv 18 18 2\nv 2 18 2\nv 2 2 20\nv 18 2 20\nv 18 18 20\nv 2 18 20
+f 4 3 2 1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8
+f 5 6 14 13\nf 6 7 15 14\nf 7 8 16 15\nf 8 5 13 16
+f 13 14 10 9\nf 14 15 11 10\nf 15 16 12 11\nf 16 13 9 12\nf 9 10 11 12
+";
+
+#[test]
+fn a_hollow_that_holds_resin_is_named_for_resin_only() {
+    let workspace = Workspace::new();
+    workspace.put("cup.obj", CUP.as_bytes());
+    let row = "  resin cup, as it stands     4608 mm^3; opening 256 mm^2; drains at (";
+    let resin = text(&workspace, &["cup.obj", "--process", "sla-resin"]);
+    assert!(resin.contains(row), "{resin}");
+    assert!(!text(&workspace, &["cup.obj", "--process", "sls-pa12"]).contains("resin cup"));
+    let repaired = workspace.run(&["repair", "cup.obj", "-o", "out.obj", "--process", "sla-resin"]);
+    let sentence = "In this orientation, a hollow holds resin during the print: 4608 mm³.";
+    assert!(stderr(&repaired).contains(sentence), "{}", stderr(&repaired));
+}

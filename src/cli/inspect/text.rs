@@ -33,9 +33,9 @@ pub fn report(file: &Inspected, style: Style, all_places: bool) -> String {
     text + &file.print_ready.as_ref().map_or_else(String::new, readiness)
 }
 
-/// Whether the file meets each rule of the process.
+/// Whether the file meets each rule of the process, and its hollows.
 fn readiness(readiness: &PrintReadiness) -> String {
-    let list = readiness.rules.iter().map(|rule| {
+    let rules = readiness.rules.iter().map(|rule| {
         let verdict = match rule.result {
             RuleOutcome::Pass => "pass",
             RuleOutcome::Fail => "FAIL",
@@ -47,7 +47,18 @@ fn readiness(readiness: &PrintReadiness) -> String {
         let details = [Some(verdict.to_owned())].into_iter().chain(numbers).chain([at, rule.remedy.clone()]);
         row(rule.rule.in_words(), details.flatten().collect::<Vec<_>>().join("; "))
     });
-    section(&format!("Process: {}", readiness.title), &list.collect::<Vec<_>>())
+    let cavities = readiness.cavities.iter().map(|cavity| {
+        let volume = format_number(cavity.volume_mm3);
+        row("sealed cavity", format!("{volume} mm^3; at {}", format_point(cavity.at)))
+    });
+    let cups = readiness.cups.iter().map(|cup| {
+        let [volume, opening] = [cup.volume_mm3, cup.opening_mm2].map(format_number);
+        row(
+            "resin cup, as it stands",
+            format!("{volume} mm^3; opening {opening} mm^2; drains at {}", format_point(cup.at)),
+        )
+    });
+    section(&format!("Process: {}", readiness.title), &rules.chain(cavities).chain(cups).collect::<Vec<_>>())
 }
 
 /// The four attributes, and whether the file passes the rules of its level.

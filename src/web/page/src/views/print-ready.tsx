@@ -4,6 +4,9 @@ import { mendingOptions, ruleValue, sortedRules } from "../report/print-ready";
 import { useWords } from "../words/locale";
 import { Icon } from "./icons";
 
+/** A button that shows points, given in the file's unit, in the viewer; nothing for no points. */
+export type GoTo = (name: string, points: number[][]) => ComponentChildren;
+
 interface Props {
   job: Job;
   readiness: PrintReadiness;
@@ -12,12 +15,12 @@ interface Props {
   name?: string | undefined;
   /** Submits another job with other options, if the user may. */
   retry?: ((options: Options) => void) | undefined;
-  /** A button that shows the places of a rule. */
-  placesOf?: ((rule: RuleResult) => ComponentChildren) | undefined;
+  /** Shows places in the viewer, where there is one. */
+  goTo?: GoTo | undefined;
 }
 
 /** Whether the file meets each rule of the process: limit, measured value, and what to do. */
-export function PrintReady({ job, readiness, heading: Heading = "h2", name, retry, placesOf }: Props) {
+export function PrintReady({ job, readiness, heading: Heading = "h2", name, retry, goTo }: Props) {
   const { words, figures } = useWords();
   const rules = sortedRules(readiness);
   const count = (result: RuleResult["result"]): number => rules.filter((rule) => rule.result === result).length;
@@ -42,13 +45,38 @@ export function PrintReady({ job, readiness, heading: Heading = "h2", name, retr
           </thead>
           <tbody>
             {rules.map((rule) => (
-              <Row key={rule.rule} rule={rule} options={mendingOptions(job, rule)} retry={retry} places={placesOf?.(rule)} />
+              <Row key={rule.rule} rule={rule} options={mendingOptions(job, rule)} retry={retry} places={goTo?.(words.rules[rule.rule] ?? rule.rule, (rule.places ?? []).map(({ at }) => at))} />
             ))}
           </tbody>
         </table>
       </div>
       <p class="aside">{figures.count(rules.length - failed - undecided)} / {figures.count(rules.length)}</p>
+      <Hollows readiness={readiness} goTo={goTo} />
     </section>
+  );
+}
+
+/** The sealed cavities, and the resin cups in the model's orientation. Neither breaks a rule by itself. */
+function Hollows({ readiness: { cavities = [], cups = [] }, goTo }: Pick<Props, "readiness" | "goTo">) {
+  const { words, figures } = useWords();
+  const volume = (mm3: number): string => `${figures.number(mm3, 3)} mm³`;
+  const lists = [
+    { name: words.cavities, hollows: cavities, largest: words.largestCavity, advice: null },
+    { name: words.resinCups, hollows: cups, largest: words.largestCup, advice: words.resinCupAdvice },
+  ];
+  return (
+    <>
+      {lists.map(({ name, hollows, largest, advice }) => {
+        const [first] = hollows;
+        if (!first) return null;
+        const points = hollows.map(({ at }) => at);
+        return (
+          <p key={name}>
+            <b>{name}: {figures.count(hollows.length)}.</b> {largest(volume(first.volume_mm3))} {advice} {goTo?.(name, points)}
+          </p>
+        );
+      })}
+    </>
   );
 }
 

@@ -1,6 +1,5 @@
-import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
-import type { Job, Options, PrintReadiness, RuleResult } from "meshmend-client";
+import type { Job, Options, PrintReadiness } from "meshmend-client";
 import { isRepair, optionsOf } from "../report/advice";
 import { readinessIn, readinessOf, readinessOfFiles, withProcess } from "../report/print-ready";
 import { fullReport } from "../state/job";
@@ -8,7 +7,7 @@ import { server } from "../state/server";
 import { choose } from "../state/settings";
 import { usePageWords } from "../words/page-locale";
 import { GoThere } from "./layers";
-import { PrintReady } from "./print-ready";
+import { PrintReady, type GoTo } from "./print-ready";
 import { ProcessSelect } from "./process-select";
 import type { Shown } from "./viewer-pane";
 
@@ -40,35 +39,34 @@ export function ProcessCheck({ job, shown, retry }: { job: Job; shown: Shown | n
     const places = readiness?.rules.flatMap((rule) => rule.places ?? []) ?? [];
     shown?.viewer.setSpots("print_rules", places.map(({ at }) => at), COLOUR);
   }, [shown, readiness]);
-  const placesOf = (rule: RuleResult) => {
-    const points = rule.places ?? [];
+  const goTo: GoTo = (name, points) => {
     if (points.length === 0 || !shown) return null;
-    const places = () => points.map(({ at }) => shown.viewer.placeAt(at)).filter((place) => place != null);
-    return <GoThere label={words.goThere(words.rules[rule.rule] ?? rule.rule)} places={places} shown={shown} />;
+    const places = () => points.map((at) => shown.viewer.placeAt(at)).filter((place) => place != null);
+    return <GoThere label={words.goThere(name)} places={places} shown={shown} />;
   };
   if (job.status === "expired" || !job.report) return null;
-  if (!isRepair(job)) return <AnalysedFiles job={job} placesOf={placesOf} />;
+  if (!isRepair(job)) return <AnalysedFiles job={job} goTo={goTo} />;
   const change = (process: string): void => {
     choose({ process });
     retry(withProcess(optionsOf(job), process));
   };
   return (
     <section class="process-check">
-      {readiness && <PrintReady job={job} readiness={readiness} retry={retry} placesOf={placesOf} />}
+      {readiness && <PrintReady job={job} readiness={readiness} retry={retry} goTo={goTo} />}
       <ProcessSelect value={String(optionsOf(job)["process"] ?? "")} set={change} label={readiness ? words.otherProcess : words.checkProcess} />
     </section>
   );
 }
 
 /** The rules of the process for each file of an analysis. Places are shown for a single file, whose model the viewer has. */
-function AnalysedFiles({ job, placesOf }: { job: Job; placesOf: (rule: RuleResult) => ComponentChildren }) {
+function AnalysedFiles({ job, goTo }: { job: Job; goTo: GoTo }) {
   const files = readinessOfFiles(job.report ?? null);
   if (files.length === 0) return null;
   const isOnly = files.length === 1 && !job.inputs;
   return (
     <section class="process-check">
       {files.map(({ name, readiness }, number) => (
-        <PrintReady key={number} job={job} readiness={readiness} name={files.length > 1 ? name : undefined} placesOf={isOnly ? placesOf : undefined} />
+        <PrintReady key={number} job={job} readiness={readiness} name={files.length > 1 ? name : undefined} goTo={isOnly ? goTo : undefined} />
       ))}
     </section>
   );
