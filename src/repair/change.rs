@@ -125,7 +125,7 @@ change_kinds! {
     OverlappingFacesRemoved = "overlapping_faces_removed",
     /// Dangling faces removed.
     DanglingFacesRemoved = "dangling_faces_removed",
-    /// Faces created by a remesh.
+    /// Faces created by a cut or a remesh.
     FacesCreated = "faces_created",
     /// Places without thickness that were thickened.
     ThinPlacesThickened = "thin_places_thickened",

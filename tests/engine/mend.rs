@@ -213,6 +213,20 @@ fn two_cubes_that_overlap_become_one_solid_of_their_common_volume() {
 }
 
 #[test]
+fn a_union_counts_the_faces_that_it_cut_removed_and_created() {
+    // The second cube covers four whole cells of the first cube's wall and cuts the twelve cells around them. The first
+    // cube covers one of the second cube's walls, and cuts the twelve cells of each wall beside it in two.
+    let soup = join(&cube(DVec3::ZERO, 4.0, 4), &cube(DVec3::new(3.5, 0.5, 0.5), 3.0, 3));
+    let before = soup.faces.len() as u64;
+    let (surface, result) = resolved(&soup);
+    let [cut, removed, created] =
+        ["faces_cut", "faces_removed", "faces_created"].map(|kind| change_count(&result.changes, kind));
+    assert_eq!(removed, 2 * 4 + 2 * 9);
+    assert!((40..=2 * 24).contains(&cut), "{cut}");
+    assert_eq!(surface.faces.len() as u64, before - cut - removed + created);
+}
+
+#[test]
 fn solids_that_share_part_of_a_wall_become_one_without_the_wall() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 1), &cube(DVec3::new(1.0, 0.25, 0.25), 0.5, 1));
     let (surface, _) = resolved(&soup);

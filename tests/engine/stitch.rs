@@ -303,6 +303,19 @@ fn a_hole_as_wide_as_its_edges_is_no_crack() {
 }
 
 #[test]
+fn a_missing_face_is_no_crack_even_where_its_edges_are_longer_than_it_is_high() {
+    let whole = sphere(DVec3::ZERO, 1.0, 60, 100);
+    for missing in [1, 2] {
+        let mut soup = whole.clone();
+        soup.faces.drain(7001..7001 + missing);
+        let mut target = surface(&soup);
+        let before = target.clone();
+        let applied = stitched(&mut target, Stitch { threshold: 0.1, ..Stitch::default() });
+        assert!(target == before, "{missing}: {applied:?}");
+    }
+}
+
+#[test]
 fn closed_parts_near_one_another_and_open_sheets_are_not_touched() {
     let sheets = [
         join(&cube(DVec3::ZERO, 1.0, 4), &cube(DVec3::X * 1.0005, 1.0, 4)),

@@ -48,8 +48,7 @@ fn readiness(readiness: &PrintReadiness) -> String {
         row(rule.rule.in_words(), details.flatten().collect::<Vec<_>>().join("; "))
     });
     let cavities = readiness.cavities.iter().map(|cavity| {
-        let volume = format_number(cavity.volume_mm3);
-        row("sealed cavity", format!("{volume} mm^3; at {}", format_point(cavity.at)))
+        row("sealed cavity", format!("{} mm^3; at {}", format_number(cavity.volume_mm3), format_point(cavity.at)))
     });
     let cups = readiness.cups.iter().map(|cup| {
         let [volume, opening] = [cup.volume_mm3, cup.opening_mm2].map(format_number);

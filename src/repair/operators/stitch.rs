@@ -3,6 +3,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use glam::DVec3;
+
 use super::border::{Border, MergePosition, NearbyEdge};
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
@@ -22,6 +24,16 @@ const COST_OF_CANDIDATE: u64 = 16;
 
 /// The most vertices followed along a straight line: more cannot be closer than half of an edge.
 const MAX_AHEAD: usize = 64;
+
+/// The most edges of a hole whose shape decides whether it is a crack.
+const MAX_EDGES_OF_SMALL_HOLE: usize = 12;
+
+/// A small hole whose area divided by the square of half its perimeter is larger than this is no crack. A triangle of
+/// this shape is a sixth as high as it is wide; a square has 0.25.
+const MIN_ROUNDNESS: f64 = 0.08;
+
+/// No small round hole.
+const NONE: u32 = u32::MAX;
 
 /// Closes cracks whose two sides have different vertices.
 #[derive(Debug, Clone, Copy)]
@@ -71,9 +83,10 @@ impl Stitch {
     /// ```
     ///
     /// One queue holds the vertices of every crack, nearest first, so no recursion into the remaining gaps is needed. The
-    /// two sides of a crack may belong to two parts. Two kinds of features are not joined: features straight ahead along the
-    /// boundary, which would fold it and leave a T-junction; and features whose boundary does not run side by side in the
-    /// opposite direction, since they are not the other side of the same crack.
+    /// two sides of a crack may belong to two parts. Three kinds of features are not joined: features straight ahead along
+    /// the boundary, which would fold it and leave a T-junction; features whose boundary does not run side by side in the
+    /// opposite direction, since they are not the other side of the same crack; and features of the same small round
+    /// hole, for example of a missing face, since filling restores it and stitching would bend the faces around it.
     ///
     /// Precondition: none; consistent winding gives the best result. Result: no new position unless averages are requested;
     /// no face disappears, loses its area or flips; no boundary edge gets more than two faces. Leaves: wider gaps, triangles
@@ -197,6 +210,10 @@ struct Search {
     snap: f64,
     /// For each boundary vertex the largest width of a crack between it and another vertex.
     width: Vec<f64>,
+    /// For each boundary vertex the number of its small round hole, or [`NONE`].
+    hole_of_vertex: Vec<u32>,
+    /// For each original boundary edge the same.
+    hole_of_edge: Vec<u32>,
     nearby: Vec<NearbyEdge>,
 }
 
@@ -210,7 +227,17 @@ impl Search {
                 *width = width.max(length * 0.5).min(limit);
             }
         }
-        Self { limit, snap, width, nearby: Vec::new() }
+        let hole_of_vertex = small_round_holes(border);
+        let hole = |v: u32| hole_of_vertex[border.boundary_index(v)];
+        let hole_of_edge = border.edge_lengths().map(|([a, b], _)| if hole(a) == hole(b) { hole(a) } else { NONE });
+        let hole_of_edge = hole_of_edge.collect();
+        Self { limit, snap, width, hole_of_vertex, hole_of_edge, nearby: Vec::new() }
+    }
+
+    /// Whether a vertex and an edge belong to the same small round hole.
+    fn are_in_round_hole(&self, border: &Border<'_>, v: u32, edge: &NearbyEdge) -> bool {
+        let hole = self.hole_of_vertex[border.boundary_index(v)];
+        hole != NONE && self.hole_of_edge[edge.edge as usize] == hole
     }
 
     /// The nearest feature that a vertex may join, and its distance.
@@ -273,7 +300,7 @@ impl Search {
                 break;
             }
             // For an edge straight ahead the closest point is an end, which is not a feature then.
-            if edge.distance * 2.0 > border.length_before(edge.half_edge) {
+            if edge.distance * 2.0 > border.length_before(edge.half_edge) || self.are_in_round_hole(border, v, edge) {
                 continue;
             }
             let snapped = if edge.ratio <= self.snap {
@@ -312,6 +339,53 @@ impl Search {
             .find(|&(from, to)| border.is_within_displacement(from, to, self.limit) && border.can_merge(from, to))?;
         Some((distance, Feature::Vertex { from, to }))
     }
+}
+
+/// For each boundary vertex the number of the small round hole around which it lies, or [`NONE`]. The boundary of such a
+/// hole is one simple loop.
+fn small_round_holes(border: &Border<'_>) -> Vec<u32> {
+    let mut hole = vec![NONE; border.vertices.len()];
+    let mut count = 0;
+    for &start in &border.vertices {
+        if hole[border.boundary_index(start)] != NONE {
+            continue;
+        }
+        let Some(boundary) = small_loop(border, start).filter(|vertices| is_round(border, vertices)) else { continue };
+        boundary.iter().for_each(|&v| hole[border.boundary_index(v)] = count);
+        count += 1;
+    }
+    hole
+}
+
+/// The vertices of a boundary loop from `start` on; `None` if the loop is long, or meets another boundary.
+fn small_loop(border: &Border<'_>, start: u32) -> Option<Vec<u32>> {
+    let mut vertices = vec![start];
+    let (mut last, mut at) = (start, start);
+    loop {
+        let mut neighbours = border.neighbours(at);
+        let [one, other] = [neighbours.next()?, neighbours.next()?];
+        if neighbours.next().is_some() || one == other {
+            return None;
+        }
+        (last, at) = (at, if one == last { other } else { one });
+        if at == start {
+            return Some(vertices);
+        }
+        if vertices.len() == MAX_EDGES_OF_SMALL_HOLE {
+            return None;
+        }
+        vertices.push(at);
+    }
+}
+
+/// Whether a loop encloses a large area for its length.
+fn is_round(border: &Border<'_>, vertices: &[u32]) -> bool {
+    let next = |i: usize| border.position(vertices[(i + 1) % vertices.len()]);
+    let centre = border.position(vertices[0]);
+    let points = || (0..vertices.len()).map(|i| [border.position(vertices[i]), next(i)]);
+    let perimeter: f64 = points().map(|[a, b]| a.distance(b)).sum();
+    let area = points().map(|[a, b]| (a - centre).cross(b - centre)).sum::<DVec3>().length() / 2.0;
+    area > MIN_ROUNDNESS * (perimeter / 2.0).powi(2)
 }
 
 /// The vertices that follow on the boundary in a straight line from a vertex, up to the first beyond `reach`.

@@ -7,6 +7,8 @@ mod residue;
 mod rounds;
 mod snap;
 
+use rustc_hash::{FxHashMap, FxHashSet};
+
 use crate::arrange::{ArrangeError, Arrangement, Exact};
 use crate::inspect::SearchedMesh;
 use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated};
@@ -82,7 +84,6 @@ impl SelfUnionRounds {
         if before == 0 && !may_open && !always {
             return Ok(Resolved::default());
         }
-        let faces_before = surface.faces.len() as u64;
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
         let (best, done) = match (Uniting { settings: self, engine, context }).unite(surface, searched) {
@@ -98,12 +99,14 @@ impl SelfUnionRounds {
             let error = "rounding left intersecting faces and non-manifold edges";
             return Ok(undone(before, ArrangeError::Failed(error.to_owned())));
         }
+        let replaced = ReplacedFaces::between(surface, &best.surface);
         *surface = best.surface;
         let changes = Change::list([
             (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(surface, &Edges::new(&surface.faces)))),
             (ChangeKind::IntersectingPairsResolved, before.saturating_sub(best.pairs)),
-            (ChangeKind::FacesCut, faces_before),
-            (ChangeKind::FacesCreated, surface.faces.len() as u64),
+            (ChangeKind::FacesCut, replaced.cut),
+            (ChangeKind::FacesRemoved, replaced.removed),
+            (ChangeKind::FacesCreated, replaced.created),
             (ChangeKind::VerticesSnapped, done.snapped),
             (ChangeKind::VerticesMerged, done.merged),
             (ChangeKind::CrumbsRemoved, done.crumbs),
@@ -127,7 +130,7 @@ impl SelfUnionRounds {
     ) -> Result<Resolved, Cancelled> {
         let parts = Parts::new(surface, &Edges::new(&surface.faces));
         let mut whole = Surface::default();
-        let (mut all, mut cut, mut created) = (Resolved::default(), 0, 0);
+        let (mut all, mut has_changed) = (Resolved::default(), false);
         let mut local = vec![u32::MAX; surface.positions.len()];
         for faces in parts.faces() {
             let mut part = Surface::default();
@@ -149,16 +152,18 @@ impl SelfUnionRounds {
             for &v in faces.iter().flat_map(|&f| &surface.faces[f as usize]) {
                 local[v as usize] = u32::MAX;
             }
-            let before = part.faces.len() as u64;
             let done = self.apply(&mut part, engine, context)?;
             all.moved = all.moved.max(done.moved);
-            if !done.changes.is_empty() {
-                (cut, created) = (cut + before, created + part.faces.len() as u64);
-            }
+            has_changed |= !done.changes.is_empty();
             whole.append(part);
         }
-        all.changes = Change::list([(ChangeKind::FacesCut, cut), (ChangeKind::FacesCreated, created)]);
-        if cut > 0 {
+        if has_changed {
+            let ReplacedFaces { cut, removed, created } = ReplacedFaces::between(surface, &whole);
+            all.changes = Change::list([
+                (ChangeKind::FacesCut, cut),
+                (ChangeKind::FacesRemoved, removed),
+                (ChangeKind::FacesCreated, created),
+            ]);
             *surface = whole;
         }
         all.pairs_left = count(&crossings(surface, None, context)?.intersections);
@@ -229,6 +234,31 @@ impl Uniting<'_> {
         rounds.is_trial = is_trial;
         let best = rounds.run(work)?;
         Ok((best, rounds.totals))
+    }
+}
+
+/// The faces that a union replaced.
+struct ReplacedFaces {
+    /// Number of earlier faces of which only pieces remain.
+    cut: u64,
+    /// Number of earlier faces of which nothing remains.
+    removed: u64,
+    /// Number of new faces.
+    created: u64,
+}
+
+impl ReplacedFaces {
+    /// Compares faces by their corners and winding. A new face is a piece of the earlier faces with the same source.
+    fn between(before: &Surface, after: &Surface) -> Self {
+        let mut gone: FxHashMap<[[u64; 3]; 3], u32> =
+            (0..before.faces.len()).map(|f| (before.face_key(f), before.source[f])).collect();
+        let is_new: Vec<bool> = (0..after.faces.len()).map(|f| gone.remove(&after.face_key(f)).is_none()).collect();
+        let new_sources = is_new.iter().zip(&after.source).filter(|(is_new, _)| **is_new).map(|(_, source)| *source);
+        let pieces: FxHashSet<u32> = new_sources.collect();
+        let cut = gone.values().filter(|source| pieces.contains(source)).count() as u64;
+        let created = is_new.iter().filter(|is_new| **is_new).count() as u64;
+        let kept = after.faces.len() as u64 - created;
+        Self { cut, removed: before.faces.len() as u64 - kept - cut, created }
     }
 }
 
