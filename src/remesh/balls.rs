@@ -142,10 +142,9 @@ impl<'a> Balls<'a> {
         Self { grid: BallGrid::new(balls, 2.0 * cell), cell }
     }
 
-    /// How far a point lies inside the nearest ball; at least two cells outside.
-    fn depth(&self, p: DVec3) -> f64 {
-        let depths = self.grid.around(p).map(|(centre, radius)| radius - p.distance(centre));
-        depths.fold(-2.0 * self.cell, f64::max)
+    /// Whether a point lies deeper than a cell inside a ball.
+    fn is_deep(&self, p: DVec3) -> bool {
+        self.grid.around(p).any(|(centre, radius)| radius - p.distance(centre) >= self.cell)
     }
 
     /// The balls near a box.
@@ -158,10 +157,7 @@ impl<'a> Balls<'a> {
     /// Cells near the boundary, in some directions from every centre.
     fn seeds(&self, grid: &Grid) -> Vec<GridIndex> {
         let of_ball = |&(centre, radius): &Ball| {
-            DIRECTIONS
-                .into_iter()
-                .map(move |direction| centre + direction * radius)
-                .filter(|&p| self.depth(p) < self.cell)
+            DIRECTIONS.into_iter().map(move |direction| centre + direction * radius).filter(|&p| !self.is_deep(p))
         };
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the grid")]
         let cell_of = |p: DVec3| [0, 1, 2].map(|axis| grid.in_cells(axis, p[axis]).max(0.0) as u32);

@@ -88,7 +88,7 @@ struct Contact {
 }
 
 /// The number of a cell in each direction.
-type Cell = [i64; 3];
+pub type Cell = [i64; 3];
 
 /// The cells with thin balls, and whether one of them has a filler of its full size. More balls there add nothing.
 type Filled = FxHashMap<Cell, bool>;
@@ -215,11 +215,7 @@ impl<'a> Fillers<'a> {
 
     /// The cell of a point.
     fn cell(&self, point: DVec3) -> Cell {
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "coordinates are far fewer than 2^63 cells from the origin"
-        )]
-        (point / self.search.spacing).floor().to_array().map(|x| x as i64)
+        cell_of(point, self.search.spacing)
     }
 
     fn normal(&self, face: u32) -> DVec3 {
@@ -367,12 +363,18 @@ impl<'a> Fillers<'a> {
 
     /// How far the solid may grow at a contact, at most `wanted`.
     fn allowed(&self, Contact { point, normal }: Contact, wanted: f64) -> f64 {
-        let gap = self.settings.min_gap.max(0.02 * self.settings.min_wall);
+        let gap = self.settings.least_gap();
         let Some(ball) = self.ball([point, normal], wanted + gap / 2.0) else { return wanted };
         let Some(touched) = ball.touches else { return wanted };
         let outward = (touched.point - (point + normal * ball.radius)).normalize_or_zero();
         if outward.dot(normal) < -OPPOSED { wanted } else { (ball.radius - gap / 2.0).clamp(0.0, wanted) }
     }
+}
+
+/// The cell of a point in a grid of cells of the given size.
+#[expect(clippy::cast_possible_truncation, reason = "coordinates are far fewer than 2^63 cells from the origin")]
+pub fn cell_of(point: DVec3, size: f64) -> Cell {
+    (point / size).floor().to_array().map(|x| x as i64)
 }
 
 #[cfg(test)]

@@ -2,17 +2,18 @@
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree};
-use crate::mesh::Surface;
+use crate::mesh::{Parts, Surface};
 use crate::remesh::{BallUnion, RemeshError};
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bodies::{Filler, Fillers, Search};
 use super::gaps::{CELL, balls_over_gaps};
+use super::handles::ChangedGroups;
 use super::outcome::{Thickening, ThinReason};
 use super::results::{Grown, Thin, deviation_of_added, face_count};
 use super::spheres::Spheres;
-use super::unite::{Added, Broken, SelfUnion, Topology, united};
+use super::unite::{Added, Broken, FAR_AWAY, SelfUnion, Topology, group_of_each_face, united};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 12;
@@ -81,6 +82,8 @@ struct State<'a> {
     base_tree: Tree,
     /// The tree of the input, for the deviation.
     input_tree: Tree,
+    /// The group of solids of each of the input's faces, if there are several groups.
+    group_of_face: Option<Vec<u32>>,
     /// The balls of the first round, if they are known.
     first: Option<Vec<Filler>>,
     /// The number of the round.
@@ -89,6 +92,20 @@ struct State<'a> {
     topology: Topology,
     /// How many times a wide hole was perhaps closed.
     refusals: usize,
+    /// How many narrow through holes were closed near a ball, which is given by its number.
+    allowed: Vec<(usize, i64)>,
+}
+
+/// A union before and after new balls.
+struct Change<'a> {
+    /// All balls, the new ones last.
+    balls: &'a [Filler],
+    /// The number of earlier balls.
+    earlier: usize,
+    before: &'a Surface,
+    after: &'a Surface,
+    /// Whether the surface lacks a handle in total.
+    is_lost: bool,
 }
 
 /// A union with some of the balls of a round.
@@ -121,10 +138,12 @@ impl Filling<'_> {
             cells,
             base_tree,
             input_tree,
+            group_of_face: group_of_each_face(self.input, &self.settings),
             first,
             round: 0,
             topology: self.topology,
             refusals: 0,
+            allowed: Vec::new(),
         };
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
             let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
@@ -180,8 +199,8 @@ impl Filling<'_> {
             None => self.fillers(current, state.cells, state.round)?,
         };
         let Some(mut fillers) = fillers else { return Ok(next) };
+        fillers.par_iter_mut().for_each(|filler| self.limit(filler, state));
         next.limited.extend(fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre));
-        fillers.par_iter_mut().for_each(|filler| filler.radius = self.allowed_radius(filler, state));
         let is_left_out = |filler: &Filler| {
             let near = 0.5 * self.settings.min_wall;
             state.left_out.iter().find(|(other, _)| other.centre.distance(filler.centre) < near).map(|&(_, why)| why)
@@ -191,7 +210,7 @@ impl Filling<'_> {
         if fillers.is_empty() {
             return Ok(next);
         }
-        let union = self.largest_union(fillers, state)?;
+        let union = self.largest_union(fillers, &current.surface, state)?;
         next.reason = union.broken.map(reason).or(next.reason);
         if let Some(surface) = union.surface {
             state.balls = union.balls;
@@ -202,18 +221,34 @@ impl Filling<'_> {
         Ok(next)
     }
 
-    /// The radius with which a ball moves the input's surface by less than [`MAX_DEVIATION`]: at most that of the ball. None
-    /// is left of a ball that would have to be smaller than a cell, since its surface can be a cell away from it.
-    fn allowed_radius(&self, &Filler { centre, radius, .. }: &Filler, state: &State<'_>) -> f64 {
+    /// Limits the radius of a ball, so that it moves the input's surface by less than [`MAX_DEVIATION`] and leaves the least
+    /// gap to other solids. Nothing is left of a ball that would have to be smaller than a cell, since its surface can be a
+    /// cell away from it.
+    fn limit(&self, filler: &mut Filler, state: &State<'_>) {
         let min_wall = self.settings.min_wall;
         let most = BALLS_DEVIATION * MAX_DEVIATION * min_wall;
-        let corners = |face: u32| self.input.corners(face as usize);
-        let nearest = state.input_tree.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), corners);
-        let Some(nearest) = nearest else { return radius };
-        let [a, b, c] = corners(nearest.face);
-        let is_inside = (b - a).cross(c - a).dot(centre - nearest.point) < 0.0;
-        let allowed = if is_inside { most + nearest.distance } else { most - nearest.distance };
-        if allowed < radius.min(state.cells.share * min_wall) { 0.0 } else { radius.min(allowed) }
+        let least = filler.radius.min(state.cells.share * min_wall);
+        let nearest = |reach: f64, is_meant: &dyn Fn(u32) -> bool| {
+            let corners = |face: u32| if is_meant(face) { self.input.corners(face as usize) } else { [FAR_AWAY; 3] };
+            state.input_tree.nearest(filler.centre, reach, &mut u64::MAX.clone(), corners)
+        };
+        let Some(own) = nearest(f64::INFINITY, &|_| true) else { return };
+        let [a, b, c] = self.input.corners(own.face as usize);
+        let is_inside = (b - a).cross(c - a).dot(filler.centre - own.point) < 0.0;
+        let depth = if is_inside { own.distance } else { -own.distance };
+        let mut allowed = most + depth;
+        if let Some(groups) = &state.group_of_face {
+            // The ball takes half of what the gap is wider than the least one, since a ball of the other solid may take the rest.
+            let gap = self.settings.least_gap();
+            let of_solid = nearest(f64::INFINITY, &|face| groups[face as usize] != Parts::NONE);
+            let group = of_solid.map_or(Parts::NONE, |nearest| groups[nearest.face as usize]);
+            let is_other = |face: u32| ![group, Parts::NONE].contains(&groups[face as usize]);
+            let other = nearest(2.0 * filler.radius + gap, &is_other);
+            let room = other.map_or(f64::INFINITY, |other| (other.distance + depth.max(0.0) - gap) / 2.0);
+            filler.is_limited |= room < filler.radius;
+            allowed = allowed.min(room);
+        }
+        filler.radius = if allowed < least { 0.0 } else { filler.radius.min(allowed) };
     }
 
     /// The surface of a union of balls, with cells of a share of the least wall.
@@ -227,10 +262,11 @@ impl Filling<'_> {
         Ok(surface)
     }
 
-    /// The union with the balls of all rounds and as many new ones as possible. By halving, where a promise is broken.
-    fn largest_union(&self, new: Vec<Filler>, state: &mut State<'_>) -> Result<Union, Cancelled> {
+    /// The union with the balls of all rounds and as many new ones as possible. Balls that close a wide through hole are left
+    /// out by groups, as far as the change can be told apart, and others that break a promise by halving.
+    fn largest_union(&self, new: Vec<Filler>, current: &Surface, state: &mut State<'_>) -> Result<Union, Cancelled> {
         let mut best = Union { surface: None, balls: state.balls.clone(), broken: None };
-        let fewest = new.len() / LEFT_OUT;
+        let fewest = (new.len() / LEFT_OUT).max(1);
         let mut open = vec![new];
         for _ in 0..MAX_UNIONS {
             let Some(some) = open.pop() else { break };
@@ -238,20 +274,30 @@ impl Filling<'_> {
             let union = self.union_of(state, &[(&with, state.cells.share)])?;
             let broken_in = |(_, topology): &(Surface, Topology)| topology.broken_since(state.topology);
             let mut broken = union.as_ref().map_or(Some(Broken::Union), broken_in);
-            if broken == Some(Broken::ThroughHole) && state.refusals < MAX_REFUSALS {
-                if self.leaves_wide_holes_open(&with, state)? {
-                    broken = None;
-                } else {
-                    state.refusals += 1;
-                }
+            let mut refused = vec![0; some.len()];
+            if let (None | Some(Broken::ThroughHole), Some((surface, _))) = (broken, &union) {
+                let (balls, earlier) = (&with[..], best.balls.len());
+                let before = best.surface.as_ref().unwrap_or(current);
+                let change = Change { balls, earlier, before, after: surface, is_lost: broken.is_some() };
+                refused = self.refused(&change, state)?;
+                broken = refused.iter().any(|balls| *balls > 0).then_some(Broken::ThroughHole);
             }
             if let Some(broken) = broken {
                 best.broken = Some(broken);
-                if some.len() > fewest.max(1) {
-                    open.extend(halves(some));
-                } else {
-                    state.left_out.extend(some.into_iter().map(|filler| (filler, broken)));
+                let is_whole = refused.iter().all(|balls| *balls == 0);
+                let (mut kept, mut many) = (Vec::new(), Vec::new());
+                for (filler, balls) in some.into_iter().zip(refused) {
+                    let balls = if is_whole { with.len() - best.balls.len() } else { balls };
+                    match balls {
+                        0 => kept.push(filler),
+                        few if few <= fewest => state.left_out.push((filler, broken)),
+                        _ => many.push(filler),
+                    }
                 }
+                if !many.is_empty() {
+                    open.extend(halves(many));
+                }
+                open.extend(Some(kept).filter(|kept| !kept.is_empty()));
             } else if let Some((surface, topology)) = union {
                 state.topology = state.topology.without_holes_missing_in(topology);
                 (best.surface, best.balls) = (Some(surface), with);
@@ -260,30 +306,76 @@ impl Filling<'_> {
         Ok(best)
     }
 
-    /// Whether new balls leave each through hole of the base open that is wider than the least gap, as far as that is known.
-    /// They come after those of earlier rounds.
-    fn leaves_wide_holes_open(&self, balls: &[Filler], state: &State<'_>) -> Result<bool, Cancelled> {
-        let (earlier, new) = balls.split_at(state.balls.len());
-        let reach = |ball: &Filler| Filler { radius: ball.radius + self.settings.min_gap, ..*ball };
-        let near: Vec<Filler> = new.iter().map(reach).collect();
+    /// For each new ball how many there are in its group, if the group perhaps closes a wide through hole; else 0.
+    fn refused(&self, change: &Change<'_>, state: &mut State<'_>) -> Result<Vec<usize>, Cancelled> {
+        let clearance = CLEARANCES.into_iter().fold(0.0, f64::max);
+        let reach = (clearance + state.cells.share) * self.settings.min_wall;
+        let groups = ChangedGroups::new(change.balls, change.earlier, reach);
+        let lost = groups.all.topology(&state.base.surface).handles_lost(&groups.all.topology(change.after));
+        let lost = groups.without_allowed(&lost.unwrap_or_default(), &state.allowed);
+        if !change.is_lost && lost.iter().all(|lost| *lost <= 0) {
+            return Ok(vec![0; groups.new.of_ball.len()]);
+        }
+        let has_lost = |group: usize| lost.iter().all(|lost| *lost <= 0) || lost[groups.of_new[group]] > 0;
+        let nearby = groups.new.topology(change.before).handles_lost(&groups.new.topology(change.after));
+        let has_lost_nearby = |group: usize| nearby.as_ref().is_none_or(|nearby| nearby[group] > 0);
+        let mut suspects: Vec<bool> = (0..groups.new.count).map(|g| has_lost(g) && has_lost_nearby(g)).collect();
+        if !suspects.contains(&true) {
+            suspects = (0..groups.new.count).map(has_lost).collect();
+        }
+        if state.refusals < MAX_REFUSALS {
+            self.keep_closing_wide_holes(&mut suspects, (change, &groups), state)?;
+            state.refusals += usize::from(suspects.contains(&true));
+        }
+        if !suspects.contains(&true) {
+            let first = |group: u32| groups.all.of_ball.iter().position(|of_ball| *of_ball == group);
+            let allowed = (0u32..).zip(lost).filter(|(_, lost)| *lost > 0);
+            state.allowed.extend(allowed.filter_map(|(group, lost)| Some((first(group)?, lost))));
+        }
+        let mut sizes = vec![0; groups.new.count];
+        groups.new.of_ball.iter().for_each(|&group| sizes[group as usize] += 1);
+        let size = |&group: &u32| if suspects[group as usize] { sizes[group as usize] } else { 0 };
+        Ok(groups.new.of_ball.iter().map(size).collect())
+    }
+
+    /// Keeps of the groups of new balls those that perhaps close a through hole that is wider than the least gap.
+    fn keep_closing_wide_holes(
+        &self,
+        suspects: &mut [bool],
+        (change, groups): (&Change<'_>, &ChangedGroups<'_>),
+        state: &State<'_>,
+    ) -> Result<(), Cancelled> {
+        let (earlier, new) = change.balls.split_at(change.earlier);
+        let suspected = new.iter().zip(&groups.new.of_ball).filter(|(_, group)| suspects[**group as usize]);
+        let reach = |(ball, _): (&Filler, _)| Filler { radius: ball.radius + self.settings.min_gap, ..*ball };
+        let near: Vec<Filler> = suspected.map(reach).collect();
         let over = balls_over_gaps((self.input, &state.input_tree), &near, &self.settings, self.context)?;
-        let Some(over) = over.filter(|over| !over.is_empty()) else { return Ok(false) };
-        let topology = |balls: &[Filler]| {
+        let Some(over) = over.filter(|over| !over.is_empty()) else { return Ok(()) };
+        let union = |balls: &[Filler]| {
             let over = (&over[..], CELL * self.settings.min_gap / self.settings.min_wall);
-            let union = self.union_of(state, &[over, (balls, state.cells.share)])?;
-            Ok(union.map(|(_, topology)| topology))
+            self.union_of(state, &[over, (balls, state.cells.share)])
         };
-        let Some(base) = topology(&[])? else { return Ok(false) };
-        let Some(before) = topology(earlier)? else { return Ok(false) };
+        let Some((base, topology_of_base)) = union(&[])? else { return Ok(()) };
+        let Some((before, topology_before)) = union(earlier)? else { return Ok(()) };
+        let [base, before] = [groups.all.topology(&base), groups.new.topology(&before)];
+        let allowed = u64::try_from(state.allowed.iter().map(|allowed| allowed.1).sum::<i64>()).unwrap_or(0);
+        let mut is_closed = vec![false; suspects.len()];
         for clearance in CLEARANCES {
             let larger = |ball: &Filler| Filler { radius: ball.radius + clearance * self.settings.min_wall, ..*ball };
             let larger: Vec<Filler> = earlier.iter().copied().chain(new.iter().map(larger)).collect();
-            let Some(after) = topology(&larger)? else { return Ok(false) };
-            if base.handles_lost(after) > 0 || before.handles_lost(after) > 0 {
-                return Ok(false);
+            let Some((after, topology)) = union(&larger)? else { return Ok(()) };
+            let since_base = base.handles_lost(&groups.all.topology(&after));
+            let since_before = before.handles_lost(&groups.new.topology(&after));
+            let lost_in_total = since_base.is_none() && topology_of_base.handles_lost(topology) > allowed
+                || since_before.is_none() && topology_before.handles_lost(topology) > 0;
+            let since_base = groups.without_allowed(&since_base.unwrap_or_default(), &state.allowed);
+            let since_before = since_before.unwrap_or_else(|| vec![0; suspects.len()]);
+            for (group, is_closed) in is_closed.iter_mut().enumerate() {
+                *is_closed |= lost_in_total || since_base[groups.of_new[group]] > 0 || since_before[group] > 0;
             }
         }
-        Ok(true)
+        suspects.iter_mut().zip(is_closed).for_each(|(suspect, is_closed)| *suspect &= is_closed);
+        Ok(())
     }
 
     /// The union of the base and bodies of balls, each with the size of its cells as a share of the least wall, and its

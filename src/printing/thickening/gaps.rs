@@ -8,8 +8,9 @@ use crate::math::{Box3, Tree, centre_and_radius, longest_side_first};
 use crate::mesh::Surface;
 use glam::DVec3;
 use rayon::prelude::*;
+use rustc_hash::FxHashSet;
 
-use super::bodies::{Filler, MAX_BALLS, STEPS, TriangleBudget};
+use super::bodies::{Filler, MAX_BALLS, STEPS, TriangleBudget, cell_of};
 use super::outcome::Thickening;
 use super::walls::{noise_of, trusted_normal};
 
@@ -51,11 +52,15 @@ pub fn balls_over_gaps(
     };
     let radius = RADIUS * settings.min_gap;
     let faces: Vec<u32> = (0u32..).take(surface.faces.len()).collect();
+    // Faces that are smaller than a sample would give far more balls than needed.
+    let mut filled = FxHashSet::default();
+    let mut is_first = |centre: &DVec3| filled.insert(cell_of(*centre, SAMPLE * settings.min_gap));
     let mut over = Vec::new();
     for batch in faces.chunks(BATCH) {
         let found: Vec<Vec<DVec3>> = batch.par_iter().map(|&face| samples.of(face)).collect();
         context.check()?;
-        over.extend(found.into_iter().flatten().map(|centre| Filler { centre, radius, is_limited: false }));
+        let first = found.into_iter().flatten().filter(&mut is_first);
+        over.extend(first.map(|centre| Filler { centre, radius, is_limited: false }));
         if over.len() > MAX_BALLS || samples.budget.is_exceeded() {
             return Ok(None);
         }

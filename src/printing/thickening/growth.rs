@@ -12,8 +12,6 @@ use super::walls::{Opposed, WallSide, Walls};
 
 /// Factor on the least wall that is aimed at. It covers the rounding of positions.
 pub const AIM: f64 = 1.001;
-/// The least gap, as a share of the least wall.
-const LEAST_GAP: f64 = 0.02;
 /// The most thin walls that are examined for a face, and for a point.
 const MAX_WITNESSES: usize = 64;
 const MAX_AT_POINT: usize = 8;
@@ -103,11 +101,6 @@ impl<'a> Growths<'a> {
         self.settings.min_wall * AIM
     }
 
-    /// The gap that stays at least. Without a limit it is small, so that faces do not touch.
-    fn min_gap(&self) -> f64 {
-        self.settings.min_gap.max(LEAST_GAP * self.settings.min_wall)
-    }
-
     /// Whether a face has a thin wall behind it.
     pub fn is_thin(&self, face: u32) -> bool {
         !self.witnesses[face as usize].is_empty()
@@ -183,12 +176,12 @@ impl<'a> Growths<'a> {
 
     /// How wide a gap matters for a growth.
     fn reach(&self, wanted: f64) -> f64 {
-        2.0 * wanted + self.min_gap()
+        2.0 * wanted + self.settings.least_gap()
     }
 
     /// How far one side of a gap may grow.
     fn room(&self, gap: &Opposed) -> f64 {
-        let room = (gap.distance - self.min_gap()).max(0.0);
+        let room = (gap.distance - self.settings.least_gap()).max(0.0);
         let is_shared = self.is_thin(gap.face) && !self.kept[gap.face as usize];
         if is_shared { room / 2.0 } else { room }
     }

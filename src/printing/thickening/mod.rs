@@ -13,6 +13,7 @@ mod bodies;
 mod fill;
 mod gaps;
 mod growth;
+mod handles;
 mod layer;
 mod mitre;
 mod moved;
@@ -86,7 +87,7 @@ impl Thickening {
             let Some(layered) = self.with_layer(fit, (&start, &base), union, (&limited, context))? else { continue };
             let is_better = layered.is_better_than(&grown, &before);
             // Sharp edges that are left stay as they are.
-            if layered.thin.is_empty() || is_better && layered.thin.walls().is_empty() {
+            if layered.thin.is_empty() {
                 return Ok(results.finish(layered));
             }
             if is_better || layered.thin.lack <= MAX_LACK * base.thin.lack {
@@ -96,7 +97,7 @@ impl Thickening {
                 grown = layered;
             }
         }
-        if self.growth == Growth::Both && !base.thin.walls().is_empty() {
+        if self.growth == Growth::Both && !base.thin.is_empty() {
             let topology = Topology::of(surface, self);
             let filling = Filling { settings: *self, union, context: &limited, input: surface, topology };
             let filled = filling.run(&base)?;

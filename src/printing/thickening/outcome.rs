@@ -18,6 +18,9 @@ pub enum Growth {
     Inward,
 }
 
+/// The least gap as a share of the least wall, where the settings have none.
+const LEAST_GAP: f64 = 0.02;
+
 /// The settings of a thickening.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thickening {
@@ -29,6 +32,13 @@ pub struct Thickening {
     pub min_gap: f64,
     /// The precision of the output file.
     pub precision: Precision,
+}
+
+impl Thickening {
+    /// The gap that stays at least. Without a limit it is small, so that faces do not touch.
+    pub(super) fn least_gap(&self) -> f64 {
+        self.min_gap.max(LEAST_GAP * self.min_wall)
+    }
 }
 
 /// Why a place stays thin.

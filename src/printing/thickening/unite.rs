@@ -38,7 +38,7 @@ pub enum Broken {
 /// Two solids that are nearer than this share of the least wall touch.
 const TOUCHING: f64 = 0.02;
 /// A point that is nearest to nothing.
-const FAR_AWAY: DVec3 = DVec3::splat(1e100);
+pub const FAR_AWAY: DVec3 = DVec3::splat(1e100);
 
 /// What is added to a solid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,6 +95,19 @@ impl Topology {
 /// The volume below which a solid or a cavity is small.
 fn small(settings: &Thickening) -> f64 {
     settings.min_wall.powi(3)
+}
+
+/// For each face, the first part of its solid's group; [`Parts::NONE`] for faces of cavities. None if there is one group at most.
+pub fn group_of_each_face(surface: &Surface, settings: &Thickening) -> Option<Vec<u32>> {
+    let parts = Parts::new(surface, &Edges::new(&surface.faces));
+    let volumes = volumes(surface, &parts);
+    let roots = groups(surface, &parts, &volumes, settings);
+    let is_solid = |part: u32| part != Parts::NONE && volumes[part as usize] > 0.0;
+    let group = |&part: &u32| if is_solid(part) { roots[part as usize] } else { Parts::NONE };
+    let of_face: Vec<u32> = parts.of_face.iter().map(group).collect();
+    let first = *of_face.iter().find(|group| **group != Parts::NONE)?;
+    let has_others = of_face.iter().any(|&group| group != Parts::NONE && group != first);
+    has_others.then_some(of_face)
 }
 
 /// For each part, the first part of its group.

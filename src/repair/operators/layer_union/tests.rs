@@ -10,7 +10,7 @@ use crate::mesh::{Edges, Soup, Surface, position_key};
 use glam::{DQuat, DVec3};
 
 use super::LayerUnion;
-use crate::printing::thickening::{Growth, Thickened, Thickening, ThickeningError};
+use crate::printing::thickening::{Growth, PlaceResult, Thickened, Thickening, ThickeningError, ThinReason};
 
 fn thickened(surface: &Surface, settings: Thickening) -> Result<Thickened, ThickeningError> {
     let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
@@ -218,6 +218,26 @@ fn curved_sheet(thickness: f64, roughness: f64, hole: u32) -> (Vec<DVec3>, Vec<[
         faces.extend(quad([low(n, i), low(n, i + 1), high(n, i + 1), high(n, i)]));
     }
     (positions, faces)
+}
+
+#[test]
+fn a_spike_without_a_thin_wall_gets_material_at_its_tip() {
+    let n = 24;
+    let base = circle(n, 0.9).into_iter().map(|[x, y]| DVec3::new(x, y, 0.0));
+    let positions: Vec<DVec3> = base.chain([DVec3::Z * 10.0]).collect();
+    let mut faces: Vec<[u32; 3]> = (2..n).map(|i| [0, i, i - 1]).collect();
+    faces.extend((0..n).map(|i| [i, (i + 1) % n, n]));
+    let spike = surface(positions, faces, 1.0);
+    let reasons = |growth: Growth| {
+        let done = thickened(&spike, Thickening { growth, ..both(1.0) }).unwrap();
+        (done.places.iter().map(|place| place.result).collect::<Vec<_>>(), done.added_volume)
+    };
+    let (results, added) = reasons(Growth::Both);
+    assert!(!results.is_empty() && results.iter().all(|result| *result == PlaceResult::Proved), "{results:?}");
+    // A rod of the wall's diameter along the thin upper part needs 2.9 more; the balls are up to 20 % larger.
+    assert!((2.9..6.5).contains(&added), "{added}");
+    let (results, added) = reasons(Growth::Outward);
+    assert!(results.contains(&PlaceResult::LeftThin(ThinReason::SharpEdge)) && added == 0.0, "{results:?}");
 }
 
 #[test]
