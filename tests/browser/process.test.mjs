@@ -24,6 +24,25 @@ test("a model is checked against the chosen process and shows its broken rules",
   await close();
 });
 
+/** A block of 20 mm with a square pit of 16 x 16 x 18 mm that opens upward. */
+const CUP = `v 0 0 0\nv 20 0 0\nv 20 20 0\nv 0 20 0\nv 0 0 20\nv 20 0 20\nv 20 20 20\nv 0 20 20
+v 2 2 2\nv 18 2 2\nv 18 18 2\nv 2 18 2\nv 2 2 20\nv 18 2 20\nv 18 18 20\nv 2 18 20
+f 4 3 2 1\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8
+f 5 6 14 13\nf 6 7 15 14\nf 7 8 16 15\nf 8 5 13 16
+f 13 14 10 9\nf 14 15 11 10\nf 15 16 12 11\nf 16 13 9 12\nf 9 10 11 12\n`;
+
+test("a hollow that holds resin is named below the rules and shown in the viewer", { timeout: 120_000 }, async () => {
+  const job = await repaired(service.url, "cup.obj", Buffer.from(CUP), { process: "sla-resin" });
+  const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });
+  await shown(page);
+  const hollow = page.locator(".print-ready p", { hasText: "Hollows that hold resin: 1." });
+  assert.match(await hollow.innerText(), /The largest holds 4,608 mm³ while it prints in this orientation\./);
+  await hollow.getByRole("button", { name: "Show in the viewer: Hollows that hold resin" }).click();
+  await hollow.getByText("1 of 1").waitFor();
+  assert.deepEqual(faults, []);
+  await close();
+});
+
 test("another process is a new job with the same file, and no process removes the table", { timeout: 120_000 }, async () => {
   const job = await repaired(service.url, "box.stl", soundBox(), { process: "fdm-0.4" });
   const { page, faults, close } = await open(browser, service.url, { path: `/#/result/${job.id}` });

@@ -1,7 +1,7 @@
 //! The exact union of a layered surface, and the checks of its promises.
 
 use crate::context::{Cancelled, Context};
-use crate::math::Tree;
+use crate::math::{Box3, Tree, winding_exact};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -60,14 +60,17 @@ pub struct Topology {
 
 impl Topology {
     /// The topology of a surface. Solids that touch belong to one group, and so does a solid smaller than the cube of the
-    /// least wall with one that is nearer than the least gap. Cavities smaller than that cube do not count.
+    /// least wall with one that is nearer than the least gap. Cavities smaller than that cube do not count, nor do solids as
+    /// small inside the material or in them.
     pub fn of(surface: &Surface, settings: &Thickening) -> Self {
         let edges = Edges::new(&surface.faces);
         let parts = Parts::new(surface, &edges);
         let volumes = volumes(surface, &parts);
         let cavities = volumes.iter().filter(|volume| **volume <= -small(settings)).count();
         let roots = groups(surface, &parts, &volumes, settings);
-        let is_group = |(part, root): &(u32, &u32)| part == *root && volumes[*part as usize] > 0.0;
+        let is_hidden = hidden_solids(surface, &parts, &volumes, settings);
+        let is_group =
+            |(part, root): &(u32, &u32)| part == *root && volumes[*part as usize] > 0.0 && !is_hidden[*part as usize];
         let solids = (0u32..).zip(&roots).filter(is_group).count();
         let part_count = i64::try_from(parts.count).unwrap_or(i64::MAX);
         Self { solids, cavities, handles: part_count - surface.euler_characteristic(&edges) / 2 }
@@ -143,6 +146,27 @@ fn near_solids(surface: &Surface, parts: &Parts, volumes: &[f64], reach: impl Fn
     surface.positions.par_iter().zip(&part_of).filter_map(near).collect()
 }
 
+/// For each part whether it is a small solid inside another solid, where small cavities count as material.
+fn hidden_solids(surface: &Surface, parts: &Parts, volumes: &[f64], settings: &Thickening) -> Vec<bool> {
+    let is_small = |part: usize| volumes[part].abs() < small(settings);
+    let is_small_solid = |part: usize| is_small(part) && volumes[part] > 0.0;
+    if !(0..parts.count).any(is_small_solid) {
+        return vec![false; parts.count];
+    }
+    let faces = parts.faces();
+    let corners = |part: usize| faces[part].iter().map(|&face| surface.corners(face as usize));
+    let bounds: Vec<Box3> = (0..parts.count).map(|part| Box3::of(corners(part).flatten())).collect();
+    let is_hidden = |solid: usize| {
+        let Some([vertex, ..]) = corners(solid).next().filter(|_| is_small_solid(solid)) else { return false };
+        let may_hold = |part: &usize| {
+            let is_counted = !is_small(*part) || volumes[*part] > 0.0;
+            *part != solid && is_counted && bounds[*part].contains(&Box3::of([vertex]))
+        };
+        (0..parts.count).filter(may_hold).map(|part| winding_exact(vertex, corners(part))).sum::<f64>() > 0.5
+    };
+    (0..parts.count).into_par_iter().map(is_hidden).collect()
+}
+
 /// The enclosed volume of each part; negative for a cavity.
 fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
     let origin = surface.bounds().centre();
@@ -168,15 +192,16 @@ pub fn united(
 ) -> Result<Option<(Surface, Topology)>, Cancelled> {
     let united = union.unite(surface, MAX_ROUNDING * settings.min_wall, context)?;
     Ok(united.map(|mut united| {
-        fill_bubbles(&mut united, (added, first_added), settings);
+        fill_bubbles(&mut united, surface, (added, first_added), settings);
         let topology = Topology::of(&united, settings);
         (united, topology)
     }))
 }
 
-/// Removes the closed parts smaller than the cube of the least wall that the layer creates: bubbles of air between its prisms, and
-/// crumbs of the layer alone. A bubble that held air of the model keeps its faces only if it is larger.
-fn fill_bubbles(surface: &mut Surface, (added, first_added): (Added, u32), settings: &Thickening) {
+/// Removes the closed parts smaller than the cube of the least wall that the added material creates: bubbles of air, and crumbs
+/// of the material alone. A bubble that held air of the model keeps its faces only if it is larger. Before the union, the
+/// surface was `before`.
+fn fill_bubbles(surface: &mut Surface, before: &Surface, (added, first_added): (Added, u32), settings: &Thickening) {
     let most = small(settings);
     let parts = Parts::new(surface, &Edges::new(&surface.faces));
     let volume = volumes(surface, &parts);
@@ -188,12 +213,22 @@ fn fill_bubbles(surface: &mut Surface, (added, first_added): (Added, u32), setti
         has_old[part as usize] |= !is_added;
     }
     let is_bubble = |part: usize| volume[part] <= 0.0 && has_added[part];
-    let is_crumb = |part: usize| added == Added::Layer && volume[part] > 0.0 && !has_old[part];
+    // A ball alone that is around no point of the model touches the model nowhere.
+    let is_apart = |part: usize| added == Added::Layer || !holds_point(surface, &parts, part, (before, first_added));
+    let is_crumb = |part: usize| volume[part] > 0.0 && !has_old[part] && is_apart(part);
     let is_removed: Vec<bool> =
         (0..parts.count).map(|part| volume[part].abs() < most && (is_bubble(part) || is_crumb(part))).collect();
     if is_removed.contains(&true) {
         parts.remove(&is_removed, surface);
     }
+}
+
+/// Whether a corner of a face whose source is less than `first_added` lies in the box of a part.
+fn holds_point(surface: &Surface, parts: &Parts, part: usize, (model, first_added): (&Surface, u32)) -> bool {
+    let of_part = parts.of_face.iter().enumerate().filter(|(_, of_face)| **of_face as usize == part);
+    let bounds = Box3::of(of_part.flat_map(|(face, _)| surface.corners(face)));
+    let faces = model.faces.iter().zip(&model.source).filter(|(_, source)| **source < first_added);
+    faces.flat_map(|(face, _)| face).any(|&v| bounds.contains(&Box3::of([model.positions[v as usize]])))
 }
 
 #[cfg(test)]
@@ -244,11 +279,26 @@ mod tests {
     }
 
     #[test]
-    fn a_small_solid_of_added_faces_is_a_crumb_only_of_a_layer() {
-        for (added, faces) in [(Added::Layer, 4), (Added::Balls, 8)] {
+    fn a_small_solid_in_a_small_cavity_may_be_joined() {
+        // The cavity is inside the large solid, and the smallest solid inside the cavity.
+        let before = of(&[(0.0, 10.0), (1.0, -0.2), (1.02, 0.05)]);
+        assert_eq!(of(&[(0.0, 10.0)]).broken_since(before), None);
+        let apart = of(&[(0.0, 10.0), (1.0, -0.2), (20.0, 0.05)]);
+        assert_eq!(of(&[(0.0, 10.0)]).broken_since(apart), Some(Broken::Parts));
+    }
+
+    #[test]
+    fn a_small_solid_of_added_faces_is_a_crumb_unless_it_is_a_ball_around_a_solid() {
+        let [alone, around] = [&[(0.0, 1.0)][..], &[(0.0, 1.0), (5.01, 0.05)]].map(tetrahedra).map(|mut before| {
+            before.source = (0u32..).take(before.faces.len()).collect();
+            before
+        });
+        for (added, before, faces) in
+            [(Added::Layer, &around, 4), (Added::Balls, &around, 8), (Added::Balls, &alone, 4)]
+        {
             let mut surface = tetrahedra(&[(0.0, 1.0), (5.0, 0.1)]);
-            surface.source = vec![0, 1, 2, 3, 4, 4, 4, 4];
-            fill_bubbles(&mut surface, (added, 4), &settings());
+            surface.source = vec![0, 1, 2, 3, 8, 8, 8, 8];
+            fill_bubbles(&mut surface, before, (added, 8), &settings());
             assert_eq!(surface.faces.len(), faces);
         }
     }
