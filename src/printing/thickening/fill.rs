@@ -65,6 +65,8 @@ pub struct Filling<'a> {
     pub context: &'a Context<'a>,
     /// The surface to thicken. Sources from the number of its faces on mean added faces.
     pub input: &'a Surface,
+    /// Its thin walls.
+    pub before: &'a Thin,
     /// Its topology.
     pub topology: Topology,
 }
@@ -162,7 +164,7 @@ impl Filling<'_> {
                 current = next;
             }
             let deviation = || deviation_of_added((self.input, &state.input_tree), &current.surface);
-            if current.thin.lack < best.thin.lack && deviation() <= MAX_DEVIATION * self.settings.min_wall {
+            if current.is_better_than(&best, self.before) && deviation() <= MAX_DEVIATION * self.settings.min_wall {
                 best = current.clone();
             }
         }

@@ -99,7 +99,8 @@ impl Thickening {
         }
         if self.growth == Growth::Both && !base.thin.is_empty() {
             let topology = Topology::of(surface, self);
-            let filling = Filling { settings: *self, union, context: &limited, input: surface, topology };
+            let filling =
+                Filling { settings: *self, union, context: &limited, input: surface, before: &before, topology };
             let filled = filling.run(&base)?;
             if filled.is_better_than(&grown, &before) {
                 grown = filled;

@@ -13,6 +13,8 @@ use super::outcome::{PlaceResult, Thickened, ThickenedPlace, Thickening, ThinRea
 use super::places::Places;
 use super::walls::Opposed;
 
+/// The share of the limit below which a wall has hardly any thickness. Rounding can leave slivers as thin as that.
+const WITHOUT_THICKNESS: f64 = 0.005;
 /// The share of the least thickness before below which a result counts as thinner.
 pub const MAX_THINNER: f64 = 0.98;
 
@@ -22,6 +24,8 @@ pub struct Thin {
     pairs: OpposedPairs,
     /// The sum over all thin faces of the area times the lacking share of the thickness.
     pub lack: f64,
+    /// The least thickness that is enough.
+    limit: f64,
 }
 
 impl Thin {
@@ -48,7 +52,7 @@ impl Thin {
         let area = |pair: &OpposedPair| surface.area_vector(pair.faces[0] as usize).length() / 2.0;
         let lack = |pair: &OpposedPair| area(pair) * (1.0 - pair.thickness / limit).max(0.0);
         let lack = pairs.walls.iter().chain(&pairs.tips).map(lack).sum();
-        Self { pairs, lack }
+        Self { pairs, lack, limit }
     }
 
     /// The thinnest place of each face in a thin wall.
@@ -107,9 +111,12 @@ pub struct Grown {
 }
 
 impl Grown {
-    /// Whether more is thick than in another result, and no wall is much thinner than the thinnest one `before`.
+    /// Whether more is thick than in another result, and no wall is much thinner than the thinnest one `before`, unless that
+    /// had hardly any thickness.
     pub fn is_better_than(&self, other: &Self, before: &Thin) -> bool {
-        self.thin.lack < other.thin.lack && self.thin.least() >= MAX_THINNER * before.least()
+        let least = before.least();
+        let had_none = least < WITHOUT_THICKNESS * before.limit;
+        self.thin.lack < other.thin.lack && (had_none || self.thin.least() >= MAX_THINNER * least)
     }
 }
 
