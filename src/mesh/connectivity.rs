@@ -51,6 +51,25 @@ impl UnionFind {
         }
         self.parent
     }
+
+    /// For each element the number of its set, in the order of their first elements, and the number of sets. An element for
+    /// which `is_included` returns false has [`Parts::NONE`], and so has every set of which it is the first.
+    pub fn into_numbers(self, is_included: impl Fn(usize) -> bool) -> (Vec<u32>, usize) {
+        let mut numbers = self.into_roots();
+        let mut count = 0u32;
+        for element in 0..numbers.len() {
+            numbers[element] = if !is_included(element) {
+                Parts::NONE
+            } else if numbers[element] as usize == element {
+                count += 1;
+                count - 1
+            } else {
+                // The root is smaller, so its entry already holds the set's number.
+                numbers[numbers[element] as usize]
+            };
+        }
+        (numbers, count as usize)
+    }
 }
 
 /// The edge-connected parts of a surface: faces joined by a chain of shared edges are in one part.
@@ -93,23 +112,10 @@ impl Parts {
         })
     }
 
-    /// Numbers sets of faces in the order of their first face. A face for which `is_included` returns false is in no
-    /// part.
+    /// The parts of sets of faces. A face for which `is_included` returns false is in no part.
     fn numbered(sets: UnionFind, is_included: impl Fn(usize) -> bool) -> Self {
-        let mut of_face = sets.into_roots();
-        let mut count = 0u32;
-        for f in 0..of_face.len() {
-            of_face[f] = if !is_included(f) {
-                Self::NONE
-            } else if of_face[f] as usize == f {
-                count += 1;
-                count - 1
-            } else {
-                // The root is smaller, so its entry already holds the part's number.
-                of_face[of_face[f] as usize]
-            };
-        }
-        Self { of_face, count: count as usize }
+        let (of_face, count) = sets.into_numbers(is_included);
+        Self { of_face, count }
     }
 
     /// For each part, whether it has a boundary: an edge with one face.

@@ -42,7 +42,7 @@ const BALLS_DEVIATION: f64 = 0.9;
 /// than twice that. Two sizes, since where balls meet faces, the narrow tunnel of a crease can hide that a hole is closed;
 /// it hardly ever does with both.
 const CLEARANCES: [f64; 2] = [0.1, 0.14];
-/// After how many refusals no closed hole is looked at any more. Each look takes as long as several unions.
+/// After how many refusals closed holes are not checked for their width any more. Each check takes several unions.
 const MAX_REFUSALS: usize = 2;
 /// Balls that break a promise are left out in groups of at most this fraction of a round's balls: one in so many.
 const LEFT_OUT: usize = 32;
@@ -246,9 +246,9 @@ impl Filling<'_> {
             let group = of_solid.map_or(Parts::NONE, |nearest| groups[nearest.face as usize]);
             let is_other = |face: u32| ![group, Parts::NONE].contains(&groups[face as usize]);
             let other = nearest(2.0 * filler.radius + gap, &is_other);
-            let room = other.map_or(f64::INFINITY, |other| (other.distance + depth.max(0.0) - gap) / 2.0);
-            filler.is_limited |= room < filler.radius;
-            allowed = allowed.min(room);
+            let most = other.map_or(f64::INFINITY, |other| (other.distance + depth.max(0.0) - gap) / 2.0);
+            filler.is_limited |= most < filler.radius;
+            allowed = allowed.min(most);
         }
         filler.radius = if allowed < least { 0.0 } else { filler.radius.min(allowed) };
     }
@@ -265,7 +265,7 @@ impl Filling<'_> {
     }
 
     /// The union with the balls of all rounds and as many new ones as possible. Balls that close a wide through hole are left
-    /// out by groups, as far as the change can be told apart, and others that break a promise by halving.
+    /// out by groups, as far as the change can be attributed to groups, and others that break a promise by halving.
     fn largest_union(&self, new: Vec<Filler>, current: &Surface, state: &mut State<'_>) -> Result<Union, Cancelled> {
         let mut best = Union { surface: None, balls: state.balls.clone(), broken: None };
         let fewest = (new.len() / LEFT_OUT).max(1);
@@ -275,35 +275,34 @@ impl Filling<'_> {
             let with = [&best.balls[..], &some].concat();
             let union = self.union_of(state, &[(&with, state.cells.share)])?;
             let broken_in = |(_, topology): &(Surface, Topology)| topology.broken_since(state.topology);
-            let mut broken = union.as_ref().map_or(Some(Broken::Union), broken_in);
-            let mut refused = vec![0; some.len()];
-            if let (None | Some(Broken::ThroughHole), Some((surface, _))) = (broken, &union) {
-                let (balls, earlier) = (&with[..], best.balls.len());
-                let before = best.surface.as_ref().unwrap_or(current);
-                let change = Change { balls, earlier, before, after: surface, is_lost: broken.is_some() };
-                refused = self.refused(&change, state)?;
-                broken = refused.iter().any(|balls| *balls > 0).then_some(Broken::ThroughHole);
-            }
-            if let Some(broken) = broken {
-                best.broken = Some(broken);
-                let is_whole = refused.iter().all(|balls| *balls == 0);
-                let (mut kept, mut many) = (Vec::new(), Vec::new());
-                for (filler, balls) in some.into_iter().zip(refused) {
-                    let balls = if is_whole { with.len() - best.balls.len() } else { balls };
-                    match balls {
-                        0 => kept.push(filler),
-                        few if few <= fewest => state.left_out.push((filler, broken)),
-                        _ => many.push(filler),
-                    }
+            // For each new ball how many are left out with it; 0 for a ball that stays.
+            let (broken, left_out) = match (union.as_ref().map_or(Some(Broken::Union), broken_in), &union) {
+                (broken @ (None | Some(Broken::ThroughHole)), Some((after, _))) => {
+                    let (balls, earlier) = (&with[..], best.balls.len());
+                    let before = best.surface.as_ref().unwrap_or(current);
+                    let change = Change { balls, earlier, before, after, is_lost: broken.is_some() };
+                    (Broken::ThroughHole, self.refused(&change, state)?)
                 }
-                if !many.is_empty() {
-                    open.extend(halves(many));
-                }
-                open.extend(Some(kept).filter(|kept| !kept.is_empty()));
-            } else if let Some((surface, topology)) = union {
+                (broken, _) => (broken.unwrap_or(Broken::Union), vec![some.len(); some.len()]),
+            };
+            if let Some((surface, topology)) = union.filter(|_| left_out.iter().all(|balls| *balls == 0)) {
                 state.topology = state.topology.without_holes_missing_in(topology);
                 (best.surface, best.balls) = (Some(surface), with);
+                continue;
             }
+            best.broken = Some(broken);
+            let (mut kept, mut many) = (Vec::new(), Vec::new());
+            for (filler, balls) in some.into_iter().zip(left_out) {
+                match balls {
+                    0 => kept.push(filler),
+                    few if few <= fewest => state.left_out.push((filler, broken)),
+                    _ => many.push(filler),
+                }
+            }
+            if !many.is_empty() {
+                open.extend(halves(many));
+            }
+            open.extend(Some(kept).filter(|kept| !kept.is_empty()));
         }
         Ok(best)
     }
@@ -314,7 +313,7 @@ impl Filling<'_> {
         let reach = (clearance + state.cells.share) * self.settings.min_wall;
         let groups = ChangedGroups::new(change.balls, change.earlier, reach);
         let lost = groups.all.topology(&state.base.surface).handles_lost(&groups.all.topology(change.after));
-        let lost = groups.without_allowed(&lost.unwrap_or_default(), &state.allowed);
+        let lost = groups.without_allowed(lost, &state.allowed);
         if !change.is_lost && lost.iter().all(|lost| *lost <= 0) {
             return Ok(vec![0; groups.new.of_ball.len()]);
         }
@@ -370,7 +369,7 @@ impl Filling<'_> {
             let since_before = before.handles_lost(&groups.new.topology(&after));
             let lost_in_total = since_base.is_none() && topology_of_base.handles_lost(topology) > allowed
                 || since_before.is_none() && topology_before.handles_lost(topology) > 0;
-            let since_base = groups.without_allowed(&since_base.unwrap_or_default(), &state.allowed);
+            let since_base = groups.without_allowed(since_base, &state.allowed);
             let since_before = since_before.unwrap_or_else(|| vec![0; suspects.len()]);
             for (group, is_closed) in is_closed.iter_mut().enumerate() {
                 *is_closed |= lost_in_total || since_base[groups.of_new[group]] > 0 || since_before[group] > 0;

@@ -1,4 +1,4 @@
-//! Where a union changed the topology of a surface: its Euler characteristic, told apart by groups of balls.
+//! Where a union changed the topology of a surface: the change of its Euler characteristic near each group of balls.
 //!
 //! By the theorem of Gauss and Bonnet, what the angles at all vertices lack to full turns adds up to 2π times the Euler
 //! characteristic. A vertex lacks the same however the flat faces around it are split. So where no ball changes a surface,
@@ -49,14 +49,14 @@ impl<'a> ChangedGroups<'a> {
     }
 
     /// The handles lost near each group of all balls, zero if unknown, without those that may be lost near some balls.
-    pub fn without_allowed(&self, lost: &[i64], allowed: &[(usize, i64)]) -> Vec<i64> {
-        let mut lost = if lost.is_empty() { vec![0; self.all.count] } else { lost.to_vec() };
+    pub fn without_allowed(&self, lost: Option<Vec<i64>>, allowed: &[(usize, i64)]) -> Vec<i64> {
+        let mut lost = lost.unwrap_or_else(|| vec![0; self.all.count]);
         allowed.iter().for_each(|&(ball, allowed)| lost[self.all.of_ball[ball] as usize] -= allowed);
         lost
     }
 }
 
-/// The Euler characteristic of a surface, told apart by groups of balls. The last entry is that of the rest.
+/// The topology of a surface near each group of balls. The last entry is that of the rest.
 pub struct LocalTopology {
     /// What the angles at the vertices lack to full turns.
     defects: Vec<f64>,
@@ -80,18 +80,8 @@ impl<'a> BallGroups<'a> {
                 true
             });
         }
-        let mut of_ball = groups.into_roots();
-        let mut number = vec![u32::MAX; balls.len()];
-        let mut count = 0u32;
-        for root in &mut of_ball {
-            let number = &mut number[*root as usize];
-            if *number == u32::MAX {
-                *number = count;
-                count += 1;
-            }
-            *root = *number;
-        }
-        Self { balls, reach, tree, of_ball, count: count as usize }
+        let (of_ball, count) = groups.into_numbers(|_| true);
+        Self { balls, reach, tree, of_ball, count }
     }
 
     /// The group near a point; the number of groups for a point far from all.
@@ -144,7 +134,7 @@ impl<'a> BallGroups<'a> {
 
 impl LocalTopology {
     /// How many handles a later surface lacks near each group; negative for additional ones. None if the changes can't be
-    /// told apart.
+    /// attributed to groups.
     pub fn handles_lost(&self, after: &Self) -> Option<Vec<i64>> {
         let change = |group: usize| (after.defects[group] - self.defects[group]) / TAU;
         let rest = self.defects.len() - 1;

@@ -86,7 +86,6 @@ impl Thickening {
         for fit in [Fit::Regions, Fit::Points] {
             let Some(layered) = self.with_layer(fit, (&start, &base), union, (&limited, context))? else { continue };
             let is_better = layered.is_better_than(&grown, &before);
-            // Sharp edges that are left stay as they are.
             if layered.thin.is_empty() {
                 return Ok(results.finish(layered));
             }
@@ -97,7 +96,7 @@ impl Thickening {
                 grown = layered;
             }
         }
-        if self.growth == Growth::Both && !base.thin.is_empty() {
+        if self.growth == Growth::Both {
             let topology = Topology::of(surface, self);
             let filling =
                 Filling { settings: *self, union, context: &limited, input: surface, before: &before, topology };

@@ -160,7 +160,7 @@ fn hidden_solids(surface: &Surface, parts: &Parts, volumes: &[f64], settings: &T
         let Some([vertex, ..]) = corners(solid).next().filter(|_| is_small_solid(solid)) else { return false };
         let may_hold = |part: &usize| {
             let is_counted = !is_small(*part) || volumes[*part] > 0.0;
-            *part != solid && is_counted && bounds[*part].contains(&Box3::of([vertex]))
+            *part != solid && is_counted && bounds[*part].holds(vertex)
         };
         (0..parts.count).filter(may_hold).map(|part| winding_exact(vertex, corners(part))).sum::<f64>() > 0.5
     };
@@ -228,7 +228,7 @@ fn holds_point(surface: &Surface, parts: &Parts, part: usize, (model, first_adde
     let of_part = parts.of_face.iter().enumerate().filter(|(_, of_face)| **of_face as usize == part);
     let bounds = Box3::of(of_part.flat_map(|(face, _)| surface.corners(face)));
     let faces = model.faces.iter().zip(&model.source).filter(|(_, source)| **source < first_added);
-    faces.flat_map(|(face, _)| face).any(|&v| bounds.contains(&Box3::of([model.positions[v as usize]])))
+    faces.flat_map(|(face, _)| face).any(|&v| bounds.holds(model.positions[v as usize]))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use std::collections::BinaryHeap;
 use glam::DVec3;
 
 use super::border::{Border, MergePosition, NearbyEdge};
+use super::holes::newell;
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
 use crate::mesh::Surface;
@@ -380,12 +381,10 @@ fn small_loop(border: &Border<'_>, start: u32) -> Option<Vec<u32>> {
 
 /// Whether a loop encloses a large area for its length.
 fn is_round(border: &Border<'_>, vertices: &[u32]) -> bool {
-    let next = |i: usize| border.position(vertices[(i + 1) % vertices.len()]);
-    let centre = border.position(vertices[0]);
-    let points = || (0..vertices.len()).map(|i| [border.position(vertices[i]), next(i)]);
-    let perimeter: f64 = points().map(|[a, b]| a.distance(b)).sum();
-    let area = points().map(|[a, b]| (a - centre).cross(b - centre)).sum::<DVec3>().length() / 2.0;
-    area > MIN_ROUNDNESS * (perimeter / 2.0).powi(2)
+    let points: Vec<DVec3> = vertices.iter().map(|&v| border.position(v)).collect();
+    let next = points.iter().cycle().skip(1);
+    let perimeter: f64 = points.iter().zip(next).map(|(a, b)| a.distance(*b)).sum();
+    newell(&points).length() / 2.0 > MIN_ROUNDNESS * (perimeter / 2.0).powi(2)
 }
 
 /// The vertices that follow on the boundary in a straight line from a vertex, up to the first beyond `reach`.

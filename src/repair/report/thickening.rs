@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub enum ThinPlaceReason {
     /// A thicker wall would narrow a gap, close a hole or join parts.
     Gap,
-    /// The faces meet in a sharp edge; such an edge is no wall.
+    /// The faces meet in a sharp edge that could not be covered, for example because walls grow on one side only.
     SharpEdge,
     /// The added material could not be united exactly, or still had thin places after the last round.
     Undecided,

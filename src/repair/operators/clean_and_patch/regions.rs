@@ -322,18 +322,6 @@ fn connected(surface: &Surface, defects: &Defects, removed: &[bool]) -> Regions 
     for [f, g] in defects.pairs_within_parts() {
         sets.unite(f, g);
     }
-    let mut of_face = sets.into_roots();
-    let mut count = 0u32;
-    for f in 0..of_face.len() {
-        of_face[f] = if !removed[f] {
-            NONE
-        } else if of_face[f] as usize == f {
-            count += 1;
-            count - 1
-        } else {
-            // The root has a smaller index, so its number is known already.
-            of_face[of_face[f] as usize]
-        };
-    }
-    Regions { of_face, count: count as usize, too_large: 0 }
+    let (of_face, count) = sets.into_numbers(|f| removed[f]);
+    Regions { of_face, count, too_large: 0 }
 }

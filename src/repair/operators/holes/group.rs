@@ -45,7 +45,7 @@ struct LoopShape {
 }
 
 /// Twice the area vector of a closed polygon, by Newell's method.
-pub(super) fn newell(points: &[DVec3]) -> DVec3 {
+pub fn newell(points: &[DVec3]) -> DVec3 {
     let Some(&origin) = points.first() else { return DVec3::ZERO };
     let next = points.iter().cycle().skip(1);
     points.iter().zip(next).map(|(p, q)| (p - origin).cross(q - origin)).sum()

@@ -16,6 +16,7 @@ use crate::repair::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 pub use choose::FillHoles;
 use choose::{Filler, PatchCandidate, face_normal};
+pub(super) use group::newell;
 use group::{Hole, group_loops};
 
 pub use super::names::HoleFilling;

@@ -228,15 +228,15 @@ fn a_spike_without_a_thin_wall_gets_material_at_its_tip() {
     let mut faces: Vec<[u32; 3]> = (2..n).map(|i| [0, i, i - 1]).collect();
     faces.extend((0..n).map(|i| [i, (i + 1) % n, n]));
     let spike = surface(positions, faces, 1.0);
-    let reasons = |growth: Growth| {
+    let grown = |growth: Growth| {
         let done = thickened(&spike, Thickening { growth, ..both(1.0) }).unwrap();
         (done.places.iter().map(|place| place.result).collect::<Vec<_>>(), done.added_volume)
     };
-    let (results, added) = reasons(Growth::Both);
+    let (results, added) = grown(Growth::Both);
     assert!(!results.is_empty() && results.iter().all(|result| *result == PlaceResult::Proved), "{results:?}");
     // A rod of the wall's diameter along the thin upper part needs 2.9 more; the balls are up to 20 % larger.
     assert!((2.9..6.5).contains(&added), "{added}");
-    let (results, added) = reasons(Growth::Outward);
+    let (results, added) = grown(Growth::Outward);
     assert!(results.contains(&PlaceResult::LeftThin(ThinReason::SharpEdge)) && added == 0.0, "{results:?}");
 }
 

@@ -8,6 +8,7 @@ mod rounds;
 mod snap;
 
 use rustc_hash::{FxHashMap, FxHashSet};
+use smallvec::SmallVec;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
 use crate::inspect::SearchedMesh;
@@ -91,7 +92,12 @@ impl SelfUnionRounds {
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),
         };
-        if before == 0 && done.opened == 0 && (!always || have_same_faces(surface, &best.surface)) {
+        let has_cause = before > 0 || done.opened > 0;
+        if !has_cause && !always {
+            return Ok(Resolved::default());
+        }
+        let replaced = ReplacedFaces::between(surface, &best.surface);
+        if !has_cause && replaced.are_none() {
             return Ok(Resolved::default());
         }
         // An incomplete result must at least be closed; intersecting faces are the lesser defect.
@@ -99,7 +105,6 @@ impl SelfUnionRounds {
             let error = "rounding left intersecting faces and non-manifold edges";
             return Ok(undone(before, ArrangeError::Failed(error.to_owned())));
         }
-        let replaced = ReplacedFaces::between(surface, &best.surface);
         *surface = best.surface;
         let changes = Change::list([
             (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(surface, &Edges::new(&surface.faces)))),
@@ -250,26 +255,22 @@ struct ReplacedFaces {
 impl ReplacedFaces {
     /// Compares faces by their corners and winding. A new face is a piece of the earlier faces with the same source.
     fn between(before: &Surface, after: &Surface) -> Self {
-        let mut gone: FxHashMap<[[u64; 3]; 3], u32> =
-            (0..before.faces.len()).map(|f| (before.face_key(f), before.source[f])).collect();
-        let is_new: Vec<bool> = (0..after.faces.len()).map(|f| gone.remove(&after.face_key(f)).is_none()).collect();
-        let new_sources = is_new.iter().zip(&after.source).filter(|(is_new, _)| **is_new).map(|(_, source)| *source);
-        let pieces: FxHashSet<u32> = new_sources.collect();
-        let cut = gone.values().filter(|source| pieces.contains(source)).count() as u64;
-        let created = is_new.iter().filter(|is_new| **is_new).count() as u64;
-        let kept = after.faces.len() as u64 - created;
-        Self { cut, removed: before.faces.len() as u64 - kept - cut, created }
+        let mut gone: FxHashMap<[[u64; 3]; 3], SmallVec<[u32; 1]>> = FxHashMap::default();
+        for (face, &source) in before.source.iter().enumerate() {
+            gone.entry(before.face_key(face)).or_default().push(source);
+        }
+        let is_new = |face: &usize| gone.get_mut(&after.face_key(*face)).and_then(SmallVec::pop).is_none();
+        let new: Vec<usize> = (0..after.faces.len()).filter(is_new).collect();
+        let pieces: FxHashSet<u32> = new.iter().map(|&face| after.source[face]).collect();
+        let gone = || gone.values().flatten();
+        let cut = gone().filter(|source| pieces.contains(source)).count() as u64;
+        Self { cut, removed: gone().count() as u64 - cut, created: new.len() as u64 }
     }
-}
 
-/// Whether two surfaces have faces with the same corners and the same winding.
-fn have_same_faces(one: &Surface, other: &Surface) -> bool {
-    let faces = |surface: &Surface| {
-        let mut faces: Vec<_> = (0..surface.faces.len()).map(|f| surface.face_key(f)).collect();
-        faces.sort_unstable();
-        faces
-    };
-    one.faces.len() == other.faces.len() && faces(one) == faces(other)
+    /// Whether both surfaces have the same faces.
+    fn are_none(&self) -> bool {
+        self.cut + self.removed + self.created == 0
+    }
 }
 
 /// Unites overlapping volumes; with `overlaps` set to keep, computes the union of each part alone.
