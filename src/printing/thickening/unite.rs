@@ -64,16 +64,11 @@ impl Topology {
     /// small inside the material or in them.
     pub fn of(surface: &Surface, settings: &Thickening) -> Self {
         let edges = Edges::new(&surface.faces);
-        let parts = Parts::new(surface, &edges);
-        let volumes = volumes(surface, &parts);
-        let cavities = volumes.iter().filter(|volume| **volume <= -small(settings)).count();
-        let roots = groups(surface, &parts, &volumes, settings);
-        let is_hidden = hidden_solids(surface, &parts, &volumes, settings);
-        let is_group =
-            |(part, root): &(u32, &u32)| part == *root && volumes[*part as usize] > 0.0 && !is_hidden[*part as usize];
-        let solids = (0u32..).zip(&roots).filter(is_group).count();
-        let part_count = i64::try_from(parts.count).unwrap_or(i64::MAX);
-        Self { solids, cavities, handles: part_count - surface.euler_characteristic(&edges) / 2 }
+        let solids = Solids::new(surface, &edges, settings);
+        let cavities = solids.volumes.iter().filter(|volume| **volume <= -small(settings)).count();
+        let part_count = i64::try_from(solids.parts.count).unwrap_or(i64::MAX);
+        let handles = part_count - surface.euler_characteristic(&edges) / 2;
+        Self { solids: solids.groups().count(), cavities, handles }
     }
 
     /// The property of `before` that a result lacks. It may have more handles: growth can leave a narrow tunnel in a crease.
@@ -100,17 +95,41 @@ fn small(settings: &Thickening) -> f64 {
     settings.min_wall.powi(3)
 }
 
-/// For each face, the first part of its solid's group; [`Parts::NONE`] for faces of cavities. None if there is one group at most.
+/// For each face, the first part of its solid's group; [`Parts::NONE`] for faces of cavities and hidden solids. None if there
+/// is one group at most.
 pub fn group_of_each_face(surface: &Surface, settings: &Thickening) -> Option<Vec<u32>> {
-    let parts = Parts::new(surface, &Edges::new(&surface.faces));
-    let volumes = volumes(surface, &parts);
-    let roots = groups(surface, &parts, &volumes, settings);
-    let is_solid = |part: u32| part != Parts::NONE && volumes[part as usize] > 0.0;
-    let group = |&part: &u32| if is_solid(part) { roots[part as usize] } else { Parts::NONE };
-    let of_face: Vec<u32> = parts.of_face.iter().map(group).collect();
-    let first = *of_face.iter().find(|group| **group != Parts::NONE)?;
-    let has_others = of_face.iter().any(|&group| group != Parts::NONE && group != first);
-    has_others.then_some(of_face)
+    let solids = Solids::new(surface, &Edges::new(&surface.faces), settings);
+    let group = |&part: &u32| if part == Parts::NONE { part } else { solids.group_of_part[part as usize] };
+    (solids.groups().count() > 1).then(|| solids.parts.of_face.iter().map(group).collect())
+}
+
+/// The parts of a surface, and the groups of those that count as solids.
+struct Solids {
+    parts: Parts,
+    /// The enclosed volume of each part; negative for a cavity.
+    volumes: Vec<f64>,
+    /// For each part, the first part of its group; [`Parts::NONE`] for a cavity and for a hidden solid.
+    group_of_part: Vec<u32>,
+}
+
+impl Solids {
+    fn new(surface: &Surface, edges: &Edges, settings: &Thickening) -> Self {
+        let parts = Parts::new(surface, edges);
+        let volumes = volumes(surface, &parts);
+        let mut group_of_part = groups(surface, &parts, &volumes, settings);
+        let is_hidden = hidden_solids(surface, &parts, &volumes, settings);
+        for ((group, volume), is_hidden) in group_of_part.iter_mut().zip(&volumes).zip(is_hidden) {
+            if *volume <= 0.0 || is_hidden {
+                *group = Parts::NONE;
+            }
+        }
+        Self { parts, volumes, group_of_part }
+    }
+
+    /// The first part of each group.
+    fn groups(&self) -> impl Iterator<Item = u32> {
+        (0u32..).zip(&self.group_of_part).filter(|(part, group)| part == *group).map(|(part, _)| part)
+    }
 }
 
 /// For each part, the first part of its group.
@@ -285,6 +304,14 @@ mod tests {
         assert_eq!(of(&[(0.0, 10.0)]).broken_since(before), None);
         let apart = of(&[(0.0, 10.0), (1.0, -0.2), (20.0, 0.05)]);
         assert_eq!(of(&[(0.0, 10.0)]).broken_since(apart), Some(Broken::Parts));
+    }
+
+    #[test]
+    fn balls_keep_clear_of_other_solids_but_not_of_hidden_ones() {
+        let groups = |shapes: &[(f64, f64)]| group_of_each_face(&tetrahedra(shapes), &settings());
+        assert_eq!(groups(&[(0.0, 10.0), (1.0, -0.2), (1.02, 0.05)]), None);
+        let [large, cavity, small] = [[0; 4], [Parts::NONE; 4], [2; 4]];
+        assert_eq!(groups(&[(0.0, 10.0), (1.0, -0.2), (20.0, 0.05)]), Some([large, cavity, small].concat()));
     }
 
     #[test]
