@@ -130,7 +130,7 @@ impl Judging<'_, '_> {
         };
         let mut changes = input.changes_but_for(&after, verification)?;
         // Regions visible through holes were opened on purpose, so the enclosed space differs.
-        if !input.measures().closed && surface.source.contains(&OPENED_SKIN_SOURCE) {
+        if input.is_open() && surface.source.contains(&OPENED_SKIN_SOURCE) {
             changes.volume_overlap_pct = None;
         }
         let added_surface =
@@ -138,6 +138,7 @@ impl Judging<'_, '_> {
         let surviving = surviving_input(surface, input.analysis(), &part_accounting);
         let comparison = Comparison {
             before: input.measures(),
+            was_open: input.is_open(),
             settled: input.settled_volume(verification)?,
             after: &measures,
             changes: &changes,

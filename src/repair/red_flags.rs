@@ -36,6 +36,8 @@ pub struct SurvivingInput {
 pub struct Comparison<'a> {
     /// The measures of the input.
     pub before: &'a Measures,
+    /// Whether the input has openings.
+    pub was_open: bool,
     /// The input's volume after its parts are oriented consistently.
     pub settled: Volume,
     /// The measures of the result.
@@ -115,16 +117,16 @@ impl Comparison<'_> {
     }
 
     fn volume_change(&self, options: &Options) -> Option<RedFlag> {
-        let &Self { before, settled, after, changes, .. } = self;
+        let &Self { was_open, settled, after, changes, .. } = self;
         // If the options redefine what is solid, the input's volume is no reference.
         let is_redefined = self.is_interior_filled
             || options.nested == Nested::Alternate
             || options.winding_rule != WindingRuleChoice::Auto;
         // A request to make sheets solid changes the volume on purpose.
-        let asked_for_shell = matches!(options.open_sheets, OpenSheets::Thicken | OpenSheets::Base) && !before.closed;
+        let asked_for_shell = matches!(options.open_sheets, OpenSheets::Thicken | OpenSheets::Base) && was_open;
         let (value, detail) = match changes.volume_overlap_pct.filter(|_| !is_redefined) {
             Some(_) if asked_for_shell => return None,
-            Some(overlap) if !before.closed => (
+            Some(overlap) if was_open => (
                 100.0 - overlap,
                 format!(
                     "only {overlap:.1} % of the space inside the open surface, by winding number, is inside the result"

@@ -255,7 +255,7 @@ impl Original<'_> {
     ) -> Result<Option<f64>, Cancelled> {
         let crossed = self.measures.self_intersections.pairs.is_some_and(|pairs| pairs > 0);
         let doubted = volume_change_pct.is_some_and(|change| change.abs() > DOUBTED_VOLUME_PCT);
-        let is_open = !self.measures.closed;
+        let is_open = self.is_open();
         if !((is_open || crossed || doubted) && measures.printable()) {
             return Ok(None);
         }
@@ -323,7 +323,7 @@ impl Original<'_> {
         let mut counts = vec![false; distances.samples.len()];
         let (mut visible_coincident, mut enclosed) = (coincident.len(), 0);
         // Closing holes can enclose a part that is in the result, inside another part.
-        let may_be_enclosed = measures.closed && measures.parts > 1 && !self.measures.closed;
+        let may_be_enclosed = measures.closed && measures.parts > 1 && self.is_open();
         if !distant.is_empty() || may_be_enclosed {
             // A sample with unknown visibility counts as visible.
             for (&i, is_visible) in distant.iter().zip(self.visible(&distant, context)?) {

@@ -5,8 +5,9 @@ use std::cell::{OnceCell, RefCell};
 use serde::{Deserialize, Serialize};
 
 use super::super::sampling::{Sample, samples, visible};
-use super::super::{Analysis, Measures, Volume, measures};
+use super::super::{Analysis, Measures, Volume, group_faces, measures};
 use crate::context::{Cancelled, Context};
+use crate::mesh::Edges;
 
 /// Surface farther than this from the other mesh is lost, as a fraction of the input's diagonal. A remesh with the
 /// default 300 voxels along the diagonal stays within this distance.
@@ -48,6 +49,7 @@ pub struct Original<'a> {
     pub(super) options: CompareOptions,
     /// The mesh with settled orientation, if different.
     pub(super) settled: Option<&'a Analysis<'a>>,
+    is_open: OnceCell<bool>,
     samples: OnceCell<Vec<Sample>>,
     /// For each sample its visibility, if already computed.
     visible: RefCell<Vec<Visibility>>,
@@ -65,8 +67,8 @@ impl<'a> Original<'a> {
     /// Wraps a measured mesh. All caches are filled on demand.
     #[must_use]
     pub fn new(analysis: &'a Analysis<'a>, measures: &'a Measures, options: CompareOptions) -> Self {
-        let (samples, visible) = (OnceCell::new(), RefCell::default());
-        Self { analysis, measures, options, settled: None, samples, visible }
+        let (is_open, samples, visible) = (OnceCell::new(), OnceCell::new(), RefCell::default());
+        Self { analysis, measures, options, settled: None, is_open, samples, visible }
     }
 
     /// Sets a copy of the mesh with settled orientation, which measures the enclosed volume. `None` if the mesh needs
@@ -94,6 +96,19 @@ impl<'a> Original<'a> {
     #[must_use]
     pub fn measures(&self) -> &'a Measures {
         self.measures
+    }
+
+    /// Whether the mesh has openings: an edge has one face, if faces at the same vertices count once. A sheet with a
+    /// face for each side has no boundary edge, but it encloses nothing.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        let has_open_sheet = || {
+            let faces = &self.analysis.surface.faces;
+            let once: Vec<[u32; 3]> = group_faces(faces).iter().map(|group| faces[group[0] as usize]).collect();
+            Edges::new(&once).iter().any(|half_edges| half_edges.len() == 1)
+        };
+        let find = || !self.measures.closed || (self.measures.duplicate_faces > 0 && has_open_sheet());
+        *self.is_open.get_or_init(find)
     }
 
     /// Samples of the reference mesh, computed once.

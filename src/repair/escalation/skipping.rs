@@ -97,7 +97,7 @@ impl Escalation<'_> {
         let is_of_holes =
             |flag: &RedFlag| matches!(flag.code, RedFlagCode::VolumeChange | RedFlagCode::SurfaceInvented);
         let best = self.attempts.best.as_ref().map(|(_, best)| best);
-        !self.input.original.measures().closed
+        self.input.original.is_open()
             && best.is_some_and(|best| best.measures.printable() && best.red_flags.iter().all(is_of_holes))
     }
 

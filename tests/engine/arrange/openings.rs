@@ -83,12 +83,15 @@ fn a_speck_in_a_region_does_not_leave_it_open() {
     assert!((volume(&speck) - 64.0).abs() < 1e-9 && speck.opened.faces.is_empty());
 }
 
-#[test]
-fn a_cup_with_a_block_in_it_keeps_the_block_visible() {
+/// A cup without a lid, with a block in it.
+fn open_cup_with_block() -> Soup {
     let mut soup = join(&cup(), &in_the_cup(1.5));
-    let open: Vec<bool> = (0..soup.faces.len()).map(|f| is_lid(&soup, f)).collect();
-    let mut lid = open.into_iter();
-    soup.faces.retain(|_| lid.next() == Some(false));
+    let mut is_open = (0..soup.faces.len()).map(|f| is_lid(&soup, f)).collect::<Vec<_>>().into_iter();
+    soup.faces.retain(|_| is_open.next() == Some(false));
+    soup
+}
+
+fn assert_the_block_stays_visible(soup: Soup) {
     let repaired =
         repair_soup(&as_f32(soup), &Options { max_tier: 2, max_surface_added_pct: 100.0, ..Options::default() }, None);
     assert_eq!(repaired.report.outcome, Outcome::Repaired, "{:?}", repaired.report.red_flags);
@@ -99,4 +102,17 @@ fn a_cup_with_a_block_in_it_keeps_the_block_visible() {
     assert!((after.volume.value - 3.375 - walls).abs() < 0.1, "{}", after.volume.value);
     let reported = repaired.report.assumptions.iter().any(|assumption| assumption.detail.contains("regions stay open"));
     assert!(reported, "{:?}", repaired.report.assumptions);
+}
+
+#[test]
+fn a_cup_with_a_block_in_it_keeps_the_block_visible() {
+    assert_the_block_stays_visible(open_cup_with_block());
+}
+
+#[test]
+fn a_cup_with_a_face_for_each_side_keeps_the_block_visible_too() {
+    let mut soup = open_cup_with_block();
+    let back: Vec<[u32; 3]> = soup.faces.iter().map(|&[a, b, c]| [a, c, b]).collect();
+    soup.faces.extend(back);
+    assert_the_block_stays_visible(soup);
 }
