@@ -201,14 +201,29 @@ impl OppositeFaces<'_> {
         self.any(normal, steps, |aabb| segment.enters(aabb).is_some(), is_hit)
     }
 
-    /// Whether `is_hit` accepts a face that is opposite to the unit normal `normal` and whose box meets `bounds`.
-    /// Otherwise like [`OppositeFaces::any_along`].
-    pub fn any_in(&self, bounds: &Box3, normal: DVec3, steps: &mut u64, is_hit: impl Fn(u32) -> bool) -> bool {
-        let [low, high] = [bounds.min, bounds.max].map(|corner| vec3a(self.tree.frame.to_tree(corner)));
-        self.any(normal, steps, |aabb| (aabb.min.cmple(high) & aabb.max.cmpge(low)).all(), is_hit)
+    /// Whether `is_hit` accepts a face that is opposite to the unit normal `normal` and whose box meets the volume that a
+    /// triangle sweeps when it is moved by `step`. Otherwise like [`OppositeFaces::any_along`].
+    pub fn any_swept(
+        &self,
+        (triangle, step): ([DVec3; 3], DVec3),
+        normal: DVec3,
+        steps: &mut u64,
+        is_hit: impl FnMut(u32) -> bool,
+    ) -> bool {
+        let bounds = Box3::of(triangle);
+        let centre = bounds.centre();
+        let half = vec3a((bounds.max - centre) * self.tree.frame.scale()) * (1.0 + SLACK);
+        let segment = self.tree.segment(centre, centre + step).widened(half);
+        self.any(normal, steps, |aabb| segment.enters(aabb).is_some(), is_hit)
     }
 
-    fn any(&self, normal: DVec3, steps: &mut u64, meets: impl Fn(&Aabb) -> bool, is_hit: impl Fn(u32) -> bool) -> bool {
+    fn any(
+        &self,
+        normal: DVec3,
+        steps: &mut u64,
+        meets: impl Fn(&Aabb) -> bool,
+        mut is_hit: impl FnMut(u32) -> bool,
+    ) -> bool {
         let Some(bvh) = &self.tree.bvh else { return false };
         let normals = Range::of(vec3a(normal));
         let may_hit = |at: u32| self.may_be_opposite(at, &normals) && meets(bvh.nodes[at as usize].aabb());
@@ -313,8 +328,14 @@ mod tests {
                 let meets = (0u32..).take(faces.len()).any(is_hit);
                 assert!(answer || !meets, "face {face} within {reach}");
                 assert_eq!(opposite.any_along([from, from + step], normal, &mut u64::MAX.clone(), is_hit), meets);
-                let around = Box3::of([from, from + step]);
-                assert_eq!(opposite.any_in(&around, normal, &mut u64::MAX.clone(), is_hit), meets);
+                let is_hit_from_corner = |other: u32| {
+                    let other = corners(other as usize);
+                    unit_normal(other).dot(normal) <= -COSINE
+                        && [a, b, c].iter().any(|&p| hit(p, step, other).is_some())
+                };
+                let is_below = (0u32..).take(faces.len()).any(is_hit_from_corner);
+                let swept = ([a, b, c], step);
+                assert_eq!(opposite.any_swept(swept, normal, &mut u64::MAX.clone(), is_hit_from_corner), is_below);
                 opposite_count += u32::from(meets);
                 ruled_out_count += u32::from(!answer);
             }

@@ -116,6 +116,12 @@ pub(super) struct Segment {
 }
 
 impl Segment {
+    /// The segment for boxes that are larger by `half` on each side: it meets a box if a box of that half size, moved along
+    /// the segment with its centre, does.
+    pub(super) fn widened(self, half: Vec3A) -> Self {
+        Self { low: self.low + half, high: self.high - half, ..self }
+    }
+
     /// The parameter at which the segment enters a box, if it meets the box: the slab test (Kay and Kajiya 1986). The
     /// tolerance makes the entry never too late and misses no box through rounding (Ize 2013, "Robust BVH Ray
     /// Traversal").

@@ -350,8 +350,10 @@ fn a_result_that_lost_most_of_the_vertices_is_flagged() {
         };
         let (before, changes) = (&before.before.measures, before.changes.as_ref().unwrap());
         let (settled, after) = (before.volume, &after.before.measures);
-        let flags =
-            red_flags(&Comparison { before, settled, after, changes, surviving, is_interior_filled: false }, options);
+        let flags = red_flags(
+            &Comparison { before, was_open: false, settled, after, changes, surviving, is_interior_filled: false },
+            options,
+        );
         flags.iter().any(|flag| flag.code == RedFlagCode::VertexLoss)
     };
     let usual = Options::default();

@@ -110,6 +110,25 @@ fn gallows() -> Soup {
     inside_out(soup)
 }
 
+#[test]
+fn a_neck_that_a_narrow_strip_of_large_faces_forms_is_the_thinnest_wall() {
+    // Two blocks seen from the side, joined by a neck 0.07 thick and 0.01 wide.
+    let outline =
+        [[0.0, -5.0], [9.99, -5.0], [9.99, 0.93], [20.0, 0.93], [20.0, 5.0], [10.0, 5.0], [10.0, 1.0], [0.0, 1.0]];
+    let at = |i: usize, y: f64| DVec3::new(outline[i % 8][0], y, outline[i % 8][1]);
+    let mut soup = Soup::default();
+    for i in 0..8 {
+        push(&mut soup, [at(i, 0.0), at(i + 1, 0.0), at(i + 1, 10.0)]);
+        push(&mut soup, [at(i, 0.0), at(i + 1, 10.0), at(i, 10.0)]);
+    }
+    for [a, b, c] in [[0, 1, 2], [0, 2, 7], [7, 2, 6], [6, 2, 3], [6, 3, 5], [5, 3, 4]] {
+        push(&mut soup, [at(a, 0.0), at(c, 0.0), at(b, 0.0)]);
+        push(&mut soup, [at(a, 10.0), at(b, 10.0), at(c, 10.0)]);
+    }
+    let measures = print(&inside_out(soup));
+    assert_close(measures.thinnest_wall.unwrap().thickness, 0.07, 1e-9);
+}
+
 fn area_beyond(measures: &PrintMeasures, degrees: f64) -> f64 {
     measures.overhang.areas.iter().find(|area| area.degrees == degrees).unwrap().area
 }

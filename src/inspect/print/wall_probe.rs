@@ -6,7 +6,7 @@ use smallvec::SmallVec;
 use crate::inspect::Analysis;
 use crate::inspect::sampling::{InsideTest, Sample};
 use crate::math::threads::{self, FEW_SEARCHES};
-use crate::math::{Box3, OppositeFaces, hit};
+use crate::math::{OppositeFaces, hit};
 
 /// Winding numbers from which a point is in material, and up to which it is in air. Otherwise the surface is too open.
 const MATERIAL: f64 = 0.75;
@@ -35,6 +35,18 @@ pub(super) struct Wall {
     pub point: DVec3,
     /// Face of that point, and the opposite face.
     pub faces: [u32; 2],
+}
+
+/// The part of a face that an opposite face covers, seen along the face's normal.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Overlap {
+    pub face: u32,
+    /// The corner of the overlap where the two faces are nearest: their distance varies linearly.
+    pub thinnest: DVec3,
+    /// The distance there.
+    pub thickness: f64,
+    /// The mean of the overlap's corners.
+    pub middle: DVec3,
 }
 
 /// Result of measuring at one sample.
@@ -95,40 +107,46 @@ impl<'a> WallProber<'a> {
         }
     }
 
-    /// The faces of which some point may have a wall of at most `longest` behind it, in ascending order.
-    pub fn faces_with_wall(&self, longest: f64) -> Vec<u32> {
+    /// For each face the thinnest overlap with an opposite face within `longest` behind it, thinnest first, and whether all
+    /// faces were searched to the end. An overlap is a wall only if the space between the two faces is filled. None unless
+    /// every part bounds material.
+    pub fn thinnest_overlaps(&self, longest: f64) -> Option<(Vec<Overlap>, bool)> {
+        let Material::Bounded(_, opposite) = &self.material else { return None };
         let may_have_wall = self.may_have_wall(longest);
         let faces: Vec<u32> = (0u32..).zip(may_have_wall).filter(|(_, may)| *may).map(|(face, _)| face).collect();
-        let Material::Bounded(_, opposite) = &self.material else { return faces };
-        let is_within = threads::map(faces.len(), FEW_SEARCHES, |i| self.is_within(opposite, faces[i], longest));
-        faces.into_iter().zip(is_within).filter(|(_, is_within)| *is_within).map(|(face, _)| face).collect()
+        let found = threads::map(faces.len(), FEW_SEARCHES, |i| self.thinnest_overlap(opposite, faces[i], longest));
+        let complete = found.iter().all(|(_, complete)| *complete);
+        let mut overlaps: Vec<Overlap> = found.into_iter().filter_map(|(overlap, _)| overlap).collect();
+        overlaps.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
+        Some((overlaps, complete))
     }
 
-    /// Whether some point of a face has an opposite face within `longest` behind it. A wall between faces with a common
-    /// vertex does not count, nor whether the space between the two faces is filled.
-    fn is_within(&self, opposite: &OppositeFaces<'_>, face: u32, longest: f64) -> bool {
+    /// The thinnest overlap of a face with an opposite one within `longest`, and whether the search came to its end.
+    fn thinnest_overlap(&self, opposite: &OppositeFaces<'_>, face: u32, longest: f64) -> (Option<Overlap>, bool) {
         let (corners, normal) = (self.analysis.unit_corners(face), self.analysis.unit_normal(face));
-        let reach = longest * (1.0 + ROUNDING);
-        let bounds = Box3::of(corners.into_iter().flat_map(|corner| [corner, corner - normal * reach]));
-        let mut steps = MAX_STEPS_PER_FACE;
-        opposite.any_in(&bounds, normal, &mut steps, |other| {
+        let (mut reach, mut thinnest, mut steps) = (longest * (1.0 + ROUNDING), None, MAX_STEPS_PER_FACE);
+        opposite.any_swept((corners, -normal * reach), normal, &mut steps, |other| {
             let is_near = |corner: DVec3| (corners[0] - corner).dot(normal) <= reach;
-            self.analysis.unit_corners(other).into_iter().any(is_near)
-                && self.is_opposite(other, -normal, OPPOSITE)
-                && self.thinnest_corner([face, other]).is_some_and(|(_, thickness)| thickness <= reach)
-        })
+            let is_opposite = self.analysis.unit_corners(other).into_iter().any(is_near)
+                && self.is_opposite(other, -normal, OPPOSITE);
+            let overlap = is_opposite.then(|| self.overlap([face, other])).flatten();
+            if let Some(overlap) = overlap.filter(|overlap| overlap.thickness < reach) {
+                reach = overlap.thickness;
+                thinnest = Some(overlap);
+            }
+            false
+        });
+        (thinnest, steps > 0)
     }
 
-    /// The point where the wall between two faces is thinnest, and its thickness there. The thickness between two faces
-    /// varies linearly, so its minimum is at a corner of their overlap. `None` for two faces with a common vertex, which
-    /// form an edge rather than a wall, and for faces without an overlap.
-    pub fn thinnest_corner(&self, faces: [u32; 2]) -> Option<(DVec3, f64)> {
-        let [face, opposite] = faces;
-        let normal = self.analysis.unit_normal(face);
+    /// The overlap of two faces. `None` for two faces with a common vertex, which form an edge rather than a wall.
+    pub fn overlap(&self, faces: [u32; 2]) -> Option<Overlap> {
+        let normal = self.analysis.unit_normal(faces[0]);
         if normal == DVec3::ZERO || self.share_a_vertex(faces) {
             return None;
         }
-        thinnest_corner(self.analysis.unit_corners(face), normal, self.analysis.unit_corners(opposite))
+        let [corners, opposite] = faces.map(|face| self.analysis.unit_corners(face));
+        overlap((faces[0], corners), normal, opposite)
     }
 
     /// Whether two faces have a common vertex.
@@ -265,26 +283,38 @@ fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
     parts.get(analysis.parts.of_face[face as usize] as usize).copied().unwrap_or(false)
 }
 
-/// Thinnest corner between two triangles: projects triangle `q` onto triangle `p` along the normal of `p`, and
-/// returns the corner of the overlap that is nearest to the plane of `q`, with its distance along the normal.
-fn thinnest_corner(p: [DVec3; 3], normal: DVec3, q: [DVec3; 3]) -> Option<(DVec3, f64)> {
+/// The overlap of two triangles: `q` projected onto `p` along the normal of `p`. Its distance to the plane of `q` is measured
+/// along that normal.
+fn overlap((face, p): (u32, [DVec3; 3]), normal: DVec3, q: [DVec3; 3]) -> Option<Overlap> {
     let mut part: SmallVec<[DVec3; 8]> = SmallVec::from(p.as_slice());
+    let mut cut = SmallVec::new();
     for k in 0..3 {
         let (start, end, third) = (q[k], q[(k + 1) % 3], q[(k + 2) % 3]);
         let across = (end - start).cross(normal);
         let across = if across.dot(third - start) < 0.0 { -across } else { across };
         let height = |x: DVec3| across.dot(x - start);
-        part = (0..part.len())
-            .flat_map(|i| {
-                let (a, b) = (part[i], part[(i + 1) % part.len()]);
-                let (from, to) = (height(a), height(b));
-                let crossing = (from < 0.0) != (to < 0.0);
-                [(from >= 0.0).then_some(a), crossing.then(|| a.lerp(b, from / (from - to)))]
-            })
-            .flatten()
-            .collect();
+        let (mut a, mut from) = (part[0], height(part[0]));
+        for i in 1..=part.len() {
+            let b = part[i % part.len()];
+            let to = height(b);
+            if from >= 0.0 {
+                cut.push(a);
+            }
+            if (from < 0.0) != (to < 0.0) {
+                cut.push(a.lerp(b, from / (from - to)));
+            }
+            (a, from) = (b, to);
+        }
+        if cut.is_empty() {
+            return None;
+        }
+        std::mem::swap(&mut part, &mut cut);
+        cut.clear();
     }
     let plane = (q[1] - q[0]).cross(q[2] - q[0]);
     let thickness = |x: DVec3| ((q[0] - x).dot(plane) / normal.dot(plane)).abs();
-    part.into_iter().map(|x| (x, thickness(x))).min_by(|(_, a), (_, b)| a.total_cmp(b))
+    let middle = part.iter().sum::<DVec3>() / part.len() as f64;
+    let corners = part.into_iter().map(|x| (x, thickness(x)));
+    let (thinnest, thickness) = corners.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
+    Some(Overlap { face, thinnest, thickness, middle })
 }

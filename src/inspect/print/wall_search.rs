@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-use super::wall_probe::{Probe, Wall, WallProber};
+use super::wall_probe::{Overlap, Probe, Wall, WallProber};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 use crate::inspect::sampling::{QUERY_BUDGET_DIVISOR, Sample, SpreadOrder, run_each, samples};
-use crate::math::Box3;
+use crate::math::{Box3, threads};
 
 /// Height, on the unit scale, of the thinnest face with a reliable normal: f32 has 24 bits, and the largest coordinate is
 /// at most 2.
@@ -20,9 +20,6 @@ const THIN_MULTIPLE: f64 = 1.25;
 const MAX_REGIONS: usize = 100;
 /// Number of points spread by area: an eighth of the number of faces, within these limits.
 const SPREAD_POINTS: [usize; 2] = [512, 100_000];
-/// Further points of each face that may have the thinnest wall, by their barycentric coordinates.
-const FURTHER_POINTS: [[f64; 3]; 6] =
-    [[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8], [0.45, 0.45, 0.1], [0.1, 0.45, 0.45], [0.45, 0.1, 0.45]];
 /// Number of points per block, initially and at most. Thin walls found in a block shorten the rays of the next.
 const BLOCK: [usize; 2] = [256, 16_384];
 /// Minimum number of points per thread.
@@ -36,23 +33,17 @@ const MOVES: usize = 16;
 const STEP_FRACTIONS: [f64; 3] = [0.999, 0.75, 0.25];
 /// A move must make the wall thinner than this fraction; a smaller improvement does not justify another move.
 const IMPROVEMENT: f64 = 0.999;
-/// Budget of all moves: boxes and triangles visited. One for the regions, and one for the candidates.
+/// Budget of all moves: boxes and triangles visited.
 const MOVES_BUDGET: u64 = 1_000_000;
-/// A wall of at most this multiple of the thinnest one is a candidate: its faces may be thinner elsewhere.
-const CANDIDATE_MULTIPLE: f64 = 1.5;
-/// Maximum number of candidates.
-const MAX_CANDIDATES: usize = 4096;
 
-/// Search for the thinnest wall of each region, from all face centres, from points spread by area, and from further points of
-/// the faces that may have a thinner wall.
+/// Search for the thinnest wall of each region, from all face centres, from points spread by area, and from the places where two
+/// opposite faces are nearest.
 pub(super) struct WallSearch<'a> {
     analysis: &'a Analysis<'a>,
     corner: DVec3,
     edge: f64,
     sides: [usize; 3],
     thinnest: Vec<Option<Wall>>,
-    /// The walls of at most [`CANDIDATE_MULTIPLE`] times the thinnest one, and some that were when they were found.
-    candidates: Vec<Wall>,
     least: f64,
     /// Thickness up to which every wall is thin. See [`THIN`].
     thin: f64,
@@ -78,7 +69,6 @@ impl<'a> WallSearch<'a> {
             edge,
             sides,
             thinnest: vec![None; sides.iter().product()],
-            candidates: Vec::new(),
             least: f64::INFINITY,
             thin: THIN * analysis.unit_diagonal(),
             reach,
@@ -95,20 +85,6 @@ impl<'a> WallSearch<'a> {
             *kept = Some(wall);
         }
         self.least = self.least.min(wall.thickness);
-        if wall.thickness <= CANDIDATE_MULTIPLE * self.least {
-            self.candidates.push(wall);
-            if self.candidates.len() >= 2 * MAX_CANDIDATES {
-                self.sort_candidates();
-            }
-        }
-    }
-
-    /// Keeps the thinnest candidates only, thinnest first.
-    fn sort_candidates(&mut self) {
-        let longest = CANDIDATE_MULTIPLE * self.least;
-        self.candidates.retain(|wall| wall.thickness <= longest);
-        self.candidates.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
-        self.candidates.truncate(MAX_CANDIDATES);
     }
 
     /// Measures at all points, in blocks. Known thin walls bound the rays of the next block, so most rays are short.
@@ -133,41 +109,61 @@ impl<'a> WallSearch<'a> {
             search.probe(prober, &sample, steps)
         })?;
         if is_printable {
-            self.search_further(prober, left, context)?;
+            self.search_overlaps(prober, left, context)?;
         }
         self.descend(prober);
         Ok(())
     }
 
-    /// Measures at further points of the faces that may have a thinner wall than the thinnest one so far. Those near a
-    /// sharp edge, where both faces have a common vertex, do not count.
-    fn search_further(&mut self, prober: &WallProber<'_>, budget: u64, context: &Context<'_>) -> Result<(), Cancelled> {
-        let faces = prober.faces_with_wall(IMPROVEMENT * self.least);
-        let each = FURTHER_POINTS.len();
-        self.run_queries(faces.len() * each, budget, context, |i, search, steps| {
-            let centre = search.centre(faces[i / each])?;
-            let corners = search.analysis.unit_corners(centre.face);
-            let point = corners.into_iter().zip(FURTHER_POINTS[i % each]).map(|(corner, share)| corner * share).sum();
-            let wall = search.probe(prober, &Sample { point, ..centre }, steps)?;
-            (!prober.share_a_vertex(wall.faces)).then_some(wall)
-        })?;
+    /// Measures where a face and an opposite one are nearest, from the thinnest such place on, until none can be thinner than
+    /// the thinnest wall so far.
+    fn search_overlaps(
+        &mut self,
+        prober: &WallProber<'_>,
+        budget: u64,
+        context: &Context<'_>,
+    ) -> Result<(), Cancelled> {
+        let Some((overlaps, complete)) = prober.thinnest_overlaps(IMPROVEMENT * self.least) else { return Ok(()) };
+        self.complete &= complete;
+        let (mut left, most) = (budget, (budget / QUERY_BUDGET_DIVISOR).max(1));
+        for block in overlaps.chunks(BLOCK[0]) {
+            context.check()?;
+            if block[0].thickness >= IMPROVEMENT * self.least {
+                break;
+            }
+            if left == 0 {
+                self.complete = false;
+                break;
+            }
+            let known = &*self;
+            let found = threads::map(block.len(), MIN_PER_THREAD, |i| {
+                let mut steps = most;
+                (known.wall_in(&block[i], prober, &mut steps), steps)
+            });
+            for (wall, steps) in found {
+                wall.into_iter().for_each(|wall| self.add(wall));
+                self.complete &= steps > 0;
+                left = left.saturating_sub(most - steps);
+            }
+        }
         Ok(())
     }
 
-    /// Moves the point of each region's wall to where the wall is thinnest, then those of the candidates: the thinnest
-    /// point of a face need not be on the face whose centre has the thinnest wall.
+    /// The wall in an overlap, near its thinnest corner if possible: at the corner itself, the ray may miss the opposite face.
+    /// Walls near a sharp edge, where both faces have a common vertex, do not count.
+    fn wall_in(&self, overlap: &Overlap, prober: &WallProber<'_>, steps: &mut u64) -> Option<Wall> {
+        let face = self.centre(overlap.face)?;
+        STEP_FRACTIONS.into_iter().find_map(|fraction| {
+            let sample = Sample { point: overlap.middle.lerp(overlap.thinnest, fraction), ..face };
+            self.probe(prober, &sample, steps).filter(|wall| !prober.share_a_vertex(wall.faces))
+        })
+    }
+
+    /// Moves the point of each region's wall to where the wall is thinnest: the thinnest point of a face need not be its centre.
     fn descend(&mut self, prober: &WallProber<'_>) {
         let mut steps = MOVES_BUDGET;
         for wall in self.regions() {
             self.descend_from(wall, prober, &mut steps);
-        }
-        self.sort_candidates();
-        let mut steps = MOVES_BUDGET;
-        for wall in std::mem::take(&mut self.candidates) {
-            let may_be_thinnest = prober.thinnest_corner(wall.faces).is_some_and(|(_, t)| t < IMPROVEMENT * self.least);
-            if may_be_thinnest {
-                self.descend_from(wall, prober, &mut steps);
-            }
         }
     }
 
@@ -181,7 +177,7 @@ impl<'a> WallSearch<'a> {
 
     /// Finds a thinner wall near a given one. At the thinnest point itself, the ray may miss the opposite face.
     fn thinner(&self, prober: &WallProber<'_>, wall: &Wall, steps: &mut u64) -> Option<Wall> {
-        let (thinnest, _) = prober.thinnest_corner(wall.faces)?;
+        let thinnest = prober.overlap(wall.faces)?.thinnest;
         let face = wall.faces[0];
         let normal = self.analysis.unit_normal(face);
         STEP_FRACTIONS.into_iter().find_map(|fraction| {
@@ -241,7 +237,7 @@ impl<'a> WallSearch<'a> {
     /// Thickness from which a wall at a point is irrelevant.
     fn longest(&self, point: DVec3) -> f64 {
         let region = self.thinnest[self.region(point)].map_or(self.reach, |wall| wall.thickness);
-        region.min(self.limit()).max(CANDIDATE_MULTIPLE * self.least).min(self.reach)
+        region.min(self.limit()).min(self.reach)
     }
 
     /// Thickness up to which a region is thin.
