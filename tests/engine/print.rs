@@ -112,9 +112,9 @@ fn gallows() -> Soup {
 
 #[test]
 fn a_neck_that_a_narrow_strip_of_large_faces_forms_is_the_thinnest_wall() {
-    // Two blocks seen from the side, joined by a neck 0.07 thick and 0.01 wide.
+    // Two blocks seen from the side, joined by a neck 0.07 thick and 0.001 wide, and a plate that is thicker.
     let outline =
-        [[0.0, -5.0], [9.99, -5.0], [9.99, 0.93], [20.0, 0.93], [20.0, 5.0], [10.0, 5.0], [10.0, 1.0], [0.0, 1.0]];
+        [[0.0, -5.0], [9.999, -5.0], [9.999, 0.93], [20.0, 0.93], [20.0, 5.0], [10.0, 5.0], [10.0, 1.0], [0.0, 1.0]];
     let at = |i: usize, y: f64| DVec3::new(outline[i % 8][0], y, outline[i % 8][1]);
     let mut soup = Soup::default();
     for i in 0..8 {
@@ -125,7 +125,8 @@ fn a_neck_that_a_narrow_strip_of_large_faces_forms_is_the_thinnest_wall() {
         push(&mut soup, [at(a, 0.0), at(c, 0.0), at(b, 0.0)]);
         push(&mut soup, [at(a, 10.0), at(b, 10.0), at(c, 10.0)]);
     }
-    let measures = print(&inside_out(soup));
+    let plate = block(DVec3::new(5.0, 0.0, 20.0), DVec3::new(10.0, 10.0, 0.08));
+    let measures = print(&join(&inside_out(soup), &plate));
     assert_close(measures.thinnest_wall.unwrap().thickness, 0.07, 1e-9);
 }
 
