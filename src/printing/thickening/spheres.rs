@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
 use crate::math::{Precision, Rounding};
 use crate::mesh::Surface;
@@ -14,11 +15,22 @@ const STEP: f64 = 0.5;
 /// The largest distance from a sphere at which a vertex moves onto it, in cells.
 const REACH: f64 = 0.5;
 
+/// The distance, in cells, that a vertex may move before its balls are searched again.
+const KNOWN_WITHIN: f64 = 1.0;
+
 /// The spheres of balls, for a contour around them.
 pub struct Spheres<'a> {
     balls: BallGrid<'a>,
     cell: f64,
     rounding: Rounding,
+}
+
+/// The balls in which points near a place may lie deepest.
+#[derive(Default)]
+struct Nearby {
+    place: DVec3,
+    balls: SmallVec<[(DVec3, f64); 2]>,
+    is_known: bool,
 }
 
 impl<'a> Spheres<'a> {
@@ -29,6 +41,7 @@ impl<'a> Spheres<'a> {
 
     /// Moves the vertices of a contour. Long thin faces become better shaped; those give wrong normals to a sphere.
     pub fn fit(&self, surface: &mut Surface) {
+        let mut nearby: Vec<Nearby> = surface.positions.iter().map(|_| Nearby::default()).collect();
         for _ in 0..ROUNDS {
             let mut sums = vec![(DVec3::ZERO, 0.0); surface.positions.len()];
             for &[a, b, c] in &surface.faces {
@@ -38,25 +51,42 @@ impl<'a> Spheres<'a> {
                     *count += 1.0;
                 }
             }
-            surface.positions.par_iter_mut().zip(&sums).for_each(|(p, &(sum, count))| {
+            surface.positions.par_iter_mut().zip(&sums).zip(&mut nearby).for_each(|((p, &(sum, count)), nearby)| {
                 if count > 0.0 {
-                    *p = self.rounding.of(self.onto_sphere(p.lerp(sum / count, STEP)));
+                    *p = self.rounding.of(self.onto_sphere(p.lerp(sum / count, STEP), nearby));
                 }
             });
         }
     }
 
     /// The point of the sphere in which `p` lies deepest; `p` itself if it is far from that sphere.
-    fn onto_sphere(&self, p: DVec3) -> DVec3 {
-        let depth = |&(centre, radius): &(DVec3, f64)| radius - p.distance(centre);
-        let deepest = self.balls.around(p).max_by(|a, b| depth(a).total_cmp(&depth(b)));
+    fn onto_sphere(&self, p: DVec3, nearby: &mut Nearby) -> DVec3 {
+        if !nearby.is_known || p.distance(nearby.place) > KNOWN_WITHIN * self.cell {
+            self.search(p, nearby);
+        }
+        let deepest = nearby.balls.iter().max_by(|a, b| depth(p, a).total_cmp(&depth(p, b)));
         match deepest {
-            Some(ball) if (0.0..REACH * self.cell).contains(&depth(&ball)) => {
-                p + (p - ball.0).normalize_or_zero() * depth(&ball)
+            Some(ball) if (0.0..REACH * self.cell).contains(&depth(p, ball)) => {
+                p + (p - ball.0).normalize_or_zero() * depth(p, ball)
             }
             _ => p,
         }
     }
+
+    /// Finds the balls in which `p`, or a point that is up to [`KNOWN_WITHIN`] from it, may lie deepest. A move changes the depth
+    /// in a ball by its length at most.
+    fn search(&self, p: DVec3, nearby: &mut Nearby) {
+        let deepest = self.balls.around(p).map(|ball| depth(p, &ball)).fold(f64::NEG_INFINITY, f64::max);
+        let least = (deepest - 2.0 * KNOWN_WITHIN * self.cell).max(-KNOWN_WITHIN * self.cell);
+        nearby.balls.clear();
+        nearby.balls.extend(self.balls.around(p).filter(|ball| depth(p, ball) >= least));
+        (nearby.place, nearby.is_known) = (p, true);
+    }
+}
+
+/// The depth of a point in a ball; negative outside.
+fn depth(p: DVec3, &(centre, radius): &(DVec3, f64)) -> f64 {
+    radius - p.distance(centre)
 }
 
 #[cfg(test)]
