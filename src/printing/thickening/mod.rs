@@ -30,6 +30,8 @@ mod spread;
 mod unite;
 mod walls;
 
+use std::time::Duration;
+
 use fill::Filling;
 use results::{Grown, Thin};
 use rounds::{Fit, Rounds};
@@ -42,8 +44,10 @@ use crate::printing::thickness::{Space, opposed_pairs, rounded_limit};
 pub use outcome::{Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
 pub use unite::SelfUnion;
 
-/// Share of the remaining time that the growth may take; the rest is for the last measure and for the checks of the result.
-const TIME_SHARE: f64 = 0.6;
+/// The time that is kept for the last measure and for the checks of the result: the first share of the remaining time, but no
+/// more than these seconds or the second share.
+const KEPT_SHARES: [f64; 2] = [0.4, 0.2];
+const KEPT_S: u64 = 12;
 /// Share of the time that is left then for each kind of layer.
 const LAYER_SHARE: f64 = 0.2;
 /// Most thin faces for which prisms are tried: they keep edges sharp, but often fail on many small faces.
@@ -81,7 +85,10 @@ impl Thickening {
         if before.is_empty() {
             return Ok(results.finish(start));
         }
-        let limited = context.limited_to(context.remaining().mul_f64(TIME_SHARE));
+        let remaining = context.remaining();
+        let [short, long] = KEPT_SHARES.map(|share| remaining.mul_f64(share));
+        let kept = short.min(long.max(Duration::from_secs(KEPT_S)));
+        let limited = context.limited_to(remaining - kept);
         let (mut grown, mut base) = (start.clone(), start.clone());
         for fit in [Fit::Regions, Fit::Points] {
             let Some(layered) = self.with_layer(fit, (&start, &base), union, (&limited, context))? else { continue };
