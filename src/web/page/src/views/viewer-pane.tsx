@@ -1,4 +1,4 @@
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { type Artifact, type Job, fetchArtifact } from "meshmend-client";
 import { weightOf } from "../report/files";
 import { isRemark, unitOfJob, upOfJob } from "../report/summary";
@@ -51,7 +51,8 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
   const [wanted, want] = useState(weight <= LARGE);
   const go = useRef<() => void>(() => undefined);
 
-  useEffect(() => {
+  // A layout effect ends in the same turn in which its canvas goes, so that a load that goes on never writes to a canvas that is gone.
+  useLayoutEffect(() => {
     const stop = new AbortController();
     const load = async (): Promise<void> => {
       const { Viewer, readAppearance, readColouredMesh } = await import("../viewer/mod");

@@ -1,4 +1,4 @@
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { type Artifact, type Job, type Server, fetchArtifact } from "meshmend-client";
 import { isRemark, upOfJob } from "../report/summary";
 import { claimsOf } from "../report/verdict";
@@ -37,7 +37,8 @@ export function ModelView({ job, server, file, shown }: Props) {
   const [state, setState] = useState<"loading" | "ready" | "missing">("loading");
   const hasAfter = "change.glb" in job.artifacts;
 
-  useEffect(() => {
+  // A layout effect ends in the same turn in which its canvas goes, so that a load that goes on never writes to a canvas that is gone.
+  useLayoutEffect(() => {
     const stop = new AbortController();
     // Customers get the coarse preview of a large model, which is as small as a picture.
     const at = (name: string): Artifact | undefined => job.artifacts[`${name}-preview.glb`] ?? job.artifacts[`${name}.glb`];
