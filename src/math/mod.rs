@@ -10,6 +10,7 @@ mod nearest;
 mod opposite;
 mod pairs;
 mod planar;
+mod polygon;
 mod precision;
 mod predicates;
 mod segment;
@@ -26,6 +27,7 @@ pub use nearest::{Ball, Nearest};
 pub use opposite::OppositeFaces;
 pub use pairs::{Hit, PairSearch};
 pub use planar::triangulated_area;
+pub use polygon::{Polygon, clip, covered, sides_along};
 pub use precision::{Precision, Rounding, to_unit_range, unit_scale};
 pub use predicates::{
     Sign, area_vanishes, collinear, index_of_middle, order_around, orient2d, orient3d, sort_by_angle,

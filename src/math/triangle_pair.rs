@@ -6,6 +6,7 @@
 
 use glam::DVec3;
 
+use super::polygon::clip;
 use super::predicates::{Sign, orient2d, orient3d};
 
 /// Bound of the rounding error of a 3 by 3 determinant of differences, relative to its permanent: `O3DERRBOUND_A` of
@@ -396,10 +397,10 @@ pub fn intersection(p: &[DVec3; 3], q: &[DVec3; 3], coplanar: bool) -> Vec<DVec3
     let mut common = if coplanar { p.to_vec() } else { section(p, |x| normal.dot(x - q[0])) };
     for k in 0..3 {
         let inward = normal.cross(q[(k + 1) % 3] - q[k]).normalize_or_zero();
-        let part = clipped(&common, |x| inward.dot(x - q[k]));
+        let part = clip(&common, |x| flush_height(inward.dot(x - q[k])));
         // Rounding may move an intersection of one point outside; the point itself is then accurate enough.
         if !part.is_empty() {
-            common = part;
+            common = part.into_vec();
         }
     }
     common
@@ -428,22 +429,6 @@ fn section(p: &[DVec3; 3], height: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
         ends.push(p[nearest]);
     }
     ends
-}
-
-/// The part of a convex polygon or segment with `height` at least 0 (Sutherland and Hodgman 1974).
-fn clipped(polygon: &[DVec3], height: impl Fn(DVec3) -> f64) -> Vec<DVec3> {
-    let mut part = Vec::with_capacity(polygon.len() + 1);
-    for (k, &a) in polygon.iter().enumerate() {
-        let b = polygon[(k + 1) % polygon.len()];
-        let (at_a, at_b) = (flush_height(height(a)), flush_height(height(b)));
-        if at_a >= 0.0 {
-            part.push(a);
-        }
-        if (at_a > 0.0 && at_b < 0.0) || (at_a < 0.0 && at_b > 0.0) {
-            part.push(a.lerp(b, at_a / (at_a - at_b)));
-        }
-    }
-    part
 }
 
 #[cfg(test)]

@@ -1,12 +1,11 @@
 //! Wall thickness at a point.
 
 use glam::DVec3;
-use smallvec::SmallVec;
 
 use crate::inspect::Analysis;
 use crate::inspect::sampling::{InsideTest, Sample};
 use crate::math::threads::{self, FEW_SEARCHES};
-use crate::math::{OppositeFaces, hit};
+use crate::math::{OppositeFaces, covered, hit};
 
 /// Winding numbers from which a point is in material, and up to which it is in air. Otherwise the surface is too open.
 const MATERIAL: f64 = 0.75;
@@ -22,7 +21,7 @@ const OPPOSITE: f64 = 0.866_025_403_784_438_6;
 const BALL_OPPOSITE: f64 = 0.8;
 /// Upper bound of the relative rounding error of a thickness, with a margin.
 const ROUNDING: f64 = 1e-9;
-/// Maximum nodes and triangles visited to rule out a face. A face that exceeds the limit is not ruled out.
+/// Maximum nodes and triangles visited in the search for the thinnest overlap of a face.
 const MAX_STEPS_PER_FACE: u64 = 4096;
 /// Maximum number of faces that a ray may pass inside the material, for example in overlapping parts.
 const MAX_PASSED: usize = 16;
@@ -286,31 +285,7 @@ fn is_bounding(analysis: &Analysis<'_>, parts: &[bool], face: u32) -> bool {
 /// The overlap of two triangles: `q` projected onto `p` along the normal of `p`. Its distance to the plane of `q` is measured
 /// along that normal.
 fn overlap((face, p): (u32, [DVec3; 3]), normal: DVec3, q: [DVec3; 3]) -> Option<Overlap> {
-    let mut part: SmallVec<[DVec3; 8]> = SmallVec::from(p.as_slice());
-    let mut cut = SmallVec::new();
-    for k in 0..3 {
-        let (start, end, third) = (q[k], q[(k + 1) % 3], q[(k + 2) % 3]);
-        let across = (end - start).cross(normal);
-        let across = if across.dot(third - start) < 0.0 { -across } else { across };
-        let height = |x: DVec3| across.dot(x - start);
-        let (mut a, mut from) = (part[0], height(part[0]));
-        for i in 1..=part.len() {
-            let b = part[i % part.len()];
-            let to = height(b);
-            if from >= 0.0 {
-                cut.push(a);
-            }
-            if (from < 0.0) != (to < 0.0) {
-                cut.push(a.lerp(b, from / (from - to)));
-            }
-            (a, from) = (b, to);
-        }
-        if cut.is_empty() {
-            return None;
-        }
-        std::mem::swap(&mut part, &mut cut);
-        cut.clear();
-    }
+    let part = covered(p, q, normal);
     let plane = (q[1] - q[0]).cross(q[2] - q[0]);
     let thickness = |x: DVec3| ((q[0] - x).dot(plane) / normal.dot(plane)).abs();
     let middle = part.iter().sum::<DVec3>() / part.len() as f64;

@@ -141,9 +141,7 @@ impl<'a> WallSearch<'a> {
                 (known.wall_in(&block[i], prober, &mut steps), steps)
             });
             for (wall, steps) in found {
-                wall.into_iter().for_each(|wall| self.add(wall));
-                self.complete &= steps > 0;
-                left = left.saturating_sub(most - steps);
+                left = left.saturating_sub(self.record(wall, steps, most));
             }
         }
         Ok(())
@@ -209,15 +207,20 @@ impl<'a> WallSearch<'a> {
             let known = &*self;
             let answers = run_each(order, done..end, (MIN_PER_THREAD, most), |i, steps| query(i, known, steps));
             for (_, wall, steps) in answers {
-                wall.into_iter().for_each(|wall| self.add(wall));
-                self.complete &= steps > 0;
-                left = left.saturating_sub(most - steps);
+                left = left.saturating_sub(self.record(wall, steps, most));
             }
             self.points += (end - done) as u64;
             done = end;
             block = (block * 2).min(BLOCK[1]);
         }
         Ok(left)
+    }
+
+    /// Keeps the answer of a query that has `left` of `most` steps left. Returns the steps that it took.
+    fn record(&mut self, wall: Option<Wall>, left: u64, most: u64) -> u64 {
+        wall.into_iter().for_each(|wall| self.add(wall));
+        self.complete &= left > 0;
+        most - left
     }
 
     fn probe(&self, prober: &WallProber<'_>, sample: &Sample, steps: &mut u64) -> Option<Wall> {

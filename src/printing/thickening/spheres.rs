@@ -14,7 +14,6 @@ const ROUNDS: usize = 6;
 const STEP: f64 = 0.5;
 /// The largest distance from a sphere at which a vertex moves onto it, in cells.
 const REACH: f64 = 0.5;
-
 /// The distance, in cells, that a vertex may move before its balls are searched again.
 const KNOWN_WITHIN: f64 = 1.0;
 
@@ -26,11 +25,11 @@ pub struct Spheres<'a> {
 }
 
 /// The balls in which points near a place may lie deepest.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Nearby {
-    place: DVec3,
+    /// None if no balls were searched yet.
+    place: Option<DVec3>,
     balls: SmallVec<[(DVec3, f64); 2]>,
-    is_known: bool,
 }
 
 impl<'a> Spheres<'a> {
@@ -41,7 +40,7 @@ impl<'a> Spheres<'a> {
 
     /// Moves the vertices of a contour. Long thin faces become better shaped; those give wrong normals to a sphere.
     pub fn fit(&self, surface: &mut Surface) {
-        let mut nearby: Vec<Nearby> = surface.positions.iter().map(|_| Nearby::default()).collect();
+        let mut nearby = vec![Nearby::default(); surface.positions.len()];
         for _ in 0..ROUNDS {
             let mut sums = vec![(DVec3::ZERO, 0.0); surface.positions.len()];
             for &[a, b, c] in &surface.faces {
@@ -61,7 +60,7 @@ impl<'a> Spheres<'a> {
 
     /// The point of the sphere in which `p` lies deepest; `p` itself if it is far from that sphere.
     fn onto_sphere(&self, p: DVec3, nearby: &mut Nearby) -> DVec3 {
-        if !nearby.is_known || p.distance(nearby.place) > KNOWN_WITHIN * self.cell {
+        if nearby.place.is_none_or(|place| p.distance(place) > KNOWN_WITHIN * self.cell) {
             self.search(p, nearby);
         }
         let deepest = nearby.balls.iter().max_by(|a, b| depth(p, a).total_cmp(&depth(p, b)));
@@ -80,7 +79,7 @@ impl<'a> Spheres<'a> {
         let least = (deepest - 2.0 * KNOWN_WITHIN * self.cell).max(-KNOWN_WITHIN * self.cell);
         nearby.balls.clear();
         nearby.balls.extend(self.balls.around(p).filter(|ball| depth(p, ball) >= least));
-        (nearby.place, nearby.is_known) = (p, true);
+        nearby.place = Some(p);
     }
 }
 

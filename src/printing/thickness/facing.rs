@@ -4,6 +4,7 @@ use glam::DVec3;
 use smallvec::{SmallVec, smallvec};
 
 use super::prepared::Prepared;
+use crate::math::{Polygon, clip, covered, sides_along};
 
 /// Views that are cut away from one overlap before the pair counts as undecided.
 const MAX_CUTS: usize = 96;
@@ -22,8 +23,6 @@ const NEARLY_PARALLEL: f64 = 0.995;
 const HIDING_BUDGET: u64 = 4096;
 /// A point that is nearest to nothing.
 const FAR_AWAY: DVec3 = DVec3::splat(1e100);
-
-pub(super) type Polygon = SmallVec<[DVec3; 8]>;
 
 /// A place where two faces are opposed.
 #[derive(Debug, Clone, Copy)]
@@ -104,7 +103,7 @@ impl Prepared<'_> {
             if let Some(k) = self.blocker([inner, end], steps, |face| face == f || face == h) {
                 pieces.extend(without_shadow(&piece, self.corners(k), way.direction));
             } else if let Some((normal, origin)) = way.is_ball.then(|| self.hiding([f, h], chord, steps)).flatten() {
-                pieces.push(clip(&piece, normal, origin));
+                pieces.push(clip(&piece, |x| normal.dot(x - origin)));
             } else {
                 return Least::Found(chord);
             }
@@ -149,47 +148,17 @@ impl Prepared<'_> {
 
 /// The part of triangle `p` from which a ray in `direction` meets triangle `q`, which has the normal `m`.
 fn overlap(p: [DVec3; 3], q: [DVec3; 3], m: DVec3, direction: DVec3) -> Polygon {
-    let mut part: Polygon = p.into_iter().collect();
-    for k in 0..3 {
-        let (start, end, third) = (q[k], q[(k + 1) % 3], q[(k + 2) % 3]);
-        let across = (end - start).cross(direction);
-        let across = if across.dot(third - start) < 0.0 { -across } else { across };
-        part = clip(&part, across, start);
-        if part.is_empty() {
-            return part;
-        }
-    }
-    part = clip(&part, -m, q[0]);
+    let part = clip(&covered(p, q, direction), |x| -m.dot(x - q[0]));
     if part.len() < 3 { Polygon::new() } else { part }
-}
-
-/// The part of a convex polygon on the side of a plane to which `normal` points.
-fn clip(polygon: &[DVec3], normal: DVec3, origin: DVec3) -> Polygon {
-    let height = |x: DVec3| normal.dot(x - origin);
-    let mut part = Polygon::new();
-    for (i, &a) in polygon.iter().enumerate() {
-        let b = polygon[(i + 1) % polygon.len()];
-        let (from, to) = (height(a), height(b));
-        if from >= 0.0 {
-            part.push(a);
-        }
-        if (from < 0.0 && to > 0.0) || (from > 0.0 && to < 0.0) {
-            part.push(a.lerp(b, from / (from - to)));
-        }
-    }
-    part
 }
 
 /// The parts of a convex polygon from which rays in `direction` don't meet a triangle.
 fn without_shadow(polygon: &[DVec3], triangle: [DVec3; 3], direction: DVec3) -> SmallVec<[Polygon; 4]> {
     let mut parts = SmallVec::new();
     let mut rest: Polygon = polygon.iter().copied().collect();
-    for k in 0..3 {
-        let (start, end, third) = (triangle[k], triangle[(k + 1) % 3], triangle[(k + 2) % 3]);
-        let across = (end - start).cross(direction);
-        let across = if across.dot(third - start) < 0.0 { -across } else { across };
-        parts.push(clip(&rest, -across, start));
-        rest = clip(&rest, across, start);
+    for (across, start) in sides_along(triangle, direction) {
+        parts.push(clip(&rest, |x| -across.dot(x - start)));
+        rest = clip(&rest, |x| across.dot(x - start));
     }
     parts
 }
