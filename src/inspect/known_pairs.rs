@@ -3,6 +3,8 @@
 //! Whether two faces intersect depends only on their positions. If an already searched mesh has two faces at bit for bit the same
 //! positions, the pair needs no second test: it is among the known intersections, or the faces do not intersect.
 
+use std::borrow::Cow;
+
 use super::analysis::KnownPairs;
 use super::matching::{FaceKeys, NO_FACE, matched};
 use super::{Analysis, Intersections, group_faces, intersections};
@@ -16,15 +18,31 @@ impl Analysis<'_> {
     /// Reuses nothing if the intersections of `earlier` are unknown or incomplete. Reuses nothing either if one of the meshes is an
     /// assembly of several materials, because other pairs count as intersections there.
     pub fn reuse_intersections(&mut self, earlier: &Analysis<'_>) {
-        let is_assembly = self.subject.materials.is_some() || earlier.subject.materials.is_some();
-        let known = earlier.intersections.get().filter(|known| !is_assembly && known.lists_all_pairs());
-        self.known_pairs = known.map(|known| {
-            let scale = earlier.scale();
-            let keys = &earlier.keys(scale);
-            let file_faces = earlier.subject.soup.faces.len();
-            KnownPairs::new(self, &Earlier { surface: &earlier.surface, keys, scale, file_faces }, known)
-        });
+        let known = earlier.known_intersections().filter(|_| self.subject.materials.is_none());
+        self.known_pairs = known.map(|known| KnownPairs::new(self, &known));
     }
+
+    /// The intersections of this mesh for the search of a later mesh. None if they are unknown or incomplete, or if the mesh is an
+    /// assembly of several materials.
+    #[must_use]
+    pub fn known_intersections(&self) -> Option<KnownIntersections<'_>> {
+        let is_known = |known: &&Intersections| self.subject.materials.is_none() && known.lists_all_pairs();
+        self.intersections.get().filter(is_known).map(|intersections| {
+            let (surface, scale, file_faces) = (&self.surface, self.scale(), self.subject.soup.faces.len());
+            KnownIntersections { intersections, surface, keys: self.keys(scale), scale, file_faces }
+        })
+    }
+}
+
+/// All intersecting faces of a mesh that was searched before.
+pub struct KnownIntersections<'a> {
+    intersections: &'a Intersections,
+    surface: &'a Surface,
+    keys: Cow<'a, FaceKeys>,
+    /// The scale of the keys.
+    scale: f64,
+    /// The number of faces before faces were omitted.
+    file_faces: usize,
 }
 
 /// A mesh with its intersecting faces. The search of a later mesh tests only pairs with a face that this mesh does not have.
@@ -38,20 +56,29 @@ pub struct SearchedMesh {
 }
 
 impl SearchedMesh {
-    /// Finds the intersecting faces of a mesh. Takes over those of an earlier mesh if they are complete.
+    /// Finds the intersecting faces of a mesh. Takes over those between faces of an earlier mesh.
     ///
     /// # Errors
     /// [`Cancelled`] on cancellation or timeout.
-    pub fn search(soup: &Soup, earlier: Option<&Self>, context: &Context<'_>) -> Result<Self, Cancelled> {
+    pub fn search(
+        soup: &Soup,
+        earlier: Option<KnownIntersections<'_>>,
+        context: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
         let mut analysis = Analysis::new(soup.into(), context)?;
-        analysis.known_pairs = earlier.filter(|earlier| earlier.intersections.lists_all_pairs()).map(|searched| {
-            let &Self { ref surface, ref keys, scale, file_faces, .. } = searched;
-            KnownPairs::new(&analysis, &Earlier { surface, keys, scale, file_faces }, &searched.intersections)
-        });
+        analysis.known_pairs = earlier.map(|known| KnownPairs::new(&analysis, &known));
         let intersections = intersections(&analysis, context)?;
         let scale = analysis.scale();
         let keys = analysis.keys(scale).into_owned();
         Ok(Self { intersections, surface: analysis.surface, keys, scale, file_faces: soup.faces.len() })
+    }
+
+    /// The intersections of this mesh for the search of a later mesh. None if they are incomplete.
+    #[must_use]
+    pub fn known_intersections(&self) -> Option<KnownIntersections<'_>> {
+        let &Self { ref intersections, ref surface, ref keys, scale, file_faces } = self;
+        let known = KnownIntersections { intersections, surface, keys: Cow::Borrowed(keys), scale, file_faces };
+        intersections.lists_all_pairs().then_some(known)
     }
 
     /// Whether two faces have the same corners and the same winding, as where a part of a solid was written twice. Linear
@@ -69,16 +96,6 @@ impl SearchedMesh {
     }
 }
 
-/// The faces of a mesh that was searched before.
-struct Earlier<'a> {
-    surface: &'a Surface,
-    keys: &'a FaceKeys,
-    /// The scale of the keys.
-    scale: f64,
-    /// The number of faces before faces were omitted.
-    file_faces: usize,
-}
-
 impl Intersections {
     /// Whether the search was complete and every pair is listed.
     fn lists_all_pairs(&self) -> bool {
@@ -87,8 +104,8 @@ impl Intersections {
 }
 
 impl KnownPairs {
-    fn new(mesh: &Analysis<'_>, earlier: &Earlier<'_>, known: &Intersections) -> Self {
-        let counterparts = matched(&mesh.keys(earlier.scale), earlier.keys);
+    fn new(mesh: &Analysis<'_>, earlier: &KnownIntersections<'_>) -> Self {
+        let counterparts = matched(&mesh.keys(earlier.scale), &earlier.keys);
         let mut changed = vec![true; counterparts.len()];
         // For each face of the earlier file, which the known pairs name, the face of this mesh at the same positions.
         let mut counterpart_of = vec![NO_FACE; earlier.file_faces];
@@ -98,7 +115,11 @@ impl KnownPairs {
                 counterpart_of[earlier.surface.source[other as usize] as usize] = face;
             }
         }
-        let pairs = known.pairs.iter().map(|pair| (pair.faces.map(|face| counterpart_of[face as usize]), pair.meeting));
+        let pairs = earlier
+            .intersections
+            .pairs
+            .iter()
+            .map(|pair| (pair.faces.map(|face| counterpart_of[face as usize]), pair.meeting));
         let present = pairs.filter(|(faces, _)| !faces.contains(&NO_FACE));
         let hits = present.map(|([f, g], meeting)| ([f.min(g), f.max(g)], meeting)).collect();
         Self { changed, hits }
@@ -157,14 +178,22 @@ mod tests {
     fn a_search_after_an_earlier_one_finds_what_a_full_search_finds() {
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
-        let search = |mesh: &Soup, earlier: Option<&SearchedMesh>| {
-            SearchedMesh::search(mesh, earlier, &context).expect("not cancelled")
+        let search = |mesh: &Soup, known: Option<KnownIntersections<'_>>| {
+            SearchedMesh::search(mesh, known, &context).expect("not cancelled")
         };
-        let first = search(&squares(0.0), None);
+        let still = squares(0.0);
+        let first = search(&still, None);
+        let inspected = Analysis::new((&still).into(), &context).expect("not cancelled");
+        assert!(inspected.known_intersections().is_none());
+        inspected.intersections(&context).expect("not cancelled");
         for shift in [0.0, 1e-12, 0.25, 2.0] {
-            let (again, full) = (search(&squares(shift), Some(&first)), search(&squares(shift), None));
-            assert_eq!(again.intersections.counts, full.intersections.counts, "{shift}");
-            assert_eq!(again.intersections.takes_part, full.intersections.takes_part, "{shift}");
+            let full = search(&squares(shift), None).intersections;
+            for known in [first.known_intersections(), inspected.known_intersections()] {
+                assert!(known.is_some());
+                let again = search(&squares(shift), known).intersections;
+                assert_eq!(again.counts, full.counts, "{shift}");
+                assert_eq!(again.takes_part, full.takes_part, "{shift}");
+            }
         }
     }
 }

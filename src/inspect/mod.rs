@@ -40,7 +40,7 @@ pub use inspection::{
     goodness, inspect, inspect_analysis,
 };
 pub use intersections::{InstanceContact, instance_contacts, intersections, intersections_between};
-pub use known_pairs::SearchedMesh;
+pub use known_pairs::{KnownIntersections, SearchedMesh};
 pub use matching::{FaceGroups, group_faces};
 pub use measure::{Decimals, joined_by_decimals, measure, measure_analysis, measures};
 pub use measures::{BoundingBox, IntersectingPair, Intersections, Measures, SelfIntersections, Volume};

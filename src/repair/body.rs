@@ -52,7 +52,8 @@ pub(super) fn repair_body(
     } else {
         let cache = if request.reuses_prefixes { PrefixCache::default() } else { PrefixCache::disabled() };
         let unit = input.analysis.subject.unit.cloned().unwrap_or_default();
-        let runner = Runner { options, format, remesher, context, time: input.time, unit: &unit };
+        let runner =
+            Runner { options, input: input.analysis, format, remesher, context, time: input.time, unit: &unit };
         attempt(input, baseline, runner, cache, is_double_shell)?
     };
     RepairedBody::of(conclusion, input, options, context)

@@ -41,6 +41,8 @@ const MAX_RESERVED_SHARE: f64 = 0.5;
 pub(super) struct Runner<'a> {
     /// The options of the repair.
     pub options: &'a Options,
+    /// The input.
+    pub input: &'a Analysis<'a>,
     /// The judging format.
     pub format: Format,
     /// Blender, if it is available.
@@ -222,6 +224,7 @@ impl Runner<'_> {
         let max_deviation = self.options.max_deviation.map_or(f64::INFINITY, |most| (most - moved).max(0.0));
         Scope {
             options: self.options,
+            input: self.input,
             format: self.format,
             pairing,
             winding_rule,

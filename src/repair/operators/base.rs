@@ -173,7 +173,7 @@ fn extrude(surface: &mut Surface, faces: &[u32], view: &HeightField, plane: f64)
     true
 }
 
-impl Operation for AddBase {
+impl Operation<'_> for AddBase {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
     const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];

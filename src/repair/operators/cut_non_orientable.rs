@@ -224,7 +224,7 @@ impl CopyFans {
     }
 }
 
-impl Operation for CutNonOrientable {
+impl Operation<'_> for CutNonOrientable {
     const FIXES: &'static [Counter] = &[Counter::MisorientedEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];
     const ACTS_ON: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonManifoldEdges];

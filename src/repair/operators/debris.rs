@@ -140,7 +140,7 @@ fn is_enclosed(closed: &mut RayCaster, surface: &Surface, faces: &[u32]) -> bool
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveDebris;
 
-impl Operation for RemoveDebris {
+impl Operation<'_> for RemoveDebris {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
     const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
@@ -199,7 +199,7 @@ impl DropSmallParts {
     }
 }
 
-impl Operation for DropSmallParts {
+impl Operation<'_> for DropSmallParts {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &[];
 

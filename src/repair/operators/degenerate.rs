@@ -167,7 +167,7 @@ impl<'a> Pass<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveCollapsedFaces;
 
-impl Operation for RemoveCollapsedFaces {
+impl Operation<'_> for RemoveCollapsedFaces {
     const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
     const MAY_RAISE: &'static [Counter] = &[];
     const ACTS_ON: &'static [Counter] = &[Counter::DegenerateFaces];
@@ -187,7 +187,7 @@ pub struct RemoveCaps {
     max_deviation: f64,
 }
 
-impl Operation for RemoveCaps {
+impl Operation<'_> for RemoveCaps {
     const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
     // Removing a cap on the boundary replaces one boundary edge by two.
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];

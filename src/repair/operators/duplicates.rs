@@ -308,7 +308,7 @@ fn is_even([a, b, c]: [u32; 3]) -> bool {
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveDuplicates;
 
-impl Operation for RemoveDuplicates {
+impl Operation<'_> for RemoveDuplicates {
     const FIXES: &'static [Counter] = &[Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] =
         &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::PinchedVertices];

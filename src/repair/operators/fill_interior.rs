@@ -29,7 +29,7 @@ pub struct FillInterior {
     requested_by: Option<&'static str>,
 }
 
-impl Operation for FillInterior {
+impl Operation<'_> for FillInterior {
     const FIXES: &'static [Counter] = &[
         Counter::BoundaryEdges,
         Counter::NonManifoldEdges,

@@ -164,7 +164,7 @@ fn surrounding_edges(hinge: Hinge) -> [[u32; 2]; 4] {
     [[a, m], [m, b], [b, d], [d, a]]
 }
 
-impl Operation for UnfoldFoldovers {
+impl Operation<'_> for UnfoldFoldovers {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::BoundaryEdges];
     const MAY_RAISE: &'static [Counter] = &[];
 
@@ -299,7 +299,7 @@ fn drop_dangling(edges: &Edges, keep: &mut [bool]) -> u64 {
     removed
 }
 
-impl Operation for RemoveOverlappingNeighbours {
+impl Operation<'_> for RemoveOverlappingNeighbours {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
     const IS_ON_REQUEST: bool = true;

@@ -79,7 +79,7 @@ pub fn remove_internal_faces(surface: &mut Surface, context: &Context<'_>) -> Re
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveInternalFaces;
 
-impl Operation for RemoveInternalFaces {
+impl Operation<'_> for RemoveInternalFaces {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     // Faces that the internal face separated may wind inconsistently.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
@@ -203,7 +203,7 @@ fn is_inside(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: 
 #[derive(Debug, Clone, Copy)]
 pub struct RemoveInternalSheets;
 
-impl Operation for RemoveInternalSheets {
+impl Operation<'_> for RemoveInternalSheets {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
     // Faces that the sheet separated may wind inconsistently.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];

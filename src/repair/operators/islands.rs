@@ -23,7 +23,7 @@ pub struct TreatIslands {
     precision: Precision,
 }
 
-impl Operation for TreatIslands {
+impl Operation<'_> for TreatIslands {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &[];
     const CHANGES_SOUND_MODEL: bool = true;

@@ -155,7 +155,7 @@ fn nearest_outside(
     }
 }
 
-impl Operation for JoinParts {
+impl Operation<'_> for JoinParts {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     // A band between parts that touch may be degenerate or non-manifold.
     const MAY_RAISE: &'static [Counter] =

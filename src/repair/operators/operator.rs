@@ -7,17 +7,19 @@ use glam::DVec3;
 use super::face_pairs::Pairing;
 use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
-use crate::inspect::group_faces;
+use crate::inspect::{Analysis, group_faces};
 use crate::math::{collinear, threads, to_unit_range};
 use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
 use crate::repair::{Cancelled, Change, Context, Options, WallThickening};
 
 /// The settings from which operators derive their parameters.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub(crate) struct Scope<'a> {
     /// The options of the repair.
     pub options: &'a Options,
+    /// The input, whose intersecting faces are known.
+    pub input: &'a Analysis<'a>,
     /// The format of the result.
     pub format: Format,
     /// How faces are paired around edges with more than two faces.
@@ -35,7 +37,7 @@ pub(crate) struct Scope<'a> {
 }
 
 /// An operator that the pipeline can run.
-pub(crate) trait Operation: Sized {
+pub(crate) trait Operation<'a>: Sized {
     /// The counters that the operator claims to lower. The operator must not raise any of them.
     const FIXES: &'static [Counter];
     /// The counters that the operator may raise: a later operator lowers them, or they are the lesser defect.
@@ -50,7 +52,7 @@ pub(crate) trait Operation: Sized {
     const CHANGES_SOUND_MODEL: bool = false;
 
     /// Creates the operator for `surface` with parameters derived from `scope`.
-    fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self;
+    fn with_scope(scope: &Scope<'a>, surface: &Surface) -> Self;
 
     /// Runs the operator on `surface`.
     ///

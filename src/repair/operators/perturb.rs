@@ -254,7 +254,7 @@ fn find_position(
     })
 }
 
-impl Operation for Perturb {
+impl Operation<'_> for Perturb {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
 

@@ -117,7 +117,7 @@ impl RemeshInside {
     }
 }
 
-impl Operation for RemeshInside {
+impl Operation<'_> for RemeshInside {
     const FIXES: &'static [Counter] = &Counter::ALL;
     const MAY_RAISE: &'static [Counter] = &[];
 
@@ -206,7 +206,7 @@ impl ReduceFaces {
     }
 }
 
-impl Operation for ReduceFaces {
+impl Operation<'_> for ReduceFaces {
     const FIXES: &'static [Counter] = &Counter::ALL;
     const MAY_RAISE: &'static [Counter] = &[];
 

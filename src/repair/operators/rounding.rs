@@ -318,7 +318,7 @@ pub struct RoundCoordinates {
     max_deviation: f64,
 }
 
-impl Operation for RoundCoordinates {
+impl Operation<'_> for RoundCoordinates {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &Counter::ALL;
 

@@ -306,7 +306,7 @@ impl SliverQueue<'_> {
     }
 }
 
-impl Operation for RemoveSlivers {
+impl Operation<'_> for RemoveSlivers {
     const FIXES: &'static [Counter] = &[Counter::DegenerateFaces];
     // Collapsing a boundary edge opens the edges behind it.
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges];

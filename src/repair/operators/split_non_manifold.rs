@@ -120,7 +120,7 @@ pub struct SplitNonManifold {
     pairing: Pairing,
 }
 
-impl Operation for SplitNonManifold {
+impl Operation<'_> for SplitNonManifold {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::DuplicateFaces];
     const ACTS_ON: &'static [Counter] = &[Counter::NonManifoldEdges, Counter::PinchedVertices];
@@ -210,7 +210,7 @@ impl DetachFins {
     }
 }
 
-impl Operation for DetachFins {
+impl Operation<'_> for DetachFins {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];
     const ACTS_ON: &'static [Counter] = &[Counter::NonManifoldEdges];

@@ -168,7 +168,7 @@ fn too_wide_note(too_wide: u64) -> String {
     )
 }
 
-impl Operation for Stitch {
+impl Operation<'_> for Stitch {
     const FIXES: &'static [Counter] =
         &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];

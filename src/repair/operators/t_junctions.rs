@@ -103,7 +103,7 @@ fn vertices_on_edges(border: &mut Border<'_>, reach: f64, context: &Context<'_>)
     Ok(on_edges)
 }
 
-impl Operation for SplitTJunctions {
+impl Operation<'_> for SplitTJunctions {
     const FIXES: &'static [Counter] = &[Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     // Splitting an edge can leave one half unmatched until the other half is split; matched at one end only, it is pinched.
     const MAY_RAISE: &'static [Counter] = &[Counter::BoundaryEdges, Counter::PinchedVertices];

@@ -187,7 +187,7 @@ fn replace_faces(surface: &mut Surface, cover: &Cover, vertices: &SideVertices) 
     }
 }
 
-impl Operation for ThickenSheets {
+impl Operation<'_> for ThickenSheets {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::MisorientedEdges];
     // A non-manifold edge of the sheet is non-manifold on both skins.
     const MAY_RAISE: &'static [Counter] =

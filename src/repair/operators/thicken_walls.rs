@@ -34,7 +34,7 @@ pub struct ThickenWalls {
     millimetres: f64,
 }
 
-impl Operation for ThickenWalls {
+impl Operation<'_> for ThickenWalls {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &[];
     const CHANGES_SOUND_MODEL: bool = true;

@@ -30,7 +30,7 @@ pub struct FillVoids {
     max_volume: f64,
 }
 
-impl Operation for FillVoids {
+impl Operation<'_> for FillVoids {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &[];
     const CHANGES_SOUND_MODEL: bool = true;
@@ -66,7 +66,7 @@ pub struct VentVoids {
     options: VentOptions,
 }
 
-impl Operation for VentVoids {
+impl Operation<'_> for VentVoids {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &[];
     const CHANGES_SOUND_MODEL: bool = true;

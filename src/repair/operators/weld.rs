@@ -84,7 +84,7 @@ fn neighbours([x, y, z]: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
     })
 }
 
-impl Operation for MergeVertices {
+impl Operation<'_> for MergeVertices {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &Counter::ALL;
 
@@ -241,7 +241,7 @@ fn to_cell(x: f64) -> i64 {
     (x as i64).clamp(i64::MIN / 4, i64::MAX / 4)
 }
 
-impl Operation for Weld {
+impl Operation<'_> for Weld {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     // Where several sheets meet, a boundary edge may become an edge with several faces.
     const MAY_RAISE: &'static [Counter] =
@@ -358,7 +358,7 @@ fn pairs(border: &mut Border<'_>, reach: &[f64], context: &Context<'_>) -> Resul
     Ok(pairs)
 }
 
-impl Operation for Sew {
+impl Operation<'_> for Sew {
     const FIXES: &'static [Counter] =
         &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
     const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];

@@ -148,7 +148,7 @@ impl CleanAndPatch {
     }
 }
 
-impl Operation for CleanAndPatch {
+impl Operation<'_> for CleanAndPatch {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[];
 

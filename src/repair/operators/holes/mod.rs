@@ -265,7 +265,7 @@ fn with_patches(body: &Solid, filler: &Filler<'_>, start: usize) -> (f64, f64) {
     (patch_area, volume)
 }
 
-impl Operation for FillHoles {
+impl Operation<'_> for FillHoles {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     // A crack whose border is collinear is closed with faces without area.
     const MAY_RAISE: &'static [Counter] = &[Counter::DegenerateFaces];

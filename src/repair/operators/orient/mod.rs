@@ -143,7 +143,7 @@ fn unfixed_note(kinds: &[(u64, &str, &str)]) -> Option<String> {
     (!notes.is_empty()).then(|| notes.join("; "))
 }
 
-impl Operation for Orient {
+impl Operation<'_> for Orient {
     const FIXES: &'static [Counter] = &[Counter::MisorientedEdges];
     const MAY_RAISE: &'static [Counter] = &[];
 

@@ -11,7 +11,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 use smallvec::SmallVec;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
-use crate::inspect::SearchedMesh;
+use crate::inspect::{Analysis, SearchedMesh};
 use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
@@ -72,12 +72,23 @@ impl SelfUnionRounds {
         engine: &dyn Arrangement,
         context: &Context<'_>,
     ) -> Result<Resolved, Cancelled> {
+        self.apply_after(None, surface, engine, context)
+    }
+
+    /// [`Self::apply`] for a surface that has faces of `input`, whose intersections are known.
+    fn apply_after(
+        &self,
+        input: Option<&Analysis<'_>>,
+        surface: &mut Surface,
+        engine: &dyn Arrangement,
+        context: &Context<'_>,
+    ) -> Result<Resolved, Cancelled> {
         let undone = |pairs_left, error| Resolved { pairs_left, error: Some(error), ..Resolved::default() };
         let edges = Edges::new(&surface.faces);
         if let Err(open) = ClosedSurface::new(surface, &edges) {
             return Ok(undone(0, open.into()));
         }
-        let searched = crossings(surface, None, context)?;
+        let searched = crossings(surface, input.and_then(Analysis::known_intersections), context)?;
         let before = count(&searched.intersections);
         // Without intersections, one part may still enclose another because its holes were filled.
         let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_generated(source));
@@ -127,8 +138,9 @@ impl SelfUnionRounds {
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
-    pub fn apply_to_parts(
+    fn apply_to_parts(
         &self,
+        input: &Analysis<'_>,
         surface: &mut Surface,
         engine: &dyn Arrangement,
         context: &Context<'_>,
@@ -157,7 +169,7 @@ impl SelfUnionRounds {
             for &v in faces.iter().flat_map(|&f| &surface.faces[f as usize]) {
                 local[v as usize] = u32::MAX;
             }
-            let done = self.apply(&mut part, engine, context)?;
+            let done = self.apply_after(Some(input), &mut part, engine, context)?;
             all.moved = all.moved.max(done.moved);
             has_changed |= !done.changes.is_empty();
             whole.append(part);
@@ -171,7 +183,7 @@ impl SelfUnionRounds {
             ]);
             *surface = whole;
         }
-        all.pairs_left = count(&crossings(surface, None, context)?.intersections);
+        all.pairs_left = count(&crossings(surface, input.known_intersections(), context)?.intersections);
         Ok(all)
     }
 }
@@ -213,7 +225,7 @@ impl Uniting<'_> {
             }
             work.clone_from(surface);
             (totals.snapped, totals.moved) = snap(&mut work, &dense.faces, step);
-            let snapped = crossings(&work, Some(&searched), self.context)?;
+            let snapped = crossings(&work, searched.known_intersections(), self.context)?;
             let is_loose = Dense::of(&work, &snapped.intersections).is_none();
             found = Some(snapped);
             if is_loose {
@@ -274,13 +286,14 @@ impl ReplacedFaces {
 }
 
 /// Unites overlapping volumes; with `overlaps` set to keep, computes the union of each part alone.
-#[derive(Debug, Clone, Copy)]
-pub struct SelfUnion {
+#[derive(Clone, Copy)]
+pub struct SelfUnion<'a> {
+    input: &'a Analysis<'a>,
     rounds: SelfUnionRounds,
     overlaps: Overlaps,
 }
 
-impl Operation for SelfUnion {
+impl<'a> Operation<'a> for SelfUnion<'a> {
     const FIXES: &'static [Counter] = &[Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[
         Counter::BoundaryEdges,
@@ -290,7 +303,7 @@ impl Operation for SelfUnion {
         Counter::DuplicateFaces,
     ];
 
-    fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self {
+    fn with_scope(scope: &Scope<'a>, surface: &Surface) -> Self {
         let options = scope.options;
         let thickness =
             || options.thickness.unwrap_or(THICKNESS * surface.bounds().diagonal()).min(scope.max_deviation);
@@ -300,13 +313,13 @@ impl Operation for SelfUnion {
             sheets: scope.closes_sheets.then(thickness),
             always: options.winding_rule != WindingRuleChoice::Auto,
         };
-        Self { rounds, overlaps: options.overlaps }
+        Self { input: scope.input, rounds, overlaps: options.overlaps }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let result = match self.overlaps {
-            Overlaps::Union => self.rounds.apply(surface, &Exact, context)?,
-            Overlaps::Keep => self.rounds.apply_to_parts(surface, &Exact, context)?,
+            Overlaps::Union => self.rounds.apply_after(Some(self.input), surface, &Exact, context)?,
+            Overlaps::Keep => self.rounds.apply_to_parts(self.input, surface, &Exact, context)?,
         };
         let left = (result.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", result.pairs_left));
         let failed = result.error.map(Into::into);

@@ -7,7 +7,7 @@ use rustc_hash::FxHashSet;
 use super::residue::{MAX_PLUG_REACH, Pinched, plugs, remove_crumbs};
 use super::snap::{grid_step, snap};
 use crate::arrange::{ArrangeError, Arrangement, Rule, Solid, WindingRule};
-use crate::inspect::{Intersections, SearchedMesh};
+use crate::inspect::{Intersections, KnownIntersections, SearchedMesh};
 use crate::math::Precision;
 use crate::mesh::{ClosedSurface, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, position_key, weld_exactly};
 use crate::repair::operators::degenerate::{remove_caps, remove_collapsed};
@@ -172,7 +172,7 @@ impl<'a> Rounds<'a> {
                 Err(_) => break,
             };
             self.round_new(&mut work, &known_positions)?;
-            self.searched = crossings(&work, Some(&self.searched), self.context)?;
+            self.searched = crossings(&work, self.searched.known_intersections(), self.context)?;
             let intersections = &self.searched.intersections;
             let pairs = count(intersections);
             let [mut takes_part, _] = intersections.takes_part.clone();
@@ -277,7 +277,7 @@ impl<'a> Rounds<'a> {
         self.attempts_to_plug += 1;
         let pairs = match result.pairs {
             0 => Vec::new(),
-            _ => crossings(&result.surface, Some(&self.searched), self.context)?.intersections.pairs,
+            _ => crossings(&result.surface, self.searched.known_intersections(), self.context)?.intersections.pairs,
         };
         for bits in PLUG_GRIDS {
             let step = grid_step(&result.surface, bits);
@@ -294,7 +294,7 @@ impl<'a> Rounds<'a> {
                 Err(_) => break,
             };
             self.round_new(&mut work, &known_positions)?;
-            let left = count(&crossings(&work, Some(&self.searched), self.context)?.intersections);
+            let left = count(&crossings(&work, self.searched.known_intersections(), self.context)?.intersections);
             let plugged = self.perturb(&work, left, &mut vec![false; work.faces.len()])?;
             if plugged.is_clean() {
                 self.totals.plugs += places;
@@ -312,7 +312,7 @@ impl<'a> Rounds<'a> {
         let pairs = if surface == *work {
             pairs
         } else {
-            count(&crossings(&surface, Some(&self.searched), self.context)?.intersections)
+            count(&crossings(&surface, self.searched.known_intersections(), self.context)?.intersections)
         };
         let pinched = Pinched::of(&surface);
         pinched.mark(work, takes_part);
@@ -383,10 +383,10 @@ pub(in crate::repair::operators) fn is_manifold_by_position(surface: &Surface) -
     [BoundaryEdges, MisorientedEdges, NonManifoldEdges, PinchedVertices].iter().all(|&c| counts.get(c) == 0)
 }
 
-/// Finds the faces that intersect. Faces that `earlier` has too are not tested against each other again.
+/// Finds the faces that intersect. Faces that an earlier mesh has too are not tested against each other again.
 pub(super) fn crossings(
     surface: &Surface,
-    earlier: Option<&SearchedMesh>,
+    earlier: Option<KnownIntersections<'_>>,
     context: &Context<'_>,
 ) -> Result<SearchedMesh, Cancelled> {
     SearchedMesh::search(&surface.to_soup(), earlier, context)
