@@ -92,6 +92,29 @@ fn a_printable_file_in_another_format_keeps_its_faces_in_order() {
     }
 }
 
+/// A remesher that nobody may ask for anything.
+struct NeverAsked;
+
+impl Remesher for NeverAsked {
+    fn info(&self) -> Result<&RemesherInfo, &str> {
+        panic!("asked for its version")
+    }
+
+    fn remesh(&self, _: &RemeshRequest<'_>, _: &Context<'_>) -> Result<Remeshed, RemeshError> {
+        panic!("asked for a remesh")
+    }
+}
+
+#[test]
+fn blender_is_not_asked_where_no_face_has_an_area() {
+    let line = [0.0, 1.0, 2.0].map(|x| DVec3::new(x, x, 0.0));
+    let bytes = format::write(&Soup { positions: line.to_vec(), faces: vec![[0, 1, 2]] }, Format::Obj).unwrap();
+    let repaired = repair_bytes(&bytes, &Options::default(), Some(&NeverAsked)).unwrap();
+    assert_eq!(repaired.report.outcome, Outcome::Unrepairable);
+    let skipped = |step: &&Step| step.strategy > 0 && step.status != StepStatus::Skipped;
+    assert_eq!(repaired.report.steps.iter().find(skipped), None);
+}
+
 #[test]
 fn a_file_that_breaks_when_rounded_is_repaired() {
     // A slit so thin that both sides round to the same f32.
