@@ -7,11 +7,11 @@ mod residue;
 mod rounds;
 mod snap;
 
-use rustc_hash::{FxHashMap, FxHashSet};
-use smallvec::SmallVec;
+use std::cmp::Ordering;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
 use crate::inspect::{Analysis, SearchedMesh};
+use crate::math::threads;
 use crate::mesh::{ClosedSurface, Edges, Parts, Surface, is_generated};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::thicken::THICKNESS;
@@ -265,18 +265,38 @@ struct ReplacedFaces {
 }
 
 impl ReplacedFaces {
-    /// Compares faces by their corners and winding. A new face is a piece of the earlier faces with the same source.
+    /// Compares faces with the same source by their corners and winding. A new face is a piece of the earlier faces with its source.
     fn between(before: &Surface, after: &Surface) -> Self {
-        let mut gone: FxHashMap<[[u64; 3]; 3], SmallVec<[u32; 1]>> = FxHashMap::default();
-        for (face, &source) in before.source.iter().enumerate() {
-            gone.entry(before.face_key(face)).or_default().push(source);
+        let source = |surface: &Surface, face: u32| surface.source[face as usize];
+        let compare = |(one, f): (&Surface, u32), (other, g): (&Surface, u32)| {
+            let by_key = || one.face_key(f as usize).cmp(&other.face_key(g as usize));
+            source(one, f).cmp(&source(other, g)).then_with(by_key)
+        };
+        let [earlier, later] = [before, after].map(|surface| {
+            let mut faces: Vec<u32> = (0u32..).take(surface.faces.len()).collect();
+            threads::sort_by(&mut faces, &|&f, &g| compare((surface, f), (surface, g)).then(f.cmp(&g)));
+            faces
+        });
+        let (mut gone, mut new) = (Vec::new(), Vec::new());
+        let (mut earlier, mut later) = (earlier.into_iter().peekable(), later.into_iter().peekable());
+        while let (Some(&f), Some(&g)) = (earlier.peek(), later.peek()) {
+            let order = compare((before, f), (after, g));
+            if order.is_le() {
+                earlier.next();
+            }
+            if order.is_ge() {
+                later.next();
+            }
+            match order {
+                Ordering::Less => gone.push(source(before, f)),
+                Ordering::Equal => {}
+                Ordering::Greater => new.push(source(after, g)),
+            }
         }
-        let is_new = |face: &usize| gone.get_mut(&after.face_key(*face)).and_then(SmallVec::pop).is_none();
-        let new: Vec<usize> = (0..after.faces.len()).filter(is_new).collect();
-        let pieces: FxHashSet<u32> = new.iter().map(|&face| after.source[face]).collect();
-        let gone = || gone.values().flatten();
-        let cut = gone().filter(|source| pieces.contains(source)).count() as u64;
-        Self { cut, removed: gone().count() as u64 - cut, created: new.len() as u64 }
+        gone.extend(earlier.map(|f| source(before, f)));
+        new.extend(later.map(|g| source(after, g)));
+        let cut = gone.iter().filter(|source| new.binary_search(source).is_ok()).count() as u64;
+        Self { cut, removed: gone.len() as u64 - cut, created: new.len() as u64 }
     }
 
     /// Whether both surfaces have the same faces.
