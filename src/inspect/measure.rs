@@ -159,7 +159,7 @@ impl Decimals {
     /// Whether all positions have different places on the grid. O(n).
     #[must_use]
     pub fn tell_apart(self, positions: &[DVec3]) -> bool {
-        are_distinct(positions.iter().map(|&p| self.round(p)))
+        are_distinct(positions.len(), |number| self.round(positions[number]))
     }
 
     /// The length of `count` grid steps, in the model's unit.

@@ -19,8 +19,10 @@ const BASE_PROBES: u64 = 1 << 16;
 /// Faces whose vertices are looked up as a batch. Starting the lookups together overlaps their memory latency.
 pub(super) const BATCH: usize = 64;
 
-/// Number of parts into which [`first_equal`] divides positions by their hashes.
+/// Number of parts into which many positions are divided by their hashes.
 const SHARDS: usize = 16;
+/// Number of positions below which one thread compares all.
+const FEW_POSITIONS: usize = 1 << 16;
 
 /// A key that is equal exactly for equal positions. Adding 0.0 turns -0.0 into 0.0.
 #[must_use]
@@ -112,29 +114,44 @@ impl<E: Equality> Distinct<E> {
     }
 }
 
-/// Whether no two positions are equal. O(n).
-pub fn are_distinct(positions: impl Iterator<Item = DVec3>) -> bool {
-    let (mut distinct, mut next, mut is_distinct) =
-        (Distinct::<Number>::with_capacity_for(positions.size_hint().0), 0u32, true);
-    distinct.number_all(positions, |number| {
-        is_distinct &= number == next;
-        next = next.wrapping_add(1);
+/// Whether the positions of 0 to `count` are different numbers. O(n), in parallel if they are many.
+pub fn are_distinct(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> bool {
+    let all_new = |count: usize, positions: &mut dyn Iterator<Item = DVec3>| {
+        let (mut distinct, mut next, mut is_distinct) = (Distinct::<Number>::with_capacity_for(count), 0u32, true);
+        distinct.number_all(positions, |number| {
+            is_distinct &= number == next;
+            next = next.wrapping_add(1);
+        });
+        is_distinct
+    };
+    if count < FEW_POSITIONS {
+        return all_new(count, &mut (0..count).map(position));
+    }
+    let chunks = by_shard(count, &position);
+    let is_distinct = threads::map(SHARDS, 2, |shard| {
+        let members = || chunks.iter().flat_map(|lists| &lists[shard]);
+        all_new(members().count(), &mut members().map(|&member| position(member as usize)))
     });
-    is_distinct
+    !is_distinct.contains(&false)
 }
 
-/// For each of many positions the first one that is equal to it. Computed in parallel: each thread compares the positions
-/// whose hashes begin alike.
-pub(super) fn first_equal(positions: &[DVec3]) -> Vec<u32> {
+/// The numbers of many positions by [`SHARDS`], each shard with the positions whose hashes end alike: a list for each chunk of
+/// the positions. Equal positions are in one shard. Computed in parallel.
+fn by_shard(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<[Vec<u32>; SHARDS]> {
     let shard_of = |position: DVec3| (hash(Number::key(position)) & (SHARDS as u64 - 1)) as usize;
-    let chunks = threads::map_chunks(positions.len(), |range| {
+    threads::map_chunks(count, |range| {
         let mut lists: [Vec<u32>; SHARDS] = Default::default();
-        for (&position, number) in positions[range.clone()].iter().zip(range) {
+        for number in range {
             #[expect(clippy::cast_possible_truncation, reason = "positions are counted in u32")]
-            lists[shard_of(position)].push(number as u32);
+            lists[shard_of(position(number))].push(number as u32);
         }
         lists
-    });
+    })
+}
+
+/// For each of many positions the first one that is equal to it. Computed in parallel, each shard by one thread.
+pub(super) fn first_equal(positions: &[DVec3]) -> Vec<u32> {
+    let chunks = by_shard(positions.len(), &|number| positions[number]);
     let shards = threads::map(SHARDS, 2, |shard| {
         let members = || chunks.iter().flat_map(|lists| lists[shard].iter().copied());
         let mut distinct = Distinct::<Number>::with_capacity_for(members().count());
@@ -299,6 +316,16 @@ mod tests {
         let given: Vec<DVec3> = crowded(2001).into_iter().cycle().take(100_000).collect();
         let slow = |position: &DVec3| given[..2001].iter().position(|p| p == position).unwrap();
         assert!(first_equal(&given).iter().zip(&given).all(|(&first, position)| first as usize == slow(position)));
+    }
+
+    #[test]
+    fn one_repeated_position_among_few_and_among_many_is_noticed() {
+        for count in [2, 1000, FEW_POSITIONS + 1000] {
+            let line = |number: usize| DVec3::new(number as f64, -0.0, 1.0);
+            assert!(are_distinct(count, line));
+            let repeats = |number: usize| line(if number + 1 == count { 0 } else { number });
+            assert!(!are_distinct(count, repeats), "{count}");
+        }
     }
 
     #[test]

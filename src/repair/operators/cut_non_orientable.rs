@@ -215,7 +215,7 @@ impl CopyFans {
             DVec3::NEG_Z,
         ]);
         for direction in directions {
-            if let Some(q) = self.free_positions.find(p, direction, limits.max_deviation, fits) {
+            if let Some(q) = self.free_positions.find(surface, (p, direction), limits.max_deviation, fits) {
                 surface.positions[v as usize] = q;
                 return Some(p.distance(q));
             }

@@ -50,9 +50,10 @@ pub fn round_to_f32(surface: &mut Surface) -> u64 {
 /// The number of step lengths that are tried. Each is twice the one before; the first is the spacing of f32 at the position.
 const STEPS: i32 = 12;
 
-/// The positions in use, as f32.
+/// Positions that no vertex has, as f32.
 pub(super) struct FreePositions {
-    taken: HashSet<[u32; 3]>,
+    /// The positions in use, which are collected for the first search.
+    taken: Option<HashSet<[u32; 3]>>,
     /// The precision to which new positions are rounded.
     precision: Precision,
     /// The least step length.
@@ -62,28 +63,29 @@ pub(super) struct FreePositions {
 }
 
 impl FreePositions {
-    /// Collects the positions of a surface's vertices.
+    /// Prepares the search for the vertices of a surface, before any of them moves.
     pub fn new(surface: &Surface, precision: Precision) -> Self {
         let largest = surface.positions.iter().fold(DVec3::ZERO, |most, p| most.max(p.abs()));
         // The factor keeps a step in a diagonal direction above 1e-8 along one axis.
         let least = (2.0 * DISTINCT_STEP).min(spacing(largest));
-        Self { taken: surface.positions.iter().map(|&p| key(p)).collect(), precision, least, moved: 0.0 }
+        Self { taken: None, precision, least, moved: 0.0 }
     }
 
     /// Finds and takes the nearest free position from `p` in a direction, within `most`, for which `fits` holds.
     pub fn find(
         &mut self,
-        p: DVec3,
-        direction: DVec3,
+        surface: &Surface,
+        (p, direction): (DVec3, DVec3),
         most: f64,
         mut fits: impl FnMut(DVec3) -> bool,
     ) -> Option<DVec3> {
+        let taken = self.taken.get_or_insert_with(|| surface.positions.iter().map(|&p| key(p)).collect());
         let least = spacing(p).max(self.least);
         for k in 0..STEPS {
             let q = self.precision.round(p + direction * (least * 2f64.powi(k)));
-            let free = q.is_finite() && p.distance(q) <= most && !self.taken.contains(&key(q));
+            let free = q.is_finite() && p.distance(q) <= most && !taken.contains(&key(q));
             if free && fits(q) {
-                self.taken.insert(key(q));
+                taken.insert(key(q));
                 self.moved = self.moved.max(p.distance(q));
                 return Some(q);
             }

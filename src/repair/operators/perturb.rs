@@ -10,7 +10,7 @@ use super::operator::{Applied, Counter, Operation, Scope};
 use super::rounding::{DistinguishLimits, distinguish_vertices};
 use super::split_non_manifold::{Pinches, split_non_manifold};
 use crate::math::{Precision, collinear};
-use crate::mesh::{Edges, Stars, Surface};
+use crate::mesh::{Edges, Stars, Surface, are_distinct};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// The most rounds of splitting; an edge that is still doubled after them stays.
@@ -104,8 +104,14 @@ impl NearbyPositions {
     }
 
     /// Finds and takes the nearest free f32 position from `p` in a direction for which `fits` holds.
-    fn find(&mut self, p: DVec3, direction: DVec3, fits: impl FnMut(DVec3) -> bool) -> Option<DVec3> {
-        self.free.find(p, direction, self.reach.max(4.0 * spacing(p)).min(self.max_deviation), fits)
+    fn find(
+        &mut self,
+        surface: &Surface,
+        (p, direction): (DVec3, DVec3),
+        fits: impl FnMut(DVec3) -> bool,
+    ) -> Option<DVec3> {
+        let most = self.reach.max(4.0 * spacing(p)).min(self.max_deviation);
+        self.free.find(surface, (p, direction), most, fits)
     }
 }
 
@@ -160,7 +166,7 @@ fn split_pair(surface: &mut Surface, x: u32, y: u32, nearby: &mut NearbyPosition
     #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
     let [from_f, from_g] = [f as u32, g as u32];
     let new = [([a, NEW, c], from_f), ([NEW, b, c], from_f), ([b, NEW, d], from_g), ([NEW, a, d], from_g)];
-    let new_position = nearby.find(middle, direction, |w| {
+    let new_position = nearby.find(surface, (middle, direction), |w| {
         !collinear(at(a), w, at(b))
             && new_faces(w).iter().all(|&[p, q, r, n]| (q - p).cross(r - p).dot(n) > 0.0)
             && clear.is_clear(surface, &new, &[], w)
@@ -187,6 +193,9 @@ fn separate_coincident(
     nearby: &mut NearbyPositions,
     context: &Context<'_>,
 ) -> Result<(u64, u64), Cancelled> {
+    if are_distinct(surface.positions.len(), |v| surface.positions[v].as_vec3().as_dvec3()) {
+        return Ok((0, 0));
+    }
     let mut order: Vec<([u32; 3], u32)> = surface.positions.iter().map(|&p| key(p)).zip(0u32..).collect();
     order.sort_unstable();
     let groups: Vec<&[([u32; 3], u32)]> = order.chunk_by(|x, y| x.0 == y.0).filter(|g| g.len() > 1).collect();
@@ -247,10 +256,10 @@ fn find_position(
     let mut fits =
         |q: DVec3| keeps_orientation(surface, star.iter().copied(), v, q) && clear.is_clear(surface, &new, &[], q);
     let ahead = (-normal).try_normalize().or_else(|| middle.try_normalize())?;
-    nearby.find(p, ahead, &mut fits).or_else(|| {
+    nearby.find(surface, (p, ahead), &mut fits).or_else(|| {
         let mut around: Vec<DVec3> = NEIGHBOUR_DIRECTIONS.iter().map(|d| d.normalize()).collect();
         around.sort_by(|x, y| y.dot(ahead).total_cmp(&x.dot(ahead)));
-        around.into_iter().find_map(|direction| nearby.find(p, direction, &mut fits))
+        around.into_iter().find_map(|direction| nearby.find(surface, (p, direction), &mut fits))
     })
 }
 
