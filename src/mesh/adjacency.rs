@@ -1,7 +1,15 @@
 //! Edges, half-edges and vertex stars of a list of faces, in compact arrays.
 
+use std::ops::Range;
+
+use crate::math::threads;
+
 /// Half-edges of a vertex up to which insertion sort is used.
 const INSERTION_SORT_LIMIT: usize = 16;
+/// Faces from which several threads build the edges, and the most parts into which the work is divided: each part reads all
+/// faces.
+const MANY_FACES: usize = 1 << 16;
+const MAX_PARTS: usize = 8;
 
 /// The edges of a list of faces, sorted by their vertices.
 ///
@@ -19,13 +27,40 @@ pub struct Edges {
 }
 
 impl Edges {
-    /// Builds the edges of `faces`, of which there must be fewer than 2^32 / 3. A counting sort groups the half-edges
-    /// by their smaller vertex; then each group is sorted.
+    /// Builds the edges of `faces`, of which there must be fewer than 2^32 / 3. O(n). In parallel if the faces are many: each
+    /// thread builds the edges of a range of smaller vertices.
     #[must_use]
     pub fn new(faces: &[[u32; 3]]) -> Self {
         let vertices = faces.iter().flatten().max().map_or(0, |&v| v as usize + 1);
-        let mut from = vec![0u32; vertices + 1];
-        for_each_half_edge(faces, |_, a, b| from[a.min(b) as usize] += 1);
+        let parts = if faces.len() < MANY_FACES { 1 } else { rayon::current_num_threads().min(MAX_PARTS) };
+        let bound = |part: usize| index(vertices * part / parts);
+        let mut built = threads::map(parts, 2, |part| Self::from_vertices(faces, bound(part)..bound(part + 1)));
+        let mut edges = built.remove(0);
+        for part in built {
+            let [first_edge, first_half_edge] = [edges.ends.len(), edges.half_edges.len()].map(index);
+            // Replaces the total at the end of each list.
+            edges.from.pop();
+            edges.from.extend(part.from.into_iter().map(|edge| edge + first_edge));
+            edges.start.pop();
+            edges.start.extend(part.start.into_iter().map(|half_edge| half_edge + first_half_edge));
+            edges.ends.extend(part.ends);
+            edges.half_edges.extend(part.half_edges);
+        }
+        edges
+    }
+
+    /// The edges whose smaller vertex is in a range. A counting sort groups the half-edges by that vertex; then each group is
+    /// sorted.
+    fn from_vertices(faces: &[[u32; 3]], vertices: Range<u32>) -> Self {
+        let mut from = vec![0u32; vertices.len() + 1];
+        // The place of a half-edge's smaller vertex in the range.
+        let place =
+            |a: u32, b: u32| a.min(b).checked_sub(vertices.start).filter(|&at| at < vertices.end - vertices.start);
+        for_each_half_edge(faces, |_, a, b| {
+            if let Some(at) = place(a, b) {
+                from[at as usize] += 1;
+            }
+        });
         let mut total = 0;
         for count in &mut from {
             total += std::mem::replace(count, total);
@@ -34,16 +69,18 @@ impl Edges {
         // face.
         let mut sorted = vec![0u64; total as usize];
         for_each_half_edge(faces, |half_edge, a, b| {
-            let next = &mut from[a.min(b) as usize];
-            sorted[*next as usize] = u64::from(a.max(b)) << 32 | u64::from(half_edge);
-            *next += 1;
+            if let Some(at) = place(a, b) {
+                let next = &mut from[at as usize];
+                sorted[*next as usize] = u64::from(a.max(b)) << 32 | u64::from(half_edge);
+                *next += 1;
+            }
         });
         // `from` now holds the end of each vertex's range, which is the start of the next.
         let mut edges = Self { half_edges: Vec::with_capacity(sorted.len()), ..Self::default() };
         edges.ends.reserve(sorted.len() / 2);
         edges.start.reserve(sorted.len() / 2 + 1);
         let mut begin = 0;
-        for (low, end) in (0u32..).zip(&mut from) {
+        for (low, end) in (vertices.start..).zip(&mut from) {
             let of_low = &mut sorted[begin..*end as usize];
             begin = *end as usize;
             *end = index(edges.ends.len());
@@ -255,12 +292,28 @@ mod tests {
 
     #[test]
     fn edges_and_half_edges_are_in_sorted_order() {
+        assert_sorted(&random_faces(300, 40));
+    }
+
+    #[test]
+    fn edges_of_many_faces_are_in_sorted_order_for_any_number_of_threads() {
+        let faces = random_faces(MANY_FACES + 300, 20_000);
+        for threads in [1, 3, 20] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| assert_sorted(&faces));
+        }
+    }
+
+    fn random_faces(count: usize, vertices: u32) -> Vec<[u32; 3]> {
         let mut state = 1u32;
-        let mut random = |below: u32| {
+        let mut random = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 16) % below
+            (state >> 16) % vertices
         };
-        let faces: Vec<[u32; 3]> = (0..300).map(|_| [random(40), random(40), random(40)]).collect();
+        (0..count).map(|_| [random(), random(), random()]).collect()
+    }
+
+    fn assert_sorted(faces: &[[u32; 3]]) {
         let mut sorted: Vec<([u32; 2], u32)> = Vec::new();
         for (face, corner) in faces.iter().zip((0u32..).step_by(3)) {
             let [a, b, c] = *face;
@@ -270,14 +323,15 @@ mod tests {
             }
         }
         sorted.sort_unstable();
-        let edges = Edges::new(&faces);
+        let edges = Edges::new(faces);
         let found = (0..edges.len()).flat_map(|e| edges.half_edges(e).iter().map(move |&h| (e, h)));
         assert!(found.map(|(e, h)| (edges.vertices(e), h)).eq(sorted.iter().copied()));
+        assert!(edges.iter().eq((0..edges.len()).map(|e| edges.half_edges(e))));
         for e in 0..edges.len() {
             let [a, b] = edges.vertices(e);
             assert_eq!((edges.find(a, b), edges.find(b, a)), (Some(e), Some(e)));
         }
-        assert_eq!((edges.find(3, 3), edges.find(39, 77), edges.find(77, 78)), (None, None, None));
+        assert_eq!((edges.find(3, 3), edges.find(39, 70_077), edges.find(70_077, 70_078)), (None, None, None));
     }
 
     #[test]
