@@ -102,11 +102,11 @@ impl<'a> WallSearch<'a> {
         let may_have_wall = prober.may_have_wall(self.limit());
         let left = self.run_queries(spread.len(), budget, context, |i, search, steps| {
             let sample = may_have_wall[spread[i].face as usize].then_some(&spread[i])?;
-            search.probe(prober, sample, steps)
+            Self::probe(prober, sample, search.longest(sample.point), steps)
         })?;
         let left = self.run_queries(faces, left, context, |face, search, steps| {
             let sample = may_have_wall[face].then(|| search.centre(u32::try_from(face).ok()?)).flatten()?;
-            search.probe(prober, &sample, steps)
+            Self::probe(prober, &sample, search.longest(sample.point), steps)
         })?;
         if is_printable {
             self.search_overlaps(prober, left, context)?;
@@ -148,12 +148,13 @@ impl<'a> WallSearch<'a> {
     }
 
     /// The wall in an overlap, near its thinnest corner if possible: at the corner itself, the ray may miss the opposite face.
-    /// Walls near a sharp edge, where both faces have a common vertex, do not count.
+    /// Only a wall thinner than all others so far counts, and none near a sharp edge, where both faces have a common vertex.
     fn wall_in(&self, overlap: &Overlap, prober: &WallProber<'_>, steps: &mut u64) -> Option<Wall> {
         let face = self.centre(overlap.face)?;
         STEP_FRACTIONS.into_iter().find_map(|fraction| {
             let sample = Sample { point: overlap.middle.lerp(overlap.thinnest, fraction), ..face };
-            self.probe(prober, &sample, steps).filter(|wall| !prober.share_a_vertex(wall.faces))
+            let longest = self.longest(sample.point).min(self.least);
+            Self::probe(prober, &sample, longest, steps).filter(|wall| !prober.share_a_vertex(wall.faces))
         })
     }
 
@@ -223,8 +224,9 @@ impl<'a> WallSearch<'a> {
         most - left
     }
 
-    fn probe(&self, prober: &WallProber<'_>, sample: &Sample, steps: &mut u64) -> Option<Wall> {
-        let Probe::Wall(thickness, face) = prober.probe(sample, self.longest(sample.point), steps) else { return None };
+    /// The wall of at most `longest` behind a sample.
+    fn probe(prober: &WallProber<'_>, sample: &Sample, longest: f64, steps: &mut u64) -> Option<Wall> {
+        let Probe::Wall(thickness, face) = prober.probe(sample, longest, steps) else { return None };
         Some(Wall { thickness, point: sample.point, faces: [sample.face, face] })
     }
 
