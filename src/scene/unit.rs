@@ -166,6 +166,7 @@ mod tests {
     fn a_unit_has_one_name_everywhere() {
         for unit in Unit::ALL {
             assert_eq!(serde_json::to_value(unit).expect("JSON"), unit.as_str());
+            #[cfg(feature = "clap")]
             assert_eq!(<Unit as clap::ValueEnum>::from_str(unit.as_str(), false), Ok(unit));
         }
     }

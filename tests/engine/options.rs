@@ -7,7 +7,7 @@ use meshmend::repair::operators::orient::Nested;
 use meshmend::repair::operators::stitch::StitchPosition;
 use meshmend::repair::{
     AssumptionKind, Category, ChangeKind, Comparison, NotAppliedCause, OpenSheets, Operator, Options, Outcome,
-    OutputFormat, Preset, PrintOptions, RedFlagCode, Repaired, SurvivingInput, WindingRuleChoice, red_flags,
+    OutputFormat, Preset, RedFlagCode, Repaired, SurvivingInput, WindingRuleChoice, red_flags,
 };
 
 use crate::meshes::{as_f32, cube, join, push, sphere, torus};
@@ -411,8 +411,10 @@ fn options_out_of_range_are_refused_by_name() {
     }
 }
 
+#[cfg(feature = "openapi")]
 #[test]
 fn every_option_is_known_to_the_account_of_those_that_were_not_applied() {
+    use meshmend::repair::PrintOptions;
     use utoipa::IntoParams;
     let all = Options::into_params(|| None).into_iter().chain(PrintOptions::into_params(|| None));
     let names: Vec<String> = all.map(|option| option.name).collect();
