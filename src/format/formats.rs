@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::math::Precision;
 use crate::scene::{Note, PAINTLESS, Paint, Palette, Scene, Shape, Unit};
 
+/// The first bytes of a GLB file.
+pub(super) const GLB_SIGNATURE: &[u8; 4] = b"glTF";
+
 /// A file format that meshmend reads and writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

@@ -5,11 +5,11 @@
 //! count is wrong, plausible coordinates decide.
 
 use super::errors::{ReadError, ReadErrorKind, excerpt};
-use super::formats::Format;
+use super::formats::{Format, GLB_SIGNATURE};
 use super::limits::SNIFFED_BYTES;
 use super::off::is_off_keyword;
 use super::text::{Text, UTF8_MARK, integer, number};
-use super::{archive, gltf, stl, vertex_face};
+use super::{archive, stl, vertex_face};
 
 /// Detects the format of a file from its first bytes, and from its length if known.
 ///
@@ -33,7 +33,7 @@ pub fn sniff(head: &[u8], length: Option<u64>) -> Result<Format, ReadError> {
         ));
     }
     let start = text_start(head);
-    if head.starts_with(gltf::MAGIC) || is_gltf(&head[start..]) {
+    if head.starts_with(GLB_SIGNATURE) || is_gltf(&head[start..]) {
         return Ok(Format::Glb);
     }
     // Only the archive's directory, at its end, lists all files; the reader decides from that.

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use super::input::Input;
+use super::operators::sheets::{SHEET_SHARE, open_sheet_share};
 use super::options::Preset;
 use super::presets::{planned, tier_of};
 use super::report::{Action, Step, Strategy, When};
 use super::runner::{Runner, TaskEnd};
-use super::sheets::{SHEET_SHARE, open_sheet_share};
 use super::tasks::{IndexedStrategy, SurfaceState, Task};
 use crate::context::Cancelled;
 

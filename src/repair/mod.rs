@@ -33,9 +33,7 @@ mod remesher;
 mod report;
 mod report_draft;
 mod runner;
-pub mod sheets;
 mod size;
-pub mod solid_skin;
 mod tasks;
 mod time_budget;
 mod unite;
@@ -46,6 +44,7 @@ pub use alternatives::{AlternativeRequest, AlternativeRuns, DEFAULT_CHOICE, Repa
 pub use change::{Change, ChangeKind};
 pub use drawings::{draw, draw_result};
 pub use input::RepairError;
+pub use operators::{sheets, solid_skin};
 pub use options::{
     Category, Interior, Islands, Merge, OpenSheets, Operator, Options, OutputFormat, Overlaps, Preset, PrintOptions,
     Require, Verify, Voids, WallGrowth, WindingRuleChoice,

@@ -3,19 +3,18 @@
 //! The fields' docs are the options' reference: OpenAPI, `docs/options.md` and the command line's help show them.
 
 mod choices;
+mod operator;
 mod print;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 pub use self::choices::{
-    Category, Merge, OpenSheets, OutputFormat, Overlaps, Preset, Require, Verify, WindingRuleChoice,
+    Category, HoleFilling, Merge, Nested, OpenSheets, OutputFormat, Overlaps, Preset, Require, StitchPosition, Verify,
+    WindingRuleChoice,
 };
+pub use self::operator::Operator;
 pub use self::print::{Interior, Islands, PrintOptions, Voids, WallGrowth};
-pub use super::operators::Operator;
-pub use super::operators::holes::HoleFilling;
-pub use super::operators::orient::Nested;
-pub use super::operators::stitch::StitchPosition;
 use crate::format::ReadOptions;
 use crate::inspect::{OptionsError, changed_fields};
 use crate::scene::Unit;

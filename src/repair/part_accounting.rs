@@ -5,9 +5,9 @@
 use super::operators::debris::is_debris;
 use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::Orient;
+use super::operators::sheets::open_sheets;
 use super::options::Options;
 use super::red_flags::SurvivingInput;
-use super::sheets::open_sheets;
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Analysis, Original, PartAccounting, PartReason, solids};
 use crate::mesh::{Edges, NO_SOURCE, Parts, Surface, is_generated};

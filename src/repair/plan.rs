@@ -1,9 +1,9 @@
 //! The plan of a repair: the category of a model, and the strategies that follow from it and from the options.
 
+use super::operators::sheets::SHEET_SHARE;
 use super::options::{Category, Interior, OpenSheets, Operator, Options, Overlaps, Preset};
 use super::presets::{RECIPES, planned, preset_for, tier_of, with_requests};
 use super::report::{Action, Plan, PlannedAction, Strategy, When};
-use super::sheets::SHEET_SHARE;
 use crate::inspect::Measures;
 
 /// Makes the plan: the requested preset, or the preset for the model's category; then Blender, unless the model is an open sheet or

@@ -23,14 +23,36 @@ struct Module {
 
 /// Groups of files that import each other in a circle.
 pub fn cycles(source: &Path, files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
-    let imports = imports(source, files);
-    let mut graph = DiGraph::<&Path, ()>::new();
-    let nodes: BTreeMap<&Path, _> = files.iter().map(|file| (file.as_path(), graph.add_node(file.as_path()))).collect();
-    for (from, to) in &imports {
-        graph.update_edge(nodes[from.as_path()], nodes[to.as_path()], ());
+    circles(imports(source, files))
+}
+
+/// Groups of neighbours in a folder that import each other in a circle. `a.rs` and all files in `a/` count as one neighbour.
+pub fn cycles_of_neighbours(source: &Path, files: &[PathBuf]) -> Vec<Vec<PathBuf>> {
+    circles(imports(source, files).iter().filter_map(|(from, to)| neighbours(from, to)).collect())
+}
+
+/// The files or folders without extension that hold two files and have the same parent. None if both files are in one of them, and for
+/// `mod.rs`, `lib.rs` and `main.rs`, which belong to the parent.
+fn neighbours(from: &Path, to: &Path) -> Option<(PathBuf, PathBuf)> {
+    let folder = from.ancestors().find(|folder| to.starts_with(folder))?;
+    let within = |file: &Path| {
+        let name = Path::new(file.strip_prefix(folder).ok()?.iter().next()?).with_extension("");
+        (!["mod", "lib", "main"].map(Path::new).contains(&&*name)).then(|| folder.join(name))
+    };
+    let pair = (within(from)?, within(to)?);
+    (pair.0 != pair.1).then_some(pair)
+}
+
+/// Groups of paths that lead to each other in a circle.
+fn circles(imports: BTreeSet<(PathBuf, PathBuf)>) -> Vec<Vec<PathBuf>> {
+    let mut graph = DiGraph::<PathBuf, ()>::new();
+    let mut nodes = BTreeMap::new();
+    for (from, to) in imports {
+        let [from, to] = [from, to].map(|path| *nodes.entry(path.clone()).or_insert_with(|| graph.add_node(path)));
+        graph.update_edge(from, to, ());
     }
     let circles = tarjan_scc(&graph).into_iter().filter(|circle| circle.len() > 1);
-    circles.map(|circle| circle.into_iter().map(|node| graph[node].to_owned()).collect()).collect()
+    circles.map(|circle| circle.into_iter().map(|node| graph[node].clone()).collect()).collect()
 }
 
 /// Each pair of files of which the first imports an item that the second defines.
@@ -151,6 +173,9 @@ impl<'ast> Visit<'ast> for Module {
     fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
         self.import(&Names::new(), &item.tree);
     }
+
+    /// The path in `pub(in path)` imports nothing.
+    fn visit_vis_restricted(&mut self, _: &'ast syn::VisRestricted) {}
 
     fn visit_path(&mut self, path: &'ast syn::Path) {
         if path.segments.len() > 1 {

@@ -144,13 +144,38 @@ fn no_files_import_each_other_in_a_circle() {
 }
 
 #[test]
+fn no_neighbours_in_a_folder_import_each_other_in_a_circle() {
+    let circles = imports::cycles_of_neighbours(&source(), &rust_files(&source()));
+    assert!(circles.is_empty(), "{circles:#?}");
+}
+
+fn write_in(folder: &Path, name: &str, text: &str) {
+    let path = folder.join(name);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, text).unwrap();
+}
+
+#[test]
+fn a_circle_of_two_folders_is_found_though_no_files_form_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| write_in(folder.path(), name, text);
+    write("lib.rs", "mod a; mod b;");
+    write("a.rs", "mod one; mod two; pub use one::One; pub use two::Two;");
+    write("a/one.rs", "pub struct One(crate::b::B);");
+    write("a/two.rs", "pub struct Two;");
+    write("b/mod.rs", "mod three; pub struct B;");
+    let found = || imports::cycles_of_neighbours(folder.path(), &rust_files(folder.path()));
+    assert!(found().is_empty());
+    write("b/three.rs", "use crate::a::Two; pub struct Three(Two);");
+    assert!(imports::cycles(folder.path(), &rust_files(folder.path())).is_empty());
+    assert_eq!(found().len(), 1);
+    assert_eq!(found()[0].len(), 2, "{:?}", found());
+}
+
+#[test]
 fn a_circle_through_a_re_export_is_found() {
     let folder = tempfile::tempdir().unwrap();
-    let write = |name: &str, text: &str| {
-        let path = folder.path().join(name);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(path, text).unwrap();
-    };
+    let write = |name: &str, text: &str| write_in(folder.path(), name, text);
     write("lib.rs", "pub mod a; pub mod b;");
     write("a/mod.rs", "mod one; mod two; pub use one::One; pub use two::Two;");
     write("a/one.rs", "use super::Two; pub struct One(Option<Box<Two>>);");

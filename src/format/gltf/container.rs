@@ -9,9 +9,8 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error, SeqAccess, Unexpected, Visitor};
 
 use super::super::errors::{FileLocation, ReadError, ReadErrorKind, excerpt};
+use super::super::formats::GLB_SIGNATURE;
 
-/// The signature of GLB.
-pub(crate) const MAGIC: &[u8; 4] = b"glTF";
 const JSON: &[u8; 4] = b"JSON";
 const BINARY: &[u8; 4] = b"BIN\0";
 const HEADER_BYTES: usize = 12;
@@ -127,7 +126,7 @@ pub(super) fn assemble(mut json: Vec<u8>, mut binary: Vec<u8>) -> Option<Vec<u8>
     let present = || chunks.iter().filter(|(_, chunk)| !chunk.is_empty());
     let length = HEADER_BYTES + present().map(|(_, chunk)| CHUNK_HEADER_BYTES + chunk.len()).sum::<usize>();
     let mut file = Vec::with_capacity(length);
-    file.extend_from_slice(MAGIC);
+    file.extend_from_slice(GLB_SIGNATURE);
     file.extend_from_slice(&2_u32.to_le_bytes());
     file.extend_from_slice(&u32::try_from(length).ok()?.to_le_bytes());
     for (kind, chunk) in present() {

@@ -27,12 +27,11 @@ use std::collections::BTreeMap;
 use glam::DAffine3;
 use rustc_hash::FxHashMap;
 
-pub(super) use container::MAGIC;
 pub(super) use write::write;
 
 use super::content::ReadScene;
 use super::errors::{ReadError, ReadErrorKind};
-use super::formats::Format;
+use super::formats::{Format, GLB_SIGNATURE};
 use super::limits::ReadOptions;
 use super::sidecar::Sidecars;
 use super::text::UTF8_MARK;
@@ -67,7 +66,7 @@ const IGNORABLE_EXTENSIONS: [&str; 14] = [
 /// Reads GLB, or glTF JSON with buffers that are embedded or sidecar files.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, sidecars: &Sidecars<'_>) -> Result<ReadScene, ReadError> {
     let mut warnings = Vec::new();
-    let (document, binary, dialect) = if bytes.starts_with(MAGIC) {
+    let (document, binary, dialect) = if bytes.starts_with(GLB_SIGNATURE) {
         let container = container::read_chunks(bytes, &mut warnings)?;
         let (offset, text) = container.json;
         let mark_length = mark_length(text);

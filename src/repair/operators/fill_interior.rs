@@ -1,10 +1,10 @@
 //! Keeps the outer skin of a model and fills the space inside, as the option `interior` asks.
 
 use super::operator::{Applied, Counter, Operation, Scope};
+use super::solid_skin::{SkinError, SkinIslands, SkinOptions, solid_skin};
 use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::printing::skin::{DropReason, OuterSkinError};
-use crate::repair::solid_skin::{SkinError, SkinIslands, SkinOptions, solid_skin};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Interior, Preset};
 
 /// Replaces a model by the boundary of all that air cannot reach from outside through openings wider than the seal.

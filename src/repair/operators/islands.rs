@@ -1,10 +1,10 @@
 //! Removes or attaches small separate solids, as the option `islands` asks.
 
 use super::operator::{Applied, Counter, Operation, Scope};
+use super::solid_skin::attach;
 use crate::inspect::{nesting, solids};
 use crate::math::Precision;
 use crate::mesh::{Edges, Parts, Surface};
-use crate::repair::solid_skin::attach;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Islands};
 
 /// Diameter of struts without a process, in millimetres.

@@ -2,7 +2,6 @@
 //!
 //! Other operator files do not import this file, so operators cannot depend on one another through the table.
 
-use super::names::Operator;
 use super::operator::{Applied, Counter, Counts, Operation, Scope};
 use super::{
     base, clean_and_patch, cut_non_orientable, debris, degenerate, duplicates, fill_interior, foldovers, holes,
@@ -10,7 +9,7 @@ use super::{
     t_junctions, thicken, thicken_walls, voids, weld,
 };
 use crate::mesh::Surface;
-use crate::repair::{Cancelled, Context};
+use crate::repair::{Cancelled, Context, Operator};
 
 /// Forwards [`Operator`]'s methods to the implementing types.
 macro_rules! operations {

@@ -1,6 +1,5 @@
 //! Operators that remesh the surface from the enclosed volume and that reduce the number of faces.
 
-use super::names::Operator;
 use super::operator::{Applied, Counter, Failure, Operation, Scope};
 use super::rounding::{DistinguishLimits, distinguish_vertices};
 use crate::arrange::WindingRule;
@@ -8,7 +7,7 @@ use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::remesh;
 use crate::remesh::{Remesh, RemeshError};
-use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
+use crate::repair::{Cancelled, Change, ChangeKind, Context, Operator, Options};
 use crate::simplify::Simplify;
 
 /// The most faces of a remeshed model: a multiple of the faces before, but at least the second number.

@@ -12,7 +12,7 @@ use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
-pub use super::names::StitchPosition;
+pub use crate::repair::options::StitchPosition;
 
 /// The most splits for each boundary edge, on average. Only crafted input has more vertices on an edge.
 const MAX_SPLITS_PER_EDGE: usize = 4;

@@ -7,9 +7,9 @@ use glam::DVec3;
 use super::border::{OpenParts, open_parts};
 use super::face_pairs::{NONE, Pairing, pair_faces};
 use super::operator::{Applied, Counter, Operation, Scope};
+use super::sheets::almost_closed;
 use crate::math::Precision;
 use crate::mesh::{Edges, SKIN_SOURCE, Surface, UnionFind};
-use crate::repair::sheets::almost_closed;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, OpenSheets};
 
 /// The default thickness of a sheet, as a share of the model's diagonal. On a print of 200 mm it is 0.6 mm: wider than the

@@ -255,3 +255,48 @@ impl OutputFormat {
         }
     }
 }
+
+/// How closed parts inside other parts are wound.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
+pub enum Nested {
+    /// Keep their winding: an inward part in a solid is a cavity, an outward part is a separate solid.
+    #[default]
+    Keep,
+    /// Alternate by depth: a part in a solid becomes a cavity, and a part in a cavity becomes a solid.
+    Alternate,
+}
+
+/// How the triangles that fill a hole are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "kebab-case")]
+pub enum HoleFilling {
+    /// Try smooth, planar, least area and sharp in this order; take the first patch that intersects nothing.
+    #[default]
+    Auto,
+    /// Minimise the largest dihedral angle to the surrounding faces and within the patch (Liepa 2003).
+    Smooth,
+    /// Constrained Delaunay triangulation in the best-fitting plane; least area where the projection crosses itself.
+    Planar,
+    /// Close the sharpest corner first, never with a face that intersects another (Mesh Heal's *fill holes (sharp)*).
+    Sharp,
+}
+
+/// Where two stitched vertices meet. A vertex stitched to an edge keeps its position, and the edge bends to the vertex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(feature = "clap", value(rename_all = "snake_case"))]
+pub enum StitchPosition {
+    /// At the position of one of the two, so that no new position arises.
+    #[default]
+    Kept,
+    /// Halfway between the two.
+    Average,
+}

@@ -9,7 +9,7 @@ use super::patch::{Clearance, Faults, Patch};
 use super::triangulate::{Criterion, grow_from_sharp_corners, least_weight, shortest_cut};
 use crate::math::{Precision, Sign, collinear, orient3d, triangulated_area};
 use crate::mesh::Edges;
-use crate::repair::operators::names::HoleFilling;
+use crate::repair::options::HoleFilling;
 use crate::repair::{Cancelled, Context};
 
 /// The most corners for the cubic triangulation, which then takes about 0.03 s.

@@ -12,14 +12,14 @@ use crate::inspect::{Solid, solids};
 use crate::math::Box3;
 use crate::mesh::{Edges, Fans, Parts, Surface, UnionFind, boundary_loops};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
-use crate::repair::sheets::encloses;
+use crate::repair::operators::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 pub use choose::FillHoles;
 use choose::{Filler, PatchCandidate, face_normal};
 pub(super) use group::newell;
 use group::{Hole, group_loops};
 
-pub use super::names::HoleFilling;
+pub use crate::repair::options::HoleFilling;
 
 /// The result of filling holes.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]

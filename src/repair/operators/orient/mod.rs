@@ -12,7 +12,7 @@ use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 use outward::{Facing, Layers, Nesting, PatchFacing, keep_balanced_patches, keep_surrounded_patches};
 
-pub use super::names::Nested;
+pub use crate::repair::options::Nested;
 
 /// The value that stands for no neighbour.
 const NONE: u32 = u32::MAX;

@@ -8,8 +8,8 @@ use glam::DVec3;
 use crate::inspect::Solid;
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
-use crate::repair::operators::names::Nested;
 use crate::repair::operators::ray_caster::RayCaster;
+use crate::repair::options::Nested;
 use crate::repair::{Cancelled, Context};
 
 /// The number of faces that vote for a patch.

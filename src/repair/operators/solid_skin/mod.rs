@@ -11,7 +11,7 @@ use crate::context::{Cancelled, Context};
 use crate::math::Precision;
 use crate::mesh::{Surface, is_generated};
 pub use attach::Attached;
-pub(in crate::repair) use attach::attach;
+pub(super) use attach::attach;
 pub use close::SealedPlace;
 use close::{Closed, close, resolve};
 use glam::DVec3;

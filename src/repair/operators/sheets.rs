@@ -4,14 +4,14 @@
 
 use glam::DVec3;
 
-use super::operators::OpenParts;
+use super::border::OpenParts;
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Solid, solids};
 use crate::math::winding_exact;
 use crate::mesh::{Edges, Fans, Parts, Surface, boundary_loops};
 
 /// Share of the area in open sheets from which the whole model counts as an open sheet.
-pub(super) const SHEET_SHARE: f64 = 0.9;
+pub(in crate::repair) const SHEET_SHARE: f64 = 0.9;
 
 /// Largest area of a solid's hole patches, as a share of the part's own area.
 const MAX_PATCH_SHARE: f64 = 0.5;
@@ -52,7 +52,7 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
 }
 
 /// For each part, whether it is an open sheet by the test of [`open_sheet_share`].
-pub(super) fn open_sheets(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Vec<bool> {
+pub(in crate::repair) fn open_sheets(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Vec<bool> {
     let fans = Fans::new(surface, edges);
     let loops = boundary_loops(surface, edges, &fans);
     let mut patch_area = vec![0.0; parts.count];
@@ -97,7 +97,7 @@ const MAX_PAIRS: usize = 40_000_000;
 ///
 /// # Errors
 /// [`Cancelled`] if the job was canceled or the deadline passed.
-pub(super) fn almost_closed(
+pub(in crate::repair) fn almost_closed(
     surface: &Surface,
     open: &OpenParts,
     context: &Context<'_>,
