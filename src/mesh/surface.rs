@@ -210,6 +210,12 @@ impl<'a> ClosedSurface<'a> {
         let is_closed = edges.iter().all(|of_edge| 2 * of_edge.iter().filter(is_forward).count() == of_edge.len());
         if is_closed { Ok(Self(surface)) } else { Err(NotClosed) }
     }
+
+    /// The surface, for as long as it is borrowed.
+    #[must_use]
+    pub fn get(self) -> &'a Surface {
+        self.0
+    }
 }
 
 impl<'a> TryFrom<&'a Surface> for ClosedSurface<'a> {

@@ -8,6 +8,7 @@ use super::traps::powder_traps;
 use super::voids::{Regions, RegionsError, narrowest_neck, voids_of};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
+use crate::mesh::ClosedSurface;
 use crate::scene::Up;
 
 /// Most cavities that a report lists, and most cups.
@@ -86,7 +87,8 @@ pub(super) fn find_hollows(
     let unit = analysis.subject.unit;
     let mm = unit.map_or(1.0, |unit| unit.used.millimetres());
     let surface = &analysis.surface;
-    let regions = match Regions::new(surface, &analysis.edges, context) {
+    let Ok(closed) = ClosedSurface::new(surface, &analysis.edges) else { return Ok(None) };
+    let regions = match Regions::new(closed, &analysis.edges, context) {
         Ok(regions) => regions,
         Err(RegionsError::Cancelled(stop)) => return Err(stop),
         Err(_) => return Ok(None),

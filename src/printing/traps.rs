@@ -86,7 +86,6 @@ pub fn powder_traps(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Edges;
     use crate::printing::shapes::*;
 
     /// A box with a hollow of side 6 and, below, a sealed cavity. A square opening of the given width leads into the hollow.
@@ -109,7 +108,7 @@ mod tests {
     fn traps(surface: &Surface, diameter: f64) -> PowderTraps {
         let mut found = None;
         quietly(|context| {
-            let regions = Regions::new(surface, &Edges::new(&surface.faces), context).unwrap();
+            let regions = Regions::of_closed(surface, context);
             found = powder_traps(surface, &regions, diameter, 1 << 22, context).unwrap();
         });
         found.unwrap()

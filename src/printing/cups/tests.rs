@@ -7,7 +7,7 @@ use crate::printing::shapes::*;
 fn cups(surface: &Surface, up: DVec3) -> Vec<Cup> {
     let mut found = Vec::new();
     quietly(|context| {
-        let regions = Regions::new(surface, &Edges::new(&surface.faces), context).unwrap();
+        let regions = Regions::of_closed(surface, context);
         found = resin_cups(surface, &regions, up, context).unwrap();
     });
     found

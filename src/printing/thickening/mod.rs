@@ -58,8 +58,8 @@ const MAX_NARROWER: f64 = 0.98;
 const MAX_LACK: f64 = 0.5;
 
 impl Thickening {
-    /// Thickens the walls of a solid. The surface must be closed, oriented outward and without intersections; its
-    /// positions must have the precision of the output.
+    /// Thickens the walls of a solid. The surface must be oriented outward and without intersections; its positions must
+    /// have the precision of the output.
     ///
     /// Promises: the input is contained in the result. Faces outside the added material keep their corners and sources, but
     /// beside a moved region their corners move within their plane.
@@ -67,18 +67,18 @@ impl Thickening {
     /// gap is closed. Where a wall stays thin, a place says why.
     ///
     /// # Errors
-    /// [`ThickeningError`] for unusable settings, a surface that is not closed, or a cancellation.
+    /// [`ThickeningError`] for unusable settings or a cancellation.
     pub fn apply(
         &self,
-        surface: &Surface,
+        surface: ClosedSurface<'_>,
         union: &dyn SelfUnion,
         context: &Context<'_>,
     ) -> Result<Thickened, ThickeningError> {
+        let surface = surface.get();
         let &Self { min_wall, min_gap, .. } = self;
         if !(min_wall > 0.0 && min_wall.is_finite() && min_gap >= 0.0 && min_gap.is_finite()) {
             return Err(ThickeningError::Settings { min_wall, min_gap });
         }
-        ClosedSurface::try_from(surface)?;
         let before = Thin::of(surface, min_wall, context)?;
         let results = results::Results { settings: *self, input: surface, before: &before };
         let start = Grown { surface: results::with_own_sources(surface), thin: before.clone(), ..Grown::default() };

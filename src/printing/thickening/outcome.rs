@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::context::Cancelled;
 use crate::math::Precision;
-use crate::mesh::{NotClosed, Surface};
+use crate::mesh::Surface;
 
 /// The sides on which walls grow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -112,9 +112,6 @@ pub enum ThickeningError {
         /// The least gap.
         min_gap: f64,
     },
-    /// The surface is not closed.
-    #[error(transparent)]
-    NotClosed(#[from] NotClosed),
     /// The work was cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),

@@ -12,7 +12,7 @@ use glam::DVec3;
 
 use super::voids::{OUTSIDE, Regions, RegionsError, SealedVoid, voids_of};
 use crate::context::{Cancelled, Context};
-use crate::mesh::{Edges, Surface};
+use crate::mesh::{ClosedSurface, Edges, Surface};
 use bore::Bore;
 pub use options::VentOptions;
 use place::{Placement, Site, Task};
@@ -107,16 +107,16 @@ pub enum UnionError {
 /// and positions of the output's precision. Faces that meet no other face must keep their positions.
 pub type Union<'a> = dyn Fn(Surface, &Context<'_>) -> Result<Surface, UnionError> + 'a;
 
-/// Drills vents into all sealed voids of a closed surface without intersections.
+/// Drills vents into all sealed voids of a surface without intersections.
 ///
 /// Result: each bore joins its void with the outside, or, for a void in a solid in another void, with that void. No other
 /// face changes. Faces of bores have [`NO_SOURCE`](crate::mesh::NO_SOURCE). Leaves: voids in [`Vented::failed`] that
 /// have no bore.
 ///
 /// # Errors
-/// [`VentError`] if the diameter is invalid, if the surface is not closed, and on cancellation.
+/// [`VentError`] if the diameter is invalid, if the voids are undecided, and on cancellation.
 pub fn vent_voids(
-    surface: &Surface,
+    surface: ClosedSurface<'_>,
     options: &VentOptions,
     union: &Union<'_>,
     context: &Context<'_>,
@@ -125,6 +125,7 @@ pub fn vent_voids(
         return Err(VentError::Diameter);
     }
     let regions = Regions::new(surface, &Edges::new(&surface.faces), context)?;
+    let surface = surface.get();
     let voids = voids_of(surface, &regions, context)?;
     let mut drilling = Drilling { options, union, surface: surface.clone(), vents: Vec::new(), failed: Vec::new() };
     let sites = drilling.choose(&regions, &voids, context)?;

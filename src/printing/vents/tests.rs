@@ -5,7 +5,7 @@ use crate::arrange::{Arrangement, Exact, WindingRule};
 use crate::math::Precision;
 use crate::mesh::{ClosedSurface, weld_exactly};
 use crate::printing::shapes::*;
-use crate::printing::voids::sealed_voids;
+use crate::printing::voids::voids_in;
 
 /// The exact union, with all positions rounded to f32.
 fn union(surface: Surface, context: &Context<'_>) -> Result<Surface, UnionError> {
@@ -25,7 +25,7 @@ fn rounded(mut surface: Surface) -> Surface {
 
 fn drilled(surface: &Surface, options: VentOptions) -> Vented {
     let mut result = None;
-    quietly(|context| result = Some(vent_voids(surface, &options, &union, context).unwrap()));
+    quietly(|context| result = Some(vent_voids(surface.try_into().unwrap(), &options, &union, context).unwrap()));
     result.unwrap()
 }
 
@@ -36,7 +36,7 @@ fn vented(surface: &Surface, diameter: f64, per_void: u32) -> Vented {
 
 fn voids(surface: &Surface) -> usize {
     let mut count = 0;
-    quietly(|context| count = sealed_voids(surface, context).unwrap().len());
+    quietly(|context| count = voids_in(surface, context).len());
     count
 }
 
@@ -114,7 +114,7 @@ fn a_diameter_that_is_no_number_is_refused() {
     quietly(|context| {
         for diameter in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let options = VentOptions { diameter, per_void: 1, wall: 1.0, up: DVec3::Z, precision: Precision::F32 };
-            let result = vent_voids(&sphere(1.0, 1), &options, &union, context);
+            let result = vent_voids((&sphere(1.0, 1)).try_into().unwrap(), &options, &union, context);
             assert_eq!(result.unwrap_err(), VentError::Diameter);
         }
     });
@@ -137,12 +137,12 @@ fn a_union_that_fails_or_lies_leaves_the_model_as_it_was() {
     quietly(|context| {
         let options = VentOptions { diameter: 2.0, per_void: 1, wall: 1.0, up: DVec3::Z, precision: Precision::F32 };
         let fails = |_: Surface, _: &Context<'_>| Err(UnionError::Failed("no".to_owned()));
-        let done = vent_voids(&model, &options, &fails, context).unwrap();
+        let done = vent_voids((&model).try_into().unwrap(), &options, &fails, context).unwrap();
         assert_eq!(done.failed, [(0, VentFailure::NotSubtracted("no".to_owned()))]);
         assert_eq!(done.surface, model);
         let unchanged = model.clone();
         let lies = move |_: Surface, _: &Context<'_>| Ok(unchanged.clone());
-        let done = vent_voids(&model, &options, &lies, context).unwrap();
+        let done = vent_voids((&model).try_into().unwrap(), &options, &lies, context).unwrap();
         assert_eq!(done.failed, [(0, VentFailure::NotVerified(Mistake::Topology))]);
         assert_eq!(done.surface, model);
     });

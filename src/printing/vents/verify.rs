@@ -9,7 +9,7 @@ use super::bore::{Bore, across};
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Analysis, intersections};
 use crate::math::{Box3, Tree};
-use crate::mesh::{Edges, Surface};
+use crate::mesh::{ClosedSurface, Edges, Surface};
 use crate::printing::voids::{OUTSIDE, Regions, RegionsError};
 
 /// The relative tolerance of a bore's width and of volumes that must not change.
@@ -92,7 +92,8 @@ fn compare_regions(
 ) -> Result<Option<Mistake>, Cancelled> {
     let mut all = Vec::new();
     for (surface, edges) in surfaces.into_iter().zip(edges) {
-        match Regions::new(surface, edges, context) {
+        let Ok(closed) = ClosedSurface::new(surface, edges) else { return Ok(Some(Mistake::NotClosed)) };
+        match Regions::new(closed, edges, context) {
             Ok(regions) => all.push(regions),
             Err(RegionsError::Cancelled(stop)) => return Err(stop),
             Err(_) => return Ok(Some(Mistake::NotClosed)),

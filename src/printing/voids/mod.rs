@@ -11,6 +11,8 @@ mod widest;
 pub use neck::{Neck, narrowest_neck};
 pub(crate) use rays::{Passage, RegionRays};
 pub use regions::{NO_REGION, OUTSIDE, Regions, RegionsError, around_edge};
+#[cfg(test)]
+pub use sealed::voids_in;
 pub use sealed::{SealedVoid, sealed_voids, voids_of};
 pub use widest::{RegionFaces, WidestBall};
 

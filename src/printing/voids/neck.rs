@@ -150,13 +150,12 @@ impl Grid {
 mod tests {
     use super::super::sealed::voids_of;
     use super::*;
-    use crate::mesh::Edges;
     use crate::printing::shapes::*;
 
     fn neck(surface: &Surface, cells: usize) -> Option<Neck> {
         let mut found = None;
         quietly(|context| {
-            let regions = Regions::new(surface, &Edges::new(&surface.faces), context).unwrap();
+            let regions = Regions::of_closed(surface, context);
             let voids = voids_of(surface, &regions, context).unwrap();
             assert_eq!(voids.len(), 1);
             found = narrowest_neck(surface, &regions, &voids[0], cells, context).unwrap();

@@ -69,9 +69,9 @@ impl Regions {
     /// Decisions are exact, but for the order of faces along a ray: faces too close to order make it try another ray.
     ///
     /// # Errors
-    /// [`RegionsError`] if the surface is not closed, if the nesting is undecided, and on cancellation.
-    pub fn new(surface: &Surface, edges: &Edges, context: &Context<'_>) -> Result<Self, RegionsError> {
-        ClosedSurface::new(surface, edges)?;
+    /// [`RegionsError`] if winding numbers contradict each other, if the nesting is undecided, and on cancellation.
+    pub fn new(surface: ClosedSurface<'_>, edges: &Edges, context: &Context<'_>) -> Result<Self, RegionsError> {
+        let surface = surface.get();
         let unit = to_unit_range(&surface.positions);
         let count = surface.faces.len();
         // The last set is the space outside of all boxes.
@@ -95,6 +95,13 @@ impl Regions {
         nesting.unite(&mut sides, infinity, &is_flat, context)?;
         let (of_side, regions) = numbered(sides, &is_flat);
         Self::merged(of_side, regions)
+    }
+
+    /// The regions of a surface that is closed for certain.
+    #[cfg(test)]
+    pub fn of_closed(surface: &Surface, context: &Context<'_>) -> Self {
+        let edges = Edges::new(&surface.faces);
+        Self::new(ClosedSurface::new(surface, &edges).unwrap(), &edges, context).unwrap()
     }
 
     /// Merges neighbouring regions that are both material or both air.

@@ -6,7 +6,7 @@ use super::regions::{OUTSIDE, Regions, RegionsError, bounds_of};
 use super::widest::RegionFaces;
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, to_unit_range, unit_scale};
-use crate::mesh::{Edges, Surface};
+use crate::mesh::{ClosedSurface, Edges, Surface};
 
 /// Budget of the searches for widest balls, in cubes: for one void, and for all voids together.
 const CUBES_PER_VOID: usize = 2_000;
@@ -35,13 +35,19 @@ pub struct SealedVoid {
     pub region: u32,
 }
 
-/// Finds all sealed voids, largest volume first. The surface must be closed and its faces must not intersect.
+/// Finds all sealed voids, largest volume first. The faces of the surface must not intersect.
 ///
 /// # Errors
-/// [`RegionsError`] if the surface is not closed, if the nesting is undecided, and on cancellation.
-pub fn sealed_voids(surface: &Surface, context: &Context<'_>) -> Result<Vec<SealedVoid>, RegionsError> {
+/// [`RegionsError`] as for [`Regions::new`].
+pub fn sealed_voids(surface: ClosedSurface<'_>, context: &Context<'_>) -> Result<Vec<SealedVoid>, RegionsError> {
     let regions = Regions::new(surface, &Edges::new(&surface.faces), context)?;
-    Ok(voids_of(surface, &regions, context)?)
+    Ok(voids_of(&surface, &regions, context)?)
+}
+
+/// The sealed voids of a surface that is closed for certain.
+#[cfg(test)]
+pub fn voids_in(surface: &Surface, context: &Context<'_>) -> Vec<SealedVoid> {
+    sealed_voids(ClosedSurface::try_from(surface).unwrap(), context).unwrap()
 }
 
 /// The sealed voids among the regions of a surface, largest volume first.

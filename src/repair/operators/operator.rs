@@ -101,6 +101,13 @@ pub enum Failure {
     },
 }
 
+impl Applied {
+    /// The operator left everything unfixed for a reason.
+    pub(super) fn unchanged(reason: &impl ToString) -> Self {
+        Self { left: Some(reason.to_string()), ..Self::default() }
+    }
+}
+
 impl From<Vec<Change>> for Applied {
     fn from(changes: Vec<Change>) -> Self {
         Self { changes, ..Self::default() }

@@ -2,7 +2,7 @@
 
 use super::layer_union::LayerUnion;
 use super::operator::{Applied, Counter, Operation, Scope};
-use crate::mesh::Surface;
+use crate::mesh::{ClosedSurface, Surface};
 use crate::printing::thickening::{
     Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason,
 };
@@ -59,10 +59,14 @@ impl Operation<'_> for ThickenWalls {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let Some(settings) = self.settings else { return Ok(Applied::default()) };
-        let thickened = match settings.apply(surface, &LayerUnion, context) {
+        let closed = match ClosedSurface::try_from(&*surface) {
+            Ok(closed) => closed,
+            Err(open) => return Ok(Applied::unchanged(&open)),
+        };
+        let thickened = match settings.apply(closed, &LayerUnion, context) {
             Ok(thickened) => thickened,
             Err(ThickeningError::Cancelled(stop)) => return Err(stop),
-            Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
+            Err(error) => return Ok(Applied::unchanged(&error)),
         };
         let proved = thickened.places.iter().filter(|place| place.result == PlaceResult::Proved).count();
         if !thickened.added_faces.is_empty() {

@@ -3,7 +3,7 @@
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::self_union::SelfUnionRounds;
 use crate::arrange::{Exact, WindingRule};
-use crate::mesh::{Edges, NO_SOURCE, REQUESTED_SOURCE, Surface};
+use crate::mesh::{ClosedSurface, Edges, NO_SOURCE, REQUESTED_SOURCE, Surface};
 use crate::printing::fill::fill_voids;
 use crate::printing::vents::{UnionError, VentError, VentOptions, vent_voids};
 use crate::printing::voids::{Regions, RegionsError, voids_of};
@@ -41,10 +41,15 @@ impl Operation<'_> for FillVoids {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let regions = match Regions::new(surface, &Edges::new(&surface.faces), context) {
+        let edges = Edges::new(&surface.faces);
+        let closed = match ClosedSurface::new(surface, &edges) {
+            Ok(closed) => closed,
+            Err(open) => return Ok(Applied::unchanged(&open)),
+        };
+        let regions = match Regions::new(closed, &edges, context) {
             Ok(regions) => regions,
             Err(RegionsError::Cancelled(stop)) => return Err(stop),
-            Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
+            Err(error) => return Ok(Applied::unchanged(&error)),
         };
         let voids = voids_of(surface, &regions, context)?;
         let filled = fill_voids(surface, &regions, &voids, |void| voids[void].volume <= self.max_volume);
@@ -80,10 +85,14 @@ impl Operation<'_> for VentVoids {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let vented = match vent_voids(surface, &self.options, &union_of, context) {
+        let closed = match ClosedSurface::try_from(&*surface) {
+            Ok(closed) => closed,
+            Err(open) => return Ok(Applied::unchanged(&open)),
+        };
+        let vented = match vent_voids(closed, &self.options, &union_of, context) {
             Ok(vented) => vented,
             Err(VentError::Cancelled(stop) | VentError::Regions(RegionsError::Cancelled(stop))) => return Err(stop),
-            Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
+            Err(error) => return Ok(Applied::unchanged(&error)),
         };
         let mut opened: Vec<usize> = vented.vents.iter().map(|vent| vent.void).collect();
         opened.sort_unstable();

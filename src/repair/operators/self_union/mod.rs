@@ -85,9 +85,10 @@ impl SelfUnionRounds {
     ) -> Result<Resolved, Cancelled> {
         let undone = |pairs_left, error| Resolved { pairs_left, error: Some(error), ..Resolved::default() };
         let edges = Edges::new(&surface.faces);
-        if let Err(open) = ClosedSurface::new(surface, &edges) {
-            return Ok(undone(0, open.into()));
-        }
+        let closed = match ClosedSurface::new(surface, &edges) {
+            Ok(closed) => closed,
+            Err(open) => return Ok(undone(0, open.into())),
+        };
         let searched = crossings(surface, input.and_then(Analysis::known_intersections), context)?;
         let before = count(&searched.intersections);
         // Without intersections, one part may still enclose another because its holes were filled.
@@ -98,7 +99,7 @@ impl SelfUnionRounds {
         }
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
-        let (best, done) = match (Uniting { settings: self, engine, context }).unite(surface, searched) {
+        let (best, done) = match (Uniting { settings: self, engine, context }).unite(closed, searched) {
             Ok(united) => united,
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),
@@ -198,16 +199,16 @@ struct Uniting<'a> {
 
 impl Uniting<'_> {
     /// The best result, with the counts of the rounds that led to it.
-    fn unite(self, surface: &Surface, searched: SearchedMesh) -> Result<(Best, Totals), ArrangeError> {
-        let Some(dense) = Dense::of(surface, &searched.intersections) else {
-            return self.in_rounds(surface.clone(), Totals::default(), searched, false);
+    fn unite(self, surface: ClosedSurface<'_>, searched: SearchedMesh) -> Result<(Best, Totals), ArrangeError> {
+        let Some(dense) = Dense::of(&surface, &searched.intersections) else {
+            return self.in_rounds(surface, Totals::default(), searched, false);
         };
         if dense.needs_snapping {
-            return self.unite_snapped(surface, &dense, searched);
+            return self.unite_snapped(&surface, &dense, searched);
         }
-        match self.in_rounds(surface.clone(), Totals::default(), searched, true) {
+        match self.in_rounds(surface, Totals::default(), searched, true) {
             united @ (Ok(_) | Err(ArrangeError::Cancelled(_))) => united,
-            Err(_) => self.unite_snapped(surface, &dense, crossings(surface, None, self.context)?),
+            Err(_) => self.unite_snapped(&surface, &dense, crossings(&surface, None, self.context)?),
         }
     }
 
@@ -232,13 +233,13 @@ impl Uniting<'_> {
                 break;
             }
         }
-        self.in_rounds(work, totals, found.unwrap_or(searched), false)
+        self.in_rounds(ClosedSurface::try_from(&work)?, totals, found.unwrap_or(searched), false)
     }
 
     /// Runs the rounds, unless too many faces intersect. A trial ends after the first round if that left many pairs.
     fn in_rounds(
         self,
-        work: Surface,
+        work: ClosedSurface<'_>,
         totals: Totals,
         searched: SearchedMesh,
         is_trial: bool,

@@ -154,23 +154,17 @@ impl<'a> Rounds<'a> {
     ///
     /// # Errors
     /// [`ArrangeError`] where no round gives a result.
-    pub fn run(&mut self, mut work: Surface) -> Result<Best, ArrangeError> {
-        let max_pieces = MAX_PIECES.max(MAX_PIECES_PER_FACE * work.faces.len());
+    pub fn run(&mut self, input: ClosedSurface<'_>) -> Result<Best, ArrangeError> {
+        let max_pieces = MAX_PIECES.max(MAX_PIECES_PER_FACE * input.faces.len());
+        self.context.check()?;
+        let mut known_positions = positions_of(&input);
+        let mut solid = self.arrange_input(input)?;
         for grid in GRIDS.into_iter().map(Some).chain([None]) {
-            self.context.check()?;
-            let first = self.best.is_none() && self.crossing.is_none();
-            let known_positions = positions_of(&work);
-            work = match self.arrange(&mut work, first) {
-                Ok(solid) if solid.surface.faces.len() > max_pieces => {
-                    let error =
-                        format!("the faces split into {} pieces, more than the limit", solid.surface.faces.len());
-                    return Err(ArrangeError::Failed(error));
-                }
-                Ok(solid) => solid.surface,
-                Err(error @ ArrangeError::Cancelled(_)) => return Err(error),
-                Err(error) if first => return Err(error),
-                Err(_) => break,
-            };
+            if solid.surface.faces.len() > max_pieces {
+                let error = format!("the faces split into {} pieces, more than the limit", solid.surface.faces.len());
+                return Err(ArrangeError::Failed(error));
+            }
+            let mut work = solid.surface;
             self.round_new(&mut work, &known_positions)?;
             self.searched = crossings(&work, self.searched.known_intersections(), self.context)?;
             let intersections = &self.searched.intersections;
@@ -193,6 +187,13 @@ impl<'a> Rounds<'a> {
             let (count, far) = snap(&mut work, &takes_part, step);
             self.totals.snapped += count;
             self.totals.moved += far;
+            self.context.check()?;
+            known_positions = positions_of(&work);
+            solid = match arranged(self.engine, &work, self.settings.winding_rule.into(), self.context) {
+                Ok(solid) => solid,
+                Err(error @ ArrangeError::Cancelled(_)) => return Err(error),
+                Err(_) => break,
+            };
         }
         match (self.best.take(), self.crossing.take()) {
             (Some(best), _) => Ok(best),
@@ -204,26 +205,25 @@ impl<'a> Rounds<'a> {
         }
     }
 
-    /// Computes the arrangement. In the first round zero-thickness facets become thin solids and are arranged again.
-    fn arrange(&mut self, work: &mut Surface, first: bool) -> Result<Solid, ArrangeError> {
-        let sheets = self.settings.sheets.filter(|_| first);
-        let rule = Rule { winding_rule: self.settings.winding_rule, reopens_patches: sheets.is_some() };
-        let mut solid = arranged(self.engine, work, rule, self.context)?;
+    /// Computes the arrangement of the input. Zero-thickness facets become thin solids and are arranged again.
+    fn arrange_input(&mut self, input: ClosedSurface<'_>) -> Result<Solid, ArrangeError> {
+        let (sheets, winding_rule) = (self.settings.sheets, self.settings.winding_rule);
+        let rule = Rule { winding_rule, reopens_patches: sheets.is_some() };
+        let mut solid = self.engine.solid(input, rule, self.context)?;
         let Some(thickness) =
             sheets.filter(|_| !(solid.zero_thickness.faces.is_empty() && solid.opened.faces.is_empty()))
         else {
             return Ok(solid);
         };
-        if let Some(thick) = thickened(&solid, thickness, self.context)? {
-            self.totals.thickened = solid.zero_thickness.faces.len() as u64;
-            self.totals.opened = solid.opened.faces.len() as u64;
-            if self.totals.opened > 0 {
-                // The opened surface has none of the patches that closed the region.
-                *work = std::mem::take(&mut solid.surface);
-            }
-            work.append(thick);
-        }
-        arranged(self.engine, work, self.settings.winding_rule.into(), self.context)
+        let Some(thick) = thickened(&solid, thickness, self.context)? else {
+            return self.engine.solid(input, winding_rule.into(), self.context);
+        };
+        self.totals.thickened = solid.zero_thickness.faces.len() as u64;
+        self.totals.opened = solid.opened.faces.len() as u64;
+        // The opened surface has none of the patches that closed the region.
+        let mut work = if self.totals.opened > 0 { std::mem::take(&mut solid.surface) } else { input.get().clone() };
+        work.append(thick);
+        arranged(self.engine, &work, winding_rule.into(), self.context)
     }
 
     /// Rounds the positions that are not in `known_positions`, and merges vertices that readers would merge.
