@@ -55,13 +55,13 @@ impl Limits {
     /// # Errors
     /// A [`ReadError`] of kind `TooLarge` if a file of `count` bytes is over the limit.
     pub(super) fn check_bytes(&self, count: u64) -> Result<(), ReadError> {
-        check_limit("bytes", count, self.max_bytes)
+        check_limit(Limited::Bytes, count, self.max_bytes)
     }
 
     /// # Errors
     /// A [`ReadError`] of kind `TooLarge` if `count` faces are over the limit.
     pub(super) fn check_faces(&self, count: u64) -> Result<(), ReadError> {
-        check_limit("faces", count, self.max_faces)
+        check_limit(Limited::Faces, count, self.max_faces)
     }
 
     /// The limit on vertices is never above `u32::MAX`, because indices have 32 bits.
@@ -69,21 +69,33 @@ impl Limits {
     /// # Errors
     /// A [`ReadError`] of kind `TooLarge` if `count` vertices are over the limit.
     pub(super) fn check_vertices(&self, count: u64) -> Result<(), ReadError> {
-        check_limit("vertices", count, self.max_vertices.min(u64::from(u32::MAX)))
+        check_limit(Limited::Vertices, count, self.max_vertices.min(u64::from(u32::MAX)))
     }
 }
 
-fn check_limit(what: &str, count: u64, limit: u64) -> Result<(), ReadError> {
+/// The quantities that have a limit.
+#[derive(Clone, Copy)]
+enum Limited {
+    Bytes,
+    Faces,
+    Vertices,
+}
+
+fn check_limit(quantity: Limited, count: u64, limit: u64) -> Result<(), ReadError> {
     if count <= limit {
         return Ok(());
     }
-    let advice = if what == "bytes" {
-        "export the model in a binary format, or simplify it first"
-    } else {
-        "simplify the model before you send it"
+    let name = match quantity {
+        Limited::Bytes => "bytes",
+        Limited::Faces => "faces",
+        Limited::Vertices => "vertices",
+    };
+    let advice = match quantity {
+        Limited::Bytes => "export the model in a binary format, or simplify it first",
+        Limited::Faces | Limited::Vertices => "simplify the model before you send it",
     };
     Err(ReadError::for_file(
         ReadErrorKind::TooLarge,
-        format!("the file has {count} {what}, over the limit of {limit}; {advice}"),
+        format!("the file has {count} {name}, over the limit of {limit}; {advice}"),
     ))
 }

@@ -261,7 +261,7 @@ fn islands_dropped(steps: &[&Step], options: &Options) -> Option<Assumption> {
     let count = changed(steps, Operator::TreatIslands, ChangeKind::IslandsDropped);
     (count > 0 && options.print.islands == Islands::Auto).then(|| {
         let detail = format!("{} removed.", counted(count, "small separate solid was", "small separate solids were"));
-        Assumption::new(AssumptionKind::PiecesDropped, count, detail).unless("islands=keep")
+        Assumption::new(AssumptionKind::PiecesDropped, count, detail).unless(Islands::KEEP_SETTING)
     })
 }
 

@@ -152,7 +152,7 @@ fn objects(report: &Report, options: &Options) -> Option<Answer> {
 fn islands(report: &Report, options: &Options, shape: &Shape) -> Vec<Answer> {
     let answer = |value, detail| Answer { question: OpenQuestion::Islands, name: "islands", value, detail };
     let were_dropped = || {
-        let reverses = |assumption: &Assumption| assumption.option.as_deref() == Some("islands=keep");
+        let reverses = |assumption: &Assumption| assumption.option.as_deref() == Some(Islands::KEEP_SETTING);
         report.assumptions.iter().any(reverses)
             || report.objects.iter().any(|object| object.assumptions.iter().any(reverses))
     };

@@ -105,6 +105,9 @@ pub enum Islands {
 }
 
 impl Islands {
+    /// The setting of [`Islands::Keep`], by which an assumption names the way to keep small solids.
+    pub(in crate::repair) const KEEP_SETTING: &str = "islands=keep";
+
     /// Whether small solids are removed; `auto` removes them only if the interior is filled.
     #[must_use]
     pub fn drops(self, is_interior_filled: bool) -> bool {
