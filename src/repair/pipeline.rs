@@ -19,8 +19,9 @@ use super::size::{other_units, settle_size};
 use super::time_budget::with_overrun;
 use crate::context::{Context, Stage};
 use crate::format::{self, Format, Limits, ReadFile, ReadOptions};
+use crate::printing::readiness::PrintReadiness;
 use crate::printing::unit_candidates::FileEvidence;
-use crate::scene::Scene;
+use crate::scene::{LengthUnit, Scene};
 
 /// A repaired file and its report.
 #[derive(Debug, Clone, PartialEq)]
@@ -78,34 +79,53 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
     let file = &opened.file;
     let returnable = opened.may_return_input.then_some(bytes);
     let source = MeshSource { bytes: returnable, mesh: &file.mesh, unit: file.unit.as_ref() };
-    let (bytes, mut report) = with_inspected_input(&source, request, |input| {
+    let (bytes, report) = with_inspected_input(&source, request, |input| {
         context.log(&format!("read {}: {}", file.mesh.dialect, input.before.measures.in_short()));
-        let repaired = opened.repair(bytes, &input, request)?;
-        let output = FileSummary::of(opened.format, &repaired.dialect, &repaired.bytes);
+        let mut repaired = opened.repair(bytes, &input, request)?;
+        let unit = input.analysis.subject.unit.cloned().unwrap_or_default();
+        let evidence = FileEvidence::of(input.analysis, &unit, format::program_of(bytes, file.mesh.format));
+        let unit_candidates =
+            other_units(repaired.draft.after.as_ref().unwrap_or(input.before), &unit, options, &evidence);
+        let print_ready = assess_returned(&mut repaired, &unit, request)?;
         let scene = file.scene.as_ref();
-        let mut report = repaired.draft.into_report(FileDetails {
+        let report = repaired.draft.into_report(FileDetails {
             input: &input,
             bytes: bytes.len() as u64,
             options,
-            output,
+            unit,
+            scaled_by: (opened.scaled_by != 1.0).then_some(opened.scaled_by),
+            unit_candidates,
+            print_ready,
+            output: FileSummary::of(opened.format, &repaired.dialect, &repaired.bytes),
             objects: repaired.sections,
             assumptions: file.unit.as_ref().and_then(Assumption::of_unit).into_iter().collect(),
             options_not_applied: merge_not_applied(options, file.has_objects(), opened.separate_objects),
             warnings: scene.and_then(|scene| format::losses_in_words(scene, opened.format)).into_iter().collect(),
+            time: context.now().saturating_sub(start),
         });
-        let evidence = FileEvidence::of(input.analysis, &report.unit, format::program_of(bytes, file.mesh.format));
-        report.unit_candidates = other_units(&report, &evidence);
-        report.scaled_by = (opened.scaled_by != 1.0).then_some(opened.scaled_by);
-        if let Some(profile) = options.print.profile().filter(|_| report.output.is_some()) {
-            let readiness = assess_output(&repaired.bytes, &report, &profile, &context.for_verification())?;
-            report.set_print_ready(readiness);
-        }
         Ok((repaired.bytes, report))
     })?;
-    report.milliseconds = context.now().saturating_sub(start).as_secs_f64() * 1e3;
     context.log(&report.summary);
     context.report(Stage::Finish, None, 100);
     Ok(Repaired { bytes, format: opened.format, report })
+}
+
+/// Assesses the returned file against the process that the options name. Notes the assessment as omitted if there is no time left.
+///
+/// # Errors
+/// [`RepairError`] if the job was canceled or the file cannot be read back.
+fn assess_returned(
+    repaired: &mut AssembledFile,
+    unit: &LengthUnit,
+    &RepairRequest { options, context, .. }: &RepairRequest<'_>,
+) -> Result<Option<PrintReadiness>, RepairError> {
+    let profile = options.print.profile().filter(|_| repaired.draft.after.is_some());
+    let Some(profile) = profile else { return Ok(None) };
+    let readiness = assess_output(&repaired.bytes, unit, &profile, &context.for_verification())?;
+    if readiness.is_none() {
+        repaired.draft.omitted.push(OmittedSection::PrintReadiness);
+    }
+    Ok(readiness)
 }
 
 /// A file that was read, with the decisions that follow from its contents and the options.

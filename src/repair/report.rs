@@ -227,15 +227,6 @@ impl Report {
         Some(meets_rules && self.outcome.is_printable())
     }
 
-    /// Adds the assessment against the process, and derives the verdict again.
-    pub(super) fn set_print_ready(&mut self, readiness: Option<PrintReadiness>) {
-        if readiness.is_none() {
-            self.omitted.push(OmittedSection::PrintReadiness);
-        }
-        self.print_ready = readiness;
-        self.verdict = Verdict::of(self);
-    }
-
     /// Cuts each list to its first `most` items, and removes statistics, planned actions, strategies that did not run, and steps of
     /// tiers 1 and 2 without effect. Counts, the verdict, red flags and assumptions stay.
     pub fn abridge(&mut self, most: usize) {

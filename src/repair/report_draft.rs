@@ -10,6 +10,9 @@ use super::report::{
     REPORT_VERSION, RedFlag, RedFlagCode, Report, Step, Verdict,
 };
 use crate::inspect::{Changes, Inspection, InstanceContact, PartAccounting};
+use crate::printing::readiness::PrintReadiness;
+use crate::printing::unit_candidates::UnitCandidates;
+use crate::scene::LengthUnit;
 
 /// The draft of a report: what was done to one body, or to all bodies of a file, and with what result.
 ///
@@ -51,6 +54,14 @@ pub(super) struct FileDetails<'a> {
     pub bytes: u64,
     /// The options of the repair.
     pub options: &'a Options,
+    /// The unit of every length in the report.
+    pub unit: LengthUnit,
+    /// Factor by which the model was scaled to the size that the options ask for; none without such a request.
+    pub scaled_by: Option<f64>,
+    /// The units that the file may have; none if its unit is plausible.
+    pub unit_candidates: Option<UnitCandidates>,
+    /// The assessment of the returned file against a process.
+    pub print_ready: Option<PrintReadiness>,
     /// Format and size of the returned file.
     pub output: FileSummary,
     /// The reports of objects that were repaired separately.
@@ -61,6 +72,8 @@ pub(super) struct FileDetails<'a> {
     pub options_not_applied: Option<OptionNotApplied>,
     /// Warnings about the written file.
     pub warnings: Vec<String>,
+    /// Time of the whole repair.
+    pub time: Duration,
 }
 
 impl ReportDraft {
@@ -83,7 +96,7 @@ impl ReportDraft {
         }
     }
 
-    /// Makes the report of the file. Only its duration is missing.
+    /// Makes the report of the file.
     pub fn into_report(self, file: FileDetails<'_>) -> Report {
         let mesh = file.input.mesh;
         let mut report = Report {
@@ -96,13 +109,13 @@ impl ReportDraft {
             input: FileSummary { format: mesh.format, dialect: mesh.dialect.clone(), bytes: file.bytes },
             output: self.after.is_some().then_some(file.output),
             options: file.options.clone().into(),
-            unit: file.input.analysis.subject.unit.cloned().unwrap_or_default(),
-            scaled_by: None,
-            unit_candidates: None,
+            unit: file.unit,
+            scaled_by: file.scaled_by,
+            unit_candidates: file.unit_candidates,
             before: file.input.before.clone(),
             verified_from_output_bytes: self.after.is_some(),
             after: self.after,
-            print_ready: None,
+            print_ready: file.print_ready,
             alternatives: None,
             changes: self.changes,
             part_accounting: self.part_accounting,
@@ -115,7 +128,7 @@ impl ReportDraft {
             objects: file.objects,
             omitted: self.omitted,
             warnings: [file.input.warnings(), file.warnings, self.warnings].concat(),
-            milliseconds: 0.0,
+            milliseconds: file.time.as_secs_f64() * 1e3,
         };
         let limited = limited_options(&report);
         report.options_not_applied.extend(limited);

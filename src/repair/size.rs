@@ -1,9 +1,8 @@
 //! The size of a model: its unit, the scale that the options ask for, and other units that the file may have.
 
 use super::options::{Options, PrintOptions};
-use super::report::Report;
 use crate::format::ReadFile;
-use crate::inspect::OptionsError;
+use crate::inspect::{Inspection, OptionsError};
 use crate::math::Box3;
 use crate::printing::target_size::{TargetSize, scale_to_target};
 use crate::printing::unit_candidates::{FileEvidence, UnitCandidates, units_in_doubt};
@@ -41,8 +40,12 @@ fn target_of(options: &PrintOptions) -> Option<(&'static str, TargetSize)> {
 }
 
 /// The units that the file may have, ranked; `None` if the unit is known and plausible.
-pub(super) fn other_units(report: &Report, file: &FileEvidence) -> Option<UnitCandidates> {
-    let inspection = report.after.as_ref().unwrap_or(&report.before);
-    let printed = report.options.print.profile().and_then(|profile| profile.build_volume_mm);
-    units_in_doubt(inspection, &report.unit, file, printed.map(|volume| volume.size))
+pub(super) fn other_units(
+    inspection: &Inspection,
+    unit: &LengthUnit,
+    options: &Options,
+    file: &FileEvidence,
+) -> Option<UnitCandidates> {
+    let printed = options.print.profile().and_then(|profile| profile.build_volume_mm);
+    units_in_doubt(inspection, unit, file, printed.map(|volume| volume.size))
 }
