@@ -152,6 +152,7 @@ async fn state(data: &Path) -> ApiState {
         min_free: 0,
         startup_checks: BTreeMap::new(),
         draining: CancellationToken::new(),
+        ids: Arc::new(SystemIds),
         metrics: PrometheusBuilder::new().build_recorder().handle(),
         classes: Default::default(),
     };

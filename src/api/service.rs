@@ -62,7 +62,7 @@ impl Health {
     /// Runs all readiness checks.
     async fn readiness(&self) -> Readiness {
         let store = check(self.store.ping()).await;
-        let blobs = check(self.blobs.probe()).await;
+        let blobs = check(self.blobs.probe(self.ids.as_ref())).await;
         let disk = self.blobs.free_bytes().map_err(|error| error.to_string()).and_then(|free| self.check_free(free));
         let scratch = self.probe_scratch().await.and_then(|free| self.check_free(Some(free)));
         let required = [("store", store), ("blobs", blobs), ("disk", disk), ("scratch", scratch)];

@@ -104,6 +104,8 @@ pub struct Health {
     pub startup_checks: BTreeMap<&'static str, String>,
     /// Cancelled by the first stop signal. The process is then not ready, serves reads and rejects other requests.
     pub draining: CancellationToken,
+    /// Source of the names of files that the probes write.
+    pub ids: Arc<dyn IdSource>,
     /// Renders the metrics.
     pub metrics: PrometheusHandle,
     /// Tenant classes that the metrics have reported so far.

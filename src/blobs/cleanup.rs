@@ -1,7 +1,7 @@
 //! Deletion of files: of deleted jobs, of lost attempts, and of uploads that never became a job.
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::SystemTime;
 
 use futures::stream::BoxStream;
 use futures::{StreamExt, TryStreamExt};
@@ -48,14 +48,14 @@ impl Blobs {
         self.in_folder(move |folder| local::remove_claim(folder, id, &claim)).await
     }
 
-    /// The owners of files that have not changed for `age`; an owner may come more than once. A bucket is listed page by page.
+    /// The owners of files that have not changed since a time; an owner may come more than once. A bucket is listed page by page.
     ///
     /// # Errors
     /// When the store can't list.
-    pub async fn owners(&self, age: Duration) -> Result<BoxStream<'static, Result<Owner, BlobError>>, BlobError> {
+    pub async fn owners(&self, since: SystemTime) -> Result<BoxStream<'static, Result<Owner, BlobError>>, BlobError> {
         if let Backend::Folder(folder) = &self.backend {
             let folder = folder.clone();
-            let found = tokio::task::spawn_blocking(move || local::owners(&folder, age)).await;
+            let found = tokio::task::spawn_blocking(move || local::owners(&folder, since)).await;
             return Ok(futures::stream::iter(found.map_err(std::io::Error::from)??).map(Ok).boxed());
         }
         let store = self.store.clone();
@@ -67,7 +67,7 @@ impl Blobs {
             let claim = claim.filter(|_| kind == Some("jobs")).map(str::to_owned);
             let owner = job.map(|job| Owner { job, claim });
             // The files of an owner come one after the other.
-            let is_new = owner.is_some() && owner != before && is_stale(&file, age);
+            let is_new = owner.is_some() && owner != before && is_stale(&file, since);
             if is_new {
                 before.clone_from(&owner);
             }
@@ -76,11 +76,11 @@ impl Blobs {
         Ok(owners.map_err(BlobError::from).boxed())
     }
 
-    /// Deletes all files of a job, unless one of them has changed within `age`. Returns whether the files were deleted.
+    /// Deletes all files of a job, unless one of them has changed since a time. Returns whether the files were deleted.
     ///
     /// # Errors
     /// When the store can't list or delete.
-    pub async fn delete_stale_job(&self, id: JobId, age: Duration) -> Result<bool, BlobError> {
+    pub async fn delete_stale_job(&self, id: JobId, since: SystemTime) -> Result<bool, BlobError> {
         let upload = match self.store.head(&Key::from(Self::input_key(id, 0))).await {
             Err(object_store::Error::NotFound { .. }) => None,
             found => Some(found?),
@@ -90,7 +90,7 @@ impl Blobs {
             .flat_map(move |kind| store.list(Some(&Key::from(format!("{kind}/{id}")))));
         let mut files = futures::stream::iter(upload.map(Ok)).chain(others);
         while let Some(file) = files.try_next().await? {
-            if !is_stale(&file, age) {
+            if !is_stale(&file, since) {
                 return Ok(false);
             }
         }
@@ -99,13 +99,13 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Deletes files that were uploaded before their job and have not changed for `age`.
+    /// Deletes files that were uploaded before their job and have not changed since a time.
     ///
     /// # Errors
     /// When the store can't list or delete.
-    pub async fn delete_stale_incoming(&self, age: Duration) -> Result<(), BlobError> {
-        self.delete_listed("incoming".to_owned(), move |file| is_stale(file, age)).await?;
-        self.in_folder(move |folder| local::remove_stale_incoming(folder, age)).await
+    pub async fn delete_stale_incoming(&self, since: SystemTime) -> Result<(), BlobError> {
+        self.delete_listed("incoming".to_owned(), move |file| is_stale(file, since)).await?;
+        self.in_folder(move |folder| local::remove_stale_incoming(folder, since)).await
     }
 
     /// Deletes the files under a prefix that `is_unwanted` selects.
@@ -138,7 +138,7 @@ impl Blobs {
     }
 }
 
-/// Whether a file has not changed for `age`.
-fn is_stale(file: &ObjectMeta, age: Duration) -> bool {
-    std::time::SystemTime::from(file.last_modified).elapsed().is_ok_and(|unchanged| unchanged >= age)
+/// Whether a file has not changed since a time.
+fn is_stale(file: &ObjectMeta, since: SystemTime) -> bool {
+    SystemTime::from(file.last_modified) <= since
 }

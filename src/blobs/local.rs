@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, DirEntry, File};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use super::stored::{CHUNK, Owner, Stored, Summary};
 use crate::jobs::JobId;
@@ -128,10 +128,10 @@ pub(super) fn remove_claim(folder: &Path, id: JobId, claim: &str) -> io::Result<
     ignore_missing(fs::remove_dir_all(folder.join("jobs").join(id.to_string()).join(claim)))
 }
 
-/// Removes partly written files that were uploaded before their job, and have not changed for `age`.
-pub(super) fn remove_stale_incoming(folder: &Path, age: Duration) -> io::Result<()> {
+/// Removes partly written files that were uploaded before their job, and have not changed since a time.
+pub(super) fn remove_stale_incoming(folder: &Path, since: SystemTime) -> io::Result<()> {
     for entry in entries(&folder.join("incoming"))? {
-        if last_change(&entry).is_ok_and(|change| change.elapsed().is_ok_and(|unchanged| unchanged >= age)) {
+        if last_change(&entry).is_ok_and(|change| change <= since) {
             ignore_missing(fs::remove_file(entry.path()))?;
         }
     }
@@ -146,8 +146,8 @@ fn last_change(entry: &DirEntry) -> io::Result<SystemTime> {
     Ok(times.fold(data.modified()?, SystemTime::max))
 }
 
-/// The owners of uploads and of result folders, of jobs none of whose files has changed for `age`.
-pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<Owner>> {
+/// The owners of uploads and of result folders, of jobs none of whose files has changed since a time.
+pub(super) fn owners(folder: &Path, since: SystemTime) -> io::Result<Vec<Owner>> {
     let mut changes: BTreeMap<JobId, SystemTime> = BTreeMap::new();
     let mut owners = Vec::new();
     for kind in KINDS {
@@ -163,7 +163,7 @@ pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<Owner>> {
             }
         }
     }
-    changes.retain(|_, change| change.elapsed().is_ok_and(|unchanged| unchanged >= age));
+    changes.retain(|_, change| *change <= since);
     owners.retain(|owner| changes.contains_key(&owner.job));
     owners.sort();
     owners.dedup();
@@ -174,8 +174,6 @@ pub(super) fn owners(folder: &Path, age: Duration) -> io::Result<Vec<Owner>> {
 mod tests {
     use super::*;
     use crate::access::SystemIds;
-
-    const HOUR: Duration = Duration::from_secs(3600);
 
     fn write(path: &Path, old: bool) {
         fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
@@ -200,7 +198,7 @@ mod tests {
             write(&more.join("2#1"), id == abandoned);
             set_old(&more);
         }
-        let found = owners(root.path(), HOUR).expect("readable");
+        let found = owners(root.path(), SystemTime::UNIX_EPOCH).expect("readable");
         assert_eq!(found, [Owner { job: abandoned, claim: None }]);
     }
 

@@ -21,7 +21,7 @@ use tokio_util::io::ReaderStream;
 use super::bucket::{Bucket, S3Config};
 use super::local;
 use super::stored::{BlobError, CHUNK, Stored, Summary, UploadError, folder_error, not_found};
-use crate::access::{IdSource, SystemIds};
+use crate::access::IdSource;
 use crate::jobs::{JobId, UploadId};
 
 /// The lifetime of a signed address that is only parsed, never requested.
@@ -212,8 +212,8 @@ impl Blobs {
     ///
     /// # Errors
     /// The store's first error.
-    pub async fn probe(&self) -> Result<(), BlobError> {
-        let key = Key::from(format!("probe/{}", SystemIds.random().simple()));
+    pub async fn probe(&self, ids: &dyn IdSource) -> Result<(), BlobError> {
+        let key = Key::from(format!("probe/{}", ids.random().simple()));
         self.store.put(&key, Bytes::from_static(b"probe").into()).await?;
         self.store.get(&key).await?.bytes().await?;
         self.store.delete(&key).await?;

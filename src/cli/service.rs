@@ -155,6 +155,7 @@ impl ServiceData {
             min_free: args.min_free_mib << 20,
             startup_checks: BTreeMap::from([("blender", blender)]),
             draining,
+            ids: Arc::new(SystemIds),
             metrics: install_metrics()?,
             classes: Arc::default(),
         })
@@ -190,7 +191,7 @@ impl ServiceData {
             prepared_children: args.prepared_children,
             blender_warm_up: args.blender_warm_up,
         };
-        Ok(Pool::new(Arc::clone(&self.store), self.blobs.clone(), config).await?)
+        Ok(Pool::new(Arc::clone(&self.store), self.blobs.clone(), config, Arc::new(SystemClock), &SystemIds).await?)
     }
 
     fn api_state(&self, args: &ServeArgs, auth: Auth, capabilities: Capabilities, health: Health) -> ApiState {

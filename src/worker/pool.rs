@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use futures::TryStreamExt;
 use tokio::task::JoinSet;
@@ -17,10 +17,10 @@ use super::context::{Retention, Shutdown, WORKER_COUNT, WorkerConfig, WorkerCont
 use super::drawing::draw;
 use super::prepared::PreparedChildren;
 use super::scratch::Scratch;
-use crate::access::{IdSource, SystemIds};
+use crate::access::IdSource;
 use crate::blender::installation;
 use crate::blobs::{BlobError, Blobs, Owner};
-use crate::jobs::{Claim, Job, Status, Store, StoreError, UPLOAD_LIFE};
+use crate::jobs::{Claim, Clock, Job, Status, Store, StoreError, UPLOAD_LIFE};
 use crate::sandbox::{Protection, Sandbox, SandboxStatus};
 use crate::telemetry;
 
@@ -38,6 +38,7 @@ pub enum PoolError {
 /// The worker slots of one process, which share a store.
 pub struct Pool {
     context: Arc<WorkerContext>,
+    clock: Arc<dyn Clock>,
 }
 
 impl Pool {
@@ -45,8 +46,14 @@ impl Pool {
     ///
     /// # Errors
     /// When the scratch folder can't be created, or when the sandbox is required but not available.
-    pub async fn new(store: Arc<dyn Store>, blobs: Blobs, config: WorkerConfig) -> Result<Self, PoolError> {
-        let name = format!("worker-{}-{}", std::process::id(), &SystemIds.random().simple().to_string()[..8]);
+    pub async fn new(
+        store: Arc<dyn Store>,
+        blobs: Blobs,
+        config: WorkerConfig,
+        clock: Arc<dyn Clock>,
+        ids: &dyn IdSource,
+    ) -> Result<Self, PoolError> {
+        let name = format!("worker-{}-{}", std::process::id(), &ids.random().simple().to_string()[..8]);
         // Makes this process the reaper of orphans of a job's process group; a container may have no init that reaps.
         rustix::process::set_child_subreaper(Some(rustix::process::getpid())).map_err(std::io::Error::from)?;
         let scratch = Scratch::open(&config.scratch, &name)?;
@@ -67,7 +74,7 @@ impl Pool {
         if context.config.slots > 0 {
             context.status = Some(sandbox_status(&context).await.map_err(PoolError::Sandbox)?);
         }
-        Ok(Self { context: Arc::new(context) })
+        Ok(Self { context: Arc::new(context), clock })
     }
 
     /// The sandbox of this pool's jobs; `None` for a pool without slots.
@@ -82,7 +89,7 @@ impl Pool {
         tracing::info!(worker = context.name, slots = context.config.slots, "workers ready");
         let mut tasks = JoinSet::new();
         tasks.spawn(requeue_expired(Arc::clone(&context), shutdown.drain.clone()));
-        tasks.spawn(sweep_periodically(Arc::clone(&context), shutdown.drain.clone()));
+        tasks.spawn(sweep_periodically(Arc::clone(&context), self.clock, shutdown.drain.clone()));
         metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "idle").set(context.config.slots as f64);
         metrics::gauge!(telemetry::WORKER_SLOTS, "state" => "busy").set(0);
         if let Some(remesher) =
@@ -270,12 +277,12 @@ async fn requeue_expired(context: Arc<WorkerContext>, stop: CancellationToken) {
 }
 
 /// Removes expired data and orphaned files, at the start and then periodically.
-async fn sweep_periodically(context: Arc<WorkerContext>, stop: CancellationToken) {
+async fn sweep_periodically(context: Arc<WorkerContext>, clock: Arc<dyn Clock>, stop: CancellationToken) {
     for round in 0.. {
         if stop.is_cancelled() {
             break;
         }
-        if let Err(error) = sweep(context.store.as_ref(), &context.blobs, context.config.retention, round).await {
+        if let Err(error) = sweep(&context, clock.as_ref(), round).await {
             tracing::warn!(%error, "could not remove expired data");
         }
         sleep_unless(&stop, SWEEP_EVERY).await;
@@ -304,11 +311,13 @@ enum SweepError {
 
 /// Removes expired data; every [`ORPHANS_EVERY`] rounds, starting with round 0, also orphaned files. Any number of processes may
 /// sweep at once.
-async fn sweep(store: &dyn Store, blobs: &Blobs, retention: Retention, round: u64) -> Result<(), SweepError> {
+async fn sweep(context: &WorkerContext, clock: &dyn Clock, round: u64) -> Result<(), SweepError> {
     let started = Instant::now();
-    expire(store, blobs, retention).await?;
+    let (store, blobs) = (context.store.as_ref(), &context.blobs);
+    expire(store, blobs, context.config.retention).await?;
     if round.is_multiple_of(ORPHANS_EVERY) {
-        remove_orphans(store, blobs).await?;
+        let now = SystemTime::UNIX_EPOCH + Duration::from_millis(clock.now_ms().unsigned_abs());
+        remove_orphans(store, blobs, now).await?;
     }
     metrics::histogram!(telemetry::SWEEP).record(started.elapsed());
     Ok(())
@@ -336,16 +345,17 @@ async fn expire(store: &dyn Store, blobs: &Blobs, retention: Retention) -> Resul
 
 /// Deletes files that no job owns: of uploads that never became a job, of interrupted deletions, and of lost attempts whose
 /// files could not be deleted at once.
-async fn remove_orphans(store: &dyn Store, blobs: &Blobs) -> Result<(), SweepError> {
-    blobs.delete_stale_incoming(UPLOAD_LIFE).await?;
-    let (mut owners, mut gone) = (blobs.owners(ORPHAN_AGE).await?, None);
+async fn remove_orphans(store: &dyn Store, blobs: &Blobs, now: SystemTime) -> Result<(), SweepError> {
+    blobs.delete_stale_incoming(now - UPLOAD_LIFE).await?;
+    let since = now - ORPHAN_AGE;
+    let (mut owners, mut gone) = (blobs.owners(since).await?, None);
     while let Some(Owner { job: id, claim }) = owners.try_next().await? {
         let job = store.get(id).await?.filter(|job| !job.purged && job.status != Status::Expired);
         let removed = match (job, claim) {
             (None, _) if gone == Some(id) => false,
             (None, _) => {
                 gone = Some(id);
-                blobs.delete_stale_job(id, ORPHAN_AGE).await?
+                blobs.delete_stale_job(id, since).await?
             }
             (Some(job), Some(claim)) if is_lost(&job, &claim) => {
                 blobs.delete_claim(id, &claim).await?;

@@ -8,13 +8,17 @@ use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
 use meshmend::access::SystemIds;
 use meshmend::blobs::{BlobError, Blobs, Owner, S3Config, Stored, UploadError};
-use meshmend::jobs::{JobId, UploadId};
+use meshmend::jobs::{JobId, SystemClock, UploadId};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
 use crate::s3::S3;
 
-const HOUR: Duration = Duration::from_secs(3600);
+/// An hour before now.
+fn an_hour_ago() -> SystemTime {
+    SystemTime::from(SystemClock.now()) - Duration::from_secs(3600)
+}
+
 /// More bytes than two parts of a multipart upload.
 const LARGE: usize = 20 << 20;
 
@@ -67,7 +71,8 @@ impl Bench {
     }
 
     async fn owners(&self) -> Vec<Owner> {
-        let mut owners: Vec<_> = self.blobs.owners(HOUR).await.expect("a list").try_collect().await.expect("ids");
+        let mut owners: Vec<_> =
+            self.blobs.owners(an_hour_ago()).await.expect("a list").try_collect().await.expect("ids");
         owners.sort();
         owners.dedup();
         owners
@@ -287,7 +292,7 @@ async fn old_files_are_found_and_deleted_unless_their_job_has_a_recent_one(bench
     }
     assert!(owners.iter().all(|owner| owner.job != *young), "{owners:?}");
     for (id, goes) in [(old, true), (growing, false), (young, false)] {
-        assert_eq!(bench.blobs.delete_stale_job(*id, HOUR).await.expect("a result"), goes);
+        assert_eq!(bench.blobs.delete_stale_job(*id, an_hour_ago()).await.expect("a result"), goes);
     }
     for (id, keys) in &jobs {
         assert_eq!(bench.has(&keys[3]).await, id != old);
@@ -306,7 +311,7 @@ async fn the_files_of_one_attempt_are_deleted_without_the_rest_of_its_job(bench:
 }
 
 async fn an_upload_that_waited_too_long_for_its_job_is_deleted(bench: Bench) {
-    bench.blobs.delete_stale_incoming(HOUR).await.expect("nothing to delete");
+    bench.blobs.delete_stale_incoming(an_hour_ago()).await.expect("nothing to delete");
     let [old, young] = [UploadId::new(&SystemIds), UploadId::new(&SystemIds)].map(Blobs::incoming_key);
     for key in [&old, &young] {
         bench.put(key, b"12345").await;
@@ -319,13 +324,13 @@ async fn an_upload_that_waited_too_long_for_its_job_is_deleted(bench: Bench) {
         bench.age(&format!("{old}#1"));
     }
     bench.age(&old);
-    bench.blobs.delete_stale_incoming(HOUR).await.expect("deleted");
+    bench.blobs.delete_stale_incoming(an_hour_ago()).await.expect("deleted");
     assert!(matches!(bench.blobs.bytes(&old).await, Err(BlobError::NotFound)));
     assert!(bench.has(&young).await && !half.exists());
 }
 
 async fn the_probe_of_a_working_store_succeeds(bench: Bench) {
-    bench.blobs.probe().await.expect("it works");
+    bench.blobs.probe(&SystemIds).await.expect("it works");
     assert!(bench.blobs.free_bytes().expect("a result").is_some_and(|free| free > 0));
 }
 
@@ -343,7 +348,7 @@ async fn an_unreachable_bucket_fails_soon_with_a_transient_error_and_works_again
             put_file(&bench.blobs, "uploads/y", &path).await.map(drop),
             bench.blobs.delete("uploads/x").await,
             bench.blobs.delete_job(JobId::new(&SystemIds)).await,
-            bench.blobs.probe().await,
+            bench.blobs.probe(&SystemIds).await,
         ];
         for (number, result) in away.into_iter().enumerate() {
             assert!(result.as_ref().is_err_and(BlobError::is_transient), "{number}: {result:?}");
@@ -391,6 +396,6 @@ async fn a_misconfigured_bucket_is_distinguished_from_an_unreachable_one() {
     let plain = Blobs::s3(&S3Config { allow_http: false, ..config.clone() });
     assert!(plain.is_err_and(|error| error.to_string().contains("--s3-allow-http")));
     let strangers = S3Config { credentials: Some(("test-key".into(), "guessed".into())), ..config };
-    let probe = Blobs::s3(&strangers).expect("opened").probe().await;
+    let probe = Blobs::s3(&strangers).expect("opened").probe(&SystemIds).await;
     assert!(probe.as_ref().is_err_and(|error| !error.is_transient()), "{probe:?}");
 }
