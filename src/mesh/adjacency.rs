@@ -186,6 +186,33 @@ impl Edges {
     }
 }
 
+/// A half-edge by its number, as in [`Edges`]: a type for functions that take vertices too.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct HalfEdge(pub u32);
+
+impl HalfEdge {
+    /// The number, as an index into a list for all half-edges.
+    #[must_use]
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// The next half-edge around the face, which starts where this one ends.
+    #[must_use]
+    pub fn next(self) -> Self {
+        Self(Edges::next(self.0))
+    }
+
+    /// The vertices at which the half-edge starts and ends.
+    ///
+    /// # Panics
+    /// If the half-edge does not belong to these faces.
+    #[must_use]
+    pub fn ends(self, faces: &[[u32; 3]]) -> [u32; 2] {
+        Edges::ends(faces, self.0)
+    }
+}
+
 /// Sorts a list that usually has only a few entries.
 fn sort_few(entries: &mut [u64]) {
     if entries.len() > INSERTION_SORT_LIMIT {

@@ -13,7 +13,7 @@ mod soup;
 mod surface;
 mod weld;
 
-pub use adjacency::{Edges, Stars};
+pub use adjacency::{Edges, HalfEdge, Stars};
 pub use connectivity::{Fans, Parts, UnionFind};
 pub use distinct::{are_distinct, position_key};
 pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};

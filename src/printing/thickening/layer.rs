@@ -101,7 +101,8 @@ impl<'a> Tops<'a> {
     fn new(refined: &'a Refined, precision: Precision, context: &Context<'_>) -> Result<Self, Cancelled> {
         let normals = trusted_normals(refined);
         let stars = Stars::new(refined.positions.len(), &refined.faces);
-        let mut growing: Vec<u32> = refined.growth.iter().filter(|(_, g)| **g > 0.0).map(|(&(v, _), _)| v).collect();
+        let mut growing: Vec<u32> =
+            refined.growth.iter().filter(|(_, g)| **g > 0.0).map(|(corner, _)| corner.vertex).collect();
         growing.sort_unstable();
         growing.dedup();
         let mut is_plain = vec![false; refined.positions.len()];
@@ -240,8 +241,7 @@ impl Corner<'_> {
     }
 
     fn growth(&self, face: u32) -> f64 {
-        let key = (self.vertex, self.refined.parent[face as usize]);
-        self.refined.growth.get(&key).copied().unwrap_or(0.0)
+        self.refined.growth_at(self.refined.corner(face, self.vertex))
     }
 
     fn normal(&self, i: usize) -> DVec3 {

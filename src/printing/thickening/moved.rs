@@ -23,7 +23,7 @@ use smallvec::SmallVec;
 
 use super::layer::{Layered, SMOOTH};
 use super::mitre::{Plane, mitre};
-use super::refine::{Refined, index};
+use super::refine::{FaceCorner, Refined, index};
 use super::regions::Regions;
 
 /// How far a vertex may leave the plane of a face that does not grow, as a share of the growth.
@@ -81,22 +81,19 @@ struct Mover<'a> {
 }
 
 impl Mover<'_> {
-    fn growth(&self, face: u32, v: u32) -> f64 {
-        if self.left_out.contains(&self.regions.of(face)) {
-            return 0.0;
-        }
-        self.refined.growth.get(&(v, face)).copied().unwrap_or(0.0)
+    fn growth(&self, corner: FaceCorner) -> f64 {
+        if self.left_out.contains(&self.regions.of(corner.face)) { 0.0 } else { self.refined.growth_at(corner) }
     }
 
     fn grows(&self, face: u32) -> bool {
-        self.refined.faces[face as usize].iter().any(|&v| self.growth(face, v) > 0.0)
+        self.refined.faces[face as usize].iter().any(|&vertex| self.growth(FaceCorner { vertex, face }) > 0.0)
     }
 
     /// The growing regions at some vertices.
     fn growing_at(&self, vertices: impl Iterator<Item = u32>) -> Vec<u32> {
         let mut regions = Vec::new();
-        for v in vertices {
-            let growing = self.stars.of(v).iter().filter(|&&face| self.growth(face, v) > 0.0);
+        for vertex in vertices {
+            let growing = self.stars.of(vertex).iter().filter(|&&face| self.growth(FaceCorner { vertex, face }) > 0.0);
             regions.extend(growing.map(|&face| self.regions.of(face)));
         }
         regions
@@ -209,7 +206,7 @@ impl Vertex<'_> {
     }
 
     fn growth(&self, face: u32) -> f64 {
-        self.mover.growth(face, self.vertex)
+        self.mover.growth(FaceCorner { vertex: self.vertex, face })
     }
 
     fn normal(&self, face: u32) -> DVec3 {

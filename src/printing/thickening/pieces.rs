@@ -3,7 +3,7 @@
 use rustc_hash::FxHashMap;
 
 use super::growth::Growths;
-use super::refine::Refined;
+use super::refine::{FaceCorner, Refined};
 use super::regions::Regions;
 
 /// A surface that grows, in pieces or in flat regions without pieces.
@@ -23,14 +23,14 @@ impl Pieces {
     /// Raises the corners of groups, each corner by the most of its pieces. Regions grow as far as the gaps in front of them
     /// allow.
     pub fn raise(&mut self, groups: FxHashMap<u32, f64>, growths: &Growths<'_>) {
-        let mut at: FxHashMap<(u32, u32), f64> = FxHashMap::default();
+        let mut at: FxHashMap<FaceCorner, f64> = FxHashMap::default();
         for (group, more) in groups {
             let alone = [group];
             let pieces = self.regions.as_ref().map_or(&alone[..], |regions| regions.faces(group));
             let more = if self.regions.is_some() { self.limited(pieces, more, growths) } else { more };
             for &piece in pieces {
                 for v in self.refined.faces[piece as usize] {
-                    let most = at.entry((v, self.refined.parent[piece as usize])).or_insert(0.0);
+                    let most = at.entry(self.refined.corner(piece, v)).or_insert(0.0);
                     *most = most.max(more);
                 }
             }

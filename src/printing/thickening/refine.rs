@@ -21,6 +21,15 @@ const TOLERANCE: f64 = 0.015;
 const MAX_SPLITS: usize = 20_000;
 const MAX_SPLITS_PER_FACE: usize = 2;
 
+/// A corner of a face of the surface: where the face has a vertex.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FaceCorner {
+    /// The vertex.
+    pub vertex: u32,
+    /// The face of the surface, before it was split into pieces.
+    pub face: u32,
+}
+
 /// A surface with some edges split. Pieces know the face that they belong to.
 pub struct Refined {
     /// Positions: those of the surface, then the new ones.
@@ -29,8 +38,8 @@ pub struct Refined {
     pub faces: Vec<[u32; 3]>,
     /// For each piece, the face of the surface that it belongs to.
     pub parent: Vec<u32>,
-    /// The growth at each vertex of a thin face, in the model's unit.
-    pub growth: FxHashMap<(u32, u32), f64>,
+    /// The growth at each corner of a thin face, in the model's unit.
+    pub growth: FxHashMap<FaceCorner, f64>,
     /// The face of each half-edge. An edge with more than two faces has none.
     half_edges: FxHashMap<(u32, u32), u32>,
     precision: Precision,
@@ -93,7 +102,7 @@ impl Refined {
     }
 
     /// The faces of a surface as they are, with the growth at their corners.
-    pub fn unsplit(surface: &Surface, growth: FxHashMap<(u32, u32), f64>, precision: Precision) -> Self {
+    pub fn unsplit(surface: &Surface, growth: FxHashMap<FaceCorner, f64>, precision: Precision) -> Self {
         Self {
             positions: surface.positions.clone(),
             faces: surface.faces.clone(),
@@ -107,7 +116,7 @@ impl Refined {
     /// The same pieces, of which only those grow whose face takes part.
     pub fn only(&self, takes_part: impl Fn(u32) -> bool) -> Self {
         let mut growth = self.growth.clone();
-        growth.retain(|&(_, parent), _| takes_part(parent));
+        growth.retain(|corner, _| takes_part(corner.face));
         let half_edges = FxHashMap::default();
         let (positions, faces, parent) = (self.positions.clone(), self.faces.clone(), self.parent.clone());
         Self { positions, faces, parent, growth, half_edges, precision: self.precision }
@@ -115,8 +124,17 @@ impl Refined {
 
     /// The growth at corner `k` of a piece.
     pub fn corner_growth(&self, face: u32, k: usize) -> f64 {
-        let key = (self.faces[face as usize][k], self.parent[face as usize]);
-        self.growth.get(&key).copied().unwrap_or(0.0)
+        self.growth_at(self.corner(face, self.faces[face as usize][k]))
+    }
+
+    /// The growth at a corner.
+    pub fn growth_at(&self, corner: FaceCorner) -> f64 {
+        self.growth.get(&corner).copied().unwrap_or(0.0)
+    }
+
+    /// The corner where a piece has a vertex, of the face that the piece belongs to.
+    pub fn corner(&self, piece: u32, vertex: u32) -> FaceCorner {
+        FaceCorner { vertex, face: self.parent[piece as usize] }
     }
 
     /// The corner positions of a piece.
@@ -126,15 +144,15 @@ impl Refined {
 
     /// Evaluates the growth at the corners of pieces.
     fn evaluate(&mut self, faces: &[u32], growths: &Growths<'_>) {
-        let mut keys: Vec<(u32, u32)> = faces
+        let mut keys: Vec<FaceCorner> = faces
             .iter()
-            .flat_map(|&face| self.faces[face as usize].map(|v| (v, self.parent[face as usize])))
+            .flat_map(|&face| self.faces[face as usize].map(|v| self.corner(face, v)))
             .filter(|key| !self.growth.contains_key(key))
             .collect();
         keys.sort_unstable();
         keys.dedup();
         let values: Vec<f64> =
-            keys.par_iter().map(|&(v, parent)| growths.at(self.positions[v as usize], parent)).collect();
+            keys.par_iter().map(|key| growths.at(self.positions[key.vertex as usize], key.face)).collect();
         self.growth.extend(keys.into_iter().zip(values));
     }
 
@@ -234,10 +252,10 @@ impl Refined {
         let faces: Vec<u32> = (0..index(self.faces.len())).collect();
         let lacks: Vec<f64> = faces.par_iter().map(|&face| self.lack(face, growths)).collect();
         // Pieces share corners, so that each corner takes the largest of its pieces' lacks once.
-        let mut most: FxHashMap<(u32, u32), f64> = FxHashMap::default();
+        let mut most: FxHashMap<FaceCorner, f64> = FxHashMap::default();
         for (face, lack) in faces.into_iter().zip(lacks).filter(|(_, lack)| *lack > 0.0) {
             for v in self.faces[face as usize] {
-                let at = most.entry((v, self.parent[face as usize])).or_insert(0.0);
+                let at = most.entry(self.corner(face, v)).or_insert(0.0);
                 *at = at.max(lack);
             }
         }

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::growth::Growths;
-use super::refine::{Refined, longest_edge};
+use super::refine::{FaceCorner, Refined, longest_edge};
 
 /// Cosine of the angle up to which neighbours count as one flat region: half a degree.
 const FLAT: f64 = 0.999_96;
@@ -165,10 +165,11 @@ impl Regions {
     }
 
     /// The growth at each corner of the faces of `surface`, without pieces.
-    pub fn growth(&self, surface: &Surface) -> FxHashMap<(u32, u32), f64> {
+    pub fn growth(&self, surface: &Surface) -> FxHashMap<FaceCorner, f64> {
         let of_face = |face: u32| self.needs.get(&self.of(face)).map(|need| need.growth);
-        let corners =
-            |(face, corners): (u32, &[u32; 3])| of_face(face).map(|growth| corners.map(|v| ((v, face), growth)));
+        let corners = |(face, corners): (u32, &[u32; 3])| {
+            of_face(face).map(|growth| corners.map(|vertex| (FaceCorner { vertex, face }, growth)))
+        };
         (0u32..).zip(&surface.faces).filter_map(corners).flatten().collect()
     }
 }

@@ -9,7 +9,7 @@ use crate::mesh::{Edges, Stars};
 
 use super::growth::Growths;
 use super::layer::{SMOOTH, trusted_normals};
-use super::refine::Refined;
+use super::refine::{FaceCorner, Refined};
 
 /// Growth below this share of the least wall is not spread.
 const LEAST: f64 = 0.01;
@@ -22,20 +22,21 @@ impl Refined {
         let edges = Edges::new(&self.faces);
         let stars = Stars::new(self.positions.len(), &self.faces);
         // Positive numbers have the order of their bits.
-        let mut queue: BinaryHeap<(u64, (u32, u32))> =
+        let mut queue: BinaryHeap<(u64, FaceCorner)> =
             self.growth.iter().filter(|(_, g)| **g > least).map(|(&key, g)| (g.to_bits(), key)).collect();
-        while let Some((bits, (v, parent))) = queue.pop() {
+        while let Some((bits, corner)) = queue.pop() {
             let growth = f64::from_bits(bits);
-            if self.growth.get(&(v, parent)) != Some(&growth) {
+            if self.growth.get(&corner) != Some(&growth) {
                 continue;
             }
+            let FaceCorner { vertex: v, face: parent } = corner;
             for &face in stars.of(v) {
                 if self.parent[face as usize] != parent {
                     continue;
                 }
                 for w in self.faces[face as usize] {
                     let length = self.positions[v as usize].distance(self.positions[w as usize]);
-                    self.lift((w, parent), growth - length, growths, &mut queue);
+                    self.lift(FaceCorner { vertex: w, face: parent }, growth - length, growths, &mut queue);
                     if w == v {
                         continue;
                     }
@@ -43,7 +44,7 @@ impl Refined {
                     let others = across.iter().map(|half_edge| half_edge / 3).filter(|&other| other != face);
                     for other in others {
                         if normals[face as usize].dot(normals[other as usize]) >= SMOOTH {
-                            self.lift((v, self.parent[other as usize]), growth, growths, &mut queue);
+                            self.lift(self.corner(other, v), growth, growths, &mut queue);
                         }
                     }
                 }
@@ -52,13 +53,13 @@ impl Refined {
     }
 
     /// Raises the growth at a corner to `wanted`, as far as the corner's limits allow.
-    fn lift(&mut self, key: (u32, u32), wanted: f64, growths: &Growths<'_>, queue: &mut BinaryHeap<(u64, (u32, u32))>) {
-        let own = self.growth.get(&key).copied().unwrap_or(0.0);
+    fn lift(&mut self, key: FaceCorner, wanted: f64, growths: &Growths<'_>, queue: &mut BinaryHeap<(u64, FaceCorner)>) {
+        let own = self.growth_at(key);
         let least = LEAST * growths.min_wall();
         if wanted <= least || wanted <= own * (1.0 + 1e-9) {
             return;
         }
-        let growth = growths.limit(self.positions[key.0 as usize], key.1, wanted);
+        let growth = growths.limit(self.positions[key.vertex as usize], key.face, wanted);
         if growth > own {
             self.growth.insert(key, growth);
             queue.push((growth.to_bits(), key));

@@ -7,7 +7,7 @@ use super::operator::{Applied, Counter, Operation, Scope};
 use super::orient::{consistent_winding, flip_faces};
 use crate::inspect::doubled_areas;
 use crate::math::Precision;
-use crate::mesh::{Edges, Surface, UnionFind};
+use crate::mesh::{Edges, HalfEdge, Surface, UnionFind};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 const NONE: u32 = u32::MAX;
@@ -111,15 +111,15 @@ fn cut_corners(surface: &Surface, edges: &Edges) -> (Vec<bool>, Vec<u32>) {
         }
         for v in ends {
             on_cut[v as usize] = true;
-            beside.extend(half_edges.iter().map(|&h| corner_of(faces, h, v)));
+            beside.extend(half_edges.iter().map(|&h| corner_of(faces, HalfEdge(h), v)));
         }
     }
     (on_cut, beside)
 }
 
-/// The corner at vertex `v` of the face with half-edge `h`.
-fn corner_of(faces: &[[u32; 3]], h: u32, v: u32) -> u32 {
-    if Edges::ends(faces, h)[0] == v { h } else { Edges::next(h) }
+/// The corner at vertex `v` of the face with a half-edge. It has the number of the half-edge that starts there.
+fn corner_of(faces: &[[u32; 3]], half_edge: HalfEdge, v: u32) -> u32 {
+    if half_edge.ends(faces)[0] == v { half_edge.0 } else { half_edge.next().0 }
 }
 
 /// Copies the vertices along conflicting edges, once for each adjacent fan but the one with the most faces. Fans that do not
@@ -131,7 +131,7 @@ fn cut(surface: &mut Surface, edges: &Edges) -> Vec<u32> {
     for (e, half_edges) in edges.iter().enumerate().filter(|(_, h)| !in_conflict(faces, h)) {
         for v in edges.vertices(e).into_iter().filter(|&v| on_cut[v as usize]) {
             for pair in half_edges.windows(2) {
-                sets.unite(corner_of(faces, pair[0], v), corner_of(faces, pair[1], v));
+                sets.unite(corner_of(faces, HalfEdge(pair[0]), v), corner_of(faces, HalfEdge(pair[1]), v));
             }
         }
     }

@@ -9,7 +9,7 @@ use super::border::{Border, MergePosition, NearbyEdge};
 use super::holes::newell;
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
-use crate::mesh::Surface;
+use crate::mesh::{HalfEdge, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 pub use crate::repair::options::StitchPosition;
@@ -198,7 +198,7 @@ enum Feature {
     /// A vertex: `from` merges into `to`.
     Vertex { from: u32, to: u32 },
     /// An edge, which is split at the vertex.
-    Edge { half_edge: u32 },
+    Edge { half_edge: HalfEdge },
 }
 
 /// Vertices by the distance of the feature that they may join, nearest first. Distances are not negative, so their bit patterns

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Border, MergePosition, NONE, Spoke};
 use crate::math::collinear;
-use crate::mesh::Edges;
+use crate::mesh::HalfEdge;
 
 impl Border<'_> {
     /// Merges a boundary vertex into another that shares no edge with it (vertex-pair contraction). Boundary edges that
@@ -28,8 +28,8 @@ impl Border<'_> {
         }
         let target = self.target(from, to);
         for (one, other) in self.closed_by_merging(from, to) {
-            self.edge_of[one as usize] = NONE;
-            self.edge_of[other as usize] = NONE;
+            self.edge_of[one.index()] = NONE;
+            self.edge_of[other.index()] = NONE;
         }
         let [from_index, to_index] = [self.boundary_index(from), self.boundary_index(to)];
         let faces = std::mem::take(&mut self.faces_at[from_index]);
@@ -69,8 +69,8 @@ impl Border<'_> {
     }
 
     /// The pairs of half-edges, one at each vertex, whose other ends coincide.
-    fn closed_by_merging(&self, from: u32, to: u32) -> Vec<(u32, u32)> {
-        let mut of_from: Vec<(u32, u32)> = self.spokes(from).map(|s| (s.other, s.half_edge)).collect();
+    fn closed_by_merging(&self, from: u32, to: u32) -> Vec<(HalfEdge, HalfEdge)> {
+        let mut of_from: Vec<(u32, HalfEdge)> = self.spokes(from).map(|s| (s.other, s.half_edge)).collect();
         of_from.sort_unstable();
         let pair = |s: Spoke| {
             let at = of_from.binary_search_by_key(&s.other, |&(other, _)| other).ok()?;
@@ -126,12 +126,12 @@ impl Border<'_> {
     ///
     /// Returns the half-edge from the vertex onward; the split half-edge then ends at the vertex. Returns `None` and changes
     /// nothing where [`Border::merge`] with a new vertex on the edge would be refused.
-    pub fn split_edge(&mut self, half_edge: u32, vertex: u32) -> Option<u32> {
+    pub fn split_edge(&mut self, half_edge: HalfEdge, vertex: u32) -> Option<HalfEdge> {
         if !self.can_split_edge(half_edge, vertex) {
             return None;
         }
-        let (f, corner) = (half_edge / 3, half_edge % 3);
-        let [a, b] = Edges::ends(&self.surface.faces, half_edge);
+        let (f, corner) = (half_edge.0 / 3, half_edge.0 % 3);
+        let [a, b] = half_edge.ends(&self.surface.faces);
         let o = self.opposite(half_edge);
         #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
         let new = self.surface.faces.len() as u32;
@@ -143,17 +143,15 @@ impl Border<'_> {
         self.surface.faces[f as usize][(corner as usize + 1) % 3] = vertex;
         self.edge_of.extend([NONE; 3]);
         // The half-edge from b to o now belongs to the new face.
-        let beyond = 3 * new + corner;
-        for (old, moved, keeps_edge) in
-            [(half_edge, beyond, true), (Edges::next(half_edge), Edges::next(beyond), false)]
-        {
-            let edge = self.edge_of[old as usize];
-            self.edge_of[moved as usize] = edge;
+        let beyond = HalfEdge(3 * new + corner);
+        for (old, moved, keeps_edge) in [(half_edge, beyond, true), (half_edge.next(), beyond.next(), false)] {
+            let edge = self.edge_of[old.index()];
+            self.edge_of[moved.index()] = edge;
             if edge != NONE {
                 self.pieces[edge as usize].push(moved);
             }
             if !keeps_edge {
-                self.edge_of[old as usize] = NONE;
+                self.edge_of[old.index()] = NONE;
             }
         }
         let of_b = self.boundary_index(b);
@@ -168,8 +166,8 @@ impl Border<'_> {
         for spoke in spokes {
             let closed = if spoke.other == a { half_edge } else { beyond };
             if spoke.other == a || spoke.other == b {
-                self.edge_of[spoke.half_edge as usize] = NONE;
-                self.edge_of[closed as usize] = NONE;
+                self.edge_of[spoke.half_edge.index()] = NONE;
+                self.edge_of[closed.index()] = NONE;
             }
         }
         let of_vertex = self.boundary_index(vertex);
@@ -178,10 +176,10 @@ impl Border<'_> {
     }
 
     /// Whether [`Border::split_edge`] would succeed.
-    pub fn can_split_edge(&mut self, half_edge: u32, vertex: u32) -> bool {
+    pub fn can_split_edge(&mut self, half_edge: HalfEdge, vertex: u32) -> bool {
         let degree = self.faces_at[self.boundary_index(vertex)].len() as u64;
         self.budget = self.budget.saturating_sub(degree);
-        let [a, b] = Edges::ends(&self.surface.faces, half_edge);
+        let [a, b] = half_edge.ends(&self.surface.faces);
         let o = self.opposite(half_edge);
         if degree == 0 || !self.is_open(half_edge) || [a, b, o].contains(&vertex) {
             return false;

@@ -10,7 +10,7 @@ mod edits;
 use glam::DVec3;
 
 use crate::math::{Tree, nearest_on_segment, unit_scale};
-use crate::mesh::{Edges, Parts, Surface};
+use crate::mesh::{Edges, HalfEdge, Parts, Surface};
 
 /// The index that stands for no edge and no boundary vertex.
 const NONE: u32 = u32::MAX;
@@ -31,7 +31,7 @@ pub(super) struct Border<'a> {
     /// The ends of the original boundary edges.
     edges: Vec<[u32; 2]>,
     /// For each of `edges` the boundary half-edges into which it was split. Some of them may be closed by now.
-    pieces: Vec<Vec<u32>>,
+    pieces: Vec<Vec<HalfEdge>>,
     /// For each boundary half-edge the index in `edges` of the edge that it belongs to, otherwise [`NONE`].
     edge_of: Vec<u32>,
     /// For each of `vertices` the vertex that it was merged into, or itself.
@@ -64,7 +64,7 @@ pub(super) enum MergePosition {
 /// A half-edge at a vertex.
 #[derive(Debug, Clone, Copy)]
 struct Spoke {
-    half_edge: u32,
+    half_edge: HalfEdge,
     /// The vertex at the half-edge's other end.
     other: u32,
     /// Whether the half-edge starts at the vertex.
@@ -84,7 +84,7 @@ pub(super) struct NearbyEdge {
     /// The index of the original edge that contains this edge.
     pub edge: u32,
     /// The boundary half-edge.
-    pub half_edge: u32,
+    pub half_edge: HalfEdge,
     /// The half-edge's start and end vertex.
     pub ends: [u32; 2],
     /// The position of the closest point between the ends, from 0 to 1.
@@ -126,7 +126,7 @@ impl<'a> Border<'a> {
         Some(Self {
             boundary_index,
             faces_at,
-            pieces: open.iter().map(|&(_, h)| vec![h]).collect(),
+            pieces: open.iter().map(|&(_, h)| vec![HalfEdge(h)]).collect(),
             edge_of,
             merged_into: vertices.clone(),
             displacement: vec![0.0; vertices.len()],
@@ -188,20 +188,20 @@ impl<'a> Border<'a> {
             let corner = if face[0] == v { 0 } else { 1 + u32::from(face[1] != v) };
             let [next, last] = [(corner + 1) % 3, (corner + 2) % 3];
             [
-                Spoke { half_edge: 3 * f + corner, other: face[next as usize], leaves: true },
-                Spoke { half_edge: 3 * f + last, other: face[last as usize], leaves: false },
+                Spoke { half_edge: HalfEdge(3 * f + corner), other: face[next as usize], leaves: true },
+                Spoke { half_edge: HalfEdge(3 * f + last), other: face[last as usize], leaves: false },
             ]
         })
     }
 
     /// Whether a half-edge is on the boundary.
-    fn is_open(&self, half_edge: u32) -> bool {
-        self.edge_of[half_edge as usize] != NONE
+    fn is_open(&self, half_edge: HalfEdge) -> bool {
+        self.edge_of[half_edge.index()] != NONE
     }
 
     /// The corner of a half-edge's face that is not on the half-edge.
-    fn opposite(&self, half_edge: u32) -> u32 {
-        Edges::opposite(&self.surface.faces, half_edge)
+    fn opposite(&self, half_edge: HalfEdge) -> u32 {
+        Edges::opposite(&self.surface.faces, half_edge.0)
     }
 
     /// The other ends of the boundary edges at a vertex.
@@ -242,9 +242,9 @@ impl<'a> Border<'a> {
         let mut budget = self.budget;
         // The tree holds the original edges; the reach covers the displacement of their ends since.
         self.tree.around(p, reach + self.max_displacement, |e| {
-            for &half_edge in self.pieces[e as usize].iter().filter(|&&h| self.edge_of[h as usize] == e) {
+            for &half_edge in self.pieces[e as usize].iter().filter(|&&h| self.edge_of[h.index()] == e) {
                 budget = budget.saturating_sub(1);
-                let ends = Edges::ends(&self.surface.faces, half_edge);
+                let ends = half_edge.ends(&self.surface.faces);
                 let [a, b] = ends.map(|v| self.position(v));
                 let foot = nearest_on_segment(p, [a, b]);
                 let distance = p.distance(foot);
@@ -261,8 +261,8 @@ impl<'a> Border<'a> {
     }
 
     /// The last piece of an edge after its splits, in half-edge direction; `None` where that piece is closed.
-    pub fn last_piece(&self, edge: u32) -> Option<u32> {
-        self.pieces[edge as usize].last().copied().filter(|&h| self.edge_of[h as usize] == edge)
+    pub fn last_piece(&self, edge: u32) -> Option<HalfEdge> {
+        self.pieces[edge as usize].last().copied().filter(|&h| self.edge_of[h.index()] == edge)
     }
 
     /// A note for the report where the budget ended the search.
@@ -271,8 +271,8 @@ impl<'a> Border<'a> {
     }
 
     /// The length of the original boundary edge that contains a half-edge, measured between the ends' current positions.
-    pub fn length_before(&self, half_edge: u32) -> f64 {
-        let [a, b] = self.edges[self.edge_of[half_edge as usize] as usize];
+    pub fn length_before(&self, half_edge: HalfEdge) -> f64 {
+        let [a, b] = self.edges[self.edge_of[half_edge.index()] as usize];
         self.position(a).distance(self.position(b))
     }
 }
