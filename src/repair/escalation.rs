@@ -14,7 +14,7 @@ use super::judge::{JudgeError, Judged, Judging, Patches, verdict_text};
 use super::method_agreement::{Method, MethodFinding, explain_by_agreement};
 use super::operators::Failure;
 use super::options::Operator;
-use super::prefix_cache::{KnownResult, PrefixCache, START, shared_prefixes};
+use super::prefix_cache::{KnownResult, PrefixCache, START, TaskKey, shared_prefixes};
 use super::presets::remesh_action;
 use super::report::{Action, Candidate, OmittedSection, PlannedAction, RedFlagCode, Step, StepStatus, Strategy, When};
 use super::runner::{Runner, TaskEnd, TaskRun};
@@ -223,7 +223,7 @@ impl<'a> Escalation<'a> {
                 let TaskRun { step, failure, has_changed, .. } = run;
                 end = run.end;
                 intersections = intersections.after(&step, failure.as_ref());
-                number = match task.key(strategy, options).filter(|_| end == TaskEnd::Finished) {
+                number = match TaskKey::of(task, strategy, options).filter(|_| end == TaskEnd::Finished) {
                     Some(key) => self.cache.learn(number, key, has_changed, (&step, failure.as_ref())),
                     None if has_changed => self.cache.new_number(),
                     None => number,
@@ -266,7 +266,8 @@ impl<'a> Escalation<'a> {
         for &task in tasks {
             let mut known = None;
             if !intersections.makes_needless(task) {
-                let cached = task.key(strategy, self.runner.options).and_then(|key| self.cache.known(surface, key));
+                let cached =
+                    TaskKey::of(task, strategy, self.runner.options).and_then(|key| self.cache.known(surface, key));
                 let Some(cached) = cached else { break };
                 surface = cached.surface;
                 intersections = intersections.after(&cached.step, cached.failure.as_ref());
@@ -306,7 +307,9 @@ impl<'a> Escalation<'a> {
                 time.record_verification(result.surface.faces.len(), context.now().saturating_sub(start));
                 is_good = self.compare(indexed, judged, &mut step);
                 let candidate = self.attempts.candidates.len() - 1;
-                self.validations.push(Validation { surface: number, patches, candidate, step: step.clone() });
+                if !self.cache.is_disabled() {
+                    self.validations.push(Validation { surface: number, patches, candidate, step: step.clone() });
+                }
             }
             Err(JudgeError::Cancelled(stop)) if context.is_cancelled() => return Err(stop),
             Err(JudgeError::Cancelled(_)) => {

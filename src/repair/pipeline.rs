@@ -209,7 +209,7 @@ mod tests {
     use super::*;
     use crate::context::{NoProgress, monotonic_clock};
     use crate::mesh::Soup;
-    use crate::repair::{Operator, Step};
+    use crate::repair::{Action, Operator, Step};
 
     /// Adds a unit cube at a corner, with its faces outward or inward.
     fn add_cube(soup: &mut Soup, corner: DVec3, is_outward: bool) {
@@ -270,5 +270,7 @@ mod tests {
             later.filter(|step| step.operator == Some(Operator::FillHoles)).count()
         };
         assert!(reused(&with) > 0 && reused(&without) == 0, "{} and {}", reused(&with), reused(&without));
+        let is_judged_again = |step: &Step| step.action != Action::Validate || step.milliseconds > 0.0;
+        assert!(without.report.steps.iter().all(is_judged_again));
     }
 }

@@ -1,19 +1,45 @@
 //! The prefix cache: operators that several strategies share at their start run once.
 //!
-//! The cache saves time and does not affect results. With [`PrefixCache::disabled`] every strategy runs all of its operators.
+//! The cache saves time and does not affect results. With [`PrefixCache::disabled`] every strategy runs all of its operators, and every
+//! result is judged.
 
 use rustc_hash::FxHashMap;
 
 use super::operators::Failure;
-use super::options::Options;
+use super::operators::split_non_manifold::Pairing;
+use super::options::{Operator, Options};
 use super::report::{Step, Strategy};
-use super::tasks::{SurfaceState, Task, TaskKey};
+use super::tasks::{SurfaceState, Task, closes_sheets, pairing_and_winding_rule};
+use crate::arrange::WindingRule;
 
 /// Most surfaces that are kept, besides the one that every strategy starts from.
 const MAX_KEPT: usize = 4;
 
 /// The number of the surface that every strategy starts from.
 pub(super) const START: u32 = 0;
+
+/// An operator with those of its parameters that differ between strategies. On the same surface, equal keys give equal results.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct TaskKey {
+    operator: Operator,
+    pairing: Option<Pairing>,
+    winding_rule: Option<WindingRule>,
+    closes_sheets: Option<bool>,
+}
+
+impl TaskKey {
+    /// The operator of a task with its parameters in a strategy; none for a remesh with Blender.
+    pub fn of(task: Task, strategy: &Strategy, options: &Options) -> Option<Self> {
+        let operator = task.operator?;
+        let (pairing, winding_rule) = pairing_and_winding_rule(strategy, options);
+        Some(Self {
+            operator,
+            pairing: (operator == Operator::SplitNonManifold).then_some(pairing),
+            winding_rule: matches!(operator, Operator::SelfUnion | Operator::Remesh).then_some(winding_rule),
+            closes_sheets: (operator == Operator::SelfUnion).then(|| closes_sheets(strategy)),
+        })
+    }
+}
 
 /// The known results of sequences of operators, each with its parameters ([`TaskKey`]).
 ///
@@ -60,6 +86,11 @@ impl PrefixCache {
     /// Makes a cache that remembers nothing.
     pub fn disabled() -> Self {
         Self { is_disabled: true, ..Self::default() }
+    }
+
+    /// Whether the cache remembers nothing.
+    pub fn is_disabled(&self) -> bool {
+        self.is_disabled
     }
 
     /// The result of an operator on a surface, if it ran on this surface before.
@@ -130,7 +161,7 @@ impl PrefixCache {
 /// For each later strategy, the number of first tasks that it shares with a strategy, without the first `from` actions, which all share.
 pub(super) fn shared_prefixes(strategy: &Strategy, later: &[Strategy], from: usize, options: &Options) -> Vec<usize> {
     let keys = |strategy: &Strategy| -> Vec<Option<TaskKey>> {
-        Task::of(strategy, from).into_iter().map(|task| task.key(strategy, options)).collect()
+        Task::of(strategy, from).into_iter().map(|task| TaskKey::of(task, strategy, options)).collect()
     };
     let own = keys(strategy);
     let shared = |other: &Strategy| own.iter().zip(keys(other)).take_while(|(a, b)| a.is_some() && *a == b).count();

@@ -1,6 +1,4 @@
 //! The tasks of a strategy, and the surface between two tasks.
-//!
-//! [`TaskKey`] identifies a task with its parameters, so that strategies can share results.
 
 use super::change::ChangeKind;
 use super::operators::split_non_manifold::Pairing;
@@ -29,15 +27,6 @@ pub(super) struct Task {
     pub action: Action,
     /// The operator; none for a remesh with Blender.
     pub operator: Option<Operator>,
-}
-
-/// An operator with those of its parameters that differ between strategies. On the same surface, equal keys give equal results.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct TaskKey {
-    operator: Operator,
-    pairing: Option<Pairing>,
-    winding_rule: Option<WindingRule>,
-    closes_sheets: Option<bool>,
 }
 
 /// The surface between two tasks, with its known properties.
@@ -101,18 +90,6 @@ impl Task {
             operators.map(|operator| Self { action: planned.action, operator })
         });
         tasks.collect()
-    }
-
-    /// The operator with its parameters in a strategy; none for a remesh with Blender.
-    pub fn key(self, strategy: &Strategy, options: &Options) -> Option<TaskKey> {
-        let operator = self.operator?;
-        let (pairing, winding_rule) = pairing_and_winding_rule(strategy, options);
-        Some(TaskKey {
-            operator,
-            pairing: (operator == Operator::SplitNonManifold).then_some(pairing),
-            winding_rule: matches!(operator, Operator::SelfUnion | Operator::Remesh).then_some(winding_rule),
-            closes_sheets: (operator == Operator::SelfUnion).then(|| closes_sheets(strategy)),
-        })
     }
 }
 
