@@ -20,20 +20,9 @@ use complex::Complex;
 use crate::context::Context;
 use crate::mesh::{ClosedSurface, Surface, is_generated};
 
+pub use crate::math::WindingRule;
 pub use complex::ArrangeError;
 pub(crate) use sides::{FacetSides, SideLink};
-
-/// The rule that decides from a cell's winding number `w` whether the cell is inside.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum WindingRule {
-    /// `w >= 1`: space that the surface winds around outward. An inverted part adds no material.
-    #[default]
-    Positive,
-    /// `w != 0`: inverted parts are solid as well.
-    Nonzero,
-    /// `w` is odd: space that is enclosed twice is outside, whatever the orientation of its facets.
-    Odd,
-}
 
 /// How an arrangement classifies its cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

@@ -40,4 +40,4 @@ pub use triangle::{
     nearest_on_triangle, nearest_within, within,
 };
 pub use triangle_pair::{Contact, common_point, contact, intersection};
-pub use winding::{Dipoles, winding_exact};
+pub use winding::{Dipoles, WindingRule, winding_exact};

@@ -20,6 +20,19 @@ const FAR: f64 = 1e18;
 /// both, at their midpoint. Its solid angle then errs by about a thousandth.
 const SHARED_DISTANCE: f64 = 1e3;
 
+/// The rule that decides by its winding number `w` whether a cell or a point is inside. Around open surface, `w` is not an integer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum WindingRule {
+    /// `w >= 1`, or `w > 1/2` around open surface: space that the surface winds around outward. An inverted part adds no material.
+    #[default]
+    Positive,
+    /// `w != 0`, or `|w| > 1/2` around open surface: inverted parts are solid as well.
+    Nonzero,
+    /// `w` is odd, or `|w|` nearer to an odd number than to an even one: space that is enclosed twice is outside, whatever the orientation
+    /// of its facets.
+    Odd,
+}
+
 /// A dipole for the triangles under each node of a [`Tree`], in the tree's frame.
 pub struct Dipoles {
     nodes: Vec<Dipole>,

@@ -6,8 +6,7 @@ use rustc_hash::FxHashMap;
 
 use super::band::{Sampling, SamplingLimits};
 use super::contour;
-use super::error::RemeshError;
-use super::field::{LEVEL, Stop};
+use super::field::{LEVEL, RemeshError, Stop};
 use super::grid::{Grid, GridIndex, Samples};
 use super::region::{MixedEdge, Region};
 use crate::context::Context;

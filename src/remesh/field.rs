@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Dipoles, Tree, hit, nearest_on_triangle, r2};
+use crate::math::{Dipoles, Tree, WindingRule, hit, nearest_on_triangle, r2};
 
 /// Evaluations between two checks for cancellation.
 const BATCH: usize = 1 << 12;
@@ -19,16 +19,18 @@ const SIDE_OFFSET: f64 = 1.0 / 256.0;
 /// Maximum boxes and triangles visited to measure the deviation.
 const STEPS: u64 = 2_000_000_000;
 
-/// The rule that decides by its winding number `w` whether a point is inside.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum WindingRule {
-    /// `w > 1/2`: space that the surface winds around outward.
-    #[default]
-    Positive,
-    /// `|w| > 1/2`: inverted parts are solid as well.
-    Nonzero,
-    /// `|w|` nearer to an odd number than to an even one: space that is enclosed twice is outside.
-    Odd,
+/// Why no new surface could be built.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum RemeshError {
+    /// Nothing is inside.
+    #[error("the surface has no inside at any cell size tried")]
+    Empty,
+    /// The limits allow only cells that are too large to resolve the model.
+    #[error("the limits on faces, memory and work are too low for a remesh")]
+    Limits,
+    /// The work was cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
 }
 
 /// Why an attempt ended without a result.

@@ -16,7 +16,6 @@ mod balls;
 mod band;
 mod contour;
 mod corrections;
-mod error;
 mod field;
 mod grid;
 mod region;
@@ -29,9 +28,9 @@ use band::{Sampling, SamplingLimits, cells_met};
 use field::{Field, Stop, deviation};
 use grid::{Grid, GridIndex, Samples};
 
+pub use crate::math::WindingRule;
 pub use balls::{BallGrid, BallUnion};
-pub use error::RemeshError;
-pub use field::{Deviation, Distances, WindingRule};
+pub use field::{Deviation, Distances, RemeshError};
 
 /// Options of a remesh.
 #[derive(Debug, Clone, Copy)]

@@ -27,7 +27,6 @@ mod pipeline;
 mod plan;
 mod prefix_cache;
 mod presets;
-mod print_ready;
 mod red_flags;
 mod remesher;
 mod report;

@@ -11,15 +11,16 @@ use super::input::{Input, MeshSource, RepairError, RepairRequest, with_inspected
 use super::objects::{AssembledFile, SceneRepair, keeps_objects_separate};
 use super::options::Options;
 use super::options_not_applied::merge_not_applied;
-use super::print_ready::assess_output;
 use super::remesher::Remesher;
 use super::report::{Assumption, FileSummary, OmittedSection, Report};
 use super::report_draft::FileDetails;
 use super::size::{other_units, settle_size};
 use super::time_budget::with_overrun;
+use crate::analyze::subject;
 use crate::context::{Context, Stage};
 use crate::format::{self, Format, Limits, ReadFile, ReadOptions};
-use crate::printing::readiness::PrintReadiness;
+use crate::inspect::{Analysis, measure_analysis};
+use crate::printing::readiness::{AssessedFile, PrintReadiness, assess};
 use crate::printing::unit_candidates::FileEvidence;
 use crate::scene::{LengthUnit, Scene};
 
@@ -110,7 +111,8 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
     Ok(Repaired { bytes, format: opened.format, report })
 }
 
-/// Assesses the returned file against the process that the options name. Notes the assessment as omitted if there is no time left.
+/// Reads the returned file back and assesses it against the process that the options name. Lengths are in `unit`. Notes the assessment as
+/// omitted if there is no time left.
 ///
 /// # Errors
 /// [`RepairError`] if the job was canceled or the file cannot be read back.
@@ -121,7 +123,19 @@ fn assess_returned(
 ) -> Result<Option<PrintReadiness>, RepairError> {
     let profile = options.print.profile().filter(|_| repaired.draft.after.is_some());
     let Some(profile) = profile else { return Ok(None) };
-    let readiness = assess_output(&repaired.bytes, unit, &profile, &context.for_verification())?;
+    let context = &context.for_verification();
+    let mut file = format::read_shape(&repaired.bytes, &ReadOptions::within(Limits::NONE))?;
+    file.settle_unit(file.own_unit().is_none().then_some(unit.used), Some(unit.used));
+    let assessed = || {
+        let analysis = Analysis::new(subject(&file.mesh, Some(unit)), context)?;
+        let measures = measure_analysis(&analysis, context)?;
+        assess(
+            AssessedFile { analysis: &analysis, measures: &measures, bytes: repaired.bytes.len() as u64 },
+            &profile,
+            context,
+        )
+    };
+    let readiness = context.unless_late(assessed())?;
     if readiness.is_none() {
         repaired.draft.omitted.push(OmittedSection::PrintReadiness);
     }

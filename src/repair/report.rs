@@ -1,7 +1,6 @@
 //! The report of a repair and of its objects, as it is written to JSON.
 
 mod alternatives;
-mod file_summary;
 mod findings;
 mod outcome;
 mod steps;
@@ -10,12 +9,11 @@ mod thickening;
 use serde::{Deserialize, Serialize};
 
 pub use self::alternatives::{Alternative, Alternatives, NotOffered, NotOfferedCause, OpenQuestion};
-pub use self::file_summary::FileSummary;
 pub use self::findings::{
     Assumption, AssumptionKind, NotAppliedCause, OmittedSection, OptionNotApplied, RedFlag, RedFlagCode,
     ReportedOptions,
 };
-pub use self::outcome::{OfferedFile, Outcome, Property, Verdict};
+pub use self::outcome::{FileSummary, OfferedFile, Outcome, Property, Verdict};
 pub use self::steps::{Action, Candidate, Plan, PlannedAction, Step, StepStatus, Strategy, UnfixedFaces, When};
 use self::steps::{abridge_candidates, abridge_steps};
 pub use self::thickening::{ThinPlaceLeft, ThinPlaceReason, WallThickening};

@@ -4,12 +4,13 @@
 //! minimum cut separates the sides that a ball from outside touches from those that it cannot reach: the cut runs along
 //! the shortest edges, round pinholes and tunnels. Cells that no ball touches are decided by the sides in sight.
 
+use std::collections::BTreeMap;
+
 use super::cut::Network;
 use super::evidence::Evidence;
-use super::frayed::keep_frayed;
 use super::sight::Sight;
 use super::states::{CellState, Labels, SideCells};
-use crate::arrange::FacetSides;
+use crate::arrange::{FacetSides, SideLink};
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree};
 
@@ -23,6 +24,10 @@ const MIN_SHARE: f64 = 1e-6;
 const MIN_WEIGHTED_SHARE: f64 = 0.05;
 /// Integer capacity of an edge as long as the model's diagonal.
 const SCALE: f64 = (1u64 << 40) as f64;
+/// The most rounds of keeping facets that hang on by few edges; chains of such facets are kept one after another.
+const MAX_KEEPING_ROUNDS: usize = 4;
+/// The most that keeping such a facet may lengthen the cut, as a share of its edges' length.
+const MAX_CUT_GROWTH: f64 = 0.5;
 
 /// Areas with evidence in a cell.
 #[derive(Debug, Clone, Copy, Default)]
@@ -121,4 +126,50 @@ fn states(sides: &FacetSides, cells: &SideCells, evidence: &[Evidence]) -> Vec<C
 #[expect(clippy::cast_possible_truncation, reason = "sides are counted in u32")]
 fn index(count: usize) -> u32 {
     count as u32
+}
+
+/// Keeps facets that a ball from outside touches on one side alone, and that the cut gave up: where it is shorter, the
+/// cut runs along the one edge that still holds such a facet.
+fn keep_frayed(labels: &mut Labels<'_>) {
+    for _ in 0..MAX_KEEPING_ROUNDS {
+        let given_up: Vec<bool> =
+            (0u32..).take(labels.outer.len() / 2).map(|facet| is_given_up(labels, facet)).collect();
+        // For each such facet, the growth of the cut and the length of its edges, both counted twice.
+        let mut growth: BTreeMap<u32, [f64; 2]> = BTreeMap::new();
+        for &SideLink { sides: [a, b], length } in &labels.sides.links {
+            let wanted = |side: u32, facet: u32| {
+                if side / 2 == facet { wants_outer(labels, side) } else { labels.outer[side as usize] }
+            };
+            for facet in if a / 2 == b / 2 { vec![a / 2] } else { vec![a / 2, b / 2] } {
+                if given_up[facet as usize] {
+                    let was_cut = labels.outer[a as usize] != labels.outer[b as usize];
+                    let is_cut = wanted(a, facet) != wanted(b, facet);
+                    let [growth, edges] = growth.entry(facet).or_default();
+                    *growth += 2.0 * length * (f64::from(u8::from(is_cut)) - f64::from(u8::from(was_cut)));
+                    *edges += if a / 2 == b / 2 { 2.0 * length } else { length };
+                }
+            }
+        }
+        let kept = growth.into_iter().filter(|(_, [growth, edges])| *growth <= MAX_CUT_GROWTH * edges);
+        let kept: Vec<u32> = kept.map(|(facet, _)| facet).collect();
+        for side in kept.iter().flat_map(|facet| [2 * facet, 2 * facet + 1]) {
+            labels.outer[side as usize] = wants_outer(labels, side);
+        }
+        if kept.is_empty() {
+            return;
+        }
+    }
+}
+
+/// Whether a ball from outside touches a side.
+fn wants_outer(labels: &Labels<'_>, side: u32) -> bool {
+    labels.evidence[side as usize] == Evidence::Outer
+}
+
+/// Whether a ball from outside touches a facet on one side alone, yet both sides have the same label.
+fn is_given_up(labels: &Labels<'_>, facet: u32) -> bool {
+    let sides = [2 * facet, 2 * facet + 1];
+    sides.iter().all(|&side| labels.is_cut(side))
+        && labels.outer[sides[0] as usize] == labels.outer[sides[1] as usize]
+        && wants_outer(labels, sides[0]) != wants_outer(labels, sides[1])
 }

@@ -8,7 +8,6 @@ mod accounting;
 mod cut;
 mod double_shell;
 mod evidence;
-mod frayed;
 mod labels;
 mod sight;
 mod states;

@@ -18,7 +18,6 @@ mod layer;
 mod mitre;
 mod moved;
 mod outcome;
-mod pieces;
 mod places;
 mod refine;
 mod regions;

@@ -2,10 +2,8 @@
 
 use super::operator::{Applied, Counter, Failure, Operation, Scope};
 use super::rounding::{DistinguishLimits, distinguish_vertices};
-use crate::arrange::WindingRule;
 use crate::math::Precision;
 use crate::mesh::Surface;
-use crate::remesh;
 use crate::remesh::{Remesh, RemeshError};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Operator, Options};
 use crate::simplify::Simplify;
@@ -43,11 +41,7 @@ impl RemeshInside {
         let remesh = Remesh {
             cell: Some(options.voxel_size.unwrap_or_else(default_cell)),
             max_faces: options.max_remesh_faces,
-            winding_rule: match scope.winding_rule {
-                WindingRule::Positive => remesh::WindingRule::Positive,
-                WindingRule::Nonzero => remesh::WindingRule::Nonzero,
-                WindingRule::Odd => remesh::WindingRule::Odd,
-            },
+            winding_rule: scope.winding_rule,
             precision: scope.format.precision(),
             ..Remesh::default()
         };

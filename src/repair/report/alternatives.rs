@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::file_summary::FileSummary;
-use super::outcome::Outcome;
+use super::outcome::{FileSummary, Outcome};
 
 /// The results to choose from, where the file leaves the model's intent open.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

@@ -1,7 +1,8 @@
-//! The outcome of a repair and the claims about the returned file.
+//! The outcome of a repair, its files, and the claims about the returned file.
 
 use serde::{Deserialize, Serialize};
 
+use crate::format::Format;
 use crate::inspect::Measures;
 
 /// The outcome of a repair for the model.
@@ -85,5 +86,24 @@ impl Property {
             (Self::NoIntersections, measures.self_intersections.proven_none()),
         ];
         properties.into_iter().filter(|&(_, holds)| holds && measures.faces > 0).map(|(property, _)| property).collect()
+    }
+}
+
+/// The format and size of the input file or of the returned file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct FileSummary {
+    /// The file format.
+    pub format: Format,
+    /// The dialect of the format, such as `binary STL`.
+    pub dialect: String,
+    /// The size in bytes.
+    pub bytes: u64,
+}
+
+impl FileSummary {
+    /// The summary of written bytes.
+    pub(crate) fn of(format: Format, dialect: &str, bytes: &[u8]) -> Self {
+        Self { format, dialect: dialect.to_owned(), bytes: bytes.len() as u64 }
     }
 }

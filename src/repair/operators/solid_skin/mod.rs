@@ -5,17 +5,16 @@
 
 mod attach;
 mod close;
-mod islands;
 
 use crate::context::{Cancelled, Context};
+use crate::inspect::solids;
 use crate::math::Precision;
-use crate::mesh::{Surface, is_generated};
+use crate::mesh::{Edges, Parts, Surface, is_generated};
 pub use attach::Attached;
 pub(super) use attach::attach;
 pub use close::SealedPlace;
 use close::{Closed, close, resolve};
 use glam::DVec3;
-use islands::drop_small;
 
 use crate::printing::skin::{DropReason, DroppedPiece, OuterSkin, OuterSkinError, kept_exactly_pct, outer_skin};
 
@@ -26,6 +25,8 @@ const STRUT: f64 = 0.01;
 const MAX_WIDTH: f64 = 2.0;
 /// The largest share of the outer surface's area in parts that could not be closed, in percent.
 const MAX_OPEN_PCT: f64 = 5.0;
+/// A part with less than this share of the largest part's volume encloses nothing.
+const MIN_SHARE: f64 = 1e-12;
 
 /// What happens to parts that do not touch the largest part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -157,6 +158,31 @@ fn signed_volume(surface: &Surface, about: DVec3) -> f64 {
         a.dot(b.cross(c)) / 6.0
     };
     (0..surface.faces.len()).map(of_face).sum()
+}
+
+/// Removes solid parts with less volume than `min_volume`, but never the largest part, and all parts that enclose
+/// nothing or are inside out: remains of patches. Returns the sources of the removed faces: of solid parts, and of the
+/// others.
+fn drop_small(surface: &mut Surface, min_volume: f64) -> [Vec<u32>; 2] {
+    let edges = Edges::new(&surface.faces);
+    let parts = Parts::new(surface, &edges);
+    let solids = solids(surface, &edges, &parts);
+    let largest = solids.iter().map(|solid| solid.volume).fold(0.0, f64::max);
+    let least = min_volume.min(largest);
+    let is_empty: Vec<bool> = solids.iter().map(|solid| solid.volume <= MIN_SHARE * largest).collect();
+    let is_removed: Vec<bool> =
+        solids.iter().zip(&is_empty).map(|(solid, &is_empty)| is_empty || solid.volume < least).collect();
+    if !is_removed.contains(&true) {
+        return [Vec::new(), Vec::new()];
+    }
+    let mut dropped = [Vec::new(), Vec::new()];
+    for (&source, &part) in surface.source.iter().zip(&parts.of_face) {
+        if part != Parts::NONE && is_removed[part as usize] {
+            dropped[usize::from(is_empty[part as usize])].push(source);
+        }
+    }
+    parts.remove(&is_removed, surface);
+    dropped
 }
 
 #[cfg(test)]
