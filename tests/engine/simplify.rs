@@ -268,7 +268,7 @@ proptest! {
 }
 
 #[test]
-fn a_large_shell_is_simplified_in_slabs_to_the_same_result_on_any_number_of_threads() {
+fn a_large_shell_is_simplified_in_slabs_the_same_way_on_any_number_of_threads() {
     // Two spheres with over 80,000 faces, nearer to each other than the edges of the result are long.
     let shell = as_f32(join(&sphere(DVec3::ZERO, 10.0, 240, 100), &inside_out(sphere(DVec3::ZERO, 9.8, 240, 100))));
     assert!(shell.faces.len() > 80_000);

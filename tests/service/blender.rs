@@ -35,7 +35,7 @@ async fn a_model_beyond_tier_one_is_repaired_by_a_real_blender_and_its_report_sa
 }
 
 #[tokio::test]
-async fn without_blender_the_report_names_the_skipped_tier_and_the_best_result_comes_back() {
+async fn without_blender_the_best_result_is_returned_and_the_skipped_tier_is_named() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

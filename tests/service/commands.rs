@@ -117,7 +117,7 @@ async fn only_the_service_s_user_can_read_its_data() {
 }
 
 #[test]
-fn an_unusable_database_is_reported_with_its_setting_and_the_database_s_own_message() {
+fn an_unusable_database_is_reported_with_its_setting_and_the_database_s_message() {
     let data = tempfile::tempdir().expect("a folder");
     let folder = data.path().to_string_lossy().into_owned();
     let cluster = Postgres::start();

@@ -33,7 +33,7 @@ async fn only_one_upload_is_left(data: &Path) {
 }
 
 #[tokio::test]
-async fn the_same_request_with_the_same_key_makes_one_job_whatever_became_of_it_meanwhile() {
+async fn the_same_request_with_the_same_key_makes_one_job_whatever_became_of_the_job() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
     let api = Api::new(&program);

@@ -7,7 +7,7 @@ use crate::server::{Api, Start};
 use crate::support::receiver::{Receiver, Reply};
 
 #[tokio::test]
-async fn a_job_that_requires_a_printable_result_fails_with_its_report_and_without_a_model() {
+async fn a_job_that_requires_a_printable_result_fails_with_a_report_and_without_a_model() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).env("MESHMEND_WEBHOOK_ALLOW_PRIVATE", "true").start();
     let api = Api::new(&program);
