@@ -102,11 +102,11 @@ impl<'a> WallSearch<'a> {
         let may_have_wall = prober.may_have_wall(self.limit());
         let left = self.run_queries(spread.len(), budget, context, |i, search, steps| {
             let sample = may_have_wall[spread[i].face as usize].then_some(&spread[i])?;
-            Self::probe(prober, sample, search.longest(sample.point), steps)
+            search.probe(prober, sample, steps)
         })?;
         let left = self.run_queries(faces, left, context, |face, search, steps| {
             let sample = may_have_wall[face].then(|| search.centre(u32::try_from(face).ok()?)).flatten()?;
-            Self::probe(prober, &sample, search.longest(sample.point), steps)
+            search.probe(prober, &sample, steps)
         })?;
         if is_printable {
             self.search_overlaps(prober, left, context)?;
@@ -148,13 +148,12 @@ impl<'a> WallSearch<'a> {
     }
 
     /// The wall in an overlap, near its thinnest corner if possible: at the corner itself, the ray may miss the opposite face.
-    /// Only a wall thinner than all others so far counts, and none near a sharp edge, where both faces have a common vertex.
+    /// Walls near a sharp edge, where both faces have a common vertex, do not count.
     fn wall_in(&self, overlap: &Overlap, prober: &WallProber<'_>, steps: &mut u64) -> Option<Wall> {
         let face = self.centre(overlap.face)?;
         STEP_FRACTIONS.into_iter().find_map(|fraction| {
             let sample = Sample { point: overlap.middle.lerp(overlap.thinnest, fraction), ..face };
-            let longest = self.longest(sample.point).min(self.least);
-            Self::probe(prober, &sample, longest, steps).filter(|wall| !prober.share_a_vertex(wall.faces))
+            self.probe(prober, &sample, steps).filter(|wall| !prober.share_a_vertex(wall.faces))
         })
     }
 
@@ -224,9 +223,8 @@ impl<'a> WallSearch<'a> {
         most - left
     }
 
-    /// The wall of at most `longest` behind a sample.
-    fn probe(prober: &WallProber<'_>, sample: &Sample, longest: f64, steps: &mut u64) -> Option<Wall> {
-        let Probe::Wall(thickness, face) = prober.probe(sample, longest, steps) else { return None };
+    fn probe(&self, prober: &WallProber<'_>, sample: &Sample, steps: &mut u64) -> Option<Wall> {
+        let Probe::Wall(thickness, face) = prober.probe(sample, self.longest(sample.point), steps) else { return None };
         Some(Wall { thickness, point: sample.point, faces: [sample.face, face] })
     }
 
