@@ -8,6 +8,9 @@ mod rounds;
 mod snap;
 
 use std::cmp::Ordering;
+use std::hash::BuildHasher;
+
+use rustc_hash::FxBuildHasher;
 
 use crate::arrange::{ArrangeError, Arrangement, Exact};
 use crate::inspect::{Analysis, SearchedMesh};
@@ -255,6 +258,23 @@ impl Uniting<'_> {
     }
 }
 
+/// A face with its source and a hash of its corners and winding.
+struct Hashed {
+    source: u32,
+    face: u32,
+    hash: u64,
+}
+
+impl Hashed {
+    fn of(surface: &Surface, face: usize) -> Self {
+        let hash = FxBuildHasher.hash_one(surface.face_key(face));
+        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+        {
+            Self { source: surface.source[face], face: face as u32, hash }
+        }
+    }
+}
+
 /// The faces that a union replaced.
 struct ReplacedFaces {
     /// Number of earlier faces of which only pieces remain.
@@ -268,20 +288,20 @@ struct ReplacedFaces {
 impl ReplacedFaces {
     /// Compares faces with the same source by their corners and winding. A new face is a piece of the earlier faces with its source.
     fn between(before: &Surface, after: &Surface) -> Self {
-        let source = |surface: &Surface, face: u32| surface.source[face as usize];
-        let compare = |(one, f): (&Surface, u32), (other, g): (&Surface, u32)| {
-            let by_key = || one.face_key(f as usize).cmp(&other.face_key(g as usize));
-            source(one, f).cmp(&source(other, g)).then_with(by_key)
+        let key = |surface: &Surface, face: u32| surface.face_key(face as usize);
+        let compare = |(one, a): (&Surface, &Hashed), (other, b): (&Surface, &Hashed)| {
+            let by_hash = (a.source, a.hash).cmp(&(b.source, b.hash));
+            by_hash.then_with(|| key(one, a.face).cmp(&key(other, b.face)))
         };
         let [earlier, later] = [before, after].map(|surface| {
-            let mut faces: Vec<u32> = (0u32..).take(surface.faces.len()).collect();
-            threads::sort_by(&mut faces, &|&f, &g| compare((surface, f), (surface, g)).then(f.cmp(&g)));
+            let mut faces = threads::map_cheap(surface.faces.len(), |face| Hashed::of(surface, face));
+            threads::sort_by(&mut faces, &|a, b| compare((surface, a), (surface, b)).then(a.face.cmp(&b.face)));
             faces
         });
         let (mut gone, mut new) = (Vec::new(), Vec::new());
-        let (mut earlier, mut later) = (earlier.into_iter().peekable(), later.into_iter().peekable());
-        while let (Some(&f), Some(&g)) = (earlier.peek(), later.peek()) {
-            let order = compare((before, f), (after, g));
+        let (mut earlier, mut later) = (earlier.iter().peekable(), later.iter().peekable());
+        while let (Some(&a), Some(&b)) = (earlier.peek(), later.peek()) {
+            let order = compare((before, a), (after, b));
             if order.is_le() {
                 earlier.next();
             }
@@ -289,13 +309,13 @@ impl ReplacedFaces {
                 later.next();
             }
             match order {
-                Ordering::Less => gone.push(source(before, f)),
+                Ordering::Less => gone.push(a.source),
                 Ordering::Equal => {}
-                Ordering::Greater => new.push(source(after, g)),
+                Ordering::Greater => new.push(b.source),
             }
         }
-        gone.extend(earlier.map(|f| source(before, f)));
-        new.extend(later.map(|g| source(after, g)));
+        gone.extend(earlier.map(|face| face.source));
+        new.extend(later.map(|face| face.source));
         let cut = gone.iter().filter(|source| new.binary_search(source).is_ok()).count() as u64;
         Self { cut, removed: gone.len() as u64 - cut, created: new.len() as u64 }
     }
