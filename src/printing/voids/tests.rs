@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::voids_in;
-use crate::mesh::Surface;
+use crate::mesh::{ClosedSurface, NotClosed, Surface};
 use crate::printing::shapes::*;
 
 fn ball_volume(r: f64) -> f64 {
@@ -95,6 +95,8 @@ fn an_inverted_or_doubled_part_makes_no_void() {
         let inner = cuboid(DVec3::ONE, DVec3::splat(2.0));
         assert!(voids_in(&joined(&[outer.clone(), inner.clone()]), context).is_empty());
         assert!(voids_in(&inverted(outer.clone()), context).is_empty());
+        let open = Surface { faces: outer.faces[1..].to_vec(), source: vec![0; 11], ..outer };
+        assert!(matches!(ClosedSurface::try_from(&open), Err(NotClosed)));
     });
 }
 

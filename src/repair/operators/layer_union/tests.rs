@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::context::{Context, NoProgress, monotonic_clock};
 use crate::math::Precision;
-use crate::mesh::{ClosedSurface, Edges, Soup, Surface, position_key};
+use crate::mesh::{ClosedSurface, Edges, NotClosed, Soup, Surface, position_key};
 use glam::{DQuat, DVec3};
 
 use super::LayerUnion;
@@ -173,9 +173,12 @@ fn a_thick_solid_stays_and_thickening_twice_changes_nothing() {
 }
 
 #[test]
-fn unusable_settings_are_errors() {
-    let (positions, faces) = plate(0.6);
-    let plate = surface(positions, faces, 0.0);
+fn unusable_settings_and_open_surfaces_are_errors() {
+    let (positions, mut faces) = plate(0.6);
+    let plate = surface(positions.clone(), faces.clone(), 0.0);
+    faces.pop();
+    let open = surface(positions, faces, 0.0);
+    assert!(matches!(ClosedSurface::try_from(&open), Err(NotClosed)));
     for min_wall in [0.0, f64::NAN, -1.0, f64::INFINITY] {
         assert!(matches!(thickened(&plate, both(min_wall)), Err(ThickeningError::Settings { .. })));
     }

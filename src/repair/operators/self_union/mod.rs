@@ -102,7 +102,7 @@ impl SelfUnionRounds {
         }
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
-        let (best, done) = match (Uniting { settings: self, engine, context }).unite(closed, searched) {
+        let (best, done) = match (Uniting { settings: self, input, engine, context }).unite(closed, searched) {
             Ok(united) => united,
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),
@@ -196,6 +196,8 @@ impl SelfUnionRounds {
 #[derive(Clone, Copy)]
 struct Uniting<'a> {
     settings: &'a SelfUnionRounds,
+    /// The input, whose intersections are known.
+    input: Option<&'a Analysis<'a>>,
     engine: &'a dyn Arrangement,
     context: &'a Context<'a>,
 }
@@ -211,7 +213,10 @@ impl Uniting<'_> {
         }
         match self.in_rounds(surface, Totals::default(), searched, true) {
             united @ (Ok(_) | Err(ArrangeError::Cancelled(_))) => united,
-            Err(_) => self.unite_snapped(&surface, &dense, crossings(&surface, None, self.context)?),
+            Err(_) => {
+                let known = self.input.and_then(Analysis::known_intersections);
+                self.unite_snapped(&surface, &dense, crossings(&surface, known, self.context)?)
+            }
         }
     }
 
