@@ -116,6 +116,10 @@ impl<'a> Escalation<'a> {
     /// [`Cancelled`] if the job was canceled.
     pub fn run(mut self, strategies: &[Strategy]) -> Result<Attempts, Cancelled> {
         for (index, strategy) in (0u32..).zip(strategies) {
+            // Every strategy begins with the common start, so none has a result if no face was left after it.
+            if index > 0 && self.common_start.end == TaskEnd::Nothing {
+                break;
+            }
             let later = &strategies[index as usize + 1..];
             let strategy = IndexedStrategy { index, strategy };
             let step = self.skipped_for_time(strategy).or_else(|| self.skipped_as_needless(strategy));

@@ -15,7 +15,7 @@ use crate::repair::options::Operator;
 use crate::repair::presets::{remesh_of, tier_of};
 use crate::repair::red_flags::AddedSurface;
 use crate::repair::report::{Action, OmittedSection, RedFlag, RedFlagCode, Step, StepStatus, Strategy, When};
-use crate::repair::runner::{Runner, TaskEnd};
+use crate::repair::runner::Runner;
 use crate::repair::tasks::{IndexedStrategy, SurfaceState, Task};
 
 impl Escalation<'_> {
@@ -56,9 +56,6 @@ impl Escalation<'_> {
     pub(super) fn skipped_as_needless(&self, IndexedStrategy { index, strategy }: IndexedStrategy<'_>) -> Option<Step> {
         let whole = || self.attempts.best.as_ref().is_some_and(|(_, best)| best.is_whole());
         let why = match strategy.when {
-            _ if index > 0 && self.common_start.end == TaskEnd::Nothing => {
-                "no face was left after the actions that every strategy begins with"
-            }
             When::OpenSheetsRemain if !self.attempts.candidates.is_empty() && !self.may_have_open_sheets => {
                 "earlier strategies left no surface open and lost no surface"
             }
