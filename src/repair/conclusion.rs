@@ -6,7 +6,9 @@ use super::judge::Judged;
 use super::operators::thicken::THICKNESS;
 use super::options::{Category, Interior, Islands, Operator, Options, Preset, WindingRuleChoice};
 use super::presets::changes_printable;
-use super::report::{Assumption, AssumptionKind, Candidate, OmittedSection, Outcome, Plan, Step, StepStatus, Strategy};
+use super::report::{
+    Assumption, AssumptionKind, Candidate, OmittedSection, Outcome, Plan, SkipReason, Step, StepStatus, Strategy,
+};
 use super::report_draft::ReportDraft;
 use super::tasks::counts_inverted_as_solid;
 use crate::context::Context;
@@ -122,8 +124,7 @@ fn summary_of(conclusion: &Conclusion, input: &Input<'_>, options: &Options) -> 
             " The deadline of {deadline} s passed before all strategies were tried: raise `deadline_s`."
         ));
     }
-    let skipped = conclusion.draft.steps.iter().any(|s| s.tier == 3 && s.status == StepStatus::Skipped);
-    if skipped {
+    if conclusion.draft.steps.iter().any(|s| s.tier == 3 && s.skip_reason == Some(SkipReason::Unavailable)) {
         text.push_str(" A planned remesh with Blender could not run.");
     } else if options.max_tier < 3 {
         text.push_str(" Set `max_tier` to 3 to try Blender too.");

@@ -57,7 +57,7 @@ pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher,
 pub use report::{
     Action, Alternative, Alternatives, Assumption, AssumptionKind, Candidate, FileSummary, NotAppliedCause, NotOffered,
     NotOfferedCause, ObjectReport, OfferedFile, OmittedSection, OpenQuestion, OptionNotApplied, Outcome, Plan,
-    PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode, Report, ReportedOptions, Step, StepStatus, Strategy,
-    ThinPlaceLeft, ThinPlaceReason, UnfixedFaces, Verdict, WallThickening, When,
+    PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode, Report, ReportedOptions, SkipReason, Step,
+    StepStatus, Strategy, ThinPlaceLeft, ThinPlaceReason, UnfixedFaces, Verdict, WallThickening, When,
 };
 pub use time_budget::promised_overrun;

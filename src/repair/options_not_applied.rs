@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::options::{Interior, Islands, Merge, OpenSheets, Operator, Options, Overlaps, Preset, Voids};
 use super::presets::remesh_action;
-use super::report::{NotAppliedCause, OptionNotApplied, Step, StepStatus};
+use super::report::{NotAppliedCause, OptionNotApplied, SkipReason, Step, StepStatus};
 use super::tasks::ExecutedStep;
 
 /// How to check whether an option had an effect.
@@ -395,8 +395,11 @@ impl OptionCheck<'_> {
                 }
                 let steps = self.steps.iter().map(|executed| &executed.step);
                 let skipped = steps.filter(|step| step.strategy == 0).find(|step| step.status == StepStatus::Skipped);
+                let cause = match skipped.and_then(|step| step.skip_reason) {
+                    Some(SkipReason::OutOfTime | SkipReason::Unavailable) => NotAppliedCause::Unavailable,
+                    _ => NotAppliedCause::Limited,
+                };
                 let why = skipped.and_then(|step| step.note.clone());
-                let cause = if why.is_some() { NotAppliedCause::Unavailable } else { NotAppliedCause::Limited };
                 let why =
                     why.unwrap_or_else(|| "the result of the preset is not printable or has a red flag".to_owned());
                 Some((cause, format!("{why}; the result comes from the preset `{}`", preset.as_str())))

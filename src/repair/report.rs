@@ -14,7 +14,9 @@ pub use self::findings::{
     ReportedOptions,
 };
 pub use self::outcome::{FileSummary, OfferedFile, Outcome, Property, Verdict};
-pub use self::steps::{Action, Candidate, Plan, PlannedAction, Step, StepStatus, Strategy, UnfixedFaces, When};
+pub use self::steps::{
+    Action, Candidate, Plan, PlannedAction, SkipReason, Step, StepStatus, Strategy, UnfixedFaces, When,
+};
 use self::steps::{abridge_candidates, abridge_steps};
 pub use self::thickening::{ThinPlaceLeft, ThinPlaceReason, WallThickening};
 use super::options::Require;

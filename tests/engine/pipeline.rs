@@ -11,7 +11,7 @@ use meshmend::inspect::{InspectOptions, inspect};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{
     Action, Category, Context, NoProgress, Operator, Options, Outcome, OutputFormat, Preset, RedFlagCode, RemeshAction,
-    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Step, StepStatus, repair,
+    RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, SkipReason, Step, StepStatus, repair,
 };
 use proptest::prelude::*;
 
@@ -290,6 +290,21 @@ fn without_blender_the_strategy_is_skipped_and_reported() {
     let skipped: Vec<_> = repaired.report.steps.iter().filter(|s| s.tier == 3).collect();
     assert_eq!(skipped.len(), 2);
     assert!(skipped.iter().all(|s| s.status == StepStatus::Skipped && s.note.as_ref().unwrap().contains("Blender")));
+    assert!(skipped.iter().all(|s| s.skip_reason == Some(SkipReason::Unavailable)));
+    assert!(repaired.report.summary.contains("Blender could not run"), "{}", repaired.report.summary);
+}
+
+#[test]
+fn a_needless_step_of_blender_is_not_told_as_one_that_could_not_run() {
+    let fake = FakeRemesher::returning(vec![Err(RemeshError::Empty)]);
+    let mut open = non_manifold();
+    open.faces.pop();
+    let options = Options { without: vec![Operator::FillHoles], ..without_tier_2() };
+    let repaired = repair_soup(&open, &options, Some(&fake));
+    let of_blender: Vec<_> = repaired.report.steps.iter().filter(|s| s.tier == 3).collect();
+    let reasons: Vec<_> = of_blender.iter().map(|s| s.skip_reason).collect();
+    assert_eq!(reasons, [Some(SkipReason::Needless), None]);
+    assert!(!repaired.report.summary.contains("could not run"), "{}", repaired.report.summary);
 }
 
 #[test]

@@ -1283,7 +1283,7 @@ export interface components {
         /**
          * @description Distribution of a quantity over the elements of a mesh.
          *
-         *     The figures do not depend on the order of the values, since summation sorts them first.
+         *     The figures do not depend on the order of the values.
          */
         Distribution: {
             /**
@@ -3347,6 +3347,11 @@ export interface components {
          * @enum {string}
          */
         Side: "exterior" | "interior" | "mixed";
+        /**
+         * @description Why a step was skipped.
+         * @enum {string}
+         */
+        SkipReason: "out_of_time" | "unavailable" | "needless";
         /** @description The stored file to use: exactly one of `upload_id` and `job_id`. */
         Source: {
             file?: components["schemas"]["JobFile"] | null;
@@ -3451,6 +3456,7 @@ export interface components {
              * @description For tier 3: the number of starts of the program; more than one after a crash.
              */
             runs?: number;
+            skip_reason?: components["schemas"]["SkipReason"] | null;
             /** @description The status of the step. */
             status: components["schemas"]["StepStatus"];
             /**
@@ -4364,6 +4370,7 @@ export type Severity = components['schemas']['Severity'];
 export type Shell = components['schemas']['Shell'];
 export type Shells = components['schemas']['Shells'];
 export type Side = components['schemas']['Side'];
+export type SkipReason = components['schemas']['SkipReason'];
 export type Source = components['schemas']['Source'];
 export type Spread = components['schemas']['Spread'];
 export type Stage = components['schemas']['Stage'];

@@ -14,7 +14,7 @@ use crate::repair::operators::{Counter, Counts};
 use crate::repair::options::Operator;
 use crate::repair::presets::{remesh_of, tier_of};
 use crate::repair::red_flags::AddedSurface;
-use crate::repair::report::{Action, OmittedSection, RedFlag, RedFlagCode, Step, StepStatus, Strategy, When};
+use crate::repair::report::{Action, OmittedSection, RedFlag, RedFlagCode, SkipReason, Step, Strategy, When};
 use crate::repair::runner::Runner;
 use crate::repair::tasks::{IndexedStrategy, SurfaceState, Task};
 
@@ -48,8 +48,7 @@ impl Escalation<'_> {
                 least.as_secs_f64()
             )
         };
-        let note = Some(note);
-        Some(Step { status: StepStatus::Skipped, note, ..Step::new(index, strategy.tier, last, None) })
+        Some(Step::new(index, strategy.tier, last, None).skipped(SkipReason::OutOfTime, note))
     }
 
     /// The step of a strategy that is skipped because earlier results make it needless.
@@ -88,8 +87,7 @@ impl Escalation<'_> {
             _ => return None,
         };
         let last = last_action(strategy)?;
-        let skipped = Step::new(index, strategy.tier, last, None);
-        Some(Step { status: StepStatus::Skipped, note: Some(why.to_owned()), ..skipped })
+        Some(Step::new(index, strategy.tier, last, None).skipped(SkipReason::Needless, why.to_owned()))
     }
 
     /// Whether the best result's only red flags concern the space that an open input's closed holes enclose.
@@ -110,7 +108,7 @@ impl Escalation<'_> {
         let remesher = self.runner.remesher;
         let missing = remesher.map_or(Err("Blender is not installed on this server"), |r| r.info().map(drop)).err()?;
         let why = format!("{missing}; the best result without tier 3 is returned");
-        Some(Step { status: StepStatus::Skipped, note: Some(why), ..Step::new(index, 3, action, None) })
+        Some(Step::new(index, 3, action, None).skipped(SkipReason::Unavailable, why))
     }
 
     /// The step of a native remesh that is skipped because a forecast shows that it cannot beat the best result. The first result of a
@@ -146,7 +144,7 @@ impl Escalation<'_> {
         Ok(self.is_remesh_hopeless.then(|| {
             let note = format!("coarse remeshes show that a finer one would be no better: {}", forecast.text());
             let step = Step::new(index, tier_of(task.action), task.action, task.operator);
-            Step { status: StepStatus::Skipped, note: Some(note), milliseconds, ..step }
+            Step { milliseconds, ..step.skipped(SkipReason::Needless, note) }
         }))
     }
 }

@@ -126,6 +126,19 @@ pub enum StepStatus {
     Skipped,
 }
 
+/// Why a step was skipped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum SkipReason {
+    /// The deadline left no time for it.
+    OutOfTime,
+    /// A program that it needs is missing.
+    Unavailable,
+    /// It could not have led to a better result.
+    Needless,
+}
+
 /// One operator, remesh or validation that was run or skipped.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -141,6 +154,9 @@ pub struct Step {
     pub operator: Option<Operator>,
     /// The status of the step.
     pub status: StepStatus,
+    /// For a skipped step: the kind of reason; the note gives the reason as text.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub skip_reason: Option<SkipReason>,
     /// The duration in milliseconds; 0 if the result was reused from an earlier strategy.
     pub milliseconds: f64,
     /// The changes that the step made.
@@ -193,6 +209,7 @@ impl Step {
             action,
             operator,
             status: StepStatus::Done,
+            skip_reason: None,
             milliseconds: 0.0,
             changed: Vec::new(),
             moved: 0.0,
@@ -204,6 +221,11 @@ impl Step {
             voxel_size: None,
             thickening: None,
         }
+    }
+
+    /// The same step, but skipped for `reason`, which `note` gives as text.
+    pub(crate) fn skipped(self, reason: SkipReason, note: String) -> Self {
+        Self { status: StepStatus::Skipped, skip_reason: Some(reason), note: Some(note), ..self }
     }
 }
 
@@ -251,8 +273,8 @@ pub(super) fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
     steps.retain(|step| match step.status {
         StepStatus::Done => !step.changed.is_empty() || step.program.is_some() || step.unfixed.is_some(),
         StepStatus::Failed | StepStatus::Reverted => true,
-        // Users should learn that Blender is missing.
-        StepStatus::Skipped => step.tier == 3,
+        // Users should learn that Blender is missing or had no time.
+        StepStatus::Skipped => step.tier == 3 && step.skip_reason != Some(SkipReason::Needless),
     });
     steps.truncate(8 * most);
     for faces in steps.iter_mut().filter_map(|step| step.unfixed.as_mut()) {

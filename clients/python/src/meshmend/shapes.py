@@ -747,6 +747,10 @@ Side: TypeAlias = Literal['exterior', 'interior', 'mixed']
 """Side on which edge angles were measured."""
 
 
+SkipReason: TypeAlias = Literal['out_of_time', 'unavailable', 'needless']
+"""Why a step was skipped."""
+
+
 class Source(TypedDict, closed=True):
     """The stored file to use: exactly one of `upload_id` and `job_id`."""
 
@@ -1397,7 +1401,7 @@ class Distribution(TypedDict):
     """
     Distribution of a quantity over the elements of a mesh.
 
-    The figures do not depend on the order of the values, since summation sorts them first.
+    The figures do not depend on the order of the values.
     """
 
     count: int
@@ -2346,6 +2350,7 @@ class Step(TypedDict):
     program: NotRequired[RemesherInfo | None]
     runs: NotRequired[int]
     """For tier 3: the number of starts of the program; more than one after a crash."""
+    skip_reason: NotRequired[SkipReason | None]
     status: StepStatus
     """The status of the step."""
     strategy: int
