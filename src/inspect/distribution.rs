@@ -12,7 +12,7 @@ const BINS: usize = 16;
 
 /// Distribution of a quantity over the elements of a mesh.
 ///
-/// The figures do not depend on the order of the values, since summation sorts them first.
+/// The figures do not depend on the order of the values.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Distribution {
@@ -75,18 +75,20 @@ impl Distribution {
     /// Describes values, which must be finite and not negative. Returns `None` if there are no values.
     #[must_use]
     pub fn of(mut values: Vec<f64>, bins: Bins) -> Option<Self> {
-        threads::sort_by(&mut values, &f64::total_cmp);
-        let (&min, &max) = (values.first()?, values.last()?);
-        let mean = mean_of(values.iter().copied(), max, values.len()).clamp(min, max);
+        let ValueRange { min, max, positive } = ValueRange::of(&values)?;
+        let mean = mean_of(&values, max, |x| x).clamp(min, max);
         // Squares of fractions of the maximum cannot overflow.
         let share = if max > 0.0 { max } else { 1.0 };
-        let squares = values.iter().map(|&x| ((x - mean) / share) * ((x - mean) / share));
-        let variance = mean_of(squares, 1.0, values.len());
-        let half = values.len() / 2;
-        let median = if values.len() % 2 == 1 { values[half] } else { values[half - 1] * 0.5 + values[half] * 0.5 };
-        let histogram = Histogram::of(&values, bins);
+        let variance = mean_of(&values, 1.0, |x| ((x - mean) / share) * ((x - mean) / share));
+        let histogram = Histogram::of(&values, bins, ValueRange { min, max, positive });
+        let count = values.len();
+        let (below, &mut middle, _) = values.select_nth_unstable_by(count / 2, f64::total_cmp);
+        let median = match below.iter().copied().max_by(f64::total_cmp) {
+            Some(other) if count.is_multiple_of(2) => other * 0.5 + middle * 0.5,
+            _ => middle,
+        };
         let variance = finite(variance * share * share);
-        Some(Self { count: values.len() as u64, min, max, mean, median, variance, histogram })
+        Some(Self { count: count as u64, min, max, mean, median, variance, histogram })
     }
 
     /// Converts the figures to another unit: multiplies values by `length` to the power `dimension`. Clamps to the
@@ -112,34 +114,57 @@ impl Histogram {
         self.counts.is_empty()
     }
 
-    /// Counts sorted values; at least one is required.
-    fn of(sorted: &[f64], bins: Bins) -> Self {
-        let (first, last) = (sorted[0], sorted[sorted.len() - 1]);
-        let positive = sorted.get(sorted.partition_point(|&x| x <= 0.0)).copied().unwrap_or(last);
+    /// Counts the values, which have the given range.
+    fn of(values: &[f64], bins: Bins, ValueRange { min, max, positive }: ValueRange) -> Self {
         let (spacing, edges) = match bins {
             Bins::Between(low, high, bins) => (BinSpacing::Linear, linear(low, high, bins)),
-            Bins::ByRange if last - first <= ROUNDING * last => (BinSpacing::Linear, vec![first, last]),
-            Bins::ByRange if last / 16.0 <= positive => (BinSpacing::Linear, linear(first, last, BINS)),
+            Bins::ByRange if max - min <= ROUNDING * max => (BinSpacing::Linear, vec![min, max]),
+            Bins::ByRange if max / 16.0 <= positive => (BinSpacing::Linear, linear(min, max, BINS)),
             Bins::ByRange => {
-                let mut edges = geometric(positive, last);
-                edges[0] = first;
+                let mut edges = geometric(positive, max);
+                edges[0] = min;
                 (BinSpacing::Geometric, edges)
             }
         };
-        let mut begin = 0;
-        let counts = (1..edges.len())
-            .map(|bin| {
-                let end = if bin + 1 == edges.len() {
-                    sorted.len()
-                } else {
-                    sorted.partition_point(|&x| x < edges[bin] * (1.0 - ROUNDING)).max(begin)
-                };
-                let count = end - begin;
-                begin = end;
-                count as u64
-            })
-            .collect();
+        let bounds: Vec<f64> = edges[1..edges.len() - 1].iter().map(|edge| edge * (1.0 - ROUNDING)).collect();
+        let mut counts = vec![0; bounds.len() + 1];
+        for of_chunk in threads::map_chunks(values.len(), |range| {
+            let mut counts = vec![0u64; bounds.len() + 1];
+            values[range].iter().for_each(|&x| counts[bounds.partition_point(|&bound| bound <= x)] += 1);
+            counts
+        }) {
+            counts.iter_mut().zip(of_chunk).for_each(|(sum, count)| *sum += count);
+        }
         Self { spacing, edges, counts }
+    }
+}
+
+/// The range of some values.
+#[derive(Clone, Copy)]
+struct ValueRange {
+    min: f64,
+    max: f64,
+    /// The smallest positive value; the maximum if there is none.
+    positive: f64,
+}
+
+impl ValueRange {
+    /// `None` if there are no values.
+    fn of(values: &[f64]) -> Option<Self> {
+        let of_chunks = threads::map_chunks(values.len(), |range| {
+            let values = &values[range];
+            Self {
+                min: values.iter().copied().fold(f64::INFINITY, f64::min),
+                max: values.iter().copied().fold(0.0, f64::max),
+                positive: values.iter().copied().filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min),
+            }
+        });
+        let Self { min, max, positive } = of_chunks.into_iter().reduce(|a, b| Self {
+            min: a.min.min(b.min),
+            max: a.max.max(b.max),
+            positive: a.positive.min(b.positive),
+        })?;
+        Some(Self { min, max, positive: if positive.is_finite() { positive } else { max } })
     }
 }
 
@@ -163,20 +188,22 @@ fn geometric(low: f64, high: f64) -> Vec<f64> {
     edges
 }
 
-/// Mean of values that are at most `largest`. Sums fractions of `largest` with compensation of rounding errors
-/// (Neumaier 1974).
-#[expect(clippy::cast_precision_loss, reason = "fewer than 2^53 values")]
-fn mean_of(values: impl Iterator<Item = f64>, largest: f64, count: usize) -> f64 {
-    if largest <= 0.0 {
-        return 0.0;
-    }
-    let (mut sum, mut lost) = (0.0f64, 0.0);
-    for x in values.map(|x| x / largest) {
-        let next = sum + x;
-        lost += if sum.abs() >= x.abs() { (sum - next) + x } else { (x - next) + sum };
-        sum = next;
-    }
-    (sum + lost) / count as f64 * largest
+/// Mean of a function of the values, which must give numbers from 0 to `largest`. Adds whole multiples of 2^-92 of
+/// the magnitude of `largest`, so that neither the order of the values nor the number of threads has an effect.
+#[expect(clippy::cast_precision_loss, reason = "fewer than 2^53 values, and the sum is rounded once")]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 2^93, and not negative")]
+fn mean_of(values: &[f64], largest: f64, value: impl Fn(f64) -> f64 + Sync + Send) -> f64 {
+    const FINEST: f64 = (1u128 << 92) as f64;
+    let size = power_of_two(largest);
+    let of_chunks = threads::map_chunks(values.len(), |range| {
+        values[range].iter().map(|&x| (value(x) / size * FINEST) as u128).sum::<u128>()
+    });
+    of_chunks.into_iter().sum::<u128>() as f64 / FINEST / values.len() as f64 * size
+}
+
+/// Largest power of two up to a normal number, for division without rounding; 1 for subnormal or non-finite numbers.
+pub(super) fn power_of_two(x: f64) -> f64 {
+    if x.is_normal() { f64::from_bits(x.to_bits() & 0x7FF0_0000_0000_0000) } else { 1.0 }
 }
 
 /// Clamps infinities to the largest finite numbers, since JSON cannot represent infinity.
@@ -217,6 +244,19 @@ mod tests {
         assert_eq!(of(&[1.0, 2.0, 10.0]).median, 2.0);
         assert_eq!(of(&[1.0, 2.0, 3.0, 10.0]).median, 2.5);
         assert_eq!(Distribution::of(Vec::new(), Bins::ByRange), None);
+    }
+
+    #[test]
+    fn figures_of_many_values_depend_on_neither_their_order_nor_the_threads() {
+        let values: Vec<f64> = (0..200_000u64).map(|i| (i * 7919 % 199_999) as f64 * 0.1).collect();
+        let expected = of(&values);
+        let mut sorted = values.clone();
+        sorted.sort_by(f64::total_cmp);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        assert_eq!(pool.install(|| of(&sorted)), expected);
+        assert_eq!(expected.median, (sorted[99_999] + sorted[100_000]) / 2.0);
+        assert!((expected.mean - sorted.iter().sum::<f64>() / 200_000.0).abs() < 1e-6);
+        assert_eq!(expected.histogram.counts.iter().sum::<u64>(), 200_000);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::distribution::power_of_two;
 use super::{Analysis, Attributes, Bins, Distribution, OrientationCounts, Unmeasurable};
 use crate::context::{Cancelled, Context};
 use crate::math::{Sign, collinear, orient3d, threads};
@@ -70,7 +71,7 @@ impl Side {
     }
 }
 
-/// Computes shape statistics of a mesh. O(n log n), since distributions sort their values.
+/// Computes shape statistics of a mesh, in linear time.
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
@@ -219,11 +220,6 @@ impl Shape {
             normal: known.then(|| doubled / doubled_area),
         }
     }
-}
-
-/// Largest power of two up to a normal number, for division without rounding; 1 for subnormal or non-finite numbers.
-fn power_of_two(x: f64) -> f64 {
-    if x.is_normal() { f64::from_bits(x.to_bits() & 0x7FF0_0000_0000_0000) } else { 1.0 }
 }
 
 #[cfg(test)]
