@@ -26,6 +26,7 @@ compile_error!(
 
 #[cfg(feature = "service")]
 pub mod access;
+pub mod allocator;
 pub mod analyze;
 #[cfg(feature = "service")]
 pub mod api;

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
+use meshmend::allocator::restart_for_large_input;
 #[cfg(target_os = "linux")]
 use meshmend::blender::OnDemandBlender;
 #[cfg(feature = "service")]
@@ -60,6 +61,7 @@ pub struct RepairArgs {
 
 /// Runs `meshmend repair`.
 pub fn run(args: &RepairArgs) -> ExitCode {
+    restart_for_large_input(&args.input);
     let options = format_from_extension(&args.output).and_then(|format| args.options.options(format));
     let prepared = options.and_then(|options| {
         let limits = args.limits.limits();

@@ -17,12 +17,10 @@ use tokio::process::{Child, ChildStderr, ChildStdin, ChildStdout, Command};
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 
+use crate::allocator;
 use crate::jobs::{FailureKind, JobProblem, ProblemKind};
 use crate::sandbox::processes::{MARK, count_group, end_descendants, end_strays};
 
-/// glibc settings for short-lived processes: huge pages, and one arena for all threads. Most of the time of such a process
-/// goes into page faults on fresh memory. Other C libraries ignore the variable.
-const ALLOCATOR: &str = "glibc.malloc.hugetlb=1:glibc.malloc.arena_max=1";
 /// How many bytes are kept from the end of a process's standard error.
 const STDERR_BYTES: usize = 16 << 10;
 /// How long to read the standard error of an ended process, in case another process keeps the pipe open.
@@ -55,7 +53,7 @@ impl JobProcess {
             .env("HOME", folder)
             .env("TMPDIR", folder)
             .env("LANG", "C.UTF-8")
-            .env("GLIBC_TUNABLES", ALLOCATOR)
+            .env(allocator::VARIABLE, allocator::KEEP_FREED_MEMORY)
             .env(MARK, folder)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())

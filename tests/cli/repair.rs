@@ -21,6 +21,30 @@ fn repair_writes_the_model_and_the_report_and_exits_with_zero_if_printable() {
 }
 
 #[test]
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn a_large_file_is_repaired_by_a_process_that_keeps_freed_memory() {
+    let workspace = Workspace::new();
+    let cube = write(&meshes::cube(DVec3::ZERO, 10.0, 1), Format::Obj).expect("a model");
+    workspace.put("large.obj", &["# a comment\n".repeat(2 << 20).as_bytes(), &cube].concat());
+    workspace.put("small.obj", &cube);
+    let has_settings = |name: &str| {
+        let args = ["repair", name, "-o", "out.stl", "--max-tier", "2"];
+        let mut child = workspace.command(&args).env_remove("GLIBC_TUNABLES").spawn().expect("the program starts");
+        let environment = format!("/proc/{}/environ", child.id());
+        let mut has_settings = false;
+        while child.try_wait().expect("a status").is_none() {
+            let variables = std::fs::read(&environment).unwrap_or_default();
+            has_settings |= variables.windows(14).any(|text| text == b"GLIBC_TUNABLES");
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        assert!(child.wait().expect("a status").success());
+        has_settings
+    };
+    assert!(has_settings("large.obj"));
+    assert!(!has_settings("small.obj"));
+}
+
+#[test]
 fn a_printable_model_is_simplified_to_the_requested_face_count() {
     let workspace = Workspace::new();
     workspace.put("in.stl", &write(&meshes::cube(DVec3::ZERO, 10.0, 8), Format::Stl).expect("a model"));

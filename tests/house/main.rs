@@ -7,8 +7,9 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Each module, and the modules it may import from. `ARCHITECTURE.md` describes them.
-const MODULES: [(&str, &[&str]); 26] = [
+const MODULES: [(&str, &[&str]); 27] = [
     ("math", &[]),
+    ("allocator", &[]),
     ("context", &[]),
     ("telemetry", &[]),
     ("tls", &[]),
@@ -44,6 +45,7 @@ const MODULES: [(&str, &[&str]); 26] = [
     (
         "worker",
         &[
+            "allocator",
             "format",
             "context",
             "inspect",
@@ -82,9 +84,23 @@ const MODULES: [(&str, &[&str]); 26] = [
 ];
 
 /// Modules of the engine, which may not use the crates below.
-const ENGINE: [&str; 15] = [
-    "math", "context", "mesh", "scene", "format", "inspect", "render", "analyze", "arrange", "simplify", "remesh",
-    "printing", "repair", "options", "blender",
+const ENGINE: [&str; 16] = [
+    "allocator",
+    "math",
+    "context",
+    "mesh",
+    "scene",
+    "format",
+    "inspect",
+    "render",
+    "analyze",
+    "arrange",
+    "simplify",
+    "remesh",
+    "printing",
+    "repair",
+    "options",
+    "blender",
 ];
 const NOT_IN_THE_ENGINE: [&str; 5] = ["tokio", "axum", "sqlx", "object_store", "tower_http"];
 

@@ -32,10 +32,14 @@ impl Workspace {
     }
 
     pub fn run_with(&self, args: &[&str], env: &[(&str, &str)]) -> Output {
+        self.command(args).envs(env.iter().copied()).output().expect("the program runs")
+    }
+
+    pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_meshmend"));
-        command.args(args).envs(env.iter().copied()).current_dir(self.0.path());
         // No test here needs Blender, and searching for it takes time.
-        command.env("MESHMEND_BLENDER", "/nonexistent/blender").output().expect("the program runs")
+        command.args(args).current_dir(self.0.path()).env("MESHMEND_BLENDER", "/nonexistent/blender");
+        command
     }
 }
 
