@@ -14,10 +14,13 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
 use super::threads;
 
-/// Triangles of a chunk, at least.
-const CHUNK: usize = 1 << 16;
+/// Triangles of a chunk, at least, and the most that are asked for: larger chunks make better hierarchies, and several make use of
+/// several threads.
+const CHUNK: [usize; 2] = [1 << 14, 1 << 16];
+/// Chunks into which triangles are divided where the chunks may be of any size.
+const CHUNKS: usize = 16;
 /// Triangles below which the hierarchy is built in one piece.
-const MANY: usize = 2 * CHUNK;
+const MANY: usize = 2 * CHUNK[0];
 /// Bits per axis of a cell's number.
 const CELL_BITS: u32 = 5;
 
@@ -84,12 +87,13 @@ pub(super) fn build(
 
 /// All triangles in an order in which neighbours follow each other, and the ends of the chunks in this order.
 fn chunks_of_neighbours(triangles: usize, centre_of: impl Fn(usize) -> DVec3 + Sync) -> (Vec<u32>, Vec<usize>) {
+    let least = (triangles / CHUNKS).clamp(CHUNK[0], CHUNK[1]);
     let cells = threads::map_cheap(triangles, |triangle| cell(centre_of(triangle)));
     let mut begin = vec![0usize; 1 << (3 * CELL_BITS)];
     cells.iter().for_each(|&cell| begin[cell as usize] += 1);
     let (mut total, mut ends) = (0, Vec::new());
     for count in &mut begin {
-        if total >= ends.last().unwrap_or(&0) + CHUNK {
+        if total >= ends.last().unwrap_or(&0) + least {
             ends.push(total);
         }
         total += std::mem::replace(count, total);
@@ -142,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_hierarchy_of_chunks_has_each_triangle_once_within_all_its_ancestors() {
-        let triangles = MANY + CHUNK / 2;
+        let triangles = MANY + CHUNK[0] / 2;
         let built = build_small(triangles);
         let nodes = &built.bvh.nodes;
         assert_eq!((nodes.len(), built.chunks.len()), (2 * triangles - 1, 3));

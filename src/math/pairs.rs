@@ -1,10 +1,11 @@
 //! Searches for pairs of triangles whose boxes meet, in one tree or between two. The search runs in parallel rounds
 //! with the same result for any number of threads, and stops at a budget.
 
-use glam::Vec3A;
+use glam::{DVec3, Vec3A};
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::node::Bvh2Node;
 
+use super::boxes::Box3;
 use super::hubs::{HubSet, Hubs};
 use super::threads;
 use super::tree::{Tree, triangles_of};
@@ -13,6 +14,27 @@ use super::tree::{Tree, triangles_of};
 /// tens of milliseconds; after each round the caller may stop the search.
 const MAX_STARTS: usize = 128;
 const STEPS_PER_START: u64 = 2048;
+
+/// The triangles that are marked in `changed`, and those whose boxes meet the box of a marked triangle, in ascending order. Only these
+/// can be in a pair with a marked triangle, so a tree over them suffices for [`PairSearch::within_changed`].
+#[must_use]
+pub fn triangles_near(positions: &[DVec3], faces: &[[u32; 3]], changed: &[bool]) -> Vec<u32> {
+    let marked: Vec<[u32; 3]> =
+        faces.iter().zip(changed).filter(|(_, changed)| **changed).map(|(face, _)| *face).collect();
+    let tree = Tree::new(positions, &marked);
+    let is_near = |face: usize| {
+        let bounds = Box3::of(faces[face].map(|v| positions[v as usize]));
+        let mut is_near = changed[face];
+        tree.overlapping(&bounds, |_| {
+            is_near = true;
+            false
+        });
+        is_near
+    };
+    #[expect(clippy::cast_possible_truncation, reason = "triangles are counted in u32")]
+    threads::map_chunks(faces.len(), |range| range.filter(|&f| is_near(f)).map(|f| f as u32).collect::<Vec<_>>())
+        .concat()
+}
 
 /// A pair of triangles, and the value that `look` returned for the pair.
 pub type Hit<T> = ([u32; 2], T);

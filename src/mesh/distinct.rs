@@ -149,8 +149,9 @@ fn by_shard(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<[V
     })
 }
 
-/// For each of many positions the first one that is equal to it. Computed in parallel, each shard by one thread.
-pub(super) fn first_equal(positions: &[DVec3]) -> Vec<u32> {
+/// For each position the first one that is equal to it: -0.0 equals 0.0. O(n), in parallel.
+#[must_use]
+pub fn first_equal(positions: &[DVec3]) -> Vec<u32> {
     let chunks = by_shard(positions.len(), &|number| positions[number]);
     let shards = threads::map(SHARDS, 2, |shard| {
         let members = || chunks.iter().flat_map(|lists| lists[shard].iter().copied());
