@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 use super::complex::{ArrangeError, Complex, SolidFaces};
 use super::grid::Plane;
 use crate::context::Context;
-use crate::math::{Dipoles, Sign, sort_by_angle, winding_exact};
+use crate::math::{Dipoles, Sign, sort_by_angle, threads, winding_exact};
 use crate::mesh::{Edges, NotClosed, UnionFind};
 
 /// How far a measured winding number may be from an integer. Beyond that the number is measured again exactly; if it is
@@ -15,6 +15,8 @@ use crate::mesh::{Edges, NotClosed, UnionFind};
 const UNSURE: f64 = 0.2;
 /// Maximum nodes and triangles visited per winding number.
 const STEPS: u64 = 1_000_000;
+/// Winding numbers up to this many are summed over all faces.
+const FEW: usize = 4;
 
 /// The cells between the facets, with their winding numbers.
 pub(super) struct Cells {
@@ -50,8 +52,13 @@ fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>)
     context.check()?;
     let mut sides = UnionFind::new(2 * facets.len());
     let mut pieces = UnionFind::new(facets.len());
+    // Only edges of several facets need the exact order, which takes time.
+    let order = |edge: usize| order_around(complex, edges.half_edges(edge), &corners);
+    let is_crowded = |edge: &usize| edges.half_edges(*edge).len() > 2;
+    let crowded = threads::map_chunks(edges.len(), |range| range.filter(is_crowded).map(order).collect::<Vec<_>>());
+    let mut crowded = crowded.into_iter().flatten();
     for edge in 0..edges.len() {
-        let around = order_around(complex, edges.half_edges(edge), &corners);
+        let around = if is_crowded(&edge) { crowded.next().unwrap_or_default() } else { order(edge) };
         for (k, &(facet, forward)) in around.iter().enumerate() {
             let (next, next_forward) = around[(k + 1) % around.len()];
             // The cell counter-clockwise of a forward facet is in front of it.
@@ -124,10 +131,11 @@ fn winding_numbers(
         sides_of[next[cell as usize] as usize] = side;
         next[cell as usize] += 1;
     }
-    let winding_numbers = WindingNumbers::new(complex);
+    let pieces: Vec<usize> = (0..facets.len()).filter(|&facet| piece_of[facet] as usize == facet).collect();
+    let winding_numbers = WindingNumbers::new(complex, pieces.len());
     let mut number: Vec<Option<i32>> = vec![None; cell_of.len()];
     let mut stack = Vec::new();
-    for piece in (0..facets.len()).filter(|&facet| piece_of[facet] as usize == facet) {
+    for piece in pieces {
         context.check()?;
         let start = largest[piece] as usize;
         let before = winding_numbers.before(start)?;
@@ -156,14 +164,16 @@ fn winding_numbers(
 /// Measures winding numbers with respect to the whole surface.
 struct WindingNumbers<'a> {
     complex: &'a Complex,
-    dipoles: Dipoles,
+    /// The fast sum over the faces with area; `None` where few numbers are measured, for which preparing it takes longer.
+    dipoles: Option<Dipoles>,
 }
 
 impl<'a> WindingNumbers<'a> {
-    /// Prepares the fast sum over the faces with area.
-    fn new(complex: &'a Complex) -> Self {
-        let faces = &complex.solid_faces;
-        Self { complex, dipoles: faces.tree.dipoles(|f| faces.triangle(f)) }
+    /// Prepares the measurement of `count` winding numbers.
+    fn new(complex: &'a Complex, count: usize) -> Self {
+        let SolidFaces { unit, corners, .. } = &complex.solid_faces;
+        let triangle = |f: u32| corners[f as usize].map(|p| unit[p as usize]);
+        Self { complex, dipoles: (count > FEW).then(|| complex.solid_faces.tree().dipoles(triangle)) }
     }
 
     /// The winding number of the cell in front of a facet. Faces that cover the facet contribute nothing at its centre.
@@ -177,13 +187,12 @@ impl<'a> WindingNumbers<'a> {
             if facet.faces.contains(&faces.numbers[f as usize]) { [middle; 3] } else { faces.triangle(f) }
         };
         let mean = |number: f64| number - f64::from(facet.weight) / 2.0;
-        let mut steps = STEPS;
-        let fast = mean(faces.tree.winding(&self.dipoles, middle, &mut steps, triangle));
         let unsure = |x: f64| (x - x.round()).abs() > UNSURE;
-        let number = if unsure(fast) || steps == 0 {
-            mean(winding_exact(middle, (0..faces.corners.len() as u32).map(triangle)))
-        } else {
-            fast
+        let mut steps = STEPS;
+        let fast = self.dipoles.as_ref().map(|of| mean(faces.tree().winding(of, middle, &mut steps, triangle)));
+        let number = match fast.filter(|&number| !unsure(number) && steps > 0) {
+            Some(number) => number,
+            None => mean(winding_exact(middle, (0..faces.corners.len() as u32).map(triangle))),
         };
         if unsure(number) {
             return Err(NotClosed.into());

@@ -1,18 +1,20 @@
 //! Splits the faces of a surface where they meet, into a complex of facets that share only whole edges and corners.
 
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
+use super::MeetingFaces;
 use super::contacts::{Contacts, Cuts};
-use super::grid::{Grid, Plane, Whole};
+use super::grid::{Grid, Plane};
 use super::points::Points;
 use super::triangulation::{Line, Support, Triangulation};
 use crate::context::{Cancelled, Context};
-use crate::math::{Contact, Hubs, PairSearch, Tree, contact};
-use crate::mesh::{NotClosed, Surface};
+use crate::math::{Contact, Hit, Hubs, PairSearch, Tree, contact, threads, triangles_near};
+use crate::mesh::{NotClosed, Surface, first_equal};
 
 /// Step budget of the search for meeting faces, and the additional steps for each face.
 const STEPS: u64 = 512_000_000;
@@ -86,17 +88,21 @@ pub(super) struct SolidFaces {
     pub corners: Vec<[u32; 3]>,
     /// The index in the surface of each face, in ascending order.
     pub numbers: Vec<u32>,
-    /// Bounding volume hierarchy over the scaled faces.
-    pub tree: Tree,
+    /// Bounding volume hierarchy over the scaled faces, built when it is first needed, never in a parallel loop.
+    tree: OnceLock<Tree>,
 }
 
 impl SolidFaces {
     fn new(points: &Points, faces: &[Option<[u32; 3]>]) -> Self {
-        let unit: Vec<DVec3> = (0..points.len()).map(|p| Self::to_unit(points.place(p as u32))).collect();
+        let unit = threads::map_cheap(points.len(), |p| Self::to_unit(points.place(p as u32)));
         let (numbers, corners): (Vec<u32>, Vec<[u32; 3]>) =
             (0u32..).zip(faces).filter_map(|(f, corners)| corners.map(|c| (f, c))).unzip();
-        let tree = Tree::new(&unit, &corners);
-        Self { unit, corners, numbers, tree }
+        Self { unit, corners, numbers, tree: OnceLock::new() }
+    }
+
+    /// The tree over the faces.
+    pub fn tree(&self) -> &Tree {
+        self.tree.get_or_init(|| Tree::new(&self.unit, &self.corners))
     }
 
     /// Scales a position in grid steps.
@@ -111,30 +117,28 @@ impl SolidFaces {
 }
 
 impl Complex {
-    /// Splits the faces of a surface where they meet.
-    pub fn new(surface: &Surface, context: &Context<'_>) -> Result<Self, ArrangeError> {
+    /// Splits the faces of a surface where they meet. Faces that meet before their positions are rounded to the grid may be
+    /// `known`.
+    pub fn new(surface: &Surface, known: Option<&[MeetingFaces]>, context: &Context<'_>) -> Result<Self, ArrangeError> {
         let grid = Grid::around(&surface.positions);
         let (mut points, point_of, vertices) = vertices_on_grid(surface, &grid);
-        let faces: Vec<Option<[u32; 3]>> = surface
-            .faces
-            .iter()
-            .map(|face| {
-                let corners = face.map(|v| point_of[v as usize]);
-                let flat = Plane::through(corners.map(|c| points.whole(c))).is_flat();
-                (!flat).then_some(corners)
-            })
-            .collect();
+        let grid_corners = |face: usize| surface.faces[face].map(|v| point_of[v as usize]);
+        let is_flat = |corners: [u32; 3]| Plane::through(corners.map(|c| points.whole(c))).is_flat();
+        let with_area = |face: usize| Some(grid_corners(face)).filter(|&corners| !is_flat(corners));
+        let faces = threads::map_cheap(surface.faces.len(), with_area);
         let solid_faces = SolidFaces::new(&points, &faces);
         context.check()?;
-        let pairs = pairs_that_meet(&solid_faces, context)?;
+        let is_exact = |face: &u32| surface.corners(*face as usize).iter().all(|&p| grid.holds(p));
+        let pairs = match known {
+            Some(known) => pairs_after(known, &solid_faces, is_exact, context)?,
+            None => pairs_that_meet(&solid_faces, None, context)?,
+        };
         let solid: Vec<[u32; 3]> = faces.iter().map(|face| face.unwrap_or([0; 3])).collect();
-        for &([f, g], _) in &pairs {
-            for face in [f, g] {
-                solid[face as usize].iter().for_each(|&corner| points.enter_once(corner));
-            }
+        for face in pairs.iter().flat_map(|pair| pair.faces) {
+            solid[face as usize].iter().for_each(|&corner| points.enter_once(corner));
         }
         let mut contacts = Contacts::new(&solid, &mut points);
-        for (at, &([f, g], overlap)) in pairs.iter().enumerate() {
+        for (at, &MeetingFaces { faces: [f, g], overlap }) in pairs.iter().enumerate() {
             if at % 4096 == 0 {
                 context.check()?;
             }
@@ -177,28 +181,52 @@ impl Complex {
 /// Creates a point for each vertex; vertices at the same grid position share one. Returns the points, the point of each
 /// vertex, and the vertex of each point.
 fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u32>) {
+    let places = threads::map_cheap(surface.positions.len(), |v| grid.to_grid(surface.positions[v]));
+    // Coordinates on the grid are small whole numbers, so f64 holds them exactly.
+    let exact = threads::map_cheap(places.len(), |v| DVec3::from_array(places[v].map(|x| x as f64)));
     let mut points = Points::default();
-    let mut vertices = Vec::new();
-    let mut known: FxHashMap<Whole, u32> = FxHashMap::default();
-    let point_of = (0u32..)
-        .zip(&surface.positions)
-        .map(|(v, &p)| {
-            let place = grid.to_grid(p);
-            *known.entry(place).or_insert_with(|| {
-                vertices.push(v);
-                points.push(place)
-            })
-        })
-        .collect();
+    let (mut vertices, mut point_of) = (Vec::new(), Vec::with_capacity(places.len()));
+    for (v, first) in (0u32..).zip(first_equal(&exact)) {
+        point_of.push(if first == v {
+            vertices.push(v);
+            points.push(places[v as usize])
+        } else {
+            point_of[first as usize]
+        });
+    }
     (points, point_of, vertices)
 }
 
-/// Pairs of faces that have more in common than shared vertices or edges, and whether they are coplanar and overlap.
-fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u32; 2], bool)>, ArrangeError> {
-    let SolidFaces { unit, corners, numbers, tree } = faces;
+/// The pairs of faces that meet on the grid, where those before the rounding to the grid are known: faces that `is_exact` finds on
+/// the grid meet as before, and the others are searched.
+fn pairs_after(
+    known: &[MeetingFaces],
+    faces: &SolidFaces,
+    is_exact: impl Fn(&u32) -> bool + Sync,
+    context: &Context<'_>,
+) -> Result<Vec<MeetingFaces>, ArrangeError> {
+    let numbers = &faces.numbers;
+    let is_moved = threads::map_cheap(numbers.len(), |at| !is_exact(&numbers[at]));
+    let mut pairs =
+        if is_moved.contains(&true) { pairs_that_meet(faces, Some(&is_moved), context)? } else { Vec::new() };
+    pairs.extend(known.iter().filter(|pair| pair.faces.iter().all(&is_exact)));
+    pairs.sort_unstable();
+    Ok(pairs)
+}
+
+/// Searches the pairs of faces that have more in common than shared vertices or edges; with `moved`, only those with a face that
+/// is marked there.
+fn pairs_that_meet(
+    faces: &SolidFaces,
+    moved: Option<&[bool]>,
+    context: &Context<'_>,
+) -> Result<Vec<MeetingFaces>, ArrangeError> {
+    let SolidFaces { unit, corners, numbers, .. } = faces;
+    let near = moved.map(|moved| triangles_near(unit, corners, moved));
+    let face_at = |at: u32| near.as_ref().map_or(at, |near| near[at as usize]) as usize;
     let look = |f: u32, g: u32, steps: &mut u64| {
         let mut slow = 0;
-        let contact = contact(unit, corners[f as usize], corners[g as usize], &mut slow);
+        let contact = contact(unit, corners[face_at(f)], corners[face_at(g)], &mut slow);
         *steps += 8 * slow;
         match contact {
             Contact::Disjoint | Contact::Neighbours => None,
@@ -206,15 +234,28 @@ fn pairs_that_meet(faces: &SolidFaces, context: &Context<'_>) -> Result<Vec<([u3
             Contact::Coplanar | Contact::Same => Some(true),
         }
     };
-    let hubs = Hubs::find(unit, corners);
-    let search = PairSearch { look, budget: STEPS + STEPS_PER_FACE * corners.len() as u64, hubs: hubs.as_ref() };
     let mut pairs = Vec::new();
     let too_many = || ArrangeError::Failed("too many faces meet".to_owned());
-    let complete = search.within(tree, |hits| -> Result<(), ArrangeError> {
-        pairs.extend(hits.into_iter().map(|(pair, overlap)| (pair.map(|f| numbers[f as usize]), overlap)));
+    let take = |hits: Vec<Hit<bool>>| -> Result<(), ArrangeError> {
+        let numbered = |pair: [u32; 2]| pair.map(|at| numbers[face_at(at)]);
+        pairs.extend(hits.into_iter().map(|(pair, overlap)| MeetingFaces { faces: numbered(pair), overlap }));
         context.check()?;
         if pairs.len() > MAX_PAIRS { Err(too_many()) } else { Ok(()) }
-    })?;
+    };
+    let budget = STEPS + STEPS_PER_FACE * corners.len() as u64;
+    let complete = match (&near, moved) {
+        (Some(near), Some(moved)) => {
+            let near_corners: Vec<[u32; 3]> = near.iter().map(|&at| corners[at as usize]).collect();
+            let near_moved: Vec<bool> = near.iter().map(|&at| moved[at as usize]).collect();
+            let hubs = Hubs::find(unit, &near_corners);
+            let search = PairSearch { look, budget, hubs: hubs.as_ref() };
+            search.within_changed(&Tree::new(unit, &near_corners), &near_moved, take)?
+        }
+        _ => {
+            let hubs = Hubs::find(unit, corners);
+            PairSearch { look, budget, hubs: hubs.as_ref() }.within(faces.tree(), take)?
+        }
+    };
     if !complete {
         return Err(too_many());
     }

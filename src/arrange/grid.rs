@@ -45,6 +45,11 @@ impl Grid {
         q.to_array().map(|x| x.round().clamp(-limit, limit) as i64)
     }
 
+    /// Whether a position is on the grid, so that nothing is rounded.
+    pub fn holds(self, p: DVec3) -> bool {
+        self.to_model(DVec3::from(self.to_grid(p).map(|x| x as f64))) == p
+    }
+
     /// Converts a position in grid steps to the model's coordinates.
     pub fn to_model(self, p: DVec3) -> DVec3 {
         p * self.step + self.origin

@@ -62,6 +62,31 @@ pub trait Arrangement {
     /// # Errors
     /// [`ArrangeError`], which lists the reasons.
     fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError>;
+
+    /// [`Self::solid`] for a surface that was searched before. `known` has every pair of faces that have more in common than
+    /// corners and edges, in f64 as the surface has them, with faces of no area left out.
+    ///
+    /// # Errors
+    /// [`ArrangeError`], which lists the reasons.
+    fn solid_of_searched(
+        &self,
+        surface: ClosedSurface<'_>,
+        known: &[MeetingFaces],
+        rule: Rule,
+        context: &Context<'_>,
+    ) -> Result<Solid, ArrangeError> {
+        let _ = known;
+        self.solid(surface, rule, context)
+    }
+}
+
+/// Two faces that have more in common than corners and edges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct MeetingFaces {
+    /// The two faces, the smaller first.
+    pub faces: [u32; 2],
+    /// Whether the faces overlap in a plane.
+    pub overlap: bool,
 }
 
 /// An exact arrangement of faces, and the boundary of its inside cells.
@@ -78,20 +103,34 @@ pub struct Exact;
 
 impl Arrangement for Exact {
     fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
-        let complex = Complex::new(&surface, context)?;
-        let cells = Cells::new(&complex, context)?;
-        let inside: Vec<bool> = cells.winding.iter().map(|&w| is_inside(rule.winding_rule, w)).collect();
-        let opened = if rule.reopens_patches {
-            openings::cells_to_reopen(&complex, &cells, &inside, |f| is_generated(surface.source[f as usize]), context)?
-        } else {
-            None
-        };
-        let solid = extract(&complex, &cells, &inside, opened.as_deref(), &surface);
-        if solid.surface.faces.is_empty() && solid.opened.faces.is_empty() {
-            return Err(ArrangeError::Empty);
-        }
-        Ok(solid)
+        solid_in(&Complex::new(&surface, None, context)?, &surface, rule, context)
     }
+
+    fn solid_of_searched(
+        &self,
+        surface: ClosedSurface<'_>,
+        known: &[MeetingFaces],
+        rule: Rule,
+        context: &Context<'_>,
+    ) -> Result<Solid, ArrangeError> {
+        solid_in(&Complex::new(&surface, Some(known), context)?, &surface, rule, context)
+    }
+}
+
+/// The solid in the complex of a surface.
+fn solid_in(complex: &Complex, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
+    let cells = Cells::new(complex, context)?;
+    let inside: Vec<bool> = cells.winding.iter().map(|&w| is_inside(rule.winding_rule, w)).collect();
+    let opened = if rule.reopens_patches {
+        openings::cells_to_reopen(complex, &cells, &inside, |f| is_generated(surface.source[f as usize]), context)?
+    } else {
+        None
+    };
+    let solid = extract(complex, &cells, &inside, opened.as_deref(), surface);
+    if solid.surface.faces.is_empty() && solid.opened.faces.is_empty() {
+        return Err(ArrangeError::Empty);
+    }
+    Ok(solid)
 }
 
 /// Whether a cell with the winding number `w` is inside.

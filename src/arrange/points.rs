@@ -1,7 +1,7 @@
 //! The points of an arrangement, defined implicitly, and exact predicates on them.
 
-use std::cell::OnceCell;
 use std::cmp::Ordering;
+use std::sync::OnceLock;
 
 use dashu_int::IBig;
 use glam::DVec3;
@@ -43,7 +43,7 @@ pub(super) struct Points {
     definitions: Vec<Definition>,
     /// Rounded positions in grid steps.
     places: Vec<DVec3>,
-    exact: Vec<OnceCell<Box<Homogeneous>>>,
+    exact: Vec<OnceLock<Box<Homogeneous>>>,
     /// All planes, referenced by index.
     pub planes: Vec<Plane>,
     /// Points by the hash cell of their rounded position.
@@ -155,7 +155,7 @@ impl Points {
         let point = self.places.len() as u32;
         self.definitions.push(definition);
         self.places.push(place);
-        self.exact.push(OnceCell::new());
+        self.exact.push(OnceLock::new());
         point
     }
 

@@ -36,7 +36,7 @@ impl FacetSides {
     /// # Errors
     /// [`ArrangeError`] if too many faces meet or the work was cancelled.
     pub fn new(surface: &Surface, context: &Context<'_>) -> Result<Self, ArrangeError> {
-        let complex = Complex::new(surface, context)?;
+        let complex = Complex::new(surface, None, context)?;
         let position = |point: u32| match complex.vertices.get(point as usize) {
             Some(&vertex) => surface.positions[vertex as usize],
             None => complex.grid.to_model(complex.points.place(point)),

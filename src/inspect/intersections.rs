@@ -5,10 +5,12 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use super::analysis::{flat_faces, get_or_try_init};
+use super::analysis::{KnownPairs, flat_faces, get_or_try_init};
 use super::{Analysis, Defect, DefectKind, Findings, IntersectingPair, Intersections, Meeting, SelfIntersections};
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Contact, Frame, Hit, Hubs, PairSearch, Tree, common_point, contact, to_unit_range};
+use crate::math::{
+    Box3, Contact, Frame, Hit, Hubs, PairSearch, Tree, common_point, contact, to_unit_range, triangles_near,
+};
 use crate::mesh::Parts;
 
 /// Budget of a search, in steps: a fixed allowance plus steps per face. Takes a few seconds; typical models need far
@@ -47,8 +49,36 @@ impl Analysis<'_> {
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
 pub fn intersections(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Intersections, Cancelled> {
-    let budget = STEPS + STEPS_PER_FACE * analysis.surface.faces.len() as u64;
-    intersections_within(analysis, budget, context)
+    intersections_within(analysis, budget(analysis), context)
+}
+
+fn budget(analysis: &Analysis<'_>) -> u64 {
+    STEPS + STEPS_PER_FACE * analysis.surface.faces.len() as u64
+}
+
+/// [`intersections()`] for a mesh of which some pairs are known. Builds no tree over all faces, so it is faster where few faces have
+/// changed and nothing else needs that tree.
+pub(super) fn intersections_near_changed(
+    analysis: &Analysis<'_>,
+    known: &KnownPairs,
+    context: &Context<'_>,
+) -> Result<Intersections, Cancelled> {
+    let (unit, faces, flat) = (analysis.unit(), &analysis.surface.faces, analysis.flat());
+    let near = triangles_near(unit, faces, &known.changed);
+    context.check()?;
+    let near_faces: Vec<[u32; 3]> = near.iter().map(|&f| faces[f as usize]).collect();
+    let changed: Vec<bool> = near.iter().map(|&f| known.changed[f as usize]).collect();
+    let look = |f: u32, g: u32, steps: &mut u64| {
+        face_meeting(unit, [faces, faces], [flat, flat], [f, g].map(|at| near[at as usize]), steps)
+    };
+    let (tree, hubs) = (Tree::new(unit, &near_faces), Hubs::find(unit, &near_faces));
+    let mut collector = Collector::new([analysis, analysis]);
+    collector.add(known.hits.clone(), context)?;
+    let search = PairSearch { look, budget: budget(analysis), hubs: hubs.as_ref() };
+    let in_mesh = |(pair, meeting): Hit<Meeting>| (pair.map(|at| near[at as usize]), meeting);
+    let complete = search
+        .within_changed(&tree, &changed, |hits| collector.add(hits.into_iter().map(in_mesh).collect(), context))?;
+    Ok(collector.finish(complete))
 }
 
 fn intersections_within(

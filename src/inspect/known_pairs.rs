@@ -6,8 +6,9 @@
 use std::borrow::Cow;
 
 use super::analysis::KnownPairs;
+use super::intersections::intersections_near_changed;
 use super::matching::{FaceKeys, NO_FACE, matched};
-use super::{Analysis, Intersections, group_faces, intersections};
+use super::{Analysis, IntersectingPair, Intersections, group_faces, intersections};
 use crate::context::{Cancelled, Context};
 use crate::mesh::{Soup, Surface};
 
@@ -18,7 +19,16 @@ impl Analysis<'_> {
     /// Reuses nothing if the intersections of `earlier` are unknown or incomplete. Reuses nothing either if one of the meshes is an
     /// assembly of several materials, because other pairs count as intersections there.
     pub fn reuse_intersections(&mut self, earlier: &Analysis<'_>) {
-        let known = earlier.known_intersections().filter(|_| self.subject.materials.is_none());
+        self.reuse_known(earlier.known_intersections());
+    }
+
+    /// [`Self::reuse_intersections`] of a mesh that was only searched.
+    pub fn reuse_searched(&mut self, earlier: &SearchedMesh) {
+        self.reuse_known(earlier.known_intersections());
+    }
+
+    fn reuse_known(&mut self, known: Option<KnownIntersections<'_>>) {
+        let known = known.filter(|_| self.subject.materials.is_none());
         self.known_pairs = known.map(|known| KnownPairs::new(self, &known));
     }
 
@@ -46,9 +56,12 @@ pub struct KnownIntersections<'a> {
 }
 
 /// A mesh with its intersecting faces. The search of a later mesh tests only pairs with a face that this mesh does not have.
+#[derive(Debug, Clone, PartialEq)]
 pub struct SearchedMesh {
     /// The intersections of the mesh.
     pub intersections: Intersections,
+    /// Whether most faces were tested, because no earlier mesh had them.
+    pub is_mostly_new: bool,
     surface: Surface,
     keys: FaceKeys,
     scale: f64,
@@ -65,20 +78,34 @@ impl SearchedMesh {
         earlier: Option<KnownIntersections<'_>>,
         context: &Context<'_>,
     ) -> Result<Self, Cancelled> {
-        let mut analysis = Analysis::new(soup.into(), context)?;
-        analysis.known_pairs = earlier.map(|known| KnownPairs::new(&analysis, &known));
-        let intersections = intersections(&analysis, context)?;
+        let analysis = Analysis::new(soup.into(), context)?;
+        let known = earlier.map(|known| KnownPairs::new(&analysis, &known));
+        let intersections = match &known {
+            Some(known) => intersections_near_changed(&analysis, known, context)?,
+            None => intersections(&analysis, context)?,
+        };
+        let is_mostly_new = known.is_none_or(|known| {
+            2 * known.changed.iter().filter(|is_changed| **is_changed).count() > known.changed.len()
+        });
         let scale = analysis.scale();
         let keys = analysis.keys(scale).into_owned();
-        Ok(Self { intersections, surface: analysis.surface, keys, scale, file_faces: soup.faces.len() })
+        Ok(Self { intersections, is_mostly_new, surface: analysis.surface, keys, scale, file_faces: soup.faces.len() })
     }
 
     /// The intersections of this mesh for the search of a later mesh. None if they are incomplete.
     #[must_use]
     pub fn known_intersections(&self) -> Option<KnownIntersections<'_>> {
-        let &Self { ref intersections, ref surface, ref keys, scale, file_faces } = self;
+        let &Self { ref intersections, ref surface, ref keys, scale, file_faces, .. } = self;
         let known = KnownIntersections { intersections, surface, keys: Cow::Borrowed(keys), scale, file_faces };
         intersections.lists_all_pairs().then_some(known)
+    }
+
+    /// All pairs of faces that have more in common than corners and edges, as indices into the searched soup. None if some are
+    /// not listed, or if two faces have the same corners: such faces are no listed pair.
+    #[must_use]
+    pub fn meeting_pairs(&self) -> Option<&[IntersectingPair]> {
+        let has_same_corners = || group_faces(&self.surface.faces).len() < self.surface.faces.len();
+        (self.intersections.lists_all_pairs() && !has_same_corners()).then_some(&self.intersections.pairs)
     }
 
     /// Whether two faces have the same corners and the same winding, as where a part of a solid was written twice. Linear

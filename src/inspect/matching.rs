@@ -86,7 +86,7 @@ const MAX_DIAGONALS_FROM_ORIGIN: f64 = 16.0;
 pub(super) const NO_FACE: u32 = u32::MAX;
 
 /// Sorted position keys of a mesh's faces, for finding identical faces in another mesh.
-#[derive(Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct FaceKeys {
     /// For each face its sorted corner positions as f32 bits, with the face index. Sorted by key.
     sorted: Vec<([[u32; 3]; 3], u32)>,

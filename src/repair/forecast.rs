@@ -4,9 +4,8 @@
 //! extended to size zero, bounds what any size can reach. If even that bound ranks no better than a known result, the fine remesh is
 //! skipped: it would take a hundred times as long as the forecast.
 
-use super::judge::{Judged, Judging, Patches, ResultClass, class_of_printable};
+use super::judge::{Cause, Judged, Judging, Patches, ResultClass, class_of_printable};
 use super::operators::remesh::RemeshInside;
-use super::part_accounting::IntendedChanges;
 use super::red_flags::AddedSurface;
 use super::report::{RedFlag, RedFlagCode};
 use crate::context::Cancelled;
@@ -44,7 +43,8 @@ impl Forecast {
             if remesh.with_cell(diagonal / resolution).apply(&mut coarse, judging.context)?.failed.is_some() {
                 return Ok(None);
             }
-            let Ok(judged) = judging.judge(&coarse, Patches::None, Some(added), IntendedChanges::default()) else {
+            let cause = Cause { before_remesh: Some(added), ..Cause::default() };
+            let Ok(judged) = judging.judge(&coarse, None, Patches::None, cause) else {
                 return if judging.context.is_cancelled() { Err(Cancelled) } else { Ok(None) };
             };
             results.push(judged);

@@ -4,12 +4,11 @@ use std::time::Duration;
 
 use super::estimate::estimate;
 use super::judge::{
-    Details, JudgeError, Judged, Judging, Patches, inspect_counts, inspect_in_time, read_own, surface_shares,
+    Cause, Details, JudgeError, Judged, Judging, Patches, inspect_counts, inspect_in_time, read_own, surface_shares,
 };
 use super::operators::duplicates::remove_duplicates;
 use super::operators::orient::Orient;
 use super::options::{Nested, Options};
-use super::part_accounting::IntendedChanges;
 use super::presets::changes_printable;
 use super::red_flags::AddedSurface;
 use super::remesher::Remesher;
@@ -107,7 +106,7 @@ impl Input<'_> {
         if self.time.can_verify(surface.faces.len(), context) {
             let start = context.now();
             let judging = Judging { format, input: self.original, options, context };
-            match judging.judge(surface, Patches::BySource, None, IntendedChanges::default()) {
+            match judging.judge(surface, None, Patches::BySource, Cause::default()) {
                 Ok(judged) => {
                     self.time.record_verification(surface.faces.len(), context.now().saturating_sub(start));
                     return Ok(Some(judged));

@@ -10,7 +10,7 @@ use crate::context::{Cancelled, Context};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, WriteError};
 use crate::inspect::{
     Analysis, Changes, ComparedMesh, Findings, InspectOptions, Inspection, Level, Measures, Original, PartAccounting,
-    SurfaceShares, inspect_analysis, measure_analysis,
+    SearchedMesh, SurfaceShares, inspect_analysis, measure_analysis,
 };
 use crate::mesh::{OPENED_SKIN_SOURCE, Surface, is_generated};
 use crate::scene::{LengthUnit, UnitSource};
@@ -75,6 +75,25 @@ pub(super) enum Patches {
     None,
 }
 
+impl Patches {
+    /// For each face whether it is a patch; empty if none is.
+    fn marks(self, surface: &Surface) -> Vec<bool> {
+        match self {
+            Self::BySource => surface.source.iter().map(|&source| is_generated(source)).collect(),
+            Self::None => Vec::new(),
+        }
+    }
+}
+
+/// What made a result differ from the input.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Cause<'a> {
+    /// The surface added before a remesh.
+    pub before_remesh: Option<&'a AddedSurface>,
+    /// The changes to what is solid that were made on purpose.
+    pub intended: IntendedChanges,
+}
+
 /// The criteria for judging results.
 #[derive(Clone, Copy)]
 pub(super) struct Judging<'a, 'i> {
@@ -90,7 +109,7 @@ pub(super) struct Judging<'a, 'i> {
 
 impl Judging<'_, '_> {
     /// Writes a mesh, reads the written bytes back and judges them, so that the verdict covers exactly the file that may be returned.
-    /// `before_remesh` is the surface added before a remesh.
+    /// `searched` is a mesh with most faces of the surface whose intersections are known; without one, the input is taken.
     ///
     /// Judging may continue after the deadline until the end of verification. Details of a final result are left out after the deadline.
     ///
@@ -99,9 +118,9 @@ impl Judging<'_, '_> {
     pub fn judge(
         &self,
         surface: &Surface,
+        searched: Option<&SearchedMesh>,
         patches: Patches,
-        before_remesh: Option<&AddedSurface>,
-        intended: IntendedChanges,
+        Cause { before_remesh, intended }: Cause<'_>,
     ) -> Result<Judged, JudgeError> {
         let &Self { format, input, options, context } = self;
         let verification = &context.for_verification();
@@ -110,16 +129,15 @@ impl Judging<'_, '_> {
         let read = read_own(&bytes)?;
         let unit = input.analysis().subject.unit.map(|unit| unit_for_readers(unit, options.output));
         let mut analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
-        if options.verify == Verify::Changed {
-            analysis.reuse_intersections(input.analysis());
+        match searched {
+            _ if options.verify == Verify::Full => {}
+            Some(searched) => analysis.reuse_searched(searched),
+            None => analysis.reuse_intersections(input.analysis()),
         }
         let measures = measure_analysis(&analysis, verification)?;
         let part_accounting = part_accounting(input, &analysis, options, intended, verification)?;
         // The format keeps the order of faces, so `patches` fits the faces that were read back.
-        let patches: Vec<bool> = match patches {
-            Patches::BySource => surface.source.iter().map(|&source| is_generated(source)).collect(),
-            Patches::None => Vec::new(),
-        };
+        let patches = patches.marks(surface);
         let dropped = parts_dropped(&part_accounting, input.analysis().parts.count);
         let after = ComparedMesh {
             analysis: &analysis,
@@ -172,10 +190,10 @@ impl Judging<'_, '_> {
     /// # Errors
     /// As [`Judging::judge`].
     pub fn judge_with_requests(&self, result: &SurfaceState, patches: Patches) -> Result<Judged, JudgeError> {
-        let added = result.added_surface.as_ref();
-        let mut judged = self.judge(&result.surface, patches, added, result.intended)?;
+        let cause = Cause { before_remesh: result.added_surface.as_ref(), intended: result.intended };
+        let mut judged = self.judge(&result.surface, result.searched.as_deref(), patches, cause)?;
         if let Some(before) = &result.before_requests {
-            let sound = self.judge(before, patches, added, result.intended)?;
+            let sound = self.judge(before, result.searched.as_deref(), patches, cause)?;
             let of_whole = [RedFlagCode::PartLost, RedFlagCode::Deviation];
             judged.red_flags.retain(|flag| of_whole.contains(&flag.code));
             judged.red_flags.extend(sound.red_flags.into_iter().filter(|flag| !of_whole.contains(&flag.code)));

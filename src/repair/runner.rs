@@ -162,7 +162,7 @@ impl Runner<'_> {
         let mut applied = applied.inspect_err(|_| surface.clone_from(&kept))?;
         let limits = limits_of(operator, self.options, kept.bounds().diagonal(), scope.max_deviation);
         run.step.options_not_applied = self.limited(std::mem::take(&mut applied.limited).into_iter().chain(limits));
-        let moved = applied.moved;
+        let (moved, searched) = (applied.moved, applied.searched.take());
         self.record(applied, surface, run);
         run.has_changed = *surface != kept;
         if operator == Operator::Remesh && run.has_changed {
@@ -182,6 +182,7 @@ impl Runner<'_> {
             } else {
                 *counts = Some(after);
                 state.moved += moved;
+                state.searched = searched.or(state.searched.take());
                 state.intended.is_interior_filled |= operator == Operator::FillInterior;
                 state.intended.are_islands_treated |= operator == Operator::TreatIslands;
                 if operator.changes_sound_model() && state.before_requests.is_none() {
@@ -207,7 +208,7 @@ impl Runner<'_> {
 
     /// Records in a step what its operator changed.
     fn record(&self, applied: Applied, surface: &Surface, run: &mut TaskRun) {
-        let Applied { changes, moved, left, failed, unfixed, voxel_size, thickening, is_late, limited: _ } = applied;
+        let Applied { changes, moved, left, failed, unfixed, voxel_size, thickening, is_late, .. } = applied;
         let step = &mut run.step;
         step.unfixed = unfixed_faces(&unfixed, surface);
         (step.changed, step.moved, step.note, step.voxel_size) = (changes, moved, left, voxel_size);

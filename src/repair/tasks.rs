@@ -1,5 +1,7 @@
 //! The tasks of a strategy, and the surface between two tasks.
 
+use std::sync::Arc;
+
 use super::change::ChangeKind;
 use super::operators::split_non_manifold::Pairing;
 use super::operators::{Counts, Failure};
@@ -9,6 +11,7 @@ use super::presets::{remesh_action, tier_of};
 use super::red_flags::AddedSurface;
 use super::report::{Action, Step, StepStatus, Strategy};
 use crate::arrange::{ArrangeError, WindingRule};
+use crate::inspect::SearchedMesh;
 use crate::mesh::Surface;
 
 /// A strategy with its index in the plan.
@@ -44,6 +47,8 @@ pub(super) struct SurfaceState {
     pub intended: IntendedChanges,
     /// The surface before the first change to a sound model that the options ask for, such as thicker walls; none before such a change.
     pub before_requests: Option<Box<Surface>>,
+    /// A mesh with most faces of the surface that was searched for intersecting faces.
+    pub searched: Option<Arc<SearchedMesh>>,
     /// The surface added before a remesh, which the remeshed faces no longer show.
     pub added_surface: Option<AddedSurface>,
 }
@@ -58,6 +63,7 @@ impl SurfaceState {
             over_limit: 0,
             intended: IntendedChanges::default(),
             before_requests: None,
+            searched: None,
             added_surface: None,
         }
     }

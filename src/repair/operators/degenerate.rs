@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::slivers::RemoveSlivers;
-use crate::math::{area_vanishes, collinear, index_of_middle, to_unit_range};
+use crate::math::{area_vanishes, collinear, index_of_middle, threads, to_unit_range};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -35,11 +35,11 @@ pub fn remove_without_area(
 ) -> Result<Applied, Cancelled> {
     let mut applied = Applied::from(remove_caps(surface, context)?);
     let unit = to_unit_range(&surface.positions);
-    let vanishes = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|v| unit[v as usize]);
+    let vanishes = |face: usize| {
+        let [a, b, c] = surface.faces[face].map(|v| unit[v as usize]);
         area_vanishes(a, b, c) && !collinear(a, b, c)
     };
-    if surface.faces.iter().any(vanishes) {
+    if threads::count(surface.faces.len(), vanishes) > 0 {
         let thin = RemoveSlivers { tolerance: MIN_HEIGHT, max_deviation }.apply(surface, context)?;
         applied.changes.extend(thin.changes);
         (applied.moved, applied.left) = (thin.moved, thin.left);
@@ -71,8 +71,11 @@ pub fn remove_without_area(
 pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
     let unit = to_unit_range(&surface.positions);
     let (mut flipped, mut dropped) = (0u64, 0u64);
-    let is_cap = |&(_, &face): &(u32, &[u32; 3])| is_collinear(&unit, face);
-    let mut caps: Vec<u32> = (0u32..).zip(&surface.faces).filter(is_cap).map(|(i, _)| i).collect();
+    let of_chunks = threads::map_chunks(surface.faces.len(), |range| {
+        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+        range.filter(|&f| is_collinear(&unit, surface.faces[f])).map(|f| f as u32).collect::<Vec<_>>()
+    });
+    let mut caps = of_chunks.concat();
     let mut keep = vec![true; surface.faces.len()];
     for _ in 0..MAX_PASSES {
         context.check()?;

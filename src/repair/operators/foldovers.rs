@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::local_edits::{Hinge, LocalEdits, Shape};
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Tolerances;
-use crate::math::{Box3, nearest_on_triangle, to_unit_range, unit_scale};
+use crate::math::{Box3, nearest_on_triangle, threads, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -54,19 +54,16 @@ impl UnfoldFoldovers {
             return Ok(Applied::default());
         }
         let limits = FoldLimits { angle: self.angle, height };
-        let mut queue = VecDeque::new();
         let edges = Edges::new(&surface.faces);
-        for (e, half_edges) in edges.iter().enumerate() {
-            if e.is_multiple_of(4096) {
-                context.check()?;
-            }
-            let &[x, y] = half_edges else { continue };
-            let ([a, b], apex) = (edges.vertices(e), [x, y].map(|h| Edges::opposite(&surface.faces, h)));
+        let is_fold = |e: &usize| {
+            let &[x, y] = edges.half_edges(*e) else { return false };
+            let ([a, b], apex) = (edges.vertices(*e), [x, y].map(|h| Edges::opposite(&surface.faces, h)));
             let at = [a, b, apex[0], apex[1]].map(|v| unit[v as usize]);
-            if apex[0] != apex[1] && limits.fold(at).is_some() {
-                queue.push_back([a, b]);
-            }
-        }
+            apex[0] != apex[1] && limits.fold(at).is_some()
+        };
+        context.check()?;
+        let folds = threads::map_chunks(edges.len(), |range| range.filter(is_fold).collect::<Vec<_>>());
+        let mut queue: VecDeque<[u32; 2]> = folds.into_iter().flatten().map(|e| edges.vertices(e)).collect();
         if queue.is_empty() {
             return Ok(Applied::default());
         }

@@ -2,12 +2,14 @@
 //!
 //! Each operator implements [`Operation`]; the pipeline checks the claims with [`Counts`] after every run.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::face_pairs::Pairing;
 use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
-use crate::inspect::{Analysis, group_faces};
+use crate::inspect::{Analysis, SearchedMesh, group_faces};
 use crate::math::{collinear, threads, to_unit_range};
 use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
@@ -80,6 +82,8 @@ pub struct Applied {
     pub voxel_size: Option<f64>,
     /// For thickened walls: what was added and left.
     pub thickening: Option<WallThickening>,
+    /// A mesh with most faces of the result that was searched for intersecting faces.
+    pub searched: Option<Arc<SearchedMesh>>,
     /// Whether the deadline came before the operator had finished.
     pub is_late: bool,
 }

@@ -5,9 +5,9 @@ mod openings;
 use std::time::{Duration, Instant};
 
 use glam::{DMat3, DQuat, DVec3};
-use meshmend::arrange::{ArrangeError, Exact, WindingRule};
-use meshmend::inspect::{Analysis, Measures, intersections};
-use meshmend::mesh::{NotClosed, Soup, Surface};
+use meshmend::arrange::{ArrangeError, Arrangement, Exact, MeetingFaces, WindingRule};
+use meshmend::inspect::{Analysis, IntersectingPair, Measures, Meeting, SearchedMesh, intersections};
+use meshmend::mesh::{ClosedSurface, NotClosed, Soup, Surface};
 use meshmend::repair::operators::perturb::Perturb;
 use meshmend::repair::operators::self_union::SelfUnionRounds;
 use proptest::prelude::*;
@@ -45,6 +45,35 @@ fn turned(mut soup: Soup, turn: DQuat, offset: DVec3) -> Soup {
         *p = turn * *p + offset;
     }
     soup
+}
+
+/// The pairs of faces that meet, as a search finds them, and the surface of the union of a soup: searched, and with known pairs.
+fn union_of_searched(soup: &Soup) -> (usize, [Surface; 2]) {
+    let (surface, _) = Surface::from_soup(soup);
+    let searched = with_context(|c| SearchedMesh::search(&surface.to_soup(), None, c)).unwrap();
+    let met = |pair: &IntersectingPair| MeetingFaces { faces: pair.faces, overlap: pair.meeting == Meeting::Coplanar };
+    let known: Vec<MeetingFaces> = searched.meeting_pairs().unwrap().iter().map(met).collect();
+    let rule = WindingRule::Positive.into();
+    let closed = || ClosedSurface::try_from(&surface).unwrap();
+    let of_known = with_context(|c| Exact.solid_of_searched(closed(), &known, rule, c)).unwrap().surface;
+    (known.len(), [arranged(&Exact, &surface, rule).unwrap().surface, of_known])
+}
+
+#[test]
+fn known_pairs_of_faces_give_the_same_union_on_and_off_the_grid() {
+    let first = block([0, 0, 0], [4, 4, 4]);
+    // The grid holds whole numbers, but neither coordinates close to zero nor most of those after a turn.
+    let tiny = turned(block([1, 2, 3], [4, 4, 4]), DQuat::IDENTITY, DVec3::splat(1e-13));
+    let skew = turned(block([1, 2, 3], [4, 4, 4]), DQuat::from_rotation_z(0.3), DVec3::ZERO);
+    for second in [block([1, 2, 3], [4, 4, 4]), block([4, 1, 1], [4, 2, 2]), tiny, skew] {
+        let (pairs, [searched, known]) = union_of_searched(&join(&first, &second));
+        assert!(pairs > 0);
+        assert_eq!(known, searched);
+    }
+    let spheres = join(&sphere(DVec3::ZERO, 1.0, 20, 30), &sphere(DVec3::new(0.7, 0.1, 0.2), 1.0, 20, 30));
+    let (pairs, [searched, known]) = union_of_searched(&spheres);
+    assert!(pairs > 50);
+    assert_eq!(known, searched);
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod snap;
 
 use std::cmp::Ordering;
 use std::hash::BuildHasher;
+use std::sync::Arc;
 
 use rustc_hash::FxBuildHasher;
 
@@ -43,6 +44,8 @@ pub struct Resolved {
     pub pairs_left: u64,
     /// Why the surface is unchanged.
     pub error: Option<ArrangeError>,
+    /// The mesh of the last search for intersecting faces, if most of its faces are new.
+    pub searched: Option<Arc<SearchedMesh>>,
 }
 
 /// Whether so many pairs of faces intersect that an arrangement would be too large to finish in minutes.
@@ -102,7 +105,8 @@ impl SelfUnionRounds {
         }
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
-        let (best, done) = match (Uniting { settings: self, input, engine, context }).unite(closed, searched) {
+        let (best, done, searched) = match (Uniting { settings: self, input, engine, context }).unite(closed, searched)
+        {
             Ok(united) => united,
             Err(ArrangeError::Cancelled(stop)) => return Err(stop),
             Err(error) => return Ok(undone(before, error)),
@@ -134,7 +138,8 @@ impl SelfUnionRounds {
             (ChangeKind::FacesWithoutThicknessThickened, done.thickened),
             (ChangeKind::FacesAroundOpenRegionsThickened, done.opened),
         ]);
-        Ok(Resolved { changes, moved: done.moved + best.perturbed, pairs_left: best.pairs, error: None })
+        let searched = Some(searched).filter(|searched| searched.is_mostly_new).map(Arc::new);
+        Ok(Resolved { changes, moved: done.moved + best.perturbed, pairs_left: best.pairs, error: None, searched })
     }
 
     /// Computes the self-union of each part alone. A part whose union would be empty, such as a cavity, stays as it is.
@@ -203,8 +208,12 @@ struct Uniting<'a> {
 }
 
 impl Uniting<'_> {
-    /// The best result, with the counts of the rounds that led to it.
-    fn unite(self, surface: ClosedSurface<'_>, searched: SearchedMesh) -> Result<(Best, Totals), ArrangeError> {
+    /// The best result, with the counts of the rounds that led to it and the mesh that was searched last.
+    fn unite(
+        self,
+        surface: ClosedSurface<'_>,
+        searched: SearchedMesh,
+    ) -> Result<(Best, Totals, SearchedMesh), ArrangeError> {
         let Some(dense) = Dense::of(&surface, &searched.intersections) else {
             return self.in_rounds(surface, Totals::default(), searched, false);
         };
@@ -226,7 +235,7 @@ impl Uniting<'_> {
         surface: &Surface,
         dense: &Dense,
         searched: SearchedMesh,
-    ) -> Result<(Best, Totals), ArrangeError> {
+    ) -> Result<(Best, Totals, SearchedMesh), ArrangeError> {
         let (mut totals, mut work, mut found) = (Totals::default(), surface.clone(), None);
         for step in DENSE_GRIDS.map(|bits| grid_step(surface, bits)) {
             if step > self.settings.max_deviation {
@@ -251,7 +260,7 @@ impl Uniting<'_> {
         totals: Totals,
         searched: SearchedMesh,
         is_trial: bool,
-    ) -> Result<(Best, Totals), ArrangeError> {
+    ) -> Result<(Best, Totals, SearchedMesh), ArrangeError> {
         let pairs = count(&searched.intersections);
         if is_tangled(pairs, &work) {
             return Err(ArrangeError::Tangled(pairs));
@@ -259,7 +268,7 @@ impl Uniting<'_> {
         let mut rounds = Rounds::new(self.settings, totals, self.engine, self.context, searched);
         rounds.is_trial = is_trial;
         let best = rounds.run(work)?;
-        Ok((best, rounds.totals))
+        Ok((best, rounds.totals, rounds.searched))
     }
 }
 
@@ -369,6 +378,7 @@ impl<'a> Operation<'a> for SelfUnion<'a> {
         };
         let left = (result.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", result.pairs_left));
         let failed = result.error.map(Into::into);
-        Ok(Applied { changes: result.changes, moved: result.moved, left, failed, ..Applied::default() })
+        let Resolved { changes, moved, searched, .. } = result;
+        Ok(Applied { changes, moved, left, failed, searched, ..Applied::default() })
     }
 }

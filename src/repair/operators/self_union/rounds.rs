@@ -6,8 +6,8 @@ use rustc_hash::FxHashSet;
 
 use super::residue::{MAX_PLUG_REACH, Pinched, plugs, remove_crumbs};
 use super::snap::{grid_step, snap};
-use crate::arrange::{ArrangeError, Arrangement, Rule, Solid, WindingRule};
-use crate::inspect::{Intersections, KnownIntersections, SearchedMesh};
+use crate::arrange::{ArrangeError, Arrangement, MeetingFaces, Rule, Solid, WindingRule};
+use crate::inspect::{IntersectingPair, Intersections, KnownIntersections, Meeting, SearchedMesh};
 use crate::math::Precision;
 use crate::mesh::{ClosedSurface, OPENED_SKIN_SOURCE, SKIN_SOURCE, Surface, position_key, weld_exactly};
 use crate::repair::operators::degenerate::{remove_caps, remove_collapsed};
@@ -115,7 +115,7 @@ pub(super) struct Rounds<'a> {
     /// The counts over all rounds so far.
     pub totals: Totals,
     /// The surface that was last searched for intersecting faces.
-    searched: SearchedMesh,
+    pub searched: SearchedMesh,
     best: Option<Best>,
     /// The surface with the fewest intersecting pairs, and their number: used only where no round ended without any.
     crossing: Option<(u64, Surface)>,
@@ -209,7 +209,17 @@ impl<'a> Rounds<'a> {
     fn arrange_input(&mut self, input: ClosedSurface<'_>) -> Result<Solid, ArrangeError> {
         let (sheets, winding_rule) = (self.settings.sheets, self.settings.winding_rule);
         let rule = Rule { winding_rule, reopens_patches: sheets.is_some() };
-        let mut solid = self.engine.solid(input, rule, self.context)?;
+        let mut solid = match self.searched.meeting_pairs() {
+            Some(pairs) => {
+                let met = |pair: &IntersectingPair| MeetingFaces {
+                    faces: pair.faces,
+                    overlap: pair.meeting == Meeting::Coplanar,
+                };
+                let known: Vec<MeetingFaces> = pairs.iter().map(met).collect();
+                self.engine.solid_of_searched(input, &known, rule, self.context)?
+            }
+            None => self.engine.solid(input, rule, self.context)?,
+        };
         let Some(thickness) =
             sheets.filter(|_| !(solid.zero_thickness.faces.is_empty() && solid.opened.faces.is_empty()))
         else {
