@@ -1,11 +1,15 @@
 //! Enclosed volumes of a mesh's parts, and nesting of the parts.
 
+use std::ops::Range;
+
 use glam::DVec3;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Crossing, Tree, crossing, ray_direction, to_unit_range};
+use crate::math::{Box3, Crossing, Tree, crossing, ray_direction, threads, to_unit_range};
 use crate::mesh::{Edges, Parts, Surface};
 
+/// Number of parts up to which chunks of faces are measured in parallel.
+const FEW_PARTS: usize = 64;
 /// Number of rays tried from one vertex.
 const ATTEMPTS: u32 = 8;
 /// Budget of all rays: faces visited, a fixed allowance plus an allowance per face. Bounds the time for thousands of
@@ -27,34 +31,61 @@ pub struct Solid {
     pub bounds: Box3,
 }
 
-/// Measures every part of `parts`. O(n), plus sorting within `edges`.
+/// Measures every part of `parts`. O(n), plus sorting within `edges`. In parallel if the faces are many and the parts few.
 #[must_use]
 pub fn solids(surface: &Surface, edges: &Edges, parts: &Parts) -> Vec<Solid> {
-    let mut all = vec![Solid { closed: true, volume: 0.0, area: 0.0, bounds: Box3::EMPTY }; parts.count];
     let part_of = |f: usize| {
         let part = parts.of_face[f];
         (part != Parts::NONE).then_some(part as usize)
     };
-    for f in 0..surface.faces.len() {
+    let mut all = over_chunks(surface.faces.len(), parts.count, |f, all| {
         if let Some(part) = part_of(f) {
-            for p in surface.corners(f) {
-                all[part].bounds.extend(p);
-            }
+            surface.corners(f).into_iter().for_each(|p| all[part].bounds.extend(p));
         }
-    }
-    for f in 0..surface.faces.len() {
+    });
+    let centres: Vec<DVec3> = all.iter().map(|solid| solid.bounds.centre()).collect();
+    let contents = over_chunks(surface.faces.len(), parts.count, |f, all| {
         if let Some(part) = part_of(f) {
             let solid = &mut all[part];
-            let about = solid.bounds.centre();
-            let [a, b, c] = surface.corners(f).map(|p| p - about);
+            let [a, b, c] = surface.corners(f).map(|p| p - centres[part]);
             solid.volume += a.dot(b.cross(c)) / 6.0;
             solid.area += (b - a).cross(c - a).length() / 2.0;
         }
-    }
-    for half_edges in edges.iter() {
-        mark_open(surface, parts, half_edges, &mut all);
+    });
+    let closed =
+        over_chunks(edges.len(), parts.count, |edge, all| mark_open(surface, parts, edges.half_edges(edge), all));
+    for (solid, (content, of_edges)) in all.iter_mut().zip(contents.iter().zip(&closed)) {
+        (solid.volume, solid.area, solid.closed) = (content.volume, content.area, of_edges.closed);
     }
     all
+}
+
+/// Measures `parts` parts by a function of each item from 0 to `items`. If the parts are few, chunks of the items are measured in
+/// parallel, and their measures are joined in the order of the chunks.
+fn over_chunks(items: usize, parts: usize, measure: impl Fn(usize, &mut [Solid]) + Sync + Send) -> Vec<Solid> {
+    let none = || vec![Solid { closed: true, volume: 0.0, area: 0.0, bounds: Box3::EMPTY }; parts];
+    let of_range = |range: Range<usize>| {
+        let mut all = none();
+        range.for_each(|item| measure(item, &mut all));
+        all
+    };
+    if parts > FEW_PARTS {
+        return of_range(0..items);
+    }
+    let chunks = threads::map_chunks(items, of_range).into_iter();
+    chunks.reduce(|all, chunk| all.iter().zip(&chunk).map(|(a, b)| a.joined(b)).collect()).unwrap_or_else(none)
+}
+
+impl Solid {
+    /// The measures of two sets of faces and edges of one part together.
+    fn joined(&self, other: &Self) -> Self {
+        Self {
+            closed: self.closed && other.closed,
+            volume: self.volume + other.volume,
+            area: self.area + other.area,
+            bounds: Box3 { min: self.bounds.min.min(other.bounds.min), max: self.bounds.max.max(other.bounds.max) },
+        }
+    }
 }
 
 /// Marks parts as open that do not use this edge exactly twice, once in each direction.
@@ -81,7 +112,7 @@ fn mark_open(surface: &Surface, parts: &Parts, half_edges: &[u32], all: &mut [So
 /// Twice the area of each face.
 #[must_use]
 pub fn doubled_areas(surface: &Surface) -> Vec<f64> {
-    (0..surface.faces.len()).map(|f| DVec3::length(surface.area_vector(f))).collect()
+    threads::map_cheap(surface.faces.len(), |f| surface.area_vector(f).length())
 }
 
 /// For each closed part the number of other closed parts that contain it, as [`nesting`] computes.

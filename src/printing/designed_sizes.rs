@@ -48,15 +48,14 @@ struct Plane {
 #[must_use]
 pub fn designed_sizes(surface: &Surface, edges: &Edges) -> DesignedSizes {
     let normals = threads::map_cheap(surface.faces.len(), |face| surface.area_vector(face).normalize_or_zero());
-    let mut sets = UnionFind::new(surface.faces.len());
-    for of_edge in edges.iter() {
-        if let &[a, b] = of_edge
-            && normals[a as usize / 3].dot(normals[b as usize / 3]) >= 1.0 - COPLANAR
-        {
-            sets.unite(a / 3, b / 3);
-        }
-    }
+    let coplanar_beside = |edge: usize| match *edges.half_edges(edge) {
+        [a, b] if normals[a as usize / 3].dot(normals[b as usize / 3]) >= 1.0 - COPLANAR => Some([a / 3, b / 3]),
+        _ => None,
+    };
+    let joined = threads::map_chunks(edges.len(), |range| range.filter_map(coplanar_beside).collect::<Vec<_>>());
     drop(normals);
+    let mut sets = UnionFind::new(surface.faces.len());
+    joined.into_iter().flatten().for_each(|[a, b]| sets.unite(a, b));
     let patch_of = sets.into_roots();
     let total: f64 = (0..surface.faces.len()).map(|face| surface.area_vector(face).length()).sum();
     let planes = large_planes(surface, &patch_of, total);
@@ -67,13 +66,13 @@ pub fn designed_sizes(surface: &Surface, edges: &Edges) -> DesignedSizes {
 
 /// The flat patches with enough area, the largest first.
 fn large_planes(surface: &Surface, patch_of: &[u32], total: f64) -> Vec<Plane> {
-    let mut sums: FxHashMap<u32, DVec3> = FxHashMap::default();
-    for (face, patch) in patch_of.iter().enumerate() {
-        *sums.entry(*patch).or_default() += surface.area_vector(face);
+    let mut sums = vec![DVec3::ZERO; patch_of.len()];
+    for (face, &patch) in patch_of.iter().enumerate() {
+        sums[patch as usize] += surface.area_vector(face);
     }
     let least = PLANE_SHARE * total;
-    let mut planes: Vec<Plane> = sums
-        .into_iter()
+    let mut planes: Vec<Plane> = (0u32..)
+        .zip(sums)
         .filter(|(_, sum)| sum.length() > 0.0 && sum.length() >= least)
         .map(|(patch, sum)| {
             let at = surface.corners(patch as usize)[0];
@@ -111,6 +110,9 @@ fn distances(surface: &Surface, planes: &[Plane], total: f64) -> Vec<f64> {
 
 /// Adds the diameters of the circles that bound the planes.
 fn add_circles(surface: &Surface, edges: &Edges, (planes, patch_of): (&[Plane], &[u32]), sizes: &mut DesignedSizes) {
+    if planes.is_empty() {
+        return;
+    }
     // For each patch, the half-edges on its boundary by their first vertex: the second vertex, and the third vertex of the face across.
     let mut rims: FxHashMap<u32, FxHashMap<u32, (u32, u32)>> =
         planes.iter().map(|plane| (plane.patch, FxHashMap::default())).collect();

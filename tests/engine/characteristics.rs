@@ -7,9 +7,9 @@ use glam::DVec3;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{
     Answer, Distribution, InspectOptions, Inspection, Lack, Level, SelfIntersections, Subject, Thresholds,
-    Unmeasurable, goodness, inspect,
+    Unmeasurable, goodness, inspect, solids,
 };
-use meshmend::mesh::{Numbering, Soup};
+use meshmend::mesh::{Edges, Numbering, Parts, Soup, Surface};
 use meshmend::repair::{Context, NoProgress};
 use proptest::prelude::*;
 
@@ -394,4 +394,24 @@ proptest! {
         let again = inspect_soup(&read(&bytes, &Limits::default()).unwrap().soup);
         prop_assert_eq!(again, given);
     }
+}
+
+#[test]
+fn measures_of_few_parts_with_many_faces_are_those_of_the_parts() {
+    let soup = join(&cube(DVec3::ZERO, 2.0, 60), &cube(DVec3::splat(5.0), 1.0, 40));
+    let measured = |surface: &Surface| {
+        let edges = Edges::new(&surface.faces);
+        solids(surface, &edges, &Parts::new(surface, &edges))
+    };
+    let (mut surface, _) = Surface::from_soup(&soup);
+    let found = measured(&surface);
+    let expected = [(8.0, 24.0, DVec3::ZERO, DVec3::splat(2.0)), (1.0, 6.0, DVec3::splat(5.0), DVec3::splat(6.0))];
+    assert_eq!(found.len(), expected.len());
+    for (solid, (volume, area, min, max)) in found.iter().zip(expected) {
+        assert!(solid.closed && (solid.volume - volume).abs() < 1e-9 && (solid.area - area).abs() < 1e-9, "{solid:?}");
+        assert_eq!((solid.bounds.min, solid.bounds.max), (min, max));
+    }
+    // A face of the second part is in a later chunk of the faces than those of the first.
+    surface.faces.pop();
+    assert_eq!(measured(&surface).iter().map(|solid| solid.closed).collect::<Vec<_>>(), [true, false]);
 }

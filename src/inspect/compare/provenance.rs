@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 use super::original::{FAR, Original, ROUNDING};
 use crate::context::{Cancelled, Context};
 use crate::inspect::analysis::Pair;
-use crate::inspect::sampling::run_queries;
+use crate::inspect::sampling::run_coherent_queries;
 use crate::inspect::{Analysis, finite};
-use crate::math::Nearest;
+use crate::math::{Nearest, Tree};
 
 /// Up to this number of faces without an identical counterpart, each is sampled at four points; above, at its centre
 /// only.
@@ -94,7 +94,14 @@ impl Original<'_> {
         let common = before.common_faces(after);
         context.check()?;
         let pieces = Pieces::of(before, &common.first);
-        let nearby = find_nearby(Pair::new(before, after), before.unit_diagonal(), &pieces.centres, context)?;
+        let pair = Pair::new(before, after);
+        let most = (FAR * before.unit_diagonal()).max(ROUNDING) * pair.ratio;
+        let new_faces = NewFaces::of(after, &common.second);
+        let reach = |point: DVec3, steps: &mut u64| match &new_faces {
+            Some(new_faces) => new_faces.reach(point, most, steps).max(2.0 * ROUNDING * pair.ratio),
+            None => most,
+        };
+        let nearby = find_nearby(pair, reach, &pieces.centres, context)?;
         // An input face with at least half of its pieces kept is no counterpart for nearby surface of the result.
         let mut kept_balance = vec![0i64; before.surface.faces.len()];
         for (piece, matched) in pieces.all.iter().zip(&nearby.matches) {
@@ -166,17 +173,54 @@ struct Nearby {
     complete: bool,
 }
 
-/// Finds the nearest point of the other mesh for each point, within [`FAR`] of the diagonal.
-fn find_nearby(pair: Pair<'_>, diagonal: f64, points: &[DVec3], context: &Context<'_>) -> Result<Nearby, Cancelled> {
+/// The faces of a result that its input does not have, in unit coordinates of the result.
+///
+/// A face that both meshes have is a counterpart at the same place only. So a search for the counterpart of a removed part must
+/// reach only as far as the nearest new face, and there is none near most of the part.
+struct NewFaces {
+    corners: Vec<[DVec3; 3]>,
+    tree: Tree,
+}
+
+impl NewFaces {
+    /// `None` if most faces are new, so that a search for the nearest of them would save nothing.
+    fn of(result: &Analysis<'_>, is_common: &[bool]) -> Option<Self> {
+        if is_common.iter().filter(|is_common| **is_common).count() * 2 < is_common.len() {
+            return None;
+        }
+        let (faces, unit) = (&result.surface.faces, result.unit());
+        let new: Vec<[u32; 3]> =
+            faces.iter().zip(is_common).filter(|(_, is_common)| !**is_common).map(|(face, _)| *face).collect();
+        let corners = new.iter().map(|face| face.map(|v| unit[v as usize])).collect();
+        Some(Self { corners, tree: Tree::new(unit, &new) })
+    }
+
+    /// How far a search around a point must reach, up to `most`.
+    fn reach(&self, point: DVec3, most: f64, steps: &mut u64) -> f64 {
+        let nearest = self.tree.nearest(point, most, steps, |f| self.corners[f as usize]);
+        // Slightly farther than the face, so that rounding does not hide it.
+        nearest.map_or(0.0, |nearest| nearest.distance * (1.0 + 1e-9))
+    }
+}
+
+/// Finds the nearest point of the other mesh for each point. `reach` gives how far to search around a point of the other mesh, and counts
+/// down the steps that this takes.
+fn find_nearby(
+    pair: Pair<'_>,
+    reach: impl Fn(DVec3, &mut u64) -> f64 + Sync,
+    points: &[DVec3],
+    context: &Context<'_>,
+) -> Result<Nearby, Cancelled> {
     let mut matches = vec![Some(Match::Unknown); points.len()];
     if points.is_empty() {
         return Ok(Nearby { matches, complete: true });
     }
     let (tree, ratio) = (pair.to.tree(), pair.ratio);
-    let reach = (FAR * diagonal).max(ROUNDING);
     let budget = BUDGET + BUDGET_PER_POINT * points.len() as u64;
-    let answers = run_queries(points.len(), budget, context, |i, steps| {
-        let nearest = tree.nearest(points[i] * ratio, reach * ratio, steps, |f| pair.to.unit_corners(f));
+    let answers = run_coherent_queries(points.len(), budget, context, |i, (), steps| {
+        let point = points[i] * ratio;
+        let within = reach(point, steps);
+        let nearest = tree.nearest(point, within, steps, |f| pair.to.unit_corners(f));
         let found = nearest.map(|n| Match::Found(Nearest { distance: n.distance / ratio, ..n }));
         Some(if *steps == 0 { Some(Match::Unknown) } else { found })
     })?;
@@ -204,7 +248,8 @@ fn of_result(
     };
     let points: Vec<DVec3> = unmatched.iter().flat_map(sample_points).collect();
     let pair = Pair::new(after, before);
-    let nearby = find_nearby(pair, before.unit_diagonal() / pair.ratio, &points, context)?;
+    let reach = (FAR * before.unit_diagonal() / pair.ratio).max(ROUNDING) * pair.ratio;
+    let nearby = find_nearby(pair, |_, _| reach, &points, context)?;
     let mut provenance = vec![Provenance::Kept; identical.len()];
     for (&f, matches) in unmatched.iter().zip(nearby.matches.chunks(samples_per_face)) {
         let is_on_input = |found: &Option<Match>| {
