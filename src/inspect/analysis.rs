@@ -175,9 +175,13 @@ impl<'a> Analysis<'a> {
     /// repair can keep. If no face has an area, the box of all faces.
     pub(super) fn extent(&self) -> Box3 {
         *get_or_init(&self.extent, || {
-            let faces = (0u32..).take(self.surface.faces.len());
-            let sound = faces.filter(|&f| !self.is_without_area(f)).flat_map(|f| self.unit_corners(f));
-            let extent = Box3::of(sound);
+            let flat = self.flat();
+            #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+            let of_chunks = threads::map_chunks(self.surface.faces.len(), |range| {
+                let with_corners = range.filter(|&f| !flat[f]).map(|f| self.unit_corners(f as u32));
+                Box3::of(with_corners.filter(|&[a, b, c]| !area_vanishes(a, b, c)).flatten())
+            });
+            let extent = of_chunks.into_iter().fold(Box3::EMPTY, |all, of_chunk| all.joined(&of_chunk));
             if extent.diagonal() > 0.0 { extent } else { Box3::of(self.unit().iter().copied()) }
         })
     }

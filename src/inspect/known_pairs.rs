@@ -132,12 +132,14 @@ impl Intersections {
 
 impl KnownPairs {
     fn new(mesh: &Analysis<'_>, earlier: &KnownIntersections<'_>) -> Self {
-        let counterparts = matched(&mesh.keys(earlier.scale), &earlier.keys);
+        let keys = mesh.keys(earlier.scale);
+        let counterparts = matched(&keys, &earlier.keys);
+        let is_exact = keys.is_exact && earlier.keys.is_exact;
         let mut changed = vec![true; counterparts.len()];
         // For each face of the earlier file, which the known pairs name, the face of this mesh at the same positions.
         let mut counterpart_of = vec![NO_FACE; earlier.file_faces];
         for ((&other, face), changed) in counterparts.iter().zip(0u32..).zip(&mut changed) {
-            if other != NO_FACE && is_same(&mesh.surface, face, earlier.surface, other) {
+            if other != NO_FACE && (is_exact || is_same(&mesh.surface, face, earlier.surface, other)) {
                 *changed = false;
                 counterpart_of[earlier.surface.source[other as usize] as usize] = face;
             }
@@ -153,7 +155,8 @@ impl KnownPairs {
     }
 }
 
-/// Whether two faces of two meshes have exactly the same corners, in any order. Equal keys prove only that the corners agree in f32.
+/// Whether two faces of two meshes have exactly the same corners, in any order. Equal keys prove only that the corners agree in f32,
+/// which suffices where f32 holds all positions.
 fn is_same(surface: &Surface, face: u32, earlier: &Surface, other: u32) -> bool {
     let (corners, others) = (surface.corners(face as usize), earlier.corners(other as usize));
     corners.iter().all(|corner| others.contains(corner)) && others.iter().all(|corner| corners.contains(corner))

@@ -92,6 +92,8 @@ pub(super) struct FaceKeys {
     sorted: Vec<([[u32; 3]; 3], u32)>,
     /// Whether f32 positions are accurate enough to distinguish the mesh's faces.
     fine: bool,
+    /// Whether f32 holds all positions exactly, so that faces with equal keys in two such meshes are at the same positions.
+    pub is_exact: bool,
 }
 
 impl FaceKeys {
@@ -107,8 +109,11 @@ impl FaceKeys {
         });
         threads::sort_by(&mut sorted, &Ord::cmp);
         let bounds = Box3::of(unit.iter().copied());
+        let is_held = |p: f64| f64::from((p * scale) as f32) == p * scale;
+        let is_rounded = |v: usize| !surface.positions[v].to_array().into_iter().all(is_held);
+        let is_exact = threads::count(surface.positions.len(), is_rounded) == 0;
         // Unit coordinates reach 2.
-        Self { sorted, fine: bounds.diagonal() * MAX_DIAGONALS_FROM_ORIGIN >= 2.0 }
+        Self { sorted, is_exact, fine: bounds.diagonal() * MAX_DIAGONALS_FROM_ORIGIN >= 2.0 }
     }
 }
 

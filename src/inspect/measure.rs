@@ -51,6 +51,51 @@ impl Analysis<'_> {
     }
 }
 
+/// How many edges of a mesh are defective.
+#[derive(Default)]
+struct EdgeCounts {
+    /// Edges with one face.
+    boundary: u64,
+    /// Edges with two faces that traverse them in the same direction.
+    misoriented: u64,
+    /// Edges with more than two faces.
+    non_manifold: u64,
+    /// Edges that are not traversed equally often in both directions.
+    unbalanced: u64,
+    /// Edges that more than one face traverses in the same direction.
+    inconsistent: u64,
+}
+
+impl EdgeCounts {
+    /// Counts in parallel if the edges are many.
+    fn of(edges: &Edges, surface: &Surface) -> Self {
+        let mut counts = Self::default();
+        for of_chunk in threads::map_chunks(edges.len(), |range| {
+            let mut counts = Self::default();
+            range.for_each(|edge| counts.add(edges.half_edges(edge), &surface.faces));
+            counts
+        }) {
+            counts.boundary += of_chunk.boundary;
+            counts.misoriented += of_chunk.misoriented;
+            counts.non_manifold += of_chunk.non_manifold;
+            counts.unbalanced += of_chunk.unbalanced;
+            counts.inconsistent += of_chunk.inconsistent;
+        }
+        counts
+    }
+
+    fn add(&mut self, half_edges: &[u32], faces: &[[u32; 3]]) {
+        let forward = half_edges.iter().filter(|&&h| Edges::is_forward(faces, h)).count();
+        match half_edges.len() {
+            1 => self.boundary += 1,
+            2 => self.misoriented += u64::from(forward != 1),
+            _ => self.non_manifold += 1,
+        }
+        self.unbalanced += u64::from(2 * forward != half_edges.len());
+        self.inconsistent += u64::from(forward > 1 || half_edges.len() - forward > 1);
+    }
+}
+
 /// Computes the measures that [`Analysis::measures`] caches.
 fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
     let Analysis { subject, surface, ingest, edges, parts, fans, solids, .. } = analysis;
@@ -76,18 +121,11 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     ((counts.degenerate_faces, counts.duplicate_faces), (counts.unshared_edges, counts.near_coincident_defects)) =
         threads::join(surface.faces.len(), count_in_faces, count_for_readers);
     context.check()?;
-    let mut balanced = true;
-    counts.consistent = true;
-    for half_edges in edges.iter() {
-        let forward = half_edges.iter().filter(|&&h| Edges::is_forward(&surface.faces, h)).count();
-        match half_edges.len() {
-            1 => counts.boundary_edges += 1,
-            2 => counts.misoriented_edges += u64::from(forward != 1),
-            _ => counts.non_manifold_edges += 1,
-        }
-        balanced &= 2 * forward == half_edges.len();
-        counts.consistent &= forward <= 1 && half_edges.len() - forward <= 1;
-    }
+    let EdgeCounts { boundary, misoriented, non_manifold, unbalanced, inconsistent } = EdgeCounts::of(edges, surface);
+    (counts.boundary_edges, counts.misoriented_edges, counts.non_manifold_edges) =
+        (boundary, misoriented, non_manifold);
+    let balanced = unbalanced == 0;
+    counts.consistent = inconsistent == 0;
     // A face with a repeated vertex has no edges; a mesh of only such faces is not closed.
     counts.closed = counts.boundary_edges == 0 && !edges.is_empty();
     counts.manifold = counts.non_manifold_edges == 0 && counts.non_manifold_vertices == 0;

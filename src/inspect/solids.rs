@@ -83,7 +83,7 @@ impl Solid {
             closed: self.closed && other.closed,
             volume: self.volume + other.volume,
             area: self.area + other.area,
-            bounds: Box3 { min: self.bounds.min.min(other.bounds.min), max: self.bounds.max.max(other.bounds.max) },
+            bounds: self.bounds.joined(&other.bounds),
         }
     }
 }

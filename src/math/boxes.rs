@@ -36,6 +36,12 @@ impl Box3 {
         Self { min: self.min - margin, max: self.max + margin }
     }
 
+    /// The smallest box that contains both boxes.
+    #[must_use]
+    pub fn joined(&self, other: &Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
     /// Whether the box contains no point.
     #[must_use]
     pub fn is_empty(&self) -> bool {

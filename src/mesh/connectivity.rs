@@ -165,24 +165,7 @@ impl Fans {
     /// Joins corners across every edge, whatever its number of faces.
     #[must_use]
     pub fn new(surface: &Surface, edges: &Edges) -> Self {
-        let faces = &surface.faces;
-        let mut sets = UnionFind::new(faces.len() * 3);
-        for (e, half_edges) in edges.iter().enumerate() {
-            let low = edges.vertices(e)[0];
-            for pair in half_edges.windows(2) {
-                let at_low = |h: u32| if origin(faces, h) == low { h } else { Edges::next(h) };
-                let at_high = |h: u32| if origin(faces, h) == low { Edges::next(h) } else { h };
-                sets.unite(at_low(pair[0]), at_low(pair[1]));
-                sets.unite(at_high(pair[0]), at_high(pair[1]));
-            }
-        }
-        let mut of_corner = sets.into_roots();
-        for (corners, &[a, b, c]) in of_corner.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
-            if a == b || b == c || c == a {
-                *corners = [u32::MAX; 3];
-            }
-        }
-        let mut fans = Self { of_corner, non_manifold_vertices: 0 };
+        let mut fans = Self { of_corner: fans_at(surface, edges, |_| true), non_manifold_vertices: 0 };
         fans.non_manifold_vertices = fans.at_vertices(surface).into_iter().filter(|&n| n > 1).count() as u64;
         fans
     }
@@ -198,6 +181,26 @@ impl Fans {
         }
         counts
     }
+}
+
+/// For each corner, the smallest corner of its fan, as in [`Fans::of_corner`]. Corners at vertices for which `is_wanted` returns
+/// false stay alone.
+pub(super) fn fans_at(surface: &Surface, edges: &Edges, is_wanted: impl Fn(u32) -> bool) -> Vec<u32> {
+    let faces = &surface.faces;
+    let mut sets = UnionFind::new(faces.len() * 3);
+    for (e, half_edges) in edges.iter().enumerate() {
+        for v in edges.vertices(e).into_iter().filter(|&v| is_wanted(v)) {
+            let corner_at = |h: u32| if origin(faces, h) == v { h } else { Edges::next(h) };
+            half_edges.windows(2).for_each(|pair| sets.unite(corner_at(pair[0]), corner_at(pair[1])));
+        }
+    }
+    let mut of_corner = sets.into_roots();
+    for (corners, &[a, b, c]) in of_corner.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
+        if a == b || b == c || c == a {
+            *corners = [u32::MAX; 3];
+        }
+    }
+    of_corner
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Boundary loops and chains of an open surface.
 
 use super::adjacency::Edges;
-use super::connectivity::{Fans, UnionFind};
+use super::connectivity::{Fans, UnionFind, fans_at};
 use super::surface::Surface;
 
 /// The holes of a surface, as closed walks along its boundary.
@@ -29,16 +29,21 @@ pub struct BoundaryLoops {
 /// The surface should be consistently wound; otherwise walks may not close, and their edges count in
 /// [`BoundaryLoops::left`].
 #[must_use]
-pub fn boundary_loops(surface: &Surface, edges: &Edges, fans: &Fans) -> BoundaryLoops {
+pub fn boundary_loops(surface: &Surface, edges: &Edges) -> BoundaryLoops {
     let faces = &surface.faces;
+    let mut is_at_boundary = vec![false; surface.positions.len()];
+    for (edge, _) in edges.iter().enumerate().filter(|(_, half_edges)| half_edges.len() == 1) {
+        edges.vertices(edge).into_iter().for_each(|v| is_at_boundary[v as usize] = true);
+    }
+    let of_corner = fans_at(surface, edges, |v| is_at_boundary[v as usize]);
     // A boundary half-edge u -> v of a face is walked as v -> u. The walk continues in u's fan with the half-edge that
     // ends in u, found by the fan of the corner at its end.
     let mut boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
     boundary.sort_unstable();
-    let mut by_end: Vec<(u32, u32)> = boundary.iter().map(|&h| (fans.of_corner[Edges::next(h) as usize], h)).collect();
+    let mut by_end: Vec<(u32, u32)> = boundary.iter().map(|&h| (of_corner[Edges::next(h) as usize], h)).collect();
     by_end.sort_unstable();
     let mut used = vec![false; by_end.len()];
-    let position_of = |h: u32| by_end.binary_search(&(fans.of_corner[Edges::next(h) as usize], h)).ok();
+    let position_of = |h: u32| by_end.binary_search(&(of_corner[Edges::next(h) as usize], h)).ok();
     let mut loops = BoundaryLoops::default();
     for &start in &boundary {
         let Some(at) = position_of(start) else { continue };
@@ -49,7 +54,7 @@ pub fn boundary_loops(surface: &Surface, edges: &Edges, fans: &Fans) -> Boundary
         used[at] = true;
         let mut h = start;
         let closed = loop {
-            let fan = fans.of_corner[h as usize];
+            let fan = of_corner[h as usize];
             let from = by_end.partition_point(|&(f, _)| f < fan);
             let Some(found) = (from..by_end.len())
                 .take_while(|&i| by_end[i].0 == fan)
@@ -147,7 +152,7 @@ mod tests {
         let surface = surface(faces);
         let edges = Edges::new(&surface.faces);
         let fans = Fans::new(&surface, &edges);
-        (boundary_loops(&surface, &edges, &fans), count_boundary_chains(&edges, &fans))
+        (boundary_loops(&surface, &edges), count_boundary_chains(&edges, &fans))
     }
 
     #[test]

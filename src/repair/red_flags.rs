@@ -311,20 +311,18 @@ fn face_areas(surface: &Surface) -> Vec<f64> {
 /// The patches of holes: sets of faces without a source that share edges. Also for each face the index of its patch;
 /// `usize::MAX` for all other faces.
 fn patches(surface: &Surface, areas: &[f64]) -> (Vec<Patch>, Vec<usize>) {
-    let is_patch = |f: usize| surface.source[f] == NO_SOURCE;
-    let mut sets = UnionFind::new(surface.faces.len());
-    for half_edges in Edges::new(&surface.faces).iter() {
-        let mut faces = half_edges.iter().map(|h| h / 3).filter(|&f| is_patch(f as usize));
-        if let Some(first) = faces.next() {
-            faces.for_each(|other| sets.unite(first, other));
-        }
+    let listed: Vec<usize> = (0..surface.faces.len()).filter(|&f| surface.source[f] == NO_SOURCE).collect();
+    let faces: Vec<[u32; 3]> = listed.iter().map(|&f| surface.faces[f]).collect();
+    let mut sets = UnionFind::new(faces.len());
+    for half_edges in Edges::new(&faces).iter() {
+        half_edges.windows(2).for_each(|pair| sets.unite(pair[0] / 3, pair[1] / 3));
     }
     let roots = sets.into_roots();
     // The first face of a set is its root, so that it has a number before the others.
     let mut number = vec![usize::MAX; surface.faces.len()];
     let mut patch_sets: Vec<(Patch, Box3, f64)> = Vec::new();
-    for f in (0..surface.faces.len()).filter(|&f| is_patch(f)) {
-        let root = roots[f] as usize;
+    for (&f, root) in listed.iter().zip(roots) {
+        let root = listed[root as usize];
         if number[root] == usize::MAX {
             number[root] = patch_sets.len();
             patch_sets.push((Patch { area: 0.0, extent: 0.0, at: DVec3::ZERO }, Box3::EMPTY, -1.0));

@@ -8,7 +8,7 @@ use super::border::OpenParts;
 use crate::context::{Cancelled, Context};
 use crate::inspect::{Solid, solids};
 use crate::math::winding_exact;
-use crate::mesh::{Edges, Fans, Parts, Surface, boundary_loops};
+use crate::mesh::{Edges, Parts, Surface, boundary_loops};
 
 /// Share of the area in open sheets from which the whole model counts as an open sheet.
 pub(in crate::repair) const SHEET_SHARE: f64 = 0.9;
@@ -53,8 +53,7 @@ pub fn open_sheet_share(surface: &Surface) -> f64 {
 
 /// For each part, whether it is an open sheet by the test of [`open_sheet_share`].
 pub(in crate::repair) fn open_sheets(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Vec<bool> {
-    let fans = Fans::new(surface, edges);
-    let loops = boundary_loops(surface, edges, &fans);
+    let loops = boundary_loops(surface, edges);
     let mut patch_area = vec![0.0; parts.count];
     let mut volume: Vec<f64> = solids.iter().map(|s| s.volume).collect();
     let (open, mut walked) = (parts.open(edges), vec![false; parts.count]);

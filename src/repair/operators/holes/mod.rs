@@ -10,7 +10,7 @@ mod triangulate;
 
 use crate::inspect::{Solid, solids};
 use crate::math::Box3;
-use crate::mesh::{Edges, Fans, Parts, Surface, UnionFind, boundary_loops};
+use crate::mesh::{Edges, Parts, Surface, UnionFind, boundary_loops};
 use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
 use crate::repair::operators::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -97,9 +97,8 @@ impl FillHoles {
         if edges.iter().all(|h| h.len() != 1) {
             return Ok(Filled::default());
         }
-        let fans = Fans::new(surface, &edges);
         let parts = Parts::new(surface, &edges);
-        let loops = boundary_loops(surface, &edges, &fans);
+        let loops = boundary_loops(surface, &edges);
         let mut filled = Filled { unwalked_edges: loops.left, ..Filled::default() };
         let of_edge = |a, b| face_normal(&surface.positions, &surface.faces, &edges, a, b);
         let holes = group_loops(&surface.positions, loops, &parts, of_edge);
