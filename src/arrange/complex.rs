@@ -7,8 +7,7 @@ use glam::DVec3;
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 
-use super::MeetingFaces;
-use super::contacts::{Contacts, Cuts};
+use super::contacts::{Contacts, Cuts, MeetingFaces};
 use super::grid::{Grid, Plane};
 use super::points::Points;
 use super::triangulation::{Line, Support, Triangulation};

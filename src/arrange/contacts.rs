@@ -8,6 +8,15 @@ use super::points::Points;
 use crate::math::Sign;
 use crate::mesh::UnionFind;
 
+/// Two faces that have more in common than corners and edges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct MeetingFaces {
+    /// The two faces, the smaller first.
+    pub faces: [u32; 2],
+    /// Whether the faces overlap in a plane.
+    pub overlap: bool,
+}
+
 /// The points and segments that other faces leave on one face.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cuts {

@@ -22,6 +22,7 @@ use crate::mesh::{ClosedSurface, Surface, is_generated};
 
 pub use crate::math::WindingRule;
 pub use complex::ArrangeError;
+pub use contacts::MeetingFaces;
 pub(crate) use sides::{FacetSides, SideLink};
 
 /// How an arrangement classifies its cells.
@@ -78,15 +79,6 @@ pub trait Arrangement {
         let _ = known;
         self.solid(surface, rule, context)
     }
-}
-
-/// Two faces that have more in common than corners and edges.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct MeetingFaces {
-    /// The two faces, the smaller first.
-    pub faces: [u32; 2],
-    /// Whether the faces overlap in a plane.
-    pub overlap: bool,
 }
 
 /// An exact arrangement of faces, and the boundary of its inside cells.
