@@ -54,11 +54,11 @@ fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>)
     let mut pieces = UnionFind::new(facets.len());
     // Only edges of several facets need the exact order, which takes time.
     let order = |edge: usize| order_around(complex, edges.half_edges(edge), &corners);
-    let is_crowded = |edge: &usize| edges.half_edges(*edge).len() > 2;
-    let crowded = threads::map_chunks(edges.len(), |range| range.filter(is_crowded).map(order).collect::<Vec<_>>());
-    let mut crowded = crowded.into_iter().flatten();
+    let is_crowded = |edge: usize| edges.half_edges(edge).len() > 2;
+    let crowded = threads::filter_map(edges.len(), |edge| is_crowded(edge).then(|| order(edge)));
+    let mut crowded = crowded.into_iter();
     for edge in 0..edges.len() {
-        let around = if is_crowded(&edge) { crowded.next().unwrap_or_default() } else { order(edge) };
+        let around = if is_crowded(edge) { crowded.next().unwrap_or_default() } else { order(edge) };
         for (k, &(facet, forward)) in around.iter().enumerate() {
             let (next, next_forward) = around[(k + 1) % around.len()];
             // The cell counter-clockwise of a forward facet is in front of it.
@@ -171,9 +171,8 @@ struct WindingNumbers<'a> {
 impl<'a> WindingNumbers<'a> {
     /// Prepares the measurement of `count` winding numbers.
     fn new(complex: &'a Complex, count: usize) -> Self {
-        let SolidFaces { unit, corners, .. } = &complex.solid_faces;
-        let triangle = |f: u32| corners[f as usize].map(|p| unit[p as usize]);
-        Self { complex, dipoles: (count > FEW).then(|| complex.solid_faces.tree().dipoles(triangle)) }
+        let faces = &complex.solid_faces;
+        Self { complex, dipoles: (count > FEW).then(|| faces.tree().dipoles(|f| faces.triangle(f))) }
     }
 
     /// The winding number of the cell in front of a facet. Faces that cover the facet contribute nothing at its centre.

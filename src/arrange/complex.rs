@@ -12,7 +12,7 @@ use super::grid::{Grid, Plane};
 use super::points::Points;
 use super::triangulation::{Line, Support, Triangulation};
 use crate::context::{Cancelled, Context};
-use crate::math::{Contact, Hit, Hubs, PairSearch, Tree, contact, threads, triangles_near};
+use crate::math::{ChangedTriangles, Contact, Hit, Hubs, PairSearch, Tree, contact, threads};
 use crate::mesh::{NotClosed, Surface, first_equal};
 
 /// Step budget of the search for meeting faces, and the additional steps for each face.
@@ -127,9 +127,12 @@ impl Complex {
         let faces = threads::map_cheap(surface.faces.len(), with_area);
         let solid_faces = SolidFaces::new(&points, &faces);
         context.check()?;
-        let is_exact = |face: &u32| surface.corners(*face as usize).iter().all(|&p| grid.holds(p));
         let pairs = match known {
-            Some(known) => pairs_after(known, &solid_faces, is_exact, context)?,
+            Some(known) => {
+                let is_held = threads::map_cheap(surface.positions.len(), |v| grid.holds(surface.positions[v]));
+                let is_exact = |face: u32| surface.faces[face as usize].iter().all(|&v| is_held[v as usize]);
+                pairs_after(known, &solid_faces, is_exact, context)?
+            }
             None => pairs_that_meet(&solid_faces, None, context)?,
         };
         let solid: Vec<[u32; 3]> = faces.iter().map(|face| face.unwrap_or([0; 3])).collect();
@@ -201,14 +204,13 @@ fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u3
 fn pairs_after(
     known: &[MeetingFaces],
     faces: &SolidFaces,
-    is_exact: impl Fn(&u32) -> bool + Sync,
+    is_exact: impl Fn(u32) -> bool + Sync + Send,
     context: &Context<'_>,
 ) -> Result<Vec<MeetingFaces>, ArrangeError> {
-    let numbers = &faces.numbers;
-    let is_moved = threads::map_cheap(numbers.len(), |at| !is_exact(&numbers[at]));
+    let is_moved = threads::map_cheap(faces.numbers.len(), |at| !is_exact(faces.numbers[at]));
     let mut pairs =
         if is_moved.contains(&true) { pairs_that_meet(faces, Some(&is_moved), context)? } else { Vec::new() };
-    pairs.extend(known.iter().filter(|pair| pair.faces.iter().all(&is_exact)));
+    pairs.extend(known.iter().filter(|pair| pair.faces.iter().all(|&face| is_exact(face))));
     pairs.sort_unstable();
     Ok(pairs)
 }
@@ -221,11 +223,9 @@ fn pairs_that_meet(
     context: &Context<'_>,
 ) -> Result<Vec<MeetingFaces>, ArrangeError> {
     let SolidFaces { unit, corners, numbers, .. } = faces;
-    let near = moved.map(|moved| triangles_near(unit, corners, moved));
-    let face_at = |at: u32| near.as_ref().map_or(at, |near| near[at as usize]) as usize;
     let look = |f: u32, g: u32, steps: &mut u64| {
         let mut slow = 0;
-        let contact = contact(unit, corners[face_at(f)], corners[face_at(g)], &mut slow);
+        let contact = contact(unit, corners[f as usize], corners[g as usize], &mut slow);
         *steps += 8 * slow;
         match contact {
             Contact::Disjoint | Contact::Neighbours => None,
@@ -236,21 +236,15 @@ fn pairs_that_meet(
     let mut pairs = Vec::new();
     let too_many = || ArrangeError::Failed("too many faces meet".to_owned());
     let take = |hits: Vec<Hit<bool>>| -> Result<(), ArrangeError> {
-        let numbered = |pair: [u32; 2]| pair.map(|at| numbers[face_at(at)]);
+        let numbered = |pair: [u32; 2]| pair.map(|at| numbers[at as usize]);
         pairs.extend(hits.into_iter().map(|(pair, overlap)| MeetingFaces { faces: numbered(pair), overlap }));
         context.check()?;
         if pairs.len() > MAX_PAIRS { Err(too_many()) } else { Ok(()) }
     };
     let budget = STEPS + STEPS_PER_FACE * corners.len() as u64;
-    let complete = match (&near, moved) {
-        (Some(near), Some(moved)) => {
-            let near_corners: Vec<[u32; 3]> = near.iter().map(|&at| corners[at as usize]).collect();
-            let near_moved: Vec<bool> = near.iter().map(|&at| moved[at as usize]).collect();
-            let hubs = Hubs::find(unit, &near_corners);
-            let search = PairSearch { look, budget, hubs: hubs.as_ref() };
-            search.within_changed(&Tree::new(unit, &near_corners), &near_moved, take)?
-        }
-        _ => {
+    let complete = match moved {
+        Some(moved) => ChangedTriangles::new(unit, corners, moved).search(look, budget, take)?,
+        None => {
             let hubs = Hubs::find(unit, corners);
             PairSearch { look, budget, hubs: hubs.as_ref() }.within(faces.tree(), take)?
         }

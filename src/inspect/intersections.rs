@@ -9,7 +9,7 @@ use super::analysis::{KnownPairs, flat_faces, get_or_try_init};
 use super::{Analysis, Defect, DefectKind, Findings, IntersectingPair, Intersections, Meeting, SelfIntersections};
 use crate::context::{Cancelled, Context};
 use crate::math::{
-    Box3, Contact, Frame, Hit, Hubs, PairSearch, Tree, common_point, contact, to_unit_range, triangles_near,
+    Box3, ChangedTriangles, Contact, Frame, Hit, Hubs, PairSearch, Tree, common_point, contact, to_unit_range,
 };
 use crate::mesh::Parts;
 
@@ -64,20 +64,12 @@ pub(super) fn intersections_near_changed(
     context: &Context<'_>,
 ) -> Result<Intersections, Cancelled> {
     let (unit, faces, flat) = (analysis.unit(), &analysis.surface.faces, analysis.flat());
-    let near = triangles_near(unit, faces, &known.changed);
+    let meeting = |f: u32, g: u32, steps: &mut u64| face_meeting(unit, [faces, faces], [flat, flat], [f, g], steps);
+    let triangles = ChangedTriangles::new(unit, faces, &known.changed);
     context.check()?;
-    let near_faces: Vec<[u32; 3]> = near.iter().map(|&f| faces[f as usize]).collect();
-    let changed: Vec<bool> = near.iter().map(|&f| known.changed[f as usize]).collect();
-    let look = |f: u32, g: u32, steps: &mut u64| {
-        face_meeting(unit, [faces, faces], [flat, flat], [f, g].map(|at| near[at as usize]), steps)
-    };
-    let (tree, hubs) = (Tree::new(unit, &near_faces), Hubs::find(unit, &near_faces));
     let mut collector = Collector::new([analysis, analysis]);
     collector.add(known.hits.clone(), context)?;
-    let search = PairSearch { look, budget: budget(analysis), hubs: hubs.as_ref() };
-    let in_mesh = |(pair, meeting): Hit<Meeting>| (pair.map(|at| near[at as usize]), meeting);
-    let complete = search
-        .within_changed(&tree, &changed, |hits| collector.add(hits.into_iter().map(in_mesh).collect(), context))?;
+    let complete = triangles.search(meeting, budget(analysis), |hits| collector.add(hits, context))?;
     Ok(collector.finish(complete))
 }
 

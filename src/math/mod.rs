@@ -25,7 +25,7 @@ pub use boxes::Box3;
 pub use hubs::Hubs;
 pub use nearest::{Ball, Nearest};
 pub use opposite::OppositeFaces;
-pub use pairs::{Hit, PairSearch, triangles_near};
+pub use pairs::{ChangedTriangles, Hit, PairSearch};
 pub use planar::triangulated_area;
 pub use polygon::{Polygon, clip, covered, sides_along};
 pub use precision::{Precision, Rounding, to_unit_range, unit_scale};

@@ -15,27 +15,6 @@ use super::tree::{Tree, triangles_of};
 const MAX_STARTS: usize = 128;
 const STEPS_PER_START: u64 = 2048;
 
-/// The triangles that are marked in `changed`, and those whose boxes meet the box of a marked triangle, in ascending order. Only these
-/// can be in a pair with a marked triangle, so a tree over them suffices for [`PairSearch::within_changed`].
-#[must_use]
-pub fn triangles_near(positions: &[DVec3], faces: &[[u32; 3]], changed: &[bool]) -> Vec<u32> {
-    let marked: Vec<[u32; 3]> =
-        faces.iter().zip(changed).filter(|(_, changed)| **changed).map(|(face, _)| *face).collect();
-    let tree = Tree::new(positions, &marked);
-    let is_near = |face: usize| {
-        let bounds = Box3::of(faces[face].map(|v| positions[v as usize]));
-        let mut is_near = changed[face];
-        tree.overlapping(&bounds, |_| {
-            is_near = true;
-            false
-        });
-        is_near
-    };
-    #[expect(clippy::cast_possible_truncation, reason = "triangles are counted in u32")]
-    threads::map_chunks(faces.len(), |range| range.filter(|&f| is_near(f)).map(|f| f as u32).collect::<Vec<_>>())
-        .concat()
-}
-
 /// A pair of triangles, and the value that `look` returned for the pair.
 pub type Hit<T> = ([u32; 2], T);
 
@@ -50,6 +29,59 @@ pub struct PairSearch<'a, L> {
     /// directions that may meet: `look` must return nothing for triangles with no other point in common. `None` calls it
     /// for all. For a search between two trees, `None`.
     pub hubs: Option<&'a Hubs>,
+}
+
+/// Triangles of which some have changed, for a search of the pairs with a changed one. The tree holds only triangles that can be in
+/// such a pair, so it is small where few have changed.
+pub struct ChangedTriangles {
+    /// The changed triangles and those whose boxes meet the box of a changed one, in ascending order.
+    numbers: Vec<u32>,
+    /// Whether each of them has changed.
+    changed: Vec<bool>,
+    tree: Tree,
+    hubs: Option<Hubs>,
+}
+
+impl ChangedTriangles {
+    /// Prepares the search; `changed` marks triangles. All positions that faces use must be finite.
+    #[must_use]
+    pub fn new(positions: &[DVec3], faces: &[[u32; 3]], changed: &[bool]) -> Self {
+        let marked: Vec<[u32; 3]> =
+            faces.iter().zip(changed).filter(|(_, changed)| **changed).map(|(face, _)| *face).collect();
+        let of_marked = Tree::new(positions, &marked);
+        let is_near = |face: usize| {
+            let bounds = Box3::of(faces[face].map(|v| positions[v as usize]));
+            let mut is_near = changed[face];
+            of_marked.overlapping(&bounds, |_| {
+                is_near = true;
+                false
+            });
+            is_near
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "triangles are counted in u32")]
+        let numbers = threads::filter_map(faces.len(), |f| is_near(f).then_some(f as u32));
+        let near: Vec<[u32; 3]> = numbers.iter().map(|&f| faces[f as usize]).collect();
+        let changed = numbers.iter().map(|&f| changed[f as usize]).collect();
+        Self { tree: Tree::new(positions, &near), hubs: Hubs::find(positions, &near), numbers, changed }
+    }
+
+    /// [`PairSearch::within_changed`] with these triangles, `look` and `budget`. Triangles keep their numbers.
+    ///
+    /// # Errors
+    /// Returns the error of `take`.
+    pub fn search<T: Send, E>(
+        &self,
+        look: impl Fn(u32, u32, &mut u64) -> Option<T> + Sync,
+        budget: u64,
+        mut take: impl FnMut(Vec<Hit<T>>) -> Result<(), E>,
+    ) -> Result<bool, E> {
+        let number = |at: u32| self.numbers[at as usize];
+        let look = |f: u32, g: u32, steps: &mut u64| look(number(f), number(g), steps);
+        let search = PairSearch { look, budget, hubs: self.hubs.as_ref() };
+        search.within_changed(&self.tree, &self.changed, |hits| {
+            take(hits.into_iter().map(|(pair, value)| (pair.map(number), value)).collect())
+        })
+    }
 }
 
 impl<L> PairSearch<'_, L> {

@@ -34,6 +34,11 @@ pub fn map_cheap<T: Send>(count: usize, value: impl Fn(usize) -> T + Sync + Send
     map(count, CHUNK, value)
 }
 
+/// The values that a cheap function has for some of 0 to `count`, in order, computed in parallel if they are many.
+pub fn filter_map<T: Send>(count: usize, value: impl Fn(usize) -> Option<T> + Sync + Send) -> Vec<T> {
+    map_chunks(count, |range| range.filter_map(&value).collect::<Vec<T>>()).into_iter().flatten().collect()
+}
+
 /// The number of the items 0 to `count` for which a cheap test holds.
 pub fn count(count: usize, holds: impl Fn(usize) -> bool + Sync + Send) -> u64 {
     map_chunks(count, |range| range.filter(|&item| holds(item)).count() as u64).into_iter().sum()
@@ -74,6 +79,8 @@ mod tests {
         for count in [0, 1, CHUNK, CHUNK + 1, 3 * CHUNK] {
             assert!(map_chunks(count, |range| range).into_iter().flatten().eq(0..count), "{count}");
             assert_eq!(super::count(count, |item| item % 2 == 1), count as u64 / 2);
+            let halves = filter_map(count, |item| (item % 2 == 1).then_some(item / 2));
+            assert!(halves.into_iter().eq(0..count / 2), "{count}");
         }
     }
 

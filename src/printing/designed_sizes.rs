@@ -52,10 +52,10 @@ pub fn designed_sizes(surface: &Surface, edges: &Edges) -> DesignedSizes {
         [a, b] if normals[a as usize / 3].dot(normals[b as usize / 3]) >= 1.0 - COPLANAR => Some([a / 3, b / 3]),
         _ => None,
     };
-    let joined = threads::map_chunks(edges.len(), |range| range.filter_map(coplanar_beside).collect::<Vec<_>>());
+    let joined = threads::filter_map(edges.len(), coplanar_beside);
     drop(normals);
     let mut sets = UnionFind::new(surface.faces.len());
-    joined.into_iter().flatten().for_each(|[a, b]| sets.unite(a, b));
+    joined.into_iter().for_each(|[a, b]| sets.unite(a, b));
     let patch_of = sets.into_roots();
     let total: f64 = (0..surface.faces.len()).map(|face| surface.area_vector(face).length()).sum();
     let planes = large_planes(surface, &patch_of, total);

@@ -43,11 +43,9 @@ pub(super) fn find_flat(scan: &mut Scan<'_, '_>) -> Result<Vec<bool>, Cancelled>
     scan.context().check()?;
     let (analysis, tolerance) = (scan.analysis, scan.lengths.degenerate);
     let faces = &analysis.surface.faces;
-    let thin = threads::map_chunks(faces.len(), |range| {
-        range.filter_map(|face| Some((face, ThinFace::of(analysis, face, tolerance)?))).collect::<Vec<_>>()
-    });
+    let thin = threads::filter_map(faces.len(), |face| Some((face, ThinFace::of(analysis, face, tolerance)?)));
     let mut flat = vec![false; faces.len()];
-    for (face, ThinFace { edge, height }) in thin.into_iter().flatten() {
+    for (face, ThinFace { edge, height }) in thin {
         #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
         let f = face as u32;
         let value = |length: f64| if length == 0.0 { 0.0 } else { scan.in_model_unit_above_zero(length) };

@@ -86,10 +86,7 @@ pub(super) fn find(scan: &mut Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Res
 fn find_folds(scan: &Scan<'_, '_>, flat: &[bool], skip: &[bool]) -> Result<Vec<(usize, Fold)>, Cancelled> {
     scan.context().check()?;
     let search = FoldSearch { analysis: scan.analysis, lengths: &scan.lengths, ignored: [flat, skip] };
-    let found = threads::map_chunks(scan.analysis.edges.len(), |range| {
-        range.filter_map(|e| Some((e, search.fold_at(e)?))).collect::<Vec<_>>()
-    });
-    Ok(found.into_iter().flatten().collect())
+    Ok(threads::filter_map(scan.analysis.edges.len(), |e| Some((e, search.fold_at(e)?))))
 }
 
 /// The search for folds, for several threads.

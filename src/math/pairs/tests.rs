@@ -113,13 +113,21 @@ proptest! {
         prop_assert!(complete);
         found.sort_unstable();
         prop_assert_eq!(&found, &expected);
-        let near = triangles_near(&positions, &faces, &changed[..faces.len()]);
-        prop_assert!(near.is_sorted());
-        let is_near = |t: u32| near.binary_search(&t).is_ok();
+        let near = ChangedTriangles::new(&positions, &faces, &changed[..faces.len()]);
+        prop_assert!(near.numbers.is_sorted());
+        let is_near = |t: u32| near.numbers.binary_search(&t).is_ok();
         prop_assert!((0u32..).zip(&changed[..faces.len()]).all(|(t, &changed)| !changed || is_near(t)));
+        let mut found_near = Vec::new();
+        let Ok(complete) = near.search::<_, Infallible>(accept_all, NO_LIMIT, |hits| {
+            found_near.extend(hits.into_iter().map(|(pair, ())| pair));
+            Ok(())
+        });
+        prop_assert!(complete);
         let boxes = boxes(&positions, &faces);
         let meeting = expected.iter().filter(|pair| overlap(&boxes[pair[0] as usize], &boxes[pair[1] as usize]));
-        prop_assert!(meeting.flatten().all(|&t| is_near(t)));
+        for pair in meeting {
+            prop_assert!(pair.iter().all(|&t| is_near(t)) && found_near.contains(pair), "{pair:?}");
+        }
     }
 }
 

@@ -71,11 +71,9 @@ pub fn remove_without_area(
 pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<Change>, Cancelled> {
     let unit = to_unit_range(&surface.positions);
     let (mut flipped, mut dropped) = (0u64, 0u64);
-    let of_chunks = threads::map_chunks(surface.faces.len(), |range| {
-        #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
-        range.filter(|&f| is_collinear(&unit, surface.faces[f])).map(|f| f as u32).collect::<Vec<_>>()
-    });
-    let mut caps = of_chunks.concat();
+    #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+    let cap = |f: usize| is_collinear(&unit, surface.faces[f]).then_some(f as u32);
+    let mut caps = threads::filter_map(surface.faces.len(), cap);
     let mut keep = vec![true; surface.faces.len()];
     for _ in 0..MAX_PASSES {
         context.check()?;

@@ -55,15 +55,14 @@ impl UnfoldFoldovers {
         }
         let limits = FoldLimits { angle: self.angle, height };
         let edges = Edges::new(&surface.faces);
-        let is_fold = |e: &usize| {
-            let &[x, y] = edges.half_edges(*e) else { return false };
-            let ([a, b], apex) = (edges.vertices(*e), [x, y].map(|h| Edges::opposite(&surface.faces, h)));
+        let fold_at = |e: usize| {
+            let &[x, y] = edges.half_edges(e) else { return None };
+            let ([a, b], apex) = (edges.vertices(e), [x, y].map(|h| Edges::opposite(&surface.faces, h)));
             let at = [a, b, apex[0], apex[1]].map(|v| unit[v as usize]);
-            apex[0] != apex[1] && limits.fold(at).is_some()
+            (apex[0] != apex[1] && limits.fold(at).is_some()).then_some([a, b])
         };
         context.check()?;
-        let folds = threads::map_chunks(edges.len(), |range| range.filter(is_fold).collect::<Vec<_>>());
-        let mut queue: VecDeque<[u32; 2]> = folds.into_iter().flatten().map(|e| edges.vertices(e)).collect();
+        let mut queue = VecDeque::from(threads::filter_map(edges.len(), fold_at));
         if queue.is_empty() {
             return Ok(Applied::default());
         }

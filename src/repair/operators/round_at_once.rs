@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use super::free_positions::first_at_position;
-use crate::math::{Hubs, PairSearch, Tree, area_vanishes, collinear, contact, unit_scale};
+use crate::math::{ChangedTriangles, area_vanishes, collinear, contact, unit_scale};
 use crate::mesh::Surface;
 use crate::repair::{Cancelled, Context};
 
@@ -85,15 +85,13 @@ impl Moved<'_> {
             .collect();
         (0u32..).zip(changed.iter().zip(&is_flat)).filter(|(_, (c, flat))| **c && **flat).for_each(|(f, _)| block(f));
         context.check()?;
-        let hubs = Hubs::find(&unit, &faces_by_slot);
         let look = |f: u32, g: u32, _: &mut u64| {
             let [a, b] = [f, g].map(|f| faces_by_slot[f as usize]);
             let is_exempt = is_flat[f as usize] || is_flat[g as usize] || contact(&unit, a, b, &mut 0).is_apart();
             (!is_exempt).then_some(())
         };
         let budget = BUDGET + BUDGET_PER_FACE * faces.len() as u64;
-        let search = PairSearch { look, budget, hubs: hubs.as_ref() };
-        let is_complete = search.within_changed(&Tree::new(&unit, &faces_by_slot), &changed, |hits| {
+        let is_complete = ChangedTriangles::new(&unit, &faces_by_slot, &changed).search(look, budget, |hits| {
             hits.into_iter().flat_map(|(pair, ())| pair).for_each(&mut block);
             context.check()
         })?;
