@@ -75,12 +75,13 @@ impl Distribution {
     /// Describes values, which must be finite and not negative. Returns `None` if there are no values.
     #[must_use]
     pub fn of(mut values: Vec<f64>, bins: Bins) -> Option<Self> {
-        let ValueRange { min, max, positive } = ValueRange::of(&values)?;
+        let range = ValueRange::of(&values)?;
+        let ValueRange { min, max, .. } = range;
         let mean = mean_of(&values, max, |x| x).clamp(min, max);
         // Squares of fractions of the maximum cannot overflow.
         let share = if max > 0.0 { max } else { 1.0 };
         let variance = mean_of(&values, 1.0, |x| ((x - mean) / share) * ((x - mean) / share));
-        let histogram = Histogram::of(&values, bins, ValueRange { min, max, positive });
+        let histogram = Histogram::of(&values, bins, range);
         let count = values.len();
         let (below, &mut middle, _) = values.select_nth_unstable_by(count / 2, f64::total_cmp);
         let median = match below.iter().copied().max_by(f64::total_cmp) {

@@ -51,24 +51,25 @@ impl Analysis<'_> {
     }
 }
 
-/// How many edges of a mesh are defective.
-#[derive(Default)]
-struct EdgeCounts {
+/// How many edges of a surface are defective.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct EdgeCounts {
     /// Edges with one face.
-    boundary: u64,
+    pub boundary: u64,
     /// Edges with two faces that traverse them in the same direction.
-    misoriented: u64,
+    pub misoriented: u64,
     /// Edges with more than two faces.
-    non_manifold: u64,
+    pub non_manifold: u64,
     /// Edges that are not traversed equally often in both directions.
-    unbalanced: u64,
+    pub unbalanced: u64,
     /// Edges that more than one face traverses in the same direction.
-    inconsistent: u64,
+    pub inconsistent: u64,
 }
 
 impl EdgeCounts {
-    /// Counts in parallel if the edges are many.
-    fn of(edges: &Edges, surface: &Surface) -> Self {
+    /// Counts the edges of a surface, in parallel if they are many.
+    #[must_use]
+    pub fn of(surface: &Surface, edges: &Edges) -> Self {
         let mut counts = Self::default();
         for of_chunk in threads::map_chunks(edges.len(), |range| {
             let mut counts = Self::default();
@@ -121,7 +122,7 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     ((counts.degenerate_faces, counts.duplicate_faces), (counts.unshared_edges, counts.near_coincident_defects)) =
         threads::join(surface.faces.len(), count_in_faces, count_for_readers);
     context.check()?;
-    let EdgeCounts { boundary, misoriented, non_manifold, unbalanced, inconsistent } = EdgeCounts::of(edges, surface);
+    let EdgeCounts { boundary, misoriented, non_manifold, unbalanced, inconsistent } = EdgeCounts::of(surface, edges);
     (counts.boundary_edges, counts.misoriented_edges, counts.non_manifold_edges) =
         (boundary, misoriented, non_manifold);
     let balanced = unbalanced == 0;

@@ -191,8 +191,7 @@ pub fn nesting(
         }
         let mut combined = Box3::EMPTY;
         for extent in boxes.iter().filter_map(|&b| extents[b as usize]) {
-            combined.extend(extent.bounds.min);
-            combined.extend(extent.bounds.max);
+            combined = combined.joined(&extent.bounds);
         }
         // A ray from inside a box, as long as the box's diagonal, ends outside.
         let length = (combined.diagonal() * 1.001).clamp(f64::MIN_POSITIVE, 8.0);

@@ -31,15 +31,13 @@ pub struct BoundaryLoops {
 #[must_use]
 pub fn boundary_loops(surface: &Surface, edges: &Edges) -> BoundaryLoops {
     let faces = &surface.faces;
+    let mut boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
+    boundary.sort_unstable();
     let mut is_at_boundary = vec![false; surface.positions.len()];
-    for (edge, _) in edges.iter().enumerate().filter(|(_, half_edges)| half_edges.len() == 1) {
-        edges.vertices(edge).into_iter().for_each(|v| is_at_boundary[v as usize] = true);
-    }
+    boundary.iter().flat_map(|&h| Edges::ends(faces, h)).for_each(|v| is_at_boundary[v as usize] = true);
     let of_corner = fans_at(surface, edges, |v| is_at_boundary[v as usize]);
     // A boundary half-edge u -> v of a face is walked as v -> u. The walk continues in u's fan with the half-edge that
     // ends in u, found by the fan of the corner at its end.
-    let mut boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
-    boundary.sort_unstable();
     let mut by_end: Vec<(u32, u32)> = boundary.iter().map(|&h| (of_corner[Edges::next(h) as usize], h)).collect();
     by_end.sort_unstable();
     let mut used = vec![false; by_end.len()];

@@ -208,7 +208,8 @@ impl Runner<'_> {
 
     /// Records in a step what its operator changed.
     fn record(&self, applied: Applied, surface: &Surface, run: &mut TaskRun) {
-        let Applied { changes, moved, left, failed, unfixed, voxel_size, thickening, is_late, .. } = applied;
+        let Applied { changes, moved, left, failed, unfixed, voxel_size, thickening, is_late, limited: _, searched: _ } =
+            applied;
         let step = &mut run.step;
         step.unfixed = unfixed_faces(&unfixed, surface);
         (step.changed, step.moved, step.note, step.voxel_size) = (changes, moved, left, voxel_size);

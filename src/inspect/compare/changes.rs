@@ -128,8 +128,7 @@ impl Changes {
     ) {
         let (mut bounds, mut volume) = (Box3::EMPTY, 0.0);
         for solid in stay.filter(|solid| solid.area > 0.0) {
-            bounds.extend(solid.bounds.min);
-            bounds.extend(solid.bounds.max);
+            bounds = bounds.joined(&solid.bounds);
             volume += solid.volume;
         }
         let after_bounds = after.bounding_box.map_or(Box3::EMPTY, |b| Box3::of([b.min, b.max].map(DVec3::from)));

@@ -83,15 +83,13 @@ pub(crate) fn is_debris(part: &Solid, faces: usize, area: f64, diagonal: f64) ->
 fn keep_protruding(is_removed: &mut [bool], solids: &[Solid], max_protrusion: f64) {
     let mut rest = Box3::EMPTY;
     for (solid, _) in solids.iter().zip(&*is_removed).filter(|(_, is_removed)| !**is_removed) {
-        rest.extend(solid.bounds.min);
-        rest.extend(solid.bounds.max);
+        rest = rest.joined(&solid.bounds);
     }
     for (solid, is_removed) in solids.iter().zip(is_removed).filter(|(_, is_removed)| **is_removed) {
         let out = (rest.min - solid.bounds.min).max(solid.bounds.max - rest.max).max_element();
         if out > max_protrusion {
             *is_removed = false;
-            rest.extend(solid.bounds.min);
-            rest.extend(solid.bounds.max);
+            rest = rest.joined(&solid.bounds);
         }
     }
 }

@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::face_pairs::Pairing;
 use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
-use crate::inspect::{Analysis, SearchedMesh, group_faces};
+use crate::inspect::{Analysis, EdgeCounts, SearchedMesh, group_faces};
 use crate::math::{collinear, threads, to_unit_range};
 use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
@@ -170,16 +170,11 @@ impl Counts {
     pub fn of(surface: &Surface) -> Self {
         let faces = &surface.faces;
         let edges = Edges::new(faces);
+        let EdgeCounts { boundary, misoriented, non_manifold, .. } = EdgeCounts::of(surface, &edges);
         let mut counts = Self::default();
-        for half_edges in edges.iter() {
-            let counter = match *half_edges {
-                [_] => Counter::BoundaryEdges,
-                [x, y] if Edges::is_forward(faces, x) == Edges::is_forward(faces, y) => Counter::MisorientedEdges,
-                [_, _] => continue,
-                _ => Counter::NonManifoldEdges,
-            };
-            counts.0[counter as usize] += 1;
-        }
+        counts.0[Counter::BoundaryEdges as usize] = boundary;
+        counts.0[Counter::MisorientedEdges as usize] = misoriented;
+        counts.0[Counter::NonManifoldEdges as usize] = non_manifold;
         let unit = to_unit_range(&surface.positions);
         let is_degenerate = |face: usize| {
             let [a, b, c] = faces[face].map(|v| unit[v as usize]);
