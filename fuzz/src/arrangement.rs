@@ -36,7 +36,7 @@ pub fn arrange(bytes: &[u8]) {
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
     let closed = ClosedSurface::try_from(&surface).expect("boxes and tetrahedra are closed");
     for rule in [WindingRule::Positive, WindingRule::Nonzero, WindingRule::Odd] {
-        match Exact.solid(closed, rule.into(), &context) {
+        match Exact.solid(closed, None, rule.into(), &context) {
             Ok(made) => hold_to_its_word(&soup, &made.surface, rule),
             Err(ArrangeError::Empty) => hold_to_its_word(&soup, &Surface::default(), rule),
             Err(error) => panic!("{error}"),

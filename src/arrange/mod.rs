@@ -60,25 +60,18 @@ pub trait Arrangement {
     /// may reintroduce intersections. Each face has the source of the face that it was split from. The boundary is
     /// empty only if the whole inside was reopened.
     ///
-    /// # Errors
-    /// [`ArrangeError`], which lists the reasons.
-    fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError>;
-
-    /// [`Self::solid`] for a surface that was searched before. `known` has every pair of faces that have more in common than
-    /// corners and edges, in f64 as the surface has them, with faces of no area left out.
+    /// `known`, from an earlier search, has every pair of faces that have more in common than corners and edges, apart from
+    /// faces without area. Without it, an implementation that needs the pairs searches them.
     ///
     /// # Errors
     /// [`ArrangeError`], which lists the reasons.
-    fn solid_of_searched(
+    fn solid(
         &self,
         surface: ClosedSurface<'_>,
-        known: &[MeetingFaces],
+        known: Option<&[MeetingFaces]>,
         rule: Rule,
         context: &Context<'_>,
-    ) -> Result<Solid, ArrangeError> {
-        let _ = known;
-        self.solid(surface, rule, context)
-    }
+    ) -> Result<Solid, ArrangeError>;
 }
 
 /// An exact arrangement of faces, and the boundary of its inside cells.
@@ -94,35 +87,27 @@ pub trait Arrangement {
 pub struct Exact;
 
 impl Arrangement for Exact {
-    fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
-        solid_in(&Complex::new(&surface, None, context)?, &surface, rule, context)
-    }
-
-    fn solid_of_searched(
+    fn solid(
         &self,
         surface: ClosedSurface<'_>,
-        known: &[MeetingFaces],
+        known: Option<&[MeetingFaces]>,
         rule: Rule,
         context: &Context<'_>,
     ) -> Result<Solid, ArrangeError> {
-        solid_in(&Complex::new(&surface, Some(known), context)?, &surface, rule, context)
+        let complex = Complex::new(&surface, known, context)?;
+        let cells = Cells::new(&complex, context)?;
+        let inside: Vec<bool> = cells.winding.iter().map(|&w| is_inside(rule.winding_rule, w)).collect();
+        let opened = if rule.reopens_patches {
+            openings::cells_to_reopen(&complex, &cells, &inside, |f| is_generated(surface.source[f as usize]), context)?
+        } else {
+            None
+        };
+        let solid = extract(&complex, &cells, &inside, opened.as_deref(), &surface);
+        if solid.surface.faces.is_empty() && solid.opened.faces.is_empty() {
+            return Err(ArrangeError::Empty);
+        }
+        Ok(solid)
     }
-}
-
-/// The solid in the complex of a surface.
-fn solid_in(complex: &Complex, surface: &Surface, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
-    let cells = Cells::new(complex, context)?;
-    let inside: Vec<bool> = cells.winding.iter().map(|&w| is_inside(rule.winding_rule, w)).collect();
-    let opened = if rule.reopens_patches {
-        openings::cells_to_reopen(complex, &cells, &inside, |f| is_generated(surface.source[f as usize]), context)?
-    } else {
-        None
-    };
-    let solid = extract(complex, &cells, &inside, opened.as_deref(), surface);
-    if solid.surface.faces.is_empty() && solid.opened.faces.is_empty() {
-        return Err(ArrangeError::Empty);
-    }
-    Ok(solid)
 }
 
 /// Whether a cell with the winding number `w` is inside.

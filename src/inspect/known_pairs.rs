@@ -18,17 +18,8 @@ impl Analysis<'_> {
     ///
     /// Reuses nothing if the intersections of `earlier` are unknown or incomplete. Reuses nothing either if one of the meshes is an
     /// assembly of several materials, because other pairs count as intersections there.
-    pub fn reuse_intersections(&mut self, earlier: &Analysis<'_>) {
-        self.reuse_known(earlier.known_intersections());
-    }
-
-    /// [`Self::reuse_intersections`] of a mesh that was only searched.
-    pub fn reuse_searched(&mut self, earlier: &SearchedMesh) {
-        self.reuse_known(earlier.known_intersections());
-    }
-
-    fn reuse_known(&mut self, known: Option<KnownIntersections<'_>>) {
-        let known = known.filter(|_| self.subject.materials.is_none());
+    pub fn reuse_intersections(&mut self, earlier: Option<KnownIntersections<'_>>) {
+        let known = earlier.filter(|_| self.subject.materials.is_none());
         self.known_pairs = known.map(|known| KnownPairs::new(self, &known));
     }
 
@@ -189,7 +180,7 @@ mod tests {
             earlier.intersections(&context).expect("not cancelled");
         }
         let mut mesh = Analysis::new(mesh.into(), &context).expect("not cancelled");
-        mesh.reuse_intersections(&earlier);
+        mesh.reuse_intersections(earlier.known_intersections());
         mesh.known_pairs.map(|known| (known.changed, known.hits.len()))
     }
 

@@ -129,10 +129,9 @@ impl Judging<'_, '_> {
         let read = read_own(&bytes)?;
         let unit = input.analysis().subject.unit.map(|unit| unit_for_readers(unit, options.output));
         let mut analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
-        match searched {
-            _ if options.verify == Verify::Full => {}
-            Some(searched) => analysis.reuse_searched(searched),
-            None => analysis.reuse_intersections(input.analysis()),
+        if options.verify == Verify::Changed {
+            let of_input = || input.analysis().known_intersections();
+            analysis.reuse_intersections(searched.map_or_else(of_input, SearchedMesh::known_intersections));
         }
         let measures = measure_analysis(&analysis, verification)?;
         let part_accounting = part_accounting(input, &analysis, options, intended, verification)?;

@@ -22,7 +22,7 @@ fn taken_over(mesh: &Soup, earlier: &Soup) -> Intersections {
         let earlier = Analysis::new(earlier.into(), context).unwrap();
         earlier.intersections(context).unwrap();
         let mut analysis = Analysis::new(mesh.into(), context).unwrap();
-        analysis.reuse_intersections(&earlier);
+        analysis.reuse_intersections(earlier.known_intersections());
         intersections(&analysis, context).unwrap()
     })
 }

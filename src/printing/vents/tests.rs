@@ -11,7 +11,7 @@ use crate::printing::voids::voids_in;
 fn union(surface: Surface, context: &Context<'_>) -> Result<Surface, UnionError> {
     let failed = |error: String| UnionError::Failed(error);
     let closed = ClosedSurface::try_from(&surface).map_err(|e| failed(e.to_string()))?;
-    let solid = Exact.solid(closed, WindingRule::Positive.into(), context).map_err(|e| failed(e.to_string()))?;
+    let solid = Exact.solid(closed, None, WindingRule::Positive.into(), context).map_err(|e| failed(e.to_string()))?;
     let mut result = solid.surface;
     result.positions.iter_mut().for_each(|p| *p = Precision::F32.round(*p));
     weld_exactly(&mut result);

@@ -54,8 +54,8 @@ fn union_of_searched(soup: &Soup) -> (usize, [Surface; 2]) {
     let met = |pair: &IntersectingPair| MeetingFaces { faces: pair.faces, overlap: pair.meeting == Meeting::Coplanar };
     let known: Vec<MeetingFaces> = searched.meeting_pairs().unwrap().iter().map(met).collect();
     let rule = WindingRule::Positive.into();
-    let closed = || ClosedSurface::try_from(&surface).unwrap();
-    let of_known = with_context(|c| Exact.solid_of_searched(closed(), &known, rule, c)).unwrap().surface;
+    let closed = ClosedSurface::try_from(&surface).unwrap();
+    let of_known = with_context(|c| Exact.solid(closed, Some(&known), rule, c)).unwrap().surface;
     (known.len(), [arranged(&Exact, &surface, rule).unwrap().surface, of_known])
 }
 

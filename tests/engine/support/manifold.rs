@@ -8,7 +8,7 @@ use manifold_rust::cancel::CancelToken;
 use manifold_rust::manifold::Manifold;
 use manifold_rust::types::{Error, MeshGL64, WindingRule as PeerRule};
 
-use meshmend::arrange::{ArrangeError, Arrangement, Rule, Solid, WindingRule};
+use meshmend::arrange::{ArrangeError, Arrangement, MeetingFaces, Rule, Solid, WindingRule};
 use meshmend::context::Context;
 use meshmend::mesh::{ClosedSurface, NO_SOURCE, NotClosed, Soup, Surface};
 
@@ -22,7 +22,13 @@ const STACK: usize = 64 << 20;
 pub struct ManifoldRust;
 
 impl Arrangement for ManifoldRust {
-    fn solid(&self, surface: ClosedSurface<'_>, rule: Rule, context: &Context<'_>) -> Result<Solid, ArrangeError> {
+    fn solid(
+        &self,
+        surface: ClosedSurface<'_>,
+        _known: Option<&[MeetingFaces]>,
+        rule: Rule,
+        context: &Context<'_>,
+    ) -> Result<Solid, ArrangeError> {
         let token = CancelToken::new();
         let mesh = to_mesh(&surface);
         let rule = match rule.winding_rule {

@@ -46,7 +46,7 @@ pub fn change_count(changes: &[Change], kind: &str) -> u64 {
 }
 
 pub fn arranged(engine: &dyn Arrangement, surface: &Surface, rule: Rule) -> Result<Solid, ArrangeError> {
-    with_context(|c| engine.solid(ClosedSurface::try_from(surface)?, rule, c))
+    with_context(|c| engine.solid(ClosedSurface::try_from(surface)?, None, rule, c))
 }
 
 /// Repairs a soup that is given as an STL file.

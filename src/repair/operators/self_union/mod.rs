@@ -105,12 +105,12 @@ impl SelfUnionRounds {
         }
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
-        let (best, done, searched) = match (Uniting { settings: self, input, engine, context }).unite(closed, searched)
-        {
-            Ok(united) => united,
-            Err(ArrangeError::Cancelled(stop)) => return Err(stop),
-            Err(error) => return Ok(undone(before, error)),
-        };
+        let United { best, totals: done, searched } =
+            match (Uniting { settings: self, input, engine, context }).unite(closed, searched) {
+                Ok(united) => united,
+                Err(ArrangeError::Cancelled(stop)) => return Err(stop),
+                Err(error) => return Ok(undone(before, error)),
+            };
         let has_cause = before > 0 || done.opened > 0;
         if !has_cause && !always {
             return Ok(Resolved::default());
@@ -197,6 +197,16 @@ impl SelfUnionRounds {
     }
 }
 
+/// The result of a union.
+struct United {
+    /// The best result of its rounds.
+    best: Best,
+    /// The counts of the rounds.
+    totals: Totals,
+    /// The mesh that was searched last.
+    searched: SearchedMesh,
+}
+
 /// The ways to unite a surface whose faces intersect: as it is, or with its dense clusters snapped to a grid.
 #[derive(Clone, Copy)]
 struct Uniting<'a> {
@@ -208,12 +218,8 @@ struct Uniting<'a> {
 }
 
 impl Uniting<'_> {
-    /// The best result, with the counts of the rounds that led to it and the mesh that was searched last.
-    fn unite(
-        self,
-        surface: ClosedSurface<'_>,
-        searched: SearchedMesh,
-    ) -> Result<(Best, Totals, SearchedMesh), ArrangeError> {
+    /// The best result of the way that suits the surface.
+    fn unite(self, surface: ClosedSurface<'_>, searched: SearchedMesh) -> Result<United, ArrangeError> {
         let Some(dense) = Dense::of(&surface, &searched.intersections) else {
             return self.in_rounds(surface, Totals::default(), searched, false);
         };
@@ -230,12 +236,7 @@ impl Uniting<'_> {
     }
 
     /// The best result after snapping dense clusters to the finest grid that suffices.
-    fn unite_snapped(
-        self,
-        surface: &Surface,
-        dense: &Dense,
-        searched: SearchedMesh,
-    ) -> Result<(Best, Totals, SearchedMesh), ArrangeError> {
+    fn unite_snapped(self, surface: &Surface, dense: &Dense, searched: SearchedMesh) -> Result<United, ArrangeError> {
         let (mut totals, mut work, mut found) = (Totals::default(), surface.clone(), None);
         for step in DENSE_GRIDS.map(|bits| grid_step(surface, bits)) {
             if step > self.settings.max_deviation {
@@ -260,7 +261,7 @@ impl Uniting<'_> {
         totals: Totals,
         searched: SearchedMesh,
         is_trial: bool,
-    ) -> Result<(Best, Totals, SearchedMesh), ArrangeError> {
+    ) -> Result<United, ArrangeError> {
         let pairs = count(&searched.intersections);
         if is_tangled(pairs, &work) {
             return Err(ArrangeError::Tangled(pairs));
@@ -268,7 +269,7 @@ impl Uniting<'_> {
         let mut rounds = Rounds::new(self.settings, totals, self.engine, self.context, searched);
         rounds.is_trial = is_trial;
         let best = rounds.run(work)?;
-        Ok((best, rounds.totals, rounds.searched))
+        Ok(United { best, totals: rounds.totals, searched: rounds.searched })
     }
 }
 

@@ -219,7 +219,8 @@ mod tests {
             let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
             let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
             let closed = ClosedSurface::try_from(&touching).expect("both are closed");
-            let joined = Exact.solid(closed, WindingRule::Positive.into(), &context).expect("they are solids").surface;
+            let joined =
+                Exact.solid(closed, None, WindingRule::Positive.into(), &context).expect("they are solids").surface;
             assert_eq!(Pinched::of(&joined).count(), 0);
             let edges = Edges::new(&joined.faces);
             let parts = Parts::new(&joined, &edges);

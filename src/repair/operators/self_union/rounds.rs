@@ -209,24 +209,18 @@ impl<'a> Rounds<'a> {
     fn arrange_input(&mut self, input: ClosedSurface<'_>) -> Result<Solid, ArrangeError> {
         let (sheets, winding_rule) = (self.settings.sheets, self.settings.winding_rule);
         let rule = Rule { winding_rule, reopens_patches: sheets.is_some() };
-        let mut solid = match self.searched.meeting_pairs() {
-            Some(pairs) => {
-                let met = |pair: &IntersectingPair| MeetingFaces {
-                    faces: pair.faces,
-                    overlap: pair.meeting == Meeting::Coplanar,
-                };
-                let known: Vec<MeetingFaces> = pairs.iter().map(met).collect();
-                self.engine.solid_of_searched(input, &known, rule, self.context)?
-            }
-            None => self.engine.solid(input, rule, self.context)?,
-        };
+        let met =
+            |pair: &IntersectingPair| MeetingFaces { faces: pair.faces, overlap: pair.meeting == Meeting::Coplanar };
+        let known: Option<Vec<MeetingFaces>> =
+            self.searched.meeting_pairs().map(|pairs| pairs.iter().map(met).collect());
+        let mut solid = self.engine.solid(input, known.as_deref(), rule, self.context)?;
         let Some(thickness) =
             sheets.filter(|_| !(solid.zero_thickness.faces.is_empty() && solid.opened.faces.is_empty()))
         else {
             return Ok(solid);
         };
         let Some(thick) = thickened(&solid, thickness, self.context)? else {
-            return self.engine.solid(input, winding_rule.into(), self.context);
+            return self.engine.solid(input, known.as_deref(), winding_rule.into(), self.context);
         };
         self.totals.thickened = solid.zero_thickness.faces.len() as u64;
         self.totals.opened = solid.opened.faces.len() as u64;
@@ -342,7 +336,7 @@ fn arranged(
     rule: Rule,
     context: &Context<'_>,
 ) -> Result<Solid, ArrangeError> {
-    engine.solid(ClosedSurface::try_from(surface)?, rule, context)
+    engine.solid(ClosedSurface::try_from(surface)?, None, rule, context)
 }
 
 /// The zero-thickness faces of an arrangement as thin solids: on both sides of facets, and behind the skins of opened regions.
