@@ -43,8 +43,6 @@ const MAX_DEPTH: u32 = 32;
 const LEAST_TAPER: f64 = 0.08;
 /// Share of the way to the edge of a wedge that must be free.
 const TIP_REACH: f64 = 0.8;
-/// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge.
-const TIP_COVER: f64 = 0.03;
 /// The most balls.
 pub const MAX_BALLS: usize = 4_000_000;
 
@@ -75,8 +73,10 @@ pub struct Search {
     pub spacing: f64,
     /// The share by which a ball is larger than needed, to cover the error of its surface.
     pub margin: f64,
-    /// Whether this is the first search. A later one also puts balls around the middle of each thin pair, and moves none
-    /// back from a sharp edge.
+    /// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge.
+    pub tip_cover: f64,
+    /// Whether this is the first search. A later one also puts balls around the middle of each thin pair, in lips, and at wider
+    /// edges.
     pub is_first: bool,
 }
 
@@ -210,7 +210,8 @@ impl<'a> Fillers<'a> {
         let [p, q] = pair.points;
         let [normal, opposite] = pair.faces.map(|face| self.normal(face));
         let contacts = [Contact { point: p, normal }, Contact { point: q, normal: opposite }];
-        self.filler((p + q) / 2.0, p.distance(q) / 2.0, contacts)
+        let ball = ThinBall { middle: p.midpoint(q), radius: p.distance(q) / 2.0, contacts };
+        self.of_ball(&ball)
     }
 
     /// The cell of a point.
@@ -299,9 +300,15 @@ impl<'a> Fillers<'a> {
         self.tree.shrunk_ball(from, radius, &mut STEPS.clone(), |face| self.surface.corners(face as usize))
     }
 
-    /// The ball at a point that is thinner than the least wall. With the point opposite, which is found faster, the ball
-    /// starts small and meets few faces.
+    /// The ball at a point that is thinner than the least wall; with the point opposite, if the perpendicular meets one.
     fn thin_ball(&self, contact: Contact, opposite: Option<Nearest>) -> Option<ThinBall> {
+        let chord = || if self.search.is_first { None } else { self.around_chord(contact, opposite?) };
+        self.inscribed(contact, opposite).or_else(chord)
+    }
+
+    /// The inscribed ball at a point, if it is thinner than the least wall. With the point opposite, which is found faster,
+    /// the ball starts small and meets few faces.
+    fn inscribed(&self, contact: Contact, opposite: Option<Nearest>) -> Option<ThinBall> {
         let Contact { point, normal } = contact;
         let radius = opposite.map_or(f64::INFINITY, |opposite| opposite.distance / 2.0).min(self.thickest());
         let ball = self.ball([point, -normal], radius)?;
@@ -309,12 +316,26 @@ impl<'a> Fillers<'a> {
         let middle = point - normal * ball.radius;
         let outward = (touched.point - middle).normalize_or_zero();
         let cosine = outward.dot(normal);
-        let min_wall = self.settings.min_wall;
-        let is_wall = cosine <= OPPOSED && ball.radius * (1.0 - cosine) < min_wall * (1.0 - 1e-6);
+        let is_wall = cosine <= OPPOSED && self.is_thin(ball.radius * (1.0 - cosine));
         // Beside a ball the edge of a solid can become a wall, which the next round would have to thicken.
-        let is_edge = !self.search.is_first && cosine <= WIDE && 2.0 * ball.radius < min_wall;
+        let is_edge = !self.search.is_first && cosine <= WIDE && 2.0 * ball.radius < self.settings.min_wall;
         let contacts = [contact, Contact { point: touched.point, normal: outward }];
         ((is_wall || is_edge) && ball.radius > 0.0).then_some(ThinBall { middle, radius: ball.radius, contacts })
+    }
+
+    /// The ball around the perpendicular at a point, if it is a thin wall. In a lip that is less high than thick, each
+    /// inscribed ball touches the lip's end instead of the other side.
+    fn around_chord(&self, contact: Contact, opposite: Nearest) -> Option<ThinBall> {
+        let normal = self.normal(opposite.face);
+        let contacts = [contact, Contact { point: opposite.point, normal }];
+        let ball =
+            ThinBall { middle: contact.point.midpoint(opposite.point), radius: opposite.distance / 2.0, contacts };
+        (normal.dot(contact.normal) <= OPPOSED && self.is_thin(opposite.distance)).then_some(ball)
+    }
+
+    /// Whether a thickness is less than the least wall.
+    fn is_thin(&self, thickness: f64) -> bool {
+        thickness < self.settings.min_wall * (1.0 - 1e-6)
     }
 
     /// The ball that replaces a thin one.
@@ -327,7 +348,7 @@ impl<'a> Fillers<'a> {
     fn retracted(&self, filler: Filler, thin: f64, contacts: [Contact; 2]) -> Filler {
         let sum = contacts[0].normal + contacts[1].normal;
         let taper = sum.length() / 2.0;
-        if !self.search.is_first || filler.is_limited || taper < LEAST_TAPER {
+        if filler.is_limited || taper < LEAST_TAPER {
             return filler;
         }
         let way = sum / (2.0 * taper);
@@ -337,7 +358,7 @@ impl<'a> Fillers<'a> {
             is_tip = hit(filler.centre, ahead, self.surface.corners(face as usize)).is_none();
             is_tip
         });
-        let back = filler.radius - thin - TIP_COVER * self.settings.min_wall;
+        let back = filler.radius - thin - self.search.tip_cover * self.settings.min_wall;
         if is_tip && back > 0.0 { Filler { centre: filler.centre - way * back, ..filler } } else { filler }
     }
 
@@ -379,13 +400,14 @@ pub fn cell_of(point: DVec3, size: f64) -> Cell {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::Range;
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;
 
     use super::*;
     use crate::context::NoProgress;
     use crate::math::Precision;
-    use crate::printing::shapes::cuboid;
+    use crate::printing::shapes::{Voxels, cuboid, quietly};
     use crate::printing::thickening::Growth;
 
     #[test]
@@ -400,8 +422,28 @@ mod tests {
         assert!(!thin.is_empty());
         let now = checks.load(Ordering::Relaxed);
         let limited = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(now + 8));
-        let search = Search { spacing: 0.04, margin: 0.08, is_first: true };
+        let search = Search { spacing: 0.04, margin: 0.08, tip_cover: 0.03, is_first: true };
         assert!(Fillers::new(&plate, settings, search).of(&thin, &limited).is_err());
         assert!(checks.load(Ordering::Relaxed) < now + 64, "the search goes on after its end");
+    }
+
+    #[test]
+    fn a_lip_that_is_less_high_than_thick_gets_balls() {
+        let mut cells = Voxels::empty([8, 8, 6]);
+        let fill = |cells: &mut Voxels, x: Range<usize>, z: Range<usize>| {
+            x.for_each(|x| (0..8).for_each(|y| z.clone().for_each(|z| cells.set([x, y, z], true))));
+        };
+        fill(&mut cells, 0..8, 0..5);
+        fill(&mut cells, 3..5, 5..6);
+        let lip = cells.surface();
+        let settings = Thickening { min_wall: 4.0, growth: Growth::Both, min_gap: 0.0, precision: Precision::F32 };
+        quietly(|context| {
+            let thin = Thin::of(&lip, settings.min_wall, context).expect("no deadline");
+            let search = Search { spacing: 0.8, margin: 0.08, tip_cover: 0.09, is_first: false };
+            let balls =
+                Fillers::new(&lip, settings, search).of(&thin, context).expect("no deadline").expect("few balls");
+            let covers = |point: DVec3| balls.iter().any(|ball| ball.centre.distance(point) < ball.radius);
+            assert!((1..8).all(|y| covers(DVec3::new(4.0, f64::from(y), 5.5))), "{balls:?}");
+        });
     }
 }

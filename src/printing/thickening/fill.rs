@@ -1,19 +1,17 @@
 //! Rounds that unite a solid with balls along the middle of its thin places, until nothing is thin.
 
-use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Tree};
+use crate::context::Cancelled;
+use crate::math::Tree;
 use crate::mesh::{Parts, Surface};
-use crate::remesh::{BallUnion, RemeshError};
+use crate::remesh::RemeshError;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bodies::{Filler, Fillers, Search};
-use super::gaps::{CELL, balls_over_gaps};
-use super::handles::ChangedGroups;
-use super::outcome::{Thickening, ThinReason};
-use super::results::{Grown, Thin, deviation_of_added, face_count};
-use super::spheres::Spheres;
-use super::unite::{Added, Broken, FAR_AWAY, SelfUnion, Topology, group_of_each_face, united};
+use super::outcome::ThinReason;
+use super::results::{Grown, Thin, deviation_of_added};
+use super::unions::{Cells, Filling, State};
+use super::unite::{Broken, FAR_AWAY, group_of_each_face};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 12;
@@ -26,99 +24,15 @@ const CELLS: [Cells; 3] = [
 /// How much more a ball grows in later rounds: this times the square of the number of the round, at most the second value.
 /// What stays thin then is just below the least wall, and the caps of small balls there are finer than the cells.
 const MORE: [f64; 2] = [0.005, 0.2];
-/// How many times the faces of the first round's body a later body may have.
-const MAX_MORE_FACES: u64 = 3;
-/// The most memory of a body's samples.
-const MAX_MEMORY: u64 = 1 << 29;
-/// The most unions of a round. More than one is needed only where a promise is broken.
-const MAX_UNIONS: usize = 8;
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
 /// rest is the margin for the error of the balls' surface, and what later rounds add beside earlier balls.
 const MAX_DEVIATION: f64 = 1.25;
 /// The share of the largest deviation that balls may take. The rest is the error of their surface.
 const BALLS_DEVIATION: f64 = 0.9;
-/// Wide through holes must stay open for balls that are larger by this share of the least wall, each time. So they stay wider
-/// than twice that. Two sizes, since where balls meet faces, the narrow tunnel of a crease can hide that a hole is closed;
-/// it hardly ever does with both.
-const CLEARANCES: [f64; 2] = [0.1, 0.14];
-/// After how many refusals closed holes are not checked for their width any more. Each check takes several unions.
-const MAX_REFUSALS: usize = 2;
-/// Balls that break a promise are left out in groups of at most this fraction of a round's balls: one in so many.
-const LEFT_OUT: usize = 32;
-
-/// A size of cells.
-#[derive(Clone, Copy)]
-struct Cells {
-    /// The edge length as a share of the least wall.
-    share: f64,
-    /// The share by which balls are larger than the least wall, to cover the error of their surface.
-    margin: f64,
-    /// The most faces of the first round's body.
-    max_faces: u64,
-}
-
-/// The settings of the rounds.
-pub struct Filling<'a> {
-    pub settings: Thickening,
-    pub union: &'a dyn SelfUnion,
-    pub context: &'a Context<'a>,
-    /// The surface to thicken. Sources from the number of its faces on mean added faces.
-    pub input: &'a Surface,
-    /// Its thin walls.
-    pub before: &'a Thin,
-    /// Its topology.
-    pub topology: Topology,
-}
-
-/// What the rounds share.
-struct State<'a> {
-    /// The surface with which the balls of all rounds are united, so that no round cuts what another added.
-    base: &'a Grown,
-    /// The balls of the rounds so far.
-    balls: Vec<Filler>,
-    /// Balls that broke a promise, and why.
-    left_out: Vec<(Filler, Broken)>,
-    cells: Cells,
-    /// The tree of the base, for the sources.
-    base_tree: Tree,
-    /// The tree of the input, for the deviation.
-    input_tree: Tree,
-    /// The group of solids of each of the input's faces, if there are several groups.
-    group_of_face: Option<Vec<u32>>,
-    /// The balls of the first round, if they are known.
-    first: Option<Vec<Filler>>,
-    /// The number of the round.
-    round: usize,
-    /// The topology that the next result must have.
-    topology: Topology,
-    /// How many times a wide hole was perhaps closed.
-    refusals: usize,
-    /// How many narrow through holes were closed near a ball, which is given by its number.
-    allowed: Vec<(usize, i64)>,
-}
-
-/// A union before and after new balls.
-struct Change<'a> {
-    /// All balls, the new ones last.
-    balls: &'a [Filler],
-    /// The number of earlier balls.
-    earlier: usize,
-    before: &'a Surface,
-    after: &'a Surface,
-    /// Whether the surface lacks a handle in total.
-    is_lost: bool,
-}
-
-/// A union with some of the balls of a round.
-struct Union {
-    /// None if no union kept its promises.
-    surface: Option<Surface>,
-    /// The balls that are part of it.
-    balls: Vec<Filler>,
-    /// Why others are not.
-    broken: Option<Broken>,
-}
+/// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge: in the
+/// first round, and how much more in each later one.
+const TIP_COVER: [f64; 2] = [0.03, 0.06];
 
 impl Filling<'_> {
     /// Runs the rounds. Ends early, with the best result, when the time runs out.
@@ -147,6 +61,8 @@ impl Filling<'_> {
             refusals: 0,
             allowed: Vec::new(),
         };
+        let of_base = deviation_of_added((self.input, &state.input_tree), &base.surface);
+        let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
             let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
@@ -164,7 +80,7 @@ impl Filling<'_> {
                 current = next;
             }
             let deviation = || deviation_of_added((self.input, &state.input_tree), &current.surface);
-            if current.is_better_than(&best, self.before) && deviation() <= MAX_DEVIATION * self.settings.min_wall {
+            if current.is_better_than(&best, self.before) && deviation() <= most {
                 best = current.clone();
             }
         }
@@ -189,7 +105,8 @@ impl Filling<'_> {
     /// The balls that a result still needs; none if there are too many.
     fn fillers(&self, current: &Grown, cells: Cells, round: usize) -> Result<Option<Vec<Filler>>, Cancelled> {
         let margin = cells.margin + (MORE[0] * (round * round) as f64).min(MORE[1]);
-        let search = Search { spacing: cells.share * self.settings.min_wall, margin, is_first: round == 0 };
+        let tip_cover = TIP_COVER[0] + TIP_COVER[1] * round as f64;
+        let search = Search { spacing: cells.share * self.settings.min_wall, margin, tip_cover, is_first: round == 0 };
         Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)
     }
 
@@ -253,161 +170,6 @@ impl Filling<'_> {
         filler.radius = if allowed < least { 0.0 } else { filler.radius.min(allowed) };
     }
 
-    /// The surface of a union of balls, with cells of a share of the least wall.
-    fn body(&self, fillers: &[Filler], share: f64, max_faces: u64) -> Result<Surface, RemeshError> {
-        let balls: Vec<_> = fillers.iter().map(|filler| (filler.centre, filler.radius)).filter(|b| b.1 > 0.0).collect();
-        let (precision, cell) = (self.settings.precision, share * self.settings.min_wall);
-        let bounds = self.input.bounds().grown(4.0 * self.settings.min_wall);
-        let union = BallUnion { balls: &balls, bounds, cell, max_faces, max_memory: MAX_MEMORY, precision };
-        let mut surface = union.surface(self.context)?;
-        Spheres::new(&balls, cell, precision).fit(&mut surface);
-        Ok(surface)
-    }
-
-    /// The union with the balls of all rounds and as many new ones as possible. Balls that close a wide through hole are left
-    /// out by groups, as far as the change can be attributed to groups, and others that break a promise by halving.
-    fn largest_union(&self, new: Vec<Filler>, current: &Surface, state: &mut State<'_>) -> Result<Union, Cancelled> {
-        let mut best = Union { surface: None, balls: state.balls.clone(), broken: None };
-        let fewest = (new.len() / LEFT_OUT).max(1);
-        let mut open = vec![new];
-        for _ in 0..MAX_UNIONS {
-            let Some(some) = open.pop() else { break };
-            let with = [&best.balls[..], &some].concat();
-            let union = self.union_of(state, &[(&with, state.cells.share)])?;
-            let broken_in = |(_, topology): &(Surface, Topology)| topology.broken_since(state.topology);
-            // For each new ball how many are left out with it; 0 for a ball that stays.
-            let (broken, left_out) = match (union.as_ref().map_or(Some(Broken::Union), broken_in), &union) {
-                (broken @ (None | Some(Broken::ThroughHole)), Some((after, _))) => {
-                    let (balls, earlier) = (&with[..], best.balls.len());
-                    let before = best.surface.as_ref().unwrap_or(current);
-                    let change = Change { balls, earlier, before, after, is_lost: broken.is_some() };
-                    (Broken::ThroughHole, self.refused(&change, state)?)
-                }
-                (broken, _) => (broken.unwrap_or(Broken::Union), vec![some.len(); some.len()]),
-            };
-            if let Some((surface, topology)) = union.filter(|_| left_out.iter().all(|balls| *balls == 0)) {
-                state.topology = state.topology.without_holes_missing_in(topology);
-                (best.surface, best.balls) = (Some(surface), with);
-                continue;
-            }
-            best.broken = Some(broken);
-            let (mut kept, mut many) = (Vec::new(), Vec::new());
-            for (filler, balls) in some.into_iter().zip(left_out) {
-                match balls {
-                    0 => kept.push(filler),
-                    few if few <= fewest => state.left_out.push((filler, broken)),
-                    _ => many.push(filler),
-                }
-            }
-            if !many.is_empty() {
-                open.extend(halves(many));
-            }
-            open.extend(Some(kept).filter(|kept| !kept.is_empty()));
-        }
-        Ok(best)
-    }
-
-    /// For each new ball how many there are in its group, if the group perhaps closes a wide through hole; else 0.
-    fn refused(&self, change: &Change<'_>, state: &mut State<'_>) -> Result<Vec<usize>, Cancelled> {
-        let clearance = CLEARANCES.into_iter().fold(0.0, f64::max);
-        let reach = (clearance + state.cells.share) * self.settings.min_wall;
-        let groups = ChangedGroups::new(change.balls, change.earlier, reach);
-        let lost = groups.all.topology(&state.base.surface).handles_lost(&groups.all.topology(change.after));
-        let lost = groups.without_allowed(lost, &state.allowed);
-        if !change.is_lost && lost.iter().all(|lost| *lost <= 0) {
-            return Ok(vec![0; groups.new.of_ball.len()]);
-        }
-        let has_lost = |group: usize| lost.iter().all(|lost| *lost <= 0) || lost[groups.of_new[group]] > 0;
-        let nearby = groups.new.topology(change.before).handles_lost(&groups.new.topology(change.after));
-        let has_lost_nearby = |group: usize| nearby.as_ref().is_none_or(|nearby| nearby[group] > 0);
-        let mut suspects: Vec<bool> = (0..groups.new.count).map(|g| has_lost(g) && has_lost_nearby(g)).collect();
-        if !suspects.contains(&true) {
-            suspects = (0..groups.new.count).map(has_lost).collect();
-        }
-        if state.refusals < MAX_REFUSALS {
-            self.keep_closing_wide_holes(&mut suspects, (change, &groups), state)?;
-            state.refusals += usize::from(suspects.contains(&true));
-        }
-        if !suspects.contains(&true) {
-            let first = |group: u32| groups.all.of_ball.iter().position(|of_ball| *of_ball == group);
-            let allowed = (0u32..).zip(lost).filter(|(_, lost)| *lost > 0);
-            state.allowed.extend(allowed.filter_map(|(group, lost)| Some((first(group)?, lost))));
-        }
-        let mut sizes = vec![0; groups.new.count];
-        groups.new.of_ball.iter().for_each(|&group| sizes[group as usize] += 1);
-        let size = |&group: &u32| if suspects[group as usize] { sizes[group as usize] } else { 0 };
-        Ok(groups.new.of_ball.iter().map(size).collect())
-    }
-
-    /// Keeps of the groups of new balls those that perhaps close a through hole that is wider than the least gap.
-    fn keep_closing_wide_holes(
-        &self,
-        suspects: &mut [bool],
-        (change, groups): (&Change<'_>, &ChangedGroups<'_>),
-        state: &State<'_>,
-    ) -> Result<(), Cancelled> {
-        let (earlier, new) = change.balls.split_at(change.earlier);
-        let suspected = new.iter().zip(&groups.new.of_ball).filter(|(_, group)| suspects[**group as usize]);
-        let reach = |(ball, _): (&Filler, _)| Filler { radius: ball.radius + self.settings.min_gap, ..*ball };
-        let near: Vec<Filler> = suspected.map(reach).collect();
-        let over = balls_over_gaps((self.input, &state.input_tree), &near, &self.settings, self.context)?;
-        let Some(over) = over.filter(|over| !over.is_empty()) else { return Ok(()) };
-        let union = |balls: &[Filler]| {
-            let over = (&over[..], CELL * self.settings.min_gap / self.settings.min_wall);
-            self.union_of(state, &[over, (balls, state.cells.share)])
-        };
-        let Some((base, topology_of_base)) = union(&[])? else { return Ok(()) };
-        let Some((before, topology_before)) = union(earlier)? else { return Ok(()) };
-        let [base, before] = [groups.all.topology(&base), groups.new.topology(&before)];
-        let allowed = u64::try_from(state.allowed.iter().map(|allowed| allowed.1).sum::<i64>()).unwrap_or(0);
-        let mut is_closed = vec![false; suspects.len()];
-        for clearance in CLEARANCES {
-            let larger = |ball: &Filler| Filler { radius: ball.radius + clearance * self.settings.min_wall, ..*ball };
-            let larger: Vec<Filler> = earlier.iter().copied().chain(new.iter().map(larger)).collect();
-            let Some((after, topology)) = union(&larger)? else { return Ok(()) };
-            let since_base = base.handles_lost(&groups.all.topology(&after));
-            let since_before = before.handles_lost(&groups.new.topology(&after));
-            let lost_in_total = since_base.is_none() && topology_of_base.handles_lost(topology) > allowed
-                || since_before.is_none() && topology_before.handles_lost(topology) > 0;
-            let since_base = groups.without_allowed(since_base, &state.allowed);
-            let since_before = since_before.unwrap_or_else(|| vec![0; suspects.len()]);
-            for (group, is_closed) in is_closed.iter_mut().enumerate() {
-                *is_closed |= lost_in_total || since_base[groups.of_new[group]] > 0 || since_before[group] > 0;
-            }
-        }
-        suspects.iter_mut().zip(is_closed).for_each(|(suspect, is_closed)| *suspect &= is_closed);
-        Ok(())
-    }
-
-    /// The union of the base and bodies of balls, each with the size of its cells as a share of the least wall, and its
-    /// topology; none if it fails.
-    fn union_of(
-        &self,
-        state: &State<'_>,
-        bodies: &[(&[Filler], f64)],
-    ) -> Result<Option<(Surface, Topology)>, Cancelled> {
-        let mut all = state.base.surface.clone();
-        for &(balls, share) in bodies {
-            match self.body(balls, share, MAX_MORE_FACES * state.cells.max_faces) {
-                Ok(body) => all.append(Surface { source: vec![self.mark(); body.faces.len()], ..body }),
-                Err(RemeshError::Empty) => {}
-                Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
-                Err(_) => return Ok(None),
-            }
-        }
-        united(&all, (Added::Balls, self.faces()), &self.settings, self.union, self.context)
-    }
-
-    /// The number of the input's faces.
-    fn faces(&self) -> u32 {
-        face_count(self.input)
-    }
-
-    /// The source of a body's faces.
-    fn mark(&self) -> u32 {
-        2 * self.faces()
-    }
-
     /// Gives the faces of a body the source of the nearest face below.
     fn with_sources(&self, mut united: Surface, (below, tree): (&Surface, &Tree)) -> Surface {
         let nearest = |face: usize| {
@@ -419,16 +181,6 @@ impl Filling<'_> {
         united.source = (0..united.faces.len()).into_par_iter().map(source).collect();
         united
     }
-}
-
-/// Balls in two halves, across the longest side of the box of their centres.
-fn halves(mut balls: Vec<Filler>) -> [Vec<Filler>; 2] {
-    let bounds = Box3::of(balls.iter().map(|ball| ball.centre));
-    let size = bounds.max - bounds.min;
-    let axis = (0..3).fold(0, |longest, axis| if size[axis] > size[longest] { axis } else { longest });
-    balls.sort_by(|a, b| a.centre[axis].total_cmp(&b.centre[axis]));
-    let second = balls.split_off(balls.len() / 2);
-    [second, balls]
 }
 
 fn reason(broken: Broken) -> ThinReason {

@@ -4,8 +4,9 @@
 //! everywhere grow by one distance (`regions`): their vertices move (`moved`), so that the surface keeps its faces. Then a few
 //! thin faces get a layer of prisms, as high as each point needs (`refine`, `layer`), which keeps edges sharp. `growth` finds
 //! the distances, and `rounds` repeats and checks both. At last balls of the least wall's diameter stand along the middle of
-//! the thin places (`bodies`), and one closed surface around all balls is built (`spheres`, `fill`). The exact union of the
-//! solid with the layer or the balls is the result (`unite`), so faces outside the added material keep their exact corners.
+//! the thin places (`bodies`), in rounds (`fill`), and one closed surface around all balls is built (`spheres`). The exact
+//! union of the solid with the layer or the balls is the result (`unite`), so faces outside the added material keep their
+//! exact corners. Balls that would close a hole or change a cavity are left out (`unions`).
 //! After each way the walls of the rounded result are measured. The result with the least lack of thickness counts
 //! (`results`).
 
@@ -26,14 +27,15 @@ mod rounds;
 mod sides;
 mod spheres;
 mod spread;
+mod unions;
 mod unite;
 mod walls;
 
 use std::time::Duration;
 
-use fill::Filling;
 use results::{Grown, Thin};
 use rounds::{Fit, Rounds};
+use unions::Filling;
 use unite::Topology;
 
 use crate::context::{Cancelled, Context};
@@ -106,11 +108,18 @@ impl Thickening {
             let topology = Topology::of(surface, self);
             let filling =
                 Filling { settings: *self, union, context: &limited, input: surface, before: &before, topology };
-            let filled = filling.run(&base)?;
-            if filled.is_better_than(&grown, &before) {
-                grown = filled;
-            } else {
-                (grown.limited, grown.reason) = (filled.limited, filled.reason);
+            // A layer can end where balls can't go on, since it moved the surface as far as is allowed.
+            let bases: &[&Grown] = if base.surface == start.surface { &[&start] } else { &[&base, &start] };
+            for (number, base) in bases.iter().enumerate() {
+                let filled = filling.run(base)?;
+                if filled.is_better_than(&grown, &before) {
+                    grown = filled;
+                } else if number == 0 {
+                    (grown.limited, grown.reason) = (filled.limited, filled.reason);
+                }
+                if grown.thin.is_empty() {
+                    break;
+                }
             }
         }
         Ok(results.finish(grown))

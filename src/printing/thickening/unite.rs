@@ -2,9 +2,10 @@
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree, winding_exact};
-use crate::mesh::{Edges, Parts, Surface, UnionFind};
+use crate::mesh::{Edges, Parts, Surface, UnionFind, position_key};
 use glam::DVec3;
 use rayon::prelude::*;
+use rustc_hash::FxHashMap;
 
 use super::outcome::Thickening;
 
@@ -197,6 +198,34 @@ fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
     volumes
 }
 
+/// The large cavities that only one of two surfaces has, as their corners. Cavities are the same if they share a corner; of
+/// several that share corners with one cavity, the largest is the same.
+pub fn changed_cavities(before: &Surface, after: &Surface, settings: &Thickening) -> Vec<Vec<DVec3>> {
+    let [mut before, mut after] = [before, after].map(|surface| large_cavities(surface, settings));
+    let mut of_corner = FxHashMap::default();
+    for (number, (corners, _)) in before.iter().enumerate() {
+        of_corner.extend(corners.iter().map(|&corner| (position_key(corner), number)));
+    }
+    after.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut is_found = vec![false; before.len()];
+    after.retain(|(corners, _)| {
+        let same = corners.iter().find_map(|&corner| of_corner.get(&position_key(corner)));
+        same.is_none_or(|&same| std::mem::replace(&mut is_found[same], true))
+    });
+    let mut is_found = is_found.into_iter();
+    before.retain(|_| !is_found.next().unwrap_or(false));
+    before.into_iter().chain(after).map(|(corners, _)| corners).collect()
+}
+
+/// The corners and the volume, which is negative, of each cavity that is not small.
+fn large_cavities(surface: &Surface, settings: &Thickening) -> Vec<(Vec<DVec3>, f64)> {
+    let parts = Parts::new(surface, &Edges::new(&surface.faces));
+    let volumes = volumes(surface, &parts);
+    let corners = |faces: &[u32]| faces.iter().flat_map(|&face| surface.corners(face as usize)).collect();
+    let large = parts.faces().into_iter().zip(volumes).filter(|(_, volume)| *volume <= -small(settings));
+    large.map(|(faces, volume)| (corners(&faces), volume)).collect()
+}
+
 /// The boundary of the union of a solid and what was added, without small bubbles and crumbs, and its topology. Faces with a
 /// source of at least `first_added` are what was added. None if there is no such union.
 ///
@@ -328,5 +357,22 @@ mod tests {
             fill_bubbles(&mut surface, before, (added, 8), &settings());
             assert_eq!(surface.faces.len(), faces);
         }
+    }
+
+    #[test]
+    fn closed_opened_and_divided_cavities_are_found_by_their_corners() {
+        let solid = (0.0, 30.0);
+        let before = [solid, (1.0, -1.0), (4.0, -1.0), (7.0, -0.1)];
+        let changed = |after: &[(f64, f64)]| {
+            let [before, after] = [&before, after].map(tetrahedra);
+            let cavities = changed_cavities(&before, &after, &settings());
+            cavities.iter().map(|corners| Box3::of(corners.iter().copied()).min.x).collect::<Vec<_>>()
+        };
+        assert_eq!(changed(&before), [0.0; 0]);
+        assert_eq!(changed(&[solid, (1.0, -1.0), (4.0, -1.0)]), [0.0; 0], "a small cavity");
+        assert_eq!(changed(&[solid, (4.0, -1.0)]), [1.0], "lost");
+        assert_eq!(changed(&[solid, (1.0, -1.0), (4.0, -1.0), (6.0, -1.1)]), [6.0], "new");
+        // Both share a corner with the cavity before; the larger one is the same.
+        assert_eq!(changed(&[solid, (1.0, -1.0), (4.0, -1.0), (4.0, -1.1)]), [4.0], "divided");
     }
 }

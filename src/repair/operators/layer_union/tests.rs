@@ -242,6 +242,31 @@ fn a_spike_without_a_thin_wall_gets_material_at_its_tip() {
     assert!(results.contains(&PlaceResult::LeftThin(ThinReason::SharpEdge)) && added == 0.0, "{results:?}");
 }
 
+/// A ridge of length 3 and height 2, the half angle of which grows from 10 to 30 degrees along it.
+fn opening_ridge() -> (Vec<DVec3>, Vec<[u32; 3]>) {
+    let n = 4;
+    let section = |i: u32| {
+        let share = f64::from(i) / f64::from(n);
+        let half = 2.0 * (10.0 + 20.0 * share).to_radians().tan();
+        [DVec3::new(0.0, 3.0 * share, 2.0), DVec3::new(-half, 3.0 * share, 0.0), DVec3::new(half, 3.0 * share, 0.0)]
+    };
+    let sides = (0..3 * n).step_by(3).flat_map(|at| {
+        let [top, left, right] = [at, at + 1, at + 2];
+        let ridge =
+            [[top, top + 3, left], [top + 3, left + 3, left], [top, right, top + 3], [top + 3, right, right + 3]];
+        ridge.into_iter().chain([[left, left + 3, right], [left + 3, right + 3, right]])
+    });
+    ((0..=n).flat_map(section).collect(), sides.chain([[0, 1, 2], [3 * n, 3 * n + 2, 3 * n + 1]]).collect())
+}
+
+#[test]
+fn a_ridge_that_is_sharp_at_one_end_is_thickened() {
+    let (positions, faces) = opening_ridge();
+    let done = thickened(&surface(positions, faces, 0.0), both(0.3)).unwrap();
+    assert!(!done.places.is_empty() && done.places.iter().all(|place| place.result == PlaceResult::Proved));
+    assert!(done.max_deviation < 1.25 * 0.3, "{}", done.max_deviation);
+}
+
 #[test]
 fn balls_thicken_a_curved_sheet_of_many_faces() {
     let (positions, faces) = curved_sheet(0.5, 0.0, 0);
