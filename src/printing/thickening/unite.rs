@@ -66,7 +66,7 @@ impl Topology {
     pub fn of(surface: &Surface, settings: &Thickening) -> Self {
         let edges = Edges::new(&surface.faces);
         let solids = Solids::new(surface, &edges, settings);
-        let cavities = solids.volumes.iter().filter(|volume| **volume <= -small(settings)).count();
+        let cavities = solids.volumes.iter().filter(|volume| is_large_cavity(**volume, settings)).count();
         let part_count = i64::try_from(solids.parts.count).unwrap_or(i64::MAX);
         let handles = part_count - surface.euler_characteristic(&edges) / 2;
         Self { solids: solids.groups().count(), cavities, handles }
@@ -94,6 +94,11 @@ impl Topology {
 /// The volume below which a solid or a cavity is small.
 fn small(settings: &Thickening) -> f64 {
     settings.min_wall.powi(3)
+}
+
+/// Whether a part of a volume is a cavity that is not small.
+fn is_large_cavity(volume: f64, settings: &Thickening) -> bool {
+    volume <= -small(settings)
 }
 
 /// For each face, the first part of its solid's group; [`Parts::NONE`] for faces of cavities and hidden solids. None if there
@@ -201,7 +206,7 @@ fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
 /// The large cavities that only one of two surfaces has, as their corners. Cavities are the same if they share a corner; of
 /// several that share corners with one cavity, the largest is the same.
 pub fn changed_cavities(before: &Surface, after: &Surface, settings: &Thickening) -> Vec<Vec<DVec3>> {
-    let [mut before, mut after] = [before, after].map(|surface| large_cavities(surface, settings));
+    let [before, mut after] = [before, after].map(|surface| large_cavities(surface, settings));
     let mut of_corner = FxHashMap::default();
     for (number, (corners, _)) in before.iter().enumerate() {
         of_corner.extend(corners.iter().map(|&corner| (position_key(corner), number)));
@@ -212,9 +217,8 @@ pub fn changed_cavities(before: &Surface, after: &Surface, settings: &Thickening
         let same = corners.iter().find_map(|&corner| of_corner.get(&position_key(corner)));
         same.is_none_or(|&same| std::mem::replace(&mut is_found[same], true))
     });
-    let mut is_found = is_found.into_iter();
-    before.retain(|_| !is_found.next().unwrap_or(false));
-    before.into_iter().chain(after).map(|(corners, _)| corners).collect()
+    let gone = before.into_iter().zip(is_found).filter(|(_, is_found)| !is_found).map(|(cavity, _)| cavity);
+    gone.chain(after).map(|(corners, _)| corners).collect()
 }
 
 /// The corners and the volume, which is negative, of each cavity that is not small.
@@ -222,7 +226,7 @@ fn large_cavities(surface: &Surface, settings: &Thickening) -> Vec<(Vec<DVec3>, 
     let parts = Parts::new(surface, &Edges::new(&surface.faces));
     let volumes = volumes(surface, &parts);
     let corners = |faces: &[u32]| faces.iter().flat_map(|&face| surface.corners(face as usize)).collect();
-    let large = parts.faces().into_iter().zip(volumes).filter(|(_, volume)| *volume <= -small(settings));
+    let large = parts.faces().into_iter().zip(volumes).filter(|(_, volume)| is_large_cavity(*volume, settings));
     large.map(|(faces, volume)| (corners(&faces), volume)).collect()
 }
 
