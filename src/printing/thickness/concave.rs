@@ -14,7 +14,7 @@ impl Prepared<'_> {
     /// The shortest chord between a concave edge of `f` and face `h`, if it is thinner than `limit`, lies in the material, and neither end can
     /// shorten it much by sliding along the surface: by at most the sine of [`TILT`] per length.
     pub(super) fn least_concave(&self, [f, h]: [u32; 2], limit: f64, steps: &mut u64) -> Least {
-        if self.share_a_vertex(f, h) {
+        if self.is_no_wall([f, h], limit) || self.share_a_vertex(f, h) {
             return Least::Nothing;
         }
         let Some([p, q]) = self.nearest_points(f, h) else { return Least::Nothing };
@@ -25,6 +25,10 @@ impl Prepared<'_> {
         }
         *steps = steps.saturating_sub(16);
         let u = (q - p) / length;
+        // A face that the chord reaches from outside is not foremost there.
+        if u.dot(self.normal(f)) > 0.0 || u.dot(self.normal(h)) < 0.0 {
+            return Least::Nothing;
+        }
         // At the points themselves each face alone allows the least sliding.
         if self.slope_in(f, p, u) > TILT.sin() || self.slope_in(h, q, -u) > TILT.sin() {
             return Least::Nothing;
@@ -45,6 +49,17 @@ impl Prepared<'_> {
         }
         let chord = Chord { points: [p, q], thickness, inside: (first.inner + second.inner) / 2.0 };
         if *steps == 0 { Least::Undecided(chord) } else { Least::Found(chord) }
+    }
+
+    /// Whether the planes alone rule out a chord: face `h` lies in front of face `f`, all concave edges of `f` lie in front of
+    /// `h`, or they lie too far behind it.
+    fn is_no_wall(&self, [f, h]: [u32; 2], limit: f64) -> bool {
+        let ([a, ..], others) = (self.corners(f), self.corners(h));
+        let (n, m) = (self.normal(f), self.normal(h));
+        let depths = || self.concave_edges(f).flatten().map(|p| (others[0] - p).dot(m));
+        others.iter().all(|q| (q - a).dot(n) > self.rounding)
+            || depths().all(|depth| depth < -self.rounding)
+            || depths().all(|depth| depth > limit + self.rounding)
     }
 
     /// The sharp concave edges of a face.

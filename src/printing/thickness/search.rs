@@ -17,6 +17,10 @@ const STAGES: [(usize, u64); 3] = [(1 << 14, 1 << 13), (256, 1 << 19), (8, 1 << 
 const BUDGET: [u64; 2] = [1 << 30, 600];
 /// Cost in steps of the comparison of two faces.
 const PAIR_COST: u64 = 6;
+/// The error of coordinates in the tree's frame, which are at most 1, and more than that.
+const SLACK: f64 = 1e-6;
+/// A face is wide if its radius is more than this share of the bound.
+const WIDE: f64 = 2.0;
 /// Planes that enclose a smaller angle than 1 degree form no tip. Sine of the angle.
 const LEAST_TAPER: f64 = 0.017_452_406_437_283_5;
 /// Share of the way to the line where the planes of two faces meet that a tip must reach.
@@ -46,31 +50,63 @@ struct Query<'a> {
 /// The places that a query still has to visit, in the tree's frame.
 #[derive(Clone, Copy)]
 enum Reach {
-    /// All places in a box.
-    Box { low: Vec3A, high: Vec3A },
-    /// The places within a distance of a segment: where it starts, its step, the reciprocals, and the distance.
-    Prism { start: Vec3A, reciprocal: Vec3A, margin: Vec3A },
+    /// The places within a distance, given with its square, of a box around edges; if it is a single edge, those near it.
+    Box { low: Vec3A, high: Vec3A, square: f32, edge: Option<Slab> },
+    /// The places near the way from the middle of a face to the bound behind it. Behind a wide face, within some planes.
+    Prism { axis: Slab, sides: Option<[Plane; 5]> },
+}
+
+/// The places within a distance of a segment, along each axis: where it starts, the reciprocal of its step, and the distance.
+#[derive(Clone, Copy)]
+struct Slab {
+    start: Vec3A,
+    reciprocal: Vec3A,
+    margin: Vec3A,
+}
+
+/// A plane, by its unit normal and its distance from the origin. Places in front of it are not visited.
+#[derive(Clone, Copy)]
+struct Plane {
+    normal: Vec3A,
+    distance: f32,
 }
 
 impl Reach {
     /// When the reach meets a box, a value to visit boxes in order: the nearest first.
     #[inline]
     fn meets(&self, low: Vec3A, high: Vec3A) -> Option<f32> {
-        match *self {
-            Self::Box { low: from, high: to } => {
-                let meets = (low.cmple(to) & high.cmpge(from)).all();
+        match self {
+            &Self::Box { low: from, high: to, square, edge } => {
                 let middle = (from + to) * 0.5;
+                let is_near = || (low - to).max(from - high).max(Vec3A::ZERO).length_squared() <= square;
+                let meets = is_near() && edge.is_none_or(|edge| edge.enter(low, high).is_some());
                 meets.then(|| (low - middle).max(middle - high).max(Vec3A::ZERO).length_squared())
             }
-            Self::Prism { start, reciprocal, margin } => {
-                // The slab test of Kay and Kajiya (1986).
-                let a = (low - margin - start) * reciprocal;
-                let b = (high + margin - start) * reciprocal;
-                let enter = a.min(b).max_element().max(0.0);
-                let leave = a.max(b).min_element().min(1.0);
-                (enter <= leave + 1e-5).then_some(enter)
+            Self::Prism { axis, sides } => {
+                let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
+                let is_behind = |side: &Plane| side.normal.dot(middle) - side.normal.abs().dot(half) <= side.distance;
+                axis.enter(low, high).filter(|_| sides.iter().flatten().all(is_behind))
             }
         }
+    }
+}
+
+impl Slab {
+    fn new(start: DVec3, step: DVec3, margin: DVec3) -> Self {
+        // The clamp makes zero times a reciprocal zero.
+        let reciprocal = vec3a(step.recip()).clamp(Vec3A::splat(f32::MIN), Vec3A::splat(f32::MAX));
+        Self { start: vec3a(start), reciprocal, margin: vec3a(margin) }
+    }
+
+    /// The fraction of the segment at which it enters a box that is larger by the margin.
+    #[inline]
+    fn enter(&self, low: Vec3A, high: Vec3A) -> Option<f32> {
+        // The slab test of Kay and Kajiya (1986).
+        let a = (low - self.margin - self.start) * self.reciprocal;
+        let b = (high + self.margin - self.start) * self.reciprocal;
+        let enter = a.min(b).max_element().max(0.0);
+        let leave = a.max(b).min_element().min(1.0);
+        (enter <= leave + 1e-5).then_some(enter)
     }
 }
 
@@ -82,20 +118,42 @@ impl Query<'_> {
 
     /// The places of all faces at less than the bound: behind the face, or around it for concave edges.
     fn reach(&self) -> Reach {
-        let corners = self.prepared.corners(self.face);
         let (bound, frame) = (self.bound(), self.prepared.tree.frame);
+        let distance = bound * frame.scale() * 1.000_01 + SLACK;
         if self.is_concave {
-            let bounds = Box3::of(self.prepared.concave_edges(self.face).flatten());
-            let [low, high] = [bounds.min - bound, bounds.max + bound].map(|p| vec3a(frame.to_tree(p)));
-            return Reach::Box { low, high };
+            let mut edges = self.prepared.concave_edges(self.face).map(|edge| edge.map(|p| frame.to_tree(p)));
+            let first = edges.next().unwrap_or_default();
+            let others: SmallVec<[_; 2]> = edges.collect();
+            let bounds = Box3::of(first.into_iter().chain(others.iter().copied().flatten()));
+            let [low, high] = [bounds.min, bounds.max].map(vec3a);
+            let edge = others.is_empty().then(|| Slab::new(first[0], first[1] - first[0], DVec3::splat(distance)));
+            #[expect(clippy::cast_possible_truncation, reason = "the slack covers the rounding")]
+            let square = (distance * distance) as f32;
+            return Reach::Box { low, high, square, edge };
         }
+        let corners = self.prepared.corners(self.face);
         let (centre, radius) = centre_and_radius(corners);
         let step = -self.prepared.normal(self.face) * bound * frame.scale();
-        // The clamp makes zero times a reciprocal zero.
-        let reciprocal = vec3a(step.recip()).clamp(Vec3A::splat(f32::MIN), Vec3A::splat(f32::MAX));
-        // The first term covers the f32 rounding in the frame, whose coordinates are at most 1.
-        let margin = vec3a(DVec3::splat(1e-6 + radius * frame.scale() * 1.000_01));
-        Reach::Prism { start: vec3a(frame.to_tree(centre)), reciprocal, margin }
+        // The slack covers the f32 rounding in the frame, whose coordinates are at most 1.
+        let margin = DVec3::splat(SLACK + radius * frame.scale() * 1.000_01);
+        let sides = (radius > WIDE * bound).then(|| self.sides(corners.map(|p| frame.to_tree(p)), distance));
+        Reach::Prism { axis: Slab::new(frame.to_tree(centre), step, margin), sides }
+    }
+
+    /// The planes around the places from which a chord can end at the face, which has these corners in the tree's frame: the
+    /// face's own, one as far behind it as the bound, and one beside each edge. Chords are tilted by half of [`OPPOSED`] at most.
+    fn sides(&self, corners: [DVec3; 3], distance: f64) -> [Plane; 5] {
+        let normal = self.prepared.normal(self.face);
+        #[expect(clippy::cast_possible_truncation, reason = "the slack covers the rounding")]
+        let plane = |normal: DVec3, through: DVec3, beyond: f64| Plane {
+            normal: vec3a(normal),
+            distance: (normal.dot(through) + beyond + SLACK) as f32,
+        };
+        let beside = |k: usize| {
+            let outward = (corners[(k + 1) % 3] - corners[k]).cross(normal).normalize_or_zero();
+            plane(outward, corners[k], distance * TILT.sin())
+        };
+        [plane(normal, corners[0], 0.0), plane(-normal, corners[0], distance), beside(0), beside(1), beside(2)]
     }
 
     fn may_be_opposed(&self, below: &Below) -> bool {
