@@ -120,6 +120,24 @@ fn no_vertex_moves_farther_than_it_may() {
 }
 
 #[test]
+fn slivers_are_removed_beside_kept_faces_but_not_from_them() {
+    let mut mesh = surface(&sphere(DVec3::ZERO, 1.0, 12, 8));
+    let before: Vec<_> = (0..mesh.faces.len()).map(|face| mesh.face_key(face)).collect();
+    split(&mut mesh, 7, 0, 1e-7);
+    split(&mut mesh, 60, 1, 1e-7);
+    let kept: Vec<bool> = (0..mesh.faces.len()).map(|face| before.contains(&mesh.face_key(face))).collect();
+    let mut beside = mesh.clone();
+    let applied = with_context(|c| SLIVERS.apply_beside(&kept, &mut beside, c)).unwrap();
+    assert_eq!(change_count(&applied.changes, "short_edges_collapsed"), 2);
+    let keys: Vec<_> = (0..beside.faces.len()).map(|face| beside.face_key(face)).collect();
+    assert!(before.iter().all(|face| keys.contains(face)) && keys.len() == before.len());
+    let all = vec![true; mesh.faces.len()];
+    let split = mesh.clone();
+    assert_eq!(with_context(|c| SLIVERS.apply_beside(&all, &mut mesh, c)).unwrap().changes, []);
+    assert_eq!(mesh, split);
+}
+
+#[test]
 fn a_solid_smaller_than_the_tolerance_is_not_lost() {
     let soup = join(&cube(DVec3::ZERO, 1.0, 2), &cube(DVec3::splat(3.0), 1e-7, 1));
     let mut mesh = surface(&soup);

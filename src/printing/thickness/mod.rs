@@ -23,7 +23,7 @@ pub use places::{
     FeatureKind, LeastThickness, OpposedPair, OpposedPairs, Space, ThicknessField, ThinFeatures, ThinRegion,
 };
 
-use prepared::Prepared;
+use prepared::{FLAT, Prepared};
 use regions::Grouping;
 
 /// Finds all places thinner than `below`, and their kinds. Parameters and precondition as in [`opposed_pairs`].
@@ -106,11 +106,21 @@ pub fn opposed_pairs_after(
     Ok(prepared.pairs(&found))
 }
 
+/// The height below which the rounding of coordinates to f32 decides a face's normal. Such faces are not measured.
+#[must_use]
+pub fn least_height(surface: &Surface) -> f64 {
+    FLAT * largest_coordinate(surface)
+}
+
+/// The largest coordinate, without its sign.
+fn largest_coordinate(surface: &Surface) -> f64 {
+    surface.positions.iter().fold(0.0, |most, p| most.max(p.abs().max_element()))
+}
+
 /// The limit for a model whose coordinates were rounded to f32: a wall of `limit` stays at or above this.
 #[must_use]
 pub fn rounded_limit(surface: &Surface, limit: f64) -> f64 {
-    let largest = surface.positions.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
-    limit * (1.0 - 1.0 / f64::from(1 << 20)) - largest / f64::from(1 << 22)
+    limit * (1.0 - 1.0 / f64::from(1 << 20)) - largest_coordinate(surface) / f64::from(1 << 22)
 }
 
 #[cfg(test)]

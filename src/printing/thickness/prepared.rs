@@ -22,7 +22,7 @@ const SLACK: f32 = 1e-5;
 /// at a blunter edge is measured from the faces.
 const SHARP: f64 = 0.965_925_826_289_068_3;
 /// A face with a height below this fraction of the largest coordinate has no reliable normal: f32 has 24 bits.
-const FLAT: f64 = 2.4e-7;
+pub(super) const FLAT: f64 = 2.4e-7;
 /// Like [`FLAT`], as a fraction of the face's longest edge.
 const NEEDLE: f64 = 1e-9;
 

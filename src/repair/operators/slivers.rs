@@ -49,6 +49,19 @@ impl RemoveSlivers {
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then half changed.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.apply_beside(&[], surface, context)
+    }
+
+    /// [`Self::apply`] beside faces that stay as they are, marked in `kept`; faces after its end are not marked.
+    ///
+    /// # Errors
+    /// As for [`Self::apply`].
+    pub fn apply_beside(
+        &self,
+        kept: &[bool],
+        surface: &mut Surface,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
         let scale = unit_scale(&surface.positions);
         let diagonal = Box3::of(surface.positions.iter().map(|&p| p * scale)).diagonal();
         let length = (self.tolerance * diagonal).min(self.max_deviation * scale);
@@ -56,8 +69,12 @@ impl RemoveSlivers {
             return Ok(Applied::default());
         }
         let mut slivers = VecDeque::new();
+        let is_kept = |f: u32| kept.get(f as usize) == Some(&true);
+        let mut is_fixed = vec![false; surface.positions.len()];
         for (face, f) in surface.faces.iter().zip(0u32..) {
-            if is_sliver(face.map(|v| surface.positions[v as usize] * scale), length) {
+            if is_kept(f) {
+                face.iter().for_each(|&v| is_fixed[v as usize] = true);
+            } else if is_sliver(face.map(|v| surface.positions[v as usize] * scale), length) {
                 slivers.push_back(f);
             }
         }
@@ -66,7 +83,8 @@ impl RemoveSlivers {
         }
         let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
         let drift = vec![0.0; surface.positions.len()];
-        let mut work = SliverQueue { local: LocalEdits::new(surface), length, drift, moved: 0.0, queue: slivers };
+        let local = LocalEdits::new(surface);
+        let mut work = SliverQueue { local, length, kept, is_fixed, drift, moved: 0.0, queue: slivers };
         let EditCounts { collapsed, flipped, dropped, left } = work.run(budget, context)?;
         let moved = work.moved / scale;
         work.local.finish();
@@ -114,6 +132,10 @@ struct SliverQueue<'a> {
     local: LocalEdits<'a>,
     /// The tolerance on the unit scale.
     length: f64,
+    /// Marks the faces that stay as they are.
+    kept: &'a [bool],
+    /// For each vertex whether it is a corner of such a face.
+    is_fixed: Vec<bool>,
     /// For each vertex the largest distance of the vertices collapsed into it.
     drift: Vec<f64>,
     moved: f64,
@@ -153,9 +175,14 @@ impl SliverQueue<'_> {
         Ok(counts)
     }
 
-    /// Whether a face still exists and is a sliver.
+    /// Whether a face stays as it is.
+    fn is_kept(&self, f: u32) -> bool {
+        self.kept.get(f as usize) == Some(&true)
+    }
+
+    /// Whether a face still exists, and is a sliver that may be removed.
     fn is_sliver_left(&self, f: u32) -> bool {
-        self.local.is_alive(f) && is_sliver(self.local.points(self.local.face(f)), self.length)
+        self.local.is_alive(f) && !self.is_kept(f) && is_sliver(self.local.points(self.local.face(f)), self.length)
     }
 
     /// Tries every edit that removes a sliver, and queues the affected faces.
@@ -187,7 +214,8 @@ impl SliverQueue<'_> {
         }
         let Some(irregular) = self.link_condition(a, b) else { return false };
         for (drift, removed, kept) in directions {
-            if drift <= self.length && !irregular.contains(&removed) && self.keeps_orientation(removed, kept) {
+            let may_go = !self.is_fixed[removed as usize] && !irregular.contains(&removed);
+            if drift <= self.length && may_go && self.keeps_orientation(removed, kept) {
                 self.local.collapse(removed, kept);
                 self.drift[kept as usize] = drift;
                 self.moved = self.moved.max(drift);
@@ -264,10 +292,10 @@ impl SliverQueue<'_> {
         }
         let hinge = self.local.hinge(a, b)?;
         let [_, d] = hinge.apexes;
-        if !self.local.faces_at_edge(m, d).is_empty() {
+        let beyond = if hinge.faces[0] == cap { hinge.faces[1] } else { hinge.faces[0] };
+        if self.is_kept(beyond) || !self.local.faces_at_edge(m, d).is_empty() {
             return None;
         }
-        let beyond = if hinge.faces[0] == cap { hinge.faces[1] } else { hinge.faces[0] };
         let (other, new) = (self.local.face(beyond), hinge.flipped());
         let was = Shape::of(self.local.points(other)).height;
         let is = new.map(|face| Shape::of(self.local.points(face)).height);

@@ -1,12 +1,19 @@
 //! Thickens walls that are thinner than the options ask for.
 
+use rustc_hash::FxHashSet;
+
 use super::layer_union::LayerUnion;
 use super::operator::{Applied, Counter, Operation, Scope};
+use super::self_union::is_manifold_by_position;
+use super::slivers::RemoveSlivers;
+use crate::inspect::SearchedMesh;
 use crate::mesh::{ClosedSurface, Surface};
 use crate::printing::thickening::{
     Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason,
 };
-use crate::printing::thickness::{FeatureKind, Space, ThinRegion, rounded_limit, thin_features};
+use crate::printing::thickness::{
+    FeatureKind, Space, ThinFeatures, ThinRegion, least_height, rounded_limit, thin_features,
+};
 use crate::repair::options::WallGrowth;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, ThinPlaceLeft, ThinPlaceReason, WallThickening};
 
@@ -69,14 +76,14 @@ impl Operation<'_> for ThickenWalls {
             Err(error) => return Ok(Applied::unchanged(&error)),
         };
         let proved = thickened.places.iter().filter(|place| place.result == PlaceResult::Proved).count();
-        if !thickened.added_faces.is_empty() {
-            surface.clone_from(&thickened.surface);
-        }
-        // A measurement that is independent of the thickening decides which walls are still thin.
-        let limit = rounded_limit(surface, settings.min_wall);
-        let thin = thin_features(surface, limit, Space::Material, context)?;
-        // Sharp edges come last.
-        let left = thin.regions.iter().filter(|region| region.kind != FeatureKind::SharpEdge).count();
+        let thin = if thickened.added_faces.is_empty() {
+            measure(surface, &settings, context)?
+        } else {
+            let (result, thin) = measured_result(surface, &thickened, &settings, context)?;
+            *surface = result;
+            thin
+        };
+        let left = walls(&thin);
         let changes = Change::list([
             (ChangeKind::WallsThickened, proved as u64),
             (ChangeKind::ThroughHolesClosed, thickened.through_holes_closed),
@@ -96,6 +103,52 @@ impl Operation<'_> for ThickenWalls {
         let thickening = Some(self.summary(&thickened, &thin.regions));
         Ok(Applied { changes, left, thickening, ..Applied::default() })
     }
+}
+
+/// The thin places of a result. A measurement that is independent of the thickening decides which walls are still thin.
+fn measure(surface: &Surface, settings: &Thickening, context: &Context<'_>) -> Result<ThinFeatures, Cancelled> {
+    thin_features(surface, rounded_limit(surface, settings.min_wall), Space::Material, context)
+}
+
+/// The number of thin walls. Sharp edges are none; they come last.
+fn walls(thin: &ThinFeatures) -> usize {
+    thin.regions.iter().filter(|region| region.kind != FeatureKind::SharpEdge).count()
+}
+
+/// A thickened surface with its thin places, without slivers if it is as good without them.
+fn measured_result(
+    input: &Surface,
+    thickened: &Thickened,
+    settings: &Thickening,
+    context: &Context<'_>,
+) -> Result<(Surface, ThinFeatures), Cancelled> {
+    if let Some(result) = without_slivers(input, &thickened.surface, context)? {
+        let thin = measure(&result, settings, context)?;
+        if !thickened.is_proved || walls(&thin) == 0 {
+            return Ok((result, thin));
+        }
+    }
+    Ok((thickened.surface.clone(), measure(&thickened.surface, settings, context)?))
+}
+
+/// A thickened surface without the slivers that the union left: faces so thin that rounding decides where they face. The faces
+/// of the input stay as they are. None if there are no slivers, or if the surface would not be as sound.
+fn without_slivers(input: &Surface, thickened: &Surface, context: &Context<'_>) -> Result<Option<Surface>, Cancelled> {
+    let of_input: FxHashSet<_> = (0..input.faces.len()).map(|face| input.face_key(face)).collect();
+    let kept: Vec<bool> = (0..thickened.faces.len()).map(|face| of_input.contains(&thickened.face_key(face))).collect();
+    let slivers = RemoveSlivers { tolerance: 1.0, max_deviation: least_height(thickened) };
+    let mut result = thickened.clone();
+    if slivers
+        .apply_beside(&kept, &mut result, context)?
+        .changes
+        .iter()
+        .all(|change| change.kind == ChangeKind::SliversLeft)
+    {
+        return Ok(None);
+    }
+    let searched = SearchedMesh::search(&result.to_soup(), None, context)?;
+    let is_sound = searched.meeting_pairs().is_some_and(<[_]>::is_empty) && is_manifold_by_position(&result);
+    Ok(is_sound.then_some(result))
 }
 
 impl ThickenWalls {
@@ -162,7 +215,12 @@ fn in_words(reason: ThinReason) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+    use std::time::Duration;
+
     use super::*;
+    use crate::context::NoProgress;
+    use crate::mesh::Soup;
     use glam::DVec3;
 
     fn region(kind: FeatureKind) -> ThinRegion {
@@ -207,5 +265,29 @@ mod tests {
         assert_eq!((summary.added_faces, summary.added_volume_mm3, summary.max_deviation_mm), (2, 2000.0, 30.0));
         assert_eq!((summary.left_count, summary.left.len()), (101, 100));
         assert_eq!((summary.left[0].at, summary.left[0].thickness_mm), ([1.0, 0.0, 0.0], 5.0));
+    }
+
+    #[test]
+    fn slivers_of_the_union_go_and_the_faces_of_the_input_stay() {
+        let mut soup = Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z], faces: Vec::new() };
+        soup.positions.iter_mut().for_each(|p| *p *= 8.0);
+        soup.faces = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+        let (input, _) = Surface::from_soup(&soup);
+        // A vertex on an edge, so near its start that rounding decides where the faces beside it face.
+        let mut united = input.clone();
+        let ([start, end, _], near) = (input.faces[0], 4);
+        united.positions.push(input.positions[end as usize].normalize() * 1e-6);
+        for face in (0..4).filter(|&face| [start, end].iter().all(|vertex| input.faces[face].contains(vertex))) {
+            united.faces[face] = input.faces[face].map(|vertex| if vertex == start { near } else { vertex });
+            united.push_patch(input.faces[face].map(|vertex| if vertex == end { near } else { vertex }));
+        }
+        let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
+        let without = |surface: &Surface| without_slivers(&input, surface, &context).expect("not cancelled");
+        let result = without(&united).expect("a surface without slivers");
+        let keys = |surface: &Surface| (0..surface.faces.len()).map(|face| surface.face_key(face)).collect();
+        let [before, after]: [FxHashSet<_>; 2] = [&input, &result].map(keys);
+        assert_eq!(before, after);
+        assert_eq!(without(&input), None);
     }
 }
