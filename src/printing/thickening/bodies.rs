@@ -4,8 +4,6 @@
 //! each other, and the ball is thinner than the least wall, its centre is on the middle of a thin place. A ball of the
 //! least wall's diameter around the same centre replaces it.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use crate::context::{Cancelled, Context};
 use crate::math::{Ball, Nearest, Tree, centre_and_radius, hit, longest_side_first};
 use crate::mesh::Surface;
@@ -16,6 +14,7 @@ use rustc_hash::FxHashMap;
 
 use super::outcome::Thickening;
 use super::results::Thin;
+use super::triangle_budget::TriangleBudget;
 use super::walls::{noise_of, trusted_normal};
 
 /// The largest dot product of the outward directions at two contacts of a ball in a wall: 36.9 degrees.
@@ -35,8 +34,6 @@ const BATCH: usize = 1 << 6;
 const MAX_TESTED: f64 = 2.0;
 /// The most triangles that the faces of a batch are split into. A wall that is far thinner than its faces needs more.
 const MAX_TRIANGLES: u64 = 4_000_000;
-/// Triangles between two checks for cancellation.
-const TRIANGLES_PER_CHECK: u64 = 1 << 10;
 /// The deepest subdivision of a face.
 const MAX_DEPTH: u32 = 32;
 /// Sine of half the angle of a wedge from which its end counts as a sharp edge.
@@ -92,38 +89,6 @@ pub type Cell = [i64; 3];
 
 /// The cells with thin balls, and whether one of them has a filler of its full size. More balls there add nothing.
 type Filled = FxHashMap<Cell, bool>;
-
-/// The number of triangles that faces were split into, and the most.
-pub struct TriangleBudget<'a> {
-    count: AtomicU64,
-    most: u64,
-    context: &'a Context<'a>,
-}
-
-impl<'a> TriangleBudget<'a> {
-    /// No triangle yet, of at most so many.
-    pub fn new(most: u64, context: &'a Context<'a>) -> Self {
-        Self { count: AtomicU64::new(0), most, context }
-    }
-
-    /// Counts a triangle. Whether there are too many, or the work should stop.
-    pub fn should_stop(&self) -> bool {
-        let count = self.count.fetch_add(1, Ordering::Relaxed);
-        if count >= self.most {
-            return true;
-        }
-        let should_stop = count.is_multiple_of(TRIANGLES_PER_CHECK) && self.context.check().is_err();
-        if should_stop {
-            self.count.store(self.most, Ordering::Relaxed);
-        }
-        should_stop
-    }
-
-    /// Whether there were too many triangles, so that some were left out.
-    pub fn is_exceeded(&self) -> bool {
-        self.count.load(Ordering::Relaxed) > self.most
-    }
-}
 
 /// The fillers found so far, one for each cell.
 #[derive(Default)]
@@ -401,7 +366,7 @@ pub fn cell_of(point: DVec3, size: f64) -> Cell {
 #[cfg(test)]
 mod tests {
     use std::ops::Range;
-    use std::sync::atomic::AtomicBool;
+    use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
     use std::time::Duration;
 
     use super::*;

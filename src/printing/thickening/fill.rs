@@ -15,6 +15,9 @@ use super::unite::{Broken, FAR_AWAY, group_of_each_face};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 12;
+/// The rounds end when gaps limit this share of the new balls, and two rounds left this share of the thin faces and of what
+/// they lack. Where gaps limit nothing, later rounds often mend what earlier ones made worse.
+const STALLED: f64 = 0.9;
 /// Sizes of cells, finest first. Measuring the result takes longest, so a body of many faces gets larger cells.
 const CELLS: [Cells; 3] = [
     Cells { share: 0.2, margin: 0.08, max_faces: 50_000 },
@@ -59,10 +62,13 @@ impl Filling<'_> {
             round: 0,
             topology: self.topology,
             refusals: 0,
+            is_limited: false,
             allowed: Vec::new(),
+            closed_gaps: None,
         };
         let of_base = deviation_of_added((self.input, &state.input_tree), &base.surface);
         let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
+        let mut left = Vec::new();
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
             let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
@@ -82,6 +88,10 @@ impl Filling<'_> {
             let deviation = || deviation_of_added((self.input, &state.input_tree), &current.surface);
             if current.is_better_than(&best, self.before) && deviation() <= most {
                 best = current.clone();
+            }
+            left.push((current.thin.count() as f64, current.thin.lack));
+            if state.is_limited && has_stalled(&left) {
+                break;
             }
         }
         Ok(best)
@@ -119,7 +129,9 @@ impl Filling<'_> {
         };
         let Some(mut fillers) = fillers else { return Ok(next) };
         fillers.par_iter_mut().for_each(|filler| self.limit(filler, state));
-        next.limited.extend(fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre));
+        let limited = fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre);
+        next.limited.extend(limited.clone());
+        state.is_limited = limited.count() as f64 > STALLED * fillers.len() as f64;
         let is_left_out = |filler: &Filler| {
             let near = 0.5 * self.settings.min_wall;
             state.left_out.iter().find(|(other, _)| other.centre.distance(filler.centre) < near).map(|&(_, why)| why)
@@ -183,9 +195,27 @@ impl Filling<'_> {
     }
 }
 
+/// Whether the last two rounds left nearly all thin faces, and nearly all of what they lack.
+fn has_stalled(left: &[(f64, f64)]) -> bool {
+    matches!(left, [.., before, _, last] if last.0 > STALLED * before.0 && last.1 > STALLED * before.1)
+}
+
 fn reason(broken: Broken) -> ThinReason {
     match broken {
         Broken::Union => ThinReason::Union,
         Broken::Parts | Broken::ThroughHole => ThinReason::Topology,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_that_leave_fewer_thin_faces_or_less_lack_go_on() {
+        assert!(!has_stalled(&[(100.0, 1.0), (99.0, 1.0)]));
+        assert!(has_stalled(&[(100.0, 1.0), (99.0, 1.0), (98.0, 0.99)]));
+        assert!(!has_stalled(&[(100.0, 1.0), (99.0, 1.0), (80.0, 1.2)]));
+        assert!(!has_stalled(&[(100.0, 1.0), (99.0, 1.0), (120.0, 0.8)]));
     }
 }

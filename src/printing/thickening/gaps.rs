@@ -1,4 +1,4 @@
-//! Balls on a solid that close its narrow gaps, to tell apart which through holes are wide.
+//! Gaps near balls: which balls bridge a wide gap, and balls that close the narrow gaps, to tell apart which through holes are wide.
 //!
 //! Balls of nearly half the least gap, around points of the surface in front of which there is a narrow gap, close most narrow
 //! gaps and no wide one. What they leave open must stay open when walls grow.
@@ -10,8 +10,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 use rustc_hash::FxHashSet;
 
-use super::bodies::{Filler, MAX_BALLS, STEPS, TriangleBudget, cell_of};
+use super::bodies::{Filler, MAX_BALLS, STEPS, cell_of};
 use super::outcome::Thickening;
+use super::triangle_budget::TriangleBudget;
 use super::walls::{noise_of, trusted_normal};
 
 /// The radius of a ball, as a share of the least gap: half of what the cells of the surface of many balls leave of it.
@@ -20,6 +21,8 @@ const RADIUS: f64 = (1.0 - CELL) / 2.0;
 pub const CELL: f64 = 0.2;
 /// The radius of a sample of the surface, as a share of the least gap.
 const SAMPLE: f64 = 0.15;
+/// The least cosine of the angle between the normal at one side of a gap and the direction to its other side: 60 degrees.
+const OPPOSITE: f64 = 0.5;
 /// The narrowest least gap for which samples are few enough, as a share of the least wall.
 const MIN_GAP: f64 = 0.1;
 /// The most triangles that faces are split into.
@@ -40,32 +43,79 @@ pub fn balls_over_gaps(
     if settings.min_gap < MIN_GAP * settings.min_wall {
         return Ok(None);
     }
-    let boxes: Vec<Box3> = balls.iter().map(|ball| Box3::of([ball.centre]).grown(ball.radius)).collect();
-    let samples = Samples {
-        surface,
-        balls,
-        tree_of_balls: Tree::of_boxes(&boxes),
-        tree,
-        noise: noise_of(&surface.positions),
-        least_gap: settings.min_gap,
-        budget: TriangleBudget::new(MAX_TRIANGLES, context),
-    };
+    let sizes = Sizes { gap: settings.min_gap, sample: SAMPLE * settings.min_gap };
+    let samples = Samples::new((surface, tree), balls, sizes, context);
     let radius = RADIUS * settings.min_gap;
-    let faces: Vec<u32> = (0u32..).take(surface.faces.len()).collect();
     // Faces that are smaller than a sample would give far more balls than needed.
     let mut filled = FxHashSet::default();
     let mut is_first = |centre: &DVec3| filled.insert(cell_of(*centre, SAMPLE * settings.min_gap));
     let mut over = Vec::new();
-    for batch in faces.chunks(BATCH) {
-        let found: Vec<Vec<DVec3>> = batch.par_iter().map(|&face| samples.of(face)).collect();
+    for batch in faces_of(surface).chunks(BATCH) {
+        let found: Vec<Vec<Sample>> = batch.par_iter().map(|&face| samples.of(face)).collect();
         context.check()?;
-        let first = found.into_iter().flatten().filter(&mut is_first);
+        let first = found.into_iter().flatten().map(|sample| sample.point).filter(&mut is_first);
         over.extend(first.map(|centre| Filler { centre, radius, is_limited: false }));
         if over.len() > MAX_BALLS || samples.budget.is_exceeded() {
             return Ok(None);
         }
     }
     Ok(Some(over))
+}
+
+/// For each ball whether it covers the middle of a gap of a surface, as far as samples tell, if the gap is as wide as `narrowest`
+/// and narrower than `widest`. Only such balls can close a wide hole, or join solids.
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+pub fn bridging(
+    (surface, tree): (&Surface, &Tree),
+    balls: &[Filler],
+    [narrowest, widest]: [f64; 2],
+    context: &Context<'_>,
+) -> Result<Vec<bool>, Cancelled> {
+    let samples = Samples::new((surface, tree), balls, Sizes { gap: widest, sample: SAMPLE * widest }, context);
+    let is_wide = |gap: &Sample| 2.0 * gap.point.distance(gap.middle) >= narrowest && gap.is_between_opposite_sides();
+    let mut is_bridging = vec![false; balls.len()];
+    for batch in faces_of(surface).chunks(BATCH) {
+        let of_face = |&face: &u32| {
+            let gaps = samples.of(face).into_iter().filter(is_wide);
+            gaps.flat_map(|gap| samples.balls_around(gap.middle)).collect::<Vec<u32>>()
+        };
+        let found: Vec<Vec<u32>> = batch.par_iter().map(of_face).collect();
+        context.check()?;
+        found.into_iter().flatten().for_each(|ball| is_bridging[ball as usize] = true);
+    }
+    Ok(is_bridging)
+}
+
+fn faces_of(surface: &Surface) -> Vec<u32> {
+    (0u32..).take(surface.faces.len()).collect()
+}
+
+/// The sizes of a search for samples.
+#[derive(Clone, Copy)]
+struct Sizes {
+    /// The width from which a gap does not count.
+    gap: f64,
+    /// The radius of a sample of the surface.
+    sample: f64,
+}
+
+/// A point of a surface in front of which there is a gap.
+struct Sample {
+    point: DVec3,
+    normal: DVec3,
+    /// The middle of the largest ball of air that touches the point.
+    middle: DVec3,
+    /// Another point that this ball touches.
+    opposite: DVec3,
+}
+
+impl Sample {
+    /// Whether the gap lies between two sides that face each other, rather than in a corner.
+    fn is_between_opposite_sides(&self) -> bool {
+        (self.opposite - self.middle).normalize_or_zero().dot(self.normal) >= OPPOSITE
+    }
 }
 
 /// The search for samples of a surface near balls.
@@ -78,13 +128,24 @@ struct Samples<'a> {
     tree: &'a Tree,
     /// Height of a triangle below which rounding decides its normal.
     noise: f64,
-    least_gap: f64,
+    sizes: Sizes,
     budget: TriangleBudget<'a>,
 }
 
-impl Samples<'_> {
-    /// The centres of the samples of a face that meet a ball, and in front of which there is a narrow gap.
-    fn of(&self, face: u32) -> Vec<DVec3> {
+impl<'a> Samples<'a> {
+    fn new(
+        (surface, tree): (&'a Surface, &'a Tree),
+        balls: &'a [Filler],
+        sizes: Sizes,
+        context: &'a Context<'a>,
+    ) -> Self {
+        let boxes: Vec<Box3> = balls.iter().map(|ball| Box3::of([ball.centre]).grown(ball.radius)).collect();
+        let (tree_of_balls, noise) = (Tree::of_boxes(&boxes), noise_of(&surface.positions));
+        Self { surface, balls, tree_of_balls, tree, noise, sizes, budget: TriangleBudget::new(MAX_TRIANGLES, context) }
+    }
+
+    /// The samples of a face that meet a ball, and in front of which there is a narrow gap.
+    fn of(&self, face: u32) -> Vec<Sample> {
         let corners = self.surface.corners(face as usize);
         let normal = trusted_normal(corners, self.noise);
         let mut samples = Vec::new();
@@ -97,8 +158,8 @@ impl Samples<'_> {
                 is_near = ball.radius > 0.0 && ball.centre.distance(centre) < ball.radius + size;
                 !is_near
             });
-            if is_near && size <= SAMPLE * self.least_gap {
-                samples.extend(Some(centre).filter(|_| self.is_before_gap(centre, normal)));
+            if is_near && size <= self.sizes.sample {
+                samples.extend(self.before_gap(centre, normal));
             } else if is_near {
                 let [a, b, c] = longest_side_first(corners);
                 let middle = (a + b) / 2.0;
@@ -108,11 +169,23 @@ impl Samples<'_> {
         samples
     }
 
-    /// Whether a ball of air as wide as the least gap does not fit in front of a point.
-    fn is_before_gap(&self, point: DVec3, normal: DVec3) -> bool {
+    /// The sample at a point, if no ball of air as wide as the gap fits in front of it.
+    fn before_gap(&self, point: DVec3, normal: DVec3) -> Option<Sample> {
         let corners = |face: u32| self.surface.corners(face as usize);
-        let ball = self.tree.shrunk_ball([point, normal], self.least_gap / 2.0, &mut STEPS.clone(), corners);
-        ball.is_some_and(|ball| ball.touches.is_some())
+        let ball = self.tree.shrunk_ball([point, normal], self.sizes.gap / 2.0, &mut STEPS.clone(), corners)?;
+        let opposite = ball.touches?.point;
+        Some(Sample { point, normal, middle: point + normal * ball.radius, opposite })
+    }
+
+    /// The balls that contain a point.
+    fn balls_around(&self, point: DVec3) -> Vec<u32> {
+        let mut around = Vec::new();
+        self.tree_of_balls.overlapping(&Box3::of([point]), |number| {
+            let ball = &self.balls[number as usize];
+            around.extend((ball.centre.distance(point) < ball.radius).then_some(number));
+            true
+        });
+        around
     }
 }
 
@@ -127,10 +200,16 @@ mod tests {
     use crate::printing::shapes::cuboid;
     use crate::printing::thickening::Growth;
 
-    /// The balls over the gap between two plates, near one ball. The least gap is 0.5.
-    fn over(gap: f64) -> Vec<Filler> {
+    /// Two plates of 10 by 10 with the thickness 0.6 and a gap, the lower one on the ground.
+    fn plates(gap: f64) -> Surface {
         let mut surface = cuboid(DVec3::ZERO, DVec3::new(10.0, 10.0, 0.6));
         surface.append(cuboid(DVec3::Z * (0.6 + gap), DVec3::new(10.0, 10.0, 1.2 + gap)));
+        surface
+    }
+
+    /// The balls over the gap between two plates, near one ball. The least gap is 0.5.
+    fn over(gap: f64) -> Vec<Filler> {
+        let surface = plates(gap);
         let tree = Tree::new(&surface.positions, &surface.faces);
         let settings = Thickening { min_wall: 1.0, growth: Growth::Both, min_gap: 0.5, precision: Precision::F32 };
         let ball = Filler { centre: DVec3::new(5.0, 5.0, 0.6), radius: 1.0, is_limited: false };
@@ -154,5 +233,24 @@ mod tests {
     fn a_gap_as_wide_as_the_least_gap_has_no_balls_over_it() {
         assert_eq!(over(0.5), []);
         assert_eq!(over(0.51), []);
+    }
+
+    #[test]
+    fn a_ball_bridges_a_wide_gap_if_it_covers_its_middle() {
+        let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
+        let ball = |z: f64, radius: f64| Filler { centre: DVec3::new(5.0, 5.0, z), radius, is_limited: false };
+        // Below the gap, in the lower plate up to its middle, and hardly out of it.
+        let balls = [ball(-0.3, 0.5), ball(0.3, 0.9), ball(0.3, 0.4)];
+        let bridging = |surface: &Surface, widths: [f64; 2]| {
+            let tree = Tree::new(&surface.positions, &surface.faces);
+            bridging((surface, &tree), &balls, widths, &context).unwrap()
+        };
+        assert_eq!(bridging(&plates(0.8), [0.5, 2.0]), [false, true, false]);
+        assert_eq!(bridging(&plates(0.8), [0.9, 2.0]), [false; 3], "the gap is narrow");
+        assert_eq!(bridging(&plates(0.8), [0.5, 0.7]), [false; 3], "the gap is too wide to be closed");
+        // In the corner between two walls there is no gap.
+        let corner = cuboid(DVec3::splat(4.0), DVec3::new(6.0, 6.0, 0.0));
+        assert_eq!(bridging(&corner, [0.0, 2.0]), [false; 3]);
     }
 }

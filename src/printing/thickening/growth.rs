@@ -2,7 +2,7 @@
 
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
-use crate::printing::thickness::{OpposedPair, Space, opposed_pairs, rounded_limit};
+use crate::printing::thickness::OpposedPair;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -45,19 +45,19 @@ pub struct Growths<'a> {
 }
 
 impl<'a> Growths<'a> {
-    /// Measures the walls of a surface. `may_grow` tells which faces may grow.
+    /// Finds the walls of a surface, of which `measured` are the thinnest. `may_grow` tells which faces may grow.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn new(
-        surface: &'a Surface,
+        (surface, measured): (&'a Surface, &[OpposedPair]),
         settings: Thickening,
         least: f64,
         may_grow: impl Fn(u32) -> bool,
         context: &Context<'_>,
     ) -> Result<Self, Cancelled> {
         let walls = Walls::new(surface);
-        let thin = thin_walls(&walls, surface, settings.min_wall, context)?;
+        let thin = thin_walls(&walls, measured, settings.min_wall, context)?;
         let kept = vec![false; surface.faces.len()];
         let mut growths = Self { walls, settings, least, witnesses: Vec::new(), kept };
         if settings.growth != Growth::Both {
@@ -197,17 +197,17 @@ fn gain(walls: &Walls<'_>, face: u32, wall: &Opposed) -> [f64; 2] {
     [walls.normal(face).dot(out), -walls.normal(wall.face).dot(out)]
 }
 
-/// For each face, the walls thinner than `min_wall` behind it, thinnest first.
+/// For each face, the walls thinner than `min_wall` behind it, thinnest first; `measured` has the thinnest of each face.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn thin_walls(
     walls: &Walls<'_>,
-    surface: &Surface,
+    measured: &[OpposedPair],
     min_wall: f64,
     context: &Context<'_>,
 ) -> Result<Vec<Vec<Opposed>>, Cancelled> {
-    let faces: Vec<u32> = (0u32..).take(surface.faces.len()).collect();
+    let faces: Vec<u32> = (0u32..).take(walls.face_count()).collect();
     let mut thin = Vec::with_capacity(faces.len());
     for batch in faces.chunks(BATCH) {
         context.check()?;
@@ -217,9 +217,7 @@ pub fn thin_walls(
     }
     // The nearest points of two faces can lie on their borders, where a third face is in the way. The measure that decides
     // looks between all points.
-    let limit = rounded_limit(surface, min_wall);
-    for pair in opposed_pairs(surface, limit, Space::Material, context)?.walls {
-        let OpposedPair { faces: [face, other], points, distance, thickness, .. } = pair;
+    for &OpposedPair { faces: [face, other], points, distance, thickness, .. } in measured {
         let found = &mut thin[face as usize];
         if found.is_empty() {
             found.push(Opposed { face: other, points, distance, thickness });

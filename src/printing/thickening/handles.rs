@@ -10,6 +10,7 @@ use crate::math::{Box3, Tree};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
 use glam::DVec3;
 use rayon::prelude::*;
+use smallvec::SmallVec;
 
 use super::bodies::Filler;
 
@@ -70,15 +71,24 @@ impl<'a> BallGroups<'a> {
         let bounds = |ball: &Filler| Box3::of([ball.centre]).grown(ball.radius + reach);
         let boxes: Vec<Box3> = balls.iter().map(bounds).collect();
         let tree = Tree::of_boxes(&boxes);
-        let mut groups = UnionFind::new(balls.len());
-        for (number, ball) in (0u32..).zip(balls) {
+        let touching = |number: u32| {
+            let ball = &balls[number as usize];
+            let mut touching: SmallVec<[u32; 16]> = SmallVec::new();
             tree.overlapping(&boxes[number as usize], |other| {
-                let near = balls[other as usize];
-                if near.centre.distance(ball.centre) < near.radius + ball.radius + 2.0 * reach {
-                    groups.unite(number, other);
+                let near = &balls[other as usize];
+                let reach = near.radius + ball.radius + 2.0 * reach;
+                if other < number && near.centre.distance_squared(ball.centre) < reach * reach {
+                    touching.push(other);
                 }
                 true
             });
+            touching
+        };
+        let numbers: Vec<u32> = (0u32..).take(balls.len()).collect();
+        let all: Vec<SmallVec<[u32; 16]>> = numbers.par_iter().map(|&number| touching(number)).collect();
+        let mut groups = UnionFind::new(balls.len());
+        for (number, touching) in numbers.into_iter().zip(all) {
+            touching.into_iter().for_each(|other| groups.unite(number, other));
         }
         let (of_ball, count) = groups.into_numbers(|_| true);
         Self { balls, reach, tree, of_ball, count }

@@ -27,6 +27,7 @@ mod rounds;
 mod sides;
 mod spheres;
 mod spread;
+mod triangle_budget;
 mod unions;
 mod unite;
 mod walls;
@@ -49,8 +50,9 @@ pub use unite::SelfUnion;
 /// more than these seconds or the second share.
 const KEPT_SHARES: [f64; 2] = [0.4, 0.2];
 const KEPT_S: u64 = 12;
-/// Share of the time that is left then for each kind of layer.
-const LAYER_SHARE: f64 = 0.2;
+/// Share of the time that is left then for each kind of layer, and the most. Where a layer can help it is quick as a rule.
+const LAYER_SHARE: f64 = 0.1;
+const LAYER_S: u64 = 15;
 /// Most thin faces for which prisms are tried: they keep edges sharp, but often fail on many small faces.
 const MAX_PRISMS: usize = 400;
 /// The share of the least gap to which rounding may narrow a gap.
@@ -136,8 +138,9 @@ impl Thickening {
         if fit == Fit::Points && self.growth == Growth::Both && base.thin.count() > MAX_PRISMS {
             return Ok(None);
         }
-        let limited = limited.limited_to(limited.remaining().mul_f64(LAYER_SHARE));
-        let mut surface = match Rounds::run(*self, fit, &base.surface, union, &limited) {
+        let share = limited.remaining().mul_f64(LAYER_SHARE);
+        let limited = limited.limited_to(share.min(Duration::from_secs(LAYER_S)));
+        let (mut surface, thin) = match Rounds::run(*self, fit, (&base.surface, &base.thin), union, &limited) {
             Err(ThickeningError::Cancelled(_)) if !context.is_cancelled() => return Ok(None),
             result => result?,
         };
@@ -149,7 +152,6 @@ impl Thickening {
         if fit == Fit::Regions && self.narrows_a_gap(&surface, of_input, context)? {
             return Ok(None);
         }
-        let thin = Thin::of(&surface, self.min_wall, context)?;
         Ok(Some(Grown { surface, thin, ..Grown::default() }))
     }
 

@@ -234,10 +234,9 @@ fn deviation((from, tree): (&Surface, &Tree), of: &Surface, faces: &[u32]) -> f6
         let nearest = tree.nearest(p, f64::INFINITY, &mut u64::MAX.clone(), |face| from.corners(face as usize));
         nearest.map_or(0.0, |nearest| nearest.distance)
     };
-    let of_face = |&face: &u32| {
-        let corners = of.corners(face as usize);
-        let centre = corners.into_iter().sum::<DVec3>() / 3.0;
-        corners.into_iter().chain([centre]).map(distance).fold(0.0, f64::max)
-    };
-    faces.par_iter().map(of_face).reduce(|| 0.0, f64::max)
+    let mut is_corner = vec![false; of.positions.len()];
+    faces.iter().flat_map(|&face| of.faces[face as usize]).for_each(|v| is_corner[v as usize] = true);
+    let corners = of.positions.par_iter().zip(is_corner).filter(|(_, is_corner)| *is_corner).map(|(&p, _)| p);
+    let centres = faces.par_iter().map(|&face| of.corners(face as usize).into_iter().sum::<DVec3>() / 3.0);
+    corners.chain(centres).map(distance).reduce(|| 0.0, f64::max)
 }

@@ -14,7 +14,7 @@ use super::outcome::{Thickening, ThickeningError};
 use super::places::Places;
 use super::refine::Refined;
 use super::regions::{Pieces, Regions};
-use super::results::{MAX_THINNER, deviation_of_added, face_count, with_own_sources};
+use super::results::{MAX_THINNER, Thin, deviation_of_added, face_count, with_own_sources};
 use super::unite::{Added, Broken, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
@@ -42,6 +42,8 @@ const RESOLUTION: f64 = 1.0 / (1 << 20) as f64;
 pub struct Rounds<'a> {
     settings: Thickening,
     input: &'a Surface,
+    /// Its thin walls.
+    before: &'a Thin,
     /// The tree of the input, for the deviation.
     input_tree: Tree,
     union: &'a dyn SelfUnion,
@@ -69,26 +71,38 @@ pub enum Fit {
 }
 
 impl<'a> Rounds<'a> {
-    /// Runs all rounds. Faces of the result have the index of the input's face as their source; those of the layer have it
-    /// plus the number of faces.
+    /// Runs all rounds from a measured surface. Returns the result with its thin walls. Faces of the result have the index of
+    /// the input's face as their source; those of the layer have it plus the number of faces.
     ///
     /// # Errors
     /// [`ThickeningError::Cancelled`] when the work should stop.
     pub fn run(
         settings: Thickening,
         fit: Fit,
-        input: &'a Surface,
+        (input, before): (&'a Surface, &'a Thin),
         union: &'a dyn SelfUnion,
         context: &'a Context<'a>,
-    ) -> Result<Surface, ThickeningError> {
-        let thin_before = thin_of(input, settings.min_wall, context)?;
+    ) -> Result<(Surface, Thin), ThickeningError> {
+        let thin_before = thin_of((input, before), settings.min_wall, context)?;
         let places = Places::new(input, &thin_before);
         let taken_back = vec![false; places.count as usize];
         let topology = Topology::of(input, &settings);
         let input_tree = Tree::new(&input.positions, &input.faces);
         let (needed, added) = (0.0, 0.0);
-        let mut rounds =
-            Self { settings, input, input_tree, union, context, topology, places, taken_back, fit, needed, added };
+        let mut rounds = Self {
+            settings,
+            input,
+            before,
+            input_tree,
+            union,
+            context,
+            topology,
+            places,
+            taken_back,
+            fit,
+            needed,
+            added,
+        };
         let mut best = rounds.grown(&thin_before)?;
         // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
         for number in 0..=MAX_RESTARTS {
@@ -103,7 +117,7 @@ impl<'a> Rounds<'a> {
             failed.iter().for_each(|&place| rounds.taken_back[place as usize] = true);
             best = rounds.grown(&thin_before)?;
         }
-        Ok(best.surface)
+        Ok((best.surface, best.measured))
     }
 
     /// The rounds from the input on; the result with the least thin area.
@@ -111,15 +125,17 @@ impl<'a> Rounds<'a> {
         let settings = self.settings;
         // Faces carry the index of the input's face; added faces carry it plus the number of faces.
         let mut surface = with_own_sources(self.input);
-        let mut thin = thin_before.to_vec();
-        let mut best = Grown { area: thin_area(&surface, &thin), surface: surface.clone(), thin: thin.clone() };
+        let (mut measured, mut thin) = (self.before.clone(), thin_before.to_vec());
+        let area = thin_area(&surface, &thin);
+        let mut best = Grown { area, surface: surface.clone(), measured: measured.clone(), thin: thin.clone() };
         for number in 0..MAX_ROUNDS {
             if thin.iter().all(Vec::is_empty) {
                 break;
             }
-            let Some(next) = self.round(&surface, number)? else { break };
+            let Some(next) = self.round((&surface, &measured), number)? else { break };
             surface = next;
-            thin = thin_of(&surface, settings.min_wall, self.context)?;
+            measured = Thin::of(&surface, settings.min_wall, self.context)?;
+            thin = thin_of((&surface, &measured), settings.min_wall, self.context)?;
             let area = thin_area(&surface, &thin);
             // The first round is judged place by place.
             let is_better = number == 0 || area < best.area && !self.is_thinner_somewhere(&surface, &thin, &best);
@@ -128,7 +144,7 @@ impl<'a> Rounds<'a> {
             if !is_better || is_hopeless || deviation() > MAX_DEVIATION * settings.min_wall {
                 break;
             }
-            best = Grown { area, surface: surface.clone(), thin: thin.clone() };
+            best = Grown { area, surface: surface.clone(), measured: measured.clone(), thin: thin.clone() };
         }
         Ok(best)
     }
@@ -178,10 +194,14 @@ impl<'a> Rounds<'a> {
     }
 
     /// One round: the united surface; none where nothing grows.
-    fn round(&mut self, surface: &Surface, number: usize) -> Result<Option<Surface>, ThickeningError> {
+    fn round(
+        &mut self,
+        (surface, measured): (&Surface, &Thin),
+        number: usize,
+    ) -> Result<Option<Surface>, ThickeningError> {
         let place: Vec<Option<u32>> = (0..surface.faces.len()).map(|face| self.place_of(surface, face)).collect();
         let least = if number == 0 { 0.0 } else { LEAST_STEP * self.settings.min_wall };
-        let (growths, mut pieces) = self.pieces(surface, least, &place, number)?;
+        let (growths, mut pieces) = self.pieces((surface, measured), least, &place, number)?;
         let mut thin: Option<Vec<u32>> = None;
         for _ in 0..MAX_RAISES {
             let still = self.raise(surface, &mut pieces, &growths, thin.as_deref())?;
@@ -216,14 +236,14 @@ impl<'a> Rounds<'a> {
     /// The surface with its growth, in pieces on which the growth is nearly linear, or in flat regions.
     fn pieces<'s>(
         &mut self,
-        surface: &'s Surface,
+        (surface, measured): (&'s Surface, &Thin),
         least: f64,
         place: &[Option<u32>],
         number: usize,
     ) -> Result<(Growths<'s>, Pieces), Cancelled> {
         let may_grow = |face: u32| place[face as usize].is_none_or(|place| !self.taken_back[place as usize]);
         let (settings, precision) = (self.settings, self.settings.precision);
-        let mut growths = Growths::new(surface, settings, least, may_grow, self.context)?;
+        let mut growths = Growths::new((surface, measured.walls()), settings, least, may_grow, self.context)?;
         let mut refined = Refined::new(surface, &growths, precision, self.context)?;
         if self.fit == Fit::Points {
             refined.spread(&growths);
@@ -324,6 +344,8 @@ impl PlaceMeasure {
 /// The result of some rounds.
 struct Grown {
     surface: Surface,
+    /// The thinnest wall of each thin face.
+    measured: Thin,
     /// For each face, its thin walls.
     thin: Vec<Vec<Opposed>>,
     /// Twice the area of the thin faces.
@@ -396,9 +418,13 @@ impl Attempt<'_, '_> {
     }
 }
 
-/// The walls of a surface that are thinner than `min_wall`.
-fn thin_of(surface: &Surface, min_wall: f64, context: &Context<'_>) -> Result<Vec<Vec<Opposed>>, Cancelled> {
-    thin_walls(&Walls::new(surface), surface, min_wall * (1.0 - RESOLUTION), context)
+/// The walls of a measured surface that are thinner than `min_wall`.
+fn thin_of(
+    (surface, measured): (&Surface, &Thin),
+    min_wall: f64,
+    context: &Context<'_>,
+) -> Result<Vec<Vec<Opposed>>, Cancelled> {
+    thin_walls(&Walls::new(surface), measured.walls(), min_wall * (1.0 - RESOLUTION), context)
 }
 
 /// Twice the area of the faces with a thin wall.

@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree};
-use crate::mesh::Surface;
+use crate::mesh::{Surface, position_key};
 use crate::remesh::{BallUnion, RemeshError};
 use rayon::prelude::*;
+use rustc_hash::FxHashSet;
 
 use super::bodies::Filler;
-use super::gaps::{CELL, balls_over_gaps};
+use super::gaps::{CELL, balls_over_gaps, bridging};
 use super::handles::ChangedGroups;
 use super::outcome::Thickening;
 use super::results::{Grown, Thin, face_count};
@@ -29,8 +30,11 @@ const MAX_UNIONS: usize = 8;
 const CLEARANCES: [f64; 2] = [0.1, 0.14];
 /// After how many refusals closed holes are not checked for their width any more. Each check takes several unions.
 const MAX_REFUSALS: usize = 2;
-/// Balls that break a promise are left out in groups of at most this fraction of a round's balls: one in so many.
-const LEFT_OUT: usize = 32;
+/// The widest gap that new balls of both sides can bridge, in least walls.
+const WIDEST_BRIDGE: f64 = 2.5;
+/// Balls that break a promise are left out in groups of at most these fractions of a round's balls, and of those that were
+/// suspected first: one in so many.
+const LEFT_OUT: [usize; 2] = [32, 4];
 
 /// A size of cells.
 #[derive(Clone, Copy)]
@@ -77,10 +81,29 @@ pub struct State<'a> {
     pub round: usize,
     /// The topology that the next result must have.
     pub topology: Topology,
+    /// Whether gaps limit nearly all new balls.
+    pub is_limited: bool,
     /// How many times a wide hole was perhaps closed.
     pub refusals: usize,
     /// How many narrow through holes were closed near a ball, which is given by its number.
     pub allowed: Vec<(usize, i64)>,
+    /// The base without narrow gaps, if it was needed.
+    pub closed_gaps: Option<ClosedGaps>,
+}
+
+/// A surface whose narrow gaps near some balls are closed. Through holes that it still has are wide.
+pub struct ClosedGaps {
+    /// The centres of the balls.
+    balls: FxHashSet<[u64; 3]>,
+    surface: Surface,
+    topology: Topology,
+}
+
+impl ClosedGaps {
+    /// Whether the gaps are closed near all of some balls.
+    fn are_near(&self, balls: &[Filler]) -> bool {
+        balls.iter().all(|ball| self.balls.contains(&position_key(ball.centre)))
+    }
 }
 
 /// A union before and after new balls.
@@ -126,12 +149,13 @@ impl Filling<'_> {
         state: &mut State<'_>,
     ) -> Result<Union, Cancelled> {
         let mut best = Union { surface: None, balls: state.balls.clone(), broken: None };
-        let fewest = (new.len() / LEFT_OUT).max(1);
+        let few_of_all = new.len() / LEFT_OUT[0];
+        let mut fewest = None;
         let mut open = vec![new];
         for _ in 0..MAX_UNIONS {
             let Some(some) = open.pop() else { break };
             let with = [&best.balls[..], &some].concat();
-            let union = self.union_of(state, &[(&with, state.cells.share)])?;
+            let union = self.union_of(state, &with)?;
             let (broken, suspects) = if let Some((after, topology)) = &union {
                 let before = best.surface.as_ref().unwrap_or(current);
                 let change = Change { balls: &with, earlier: best.balls.len(), before, after, topology: *topology };
@@ -149,6 +173,8 @@ impl Filling<'_> {
             for (filler, group) in some.into_iter().zip(suspects) {
                 group.map_or(&mut kept, |group| groups.entry(group).or_default()).push(filler);
             }
+            let suspected = groups.values().map(Vec::len).sum::<usize>();
+            let fewest = *fewest.get_or_insert(few_of_all.min(suspected / LEFT_OUT[1]).max(1));
             let [mut first, mut second] = [Vec::new(), Vec::new()];
             for group in groups.into_values() {
                 if group.len() <= fewest {
@@ -167,14 +193,33 @@ impl Filling<'_> {
     /// The promise that a union perhaps breaks, and for each new ball its group, if the group perhaps breaks it.
     fn suspects(&self, change: &Change<'_>, state: &mut State<'_>) -> Result<(Broken, Vec<Option<u32>>), Cancelled> {
         Ok(match change.topology.broken_since(state.topology) {
-            Some(Broken::Parts) => (Broken::Parts, self.at_changed_cavities(change, state)),
-            _ => (Broken::ThroughHole, self.at_closed_holes(change, state)?),
+            Some(Broken::Parts) => (Broken::Parts, self.at_changed_parts(change, state)?),
+            _ => (Broken::ThroughHole, self.bridging(self.at_closed_holes(change, state)?, change)?),
         })
     }
 
-    /// For each new ball the group 0, if the ball is at a large cavity that was closed, opened or divided; for all balls, if
-    /// none is.
-    fn at_changed_cavities(&self, change: &Change<'_>, state: &State<'_>) -> Vec<Option<u32>> {
+    /// Of suspected balls those that bridge a wide gap; all of a group in which none does.
+    fn bridging(&self, suspects: Vec<Option<u32>>, change: &Change<'_>) -> Result<Vec<Option<u32>>, Cancelled> {
+        let new = &change.balls[change.earlier..];
+        let numbers: Vec<usize> = (0..new.len()).filter(|&ball| suspects[ball].is_some()).collect();
+        if numbers.is_empty() {
+            return Ok(suspects);
+        }
+        let balls: Vec<Filler> = numbers.iter().map(|&ball| new[ball]).collect();
+        let tree = Tree::new(&change.before.positions, &change.before.faces);
+        let widths = [self.settings.min_gap, WIDEST_BRIDGE * self.settings.min_wall];
+        let is_bridging = bridging((change.before, &tree), &balls, widths, self.context)?;
+        let bridging = numbers.into_iter().zip(is_bridging).filter(|(_, is_bridging)| *is_bridging);
+        let bridging: FxHashSet<usize> = bridging.map(|(ball, _)| ball).collect();
+        let with_bridges: FxHashSet<Option<u32>> = bridging.iter().map(|&ball| suspects[ball]).collect();
+        let is_suspect =
+            |&(ball, group): &(usize, Option<u32>)| !with_bridges.contains(&group) || bridging.contains(&ball);
+        Ok(suspects.into_iter().enumerate().map(|of| if is_suspect(&of) { of.1 } else { None }).collect())
+    }
+
+    /// For each new ball the group 0, if the ball is at a large cavity that was closed, opened or divided; if none is, because
+    /// solids were joined, those that bridge a wide gap.
+    fn at_changed_parts(&self, change: &Change<'_>, state: &State<'_>) -> Result<Vec<Option<u32>>, Cancelled> {
         let corners = changed_cavities(change.before, change.after, &self.settings).concat();
         let tree = Tree::of_boxes(&corners.iter().map(|&corner| Box3::of([corner])).collect::<Vec<_>>());
         let is_near = |ball: &Filler| {
@@ -188,7 +233,7 @@ impl Filling<'_> {
         };
         let new = &change.balls[change.earlier..];
         let near: Vec<Option<u32>> = new.par_iter().map(|ball| is_near(ball).then_some(0)).collect();
-        if near.iter().all(Option::is_none) { vec![Some(0); new.len()] } else { near }
+        if near.iter().any(Option::is_some) { Ok(near) } else { self.bridging(vec![Some(0); new.len()], change) }
     }
 
     /// For each new ball its group, if the group perhaps closes a wide through hole.
@@ -226,56 +271,85 @@ impl Filling<'_> {
         &self,
         suspects: &mut [bool],
         (change, groups): (&Change<'_>, &ChangedGroups<'_>),
-        state: &State<'_>,
+        state: &mut State<'_>,
     ) -> Result<(), Cancelled> {
         let (earlier, new) = change.balls.split_at(change.earlier);
         let suspected = new.iter().zip(&groups.new.of_ball).filter(|(_, group)| suspects[**group as usize]);
-        let reach = |(ball, _): (&Filler, _)| Filler { radius: ball.radius + self.settings.min_gap, ..*ball };
-        let near: Vec<Filler> = suspected.map(reach).collect();
-        let over = balls_over_gaps((self.input, &state.input_tree), &near, &self.settings, self.context)?;
-        let Some(over) = over.filter(|over| !over.is_empty()) else { return Ok(()) };
-        let union = |balls: &[Filler]| {
-            let over = (&over[..], CELL * self.settings.min_gap / self.settings.min_wall);
-            self.union_of(state, &[over, (balls, state.cells.share)])
-        };
-        let Some((base, topology_of_base)) = union(&[])? else { return Ok(()) };
-        let Some((before, topology_before)) = union(earlier)? else { return Ok(()) };
-        let [base, before] = [groups.all.topology(&base), groups.new.topology(&before)];
+        let suspected: Vec<Filler> = suspected.map(|(ball, _)| *ball).collect();
+        if !state.closed_gaps.as_ref().is_some_and(|closed| closed.are_near(&suspected)) {
+            state.closed_gaps = self.closed_gaps(&suspected, state)?;
+        }
+        let Some(closed) = &state.closed_gaps else { return Ok(()) };
+        let union = |balls: &[Filler]| self.united_with(&closed.surface, balls, (state, state.cells.share));
+        let base = groups.all.topology(&closed.surface);
         let allowed = u64::try_from(state.allowed.iter().map(|allowed| allowed.1).sum::<i64>()).unwrap_or(0);
+        let mut before = None;
         let mut is_closed = vec![false; suspects.len()];
+        let are_all_closed =
+            |is_closed: &[bool]| !suspects.iter().zip(is_closed).any(|(suspect, closed)| *suspect && !closed);
         for clearance in CLEARANCES {
             let larger = |ball: &Filler| Filler { radius: ball.radius + clearance * self.settings.min_wall, ..*ball };
             let larger: Vec<Filler> = earlier.iter().copied().chain(new.iter().map(larger)).collect();
             let Some((after, topology)) = union(&larger)? else { return Ok(()) };
-            let since_base = base.handles_lost(&groups.all.topology(&after));
-            let since_before = before.handles_lost(&groups.new.topology(&after));
-            let lost_in_total = since_base.is_none() && topology_of_base.handles_lost(topology) > allowed
-                || since_before.is_none() && topology_before.handles_lost(topology) > 0;
-            let since_base = groups.without_allowed(since_base, &state.allowed);
-            let since_before = since_before.unwrap_or_else(|| vec![0; suspects.len()]);
+            let lost = base.handles_lost(&groups.all.topology(&after));
+            let in_total = lost.is_none() && closed.topology.handles_lost(topology) > allowed;
+            let lost = groups.without_allowed(lost, &state.allowed);
             for (group, is_closed) in is_closed.iter_mut().enumerate() {
-                *is_closed |= lost_in_total || since_base[groups.of_new[group]] > 0 || since_before[group] > 0;
+                *is_closed |= in_total || lost[groups.of_new[group]] > 0;
+            }
+            if are_all_closed(&is_closed) {
+                break;
+            }
+            if before.is_none() {
+                let Some((surface, topology)) = union(earlier)? else { return Ok(()) };
+                before = Some((groups.new.topology(&surface), topology));
+            }
+            let lost = before.as_ref().map(|(before, topology_before)| {
+                let lost = before.handles_lost(&groups.new.topology(&after));
+                let in_total = i64::from(topology_before.handles_lost(topology) > 0);
+                lost.unwrap_or_else(|| vec![in_total; suspects.len()])
+            });
+            for (is_closed, lost) in is_closed.iter_mut().zip(lost.into_iter().flatten()) {
+                *is_closed |= lost > 0;
+            }
+            if are_all_closed(&is_closed) {
+                break;
             }
         }
         suspects.iter_mut().zip(is_closed).for_each(|(suspect, is_closed)| *suspect &= is_closed);
         Ok(())
     }
 
-    /// The union of the base and bodies of balls, each with the size of its cells as a share of the least wall, and its
-    /// topology; none if it fails.
-    fn union_of(
+    /// The base with its narrow gaps near some balls closed. None if there are none, or if that fails.
+    fn closed_gaps(&self, balls: &[Filler], state: &State<'_>) -> Result<Option<ClosedGaps>, Cancelled> {
+        let reach = |ball: &Filler| Filler { radius: ball.radius + self.settings.min_gap, ..*ball };
+        let near: Vec<Filler> = balls.iter().map(reach).collect();
+        let over = balls_over_gaps((self.input, &state.input_tree), &near, &self.settings, self.context)?;
+        let Some(over) = over.filter(|over| !over.is_empty()) else { return Ok(None) };
+        let cell = CELL * self.settings.min_gap / self.settings.min_wall;
+        let closed = self.united_with(&state.base.surface, &over, (state, cell))?;
+        let balls = balls.iter().map(|ball| position_key(ball.centre)).collect();
+        Ok(closed.map(|(surface, topology)| ClosedGaps { balls, surface, topology }))
+    }
+
+    /// The union of the base and balls, with cells of a share of the least wall, and its topology; none if it fails.
+    fn union_of(&self, state: &State<'_>, balls: &[Filler]) -> Result<Option<(Surface, Topology)>, Cancelled> {
+        self.united_with(&state.base.surface, balls, (state, state.cells.share))
+    }
+
+    /// [`Filling::union_of`] on another surface, with cells of another share.
+    fn united_with(
         &self,
-        state: &State<'_>,
-        bodies: &[(&[Filler], f64)],
+        surface: &Surface,
+        balls: &[Filler],
+        (state, share): (&State<'_>, f64),
     ) -> Result<Option<(Surface, Topology)>, Cancelled> {
-        let mut all = state.base.surface.clone();
-        for &(balls, share) in bodies {
-            match self.body(balls, share, MAX_MORE_FACES * state.cells.max_faces) {
-                Ok(body) => all.append(Surface { source: vec![self.mark(); body.faces.len()], ..body }),
-                Err(RemeshError::Empty) => {}
-                Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
-                Err(_) => return Ok(None),
-            }
+        let mut all = surface.clone();
+        match self.body(balls, share, MAX_MORE_FACES * state.cells.max_faces) {
+            Ok(body) => all.append(Surface { source: vec![self.mark(); body.faces.len()], ..body }),
+            Err(RemeshError::Empty) => {}
+            Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
+            Err(_) => return Ok(None),
         }
         united(&all, (Added::Balls, self.faces()), &self.settings, self.union, self.context)
     }

@@ -124,6 +124,11 @@ impl<'a> Walls<'a> {
         (1.0 - self.normal(face).dot(self.normal(other))) / 2.0
     }
 
+    /// The number of faces.
+    pub fn face_count(&self) -> usize {
+        self.normals.len()
+    }
+
     /// The corners of a face.
     pub fn corners(&self, face: u32) -> [DVec3; 3] {
         self.surface.corners(face as usize)
