@@ -288,6 +288,9 @@ impl Filling<'_> {
         let are_all_closed =
             |is_closed: &[bool]| !suspects.iter().zip(is_closed).any(|(suspect, closed)| *suspect && !closed);
         for clearance in CLEARANCES {
+            if are_all_closed(&is_closed) {
+                break;
+            }
             let larger = |ball: &Filler| Filler { radius: ball.radius + clearance * self.settings.min_wall, ..*ball };
             let larger: Vec<Filler> = earlier.iter().copied().chain(new.iter().map(larger)).collect();
             let Some((after, topology)) = union(&larger)? else { return Ok(()) };
@@ -300,21 +303,18 @@ impl Filling<'_> {
             if are_all_closed(&is_closed) {
                 break;
             }
-            if before.is_none() {
-                let Some((surface, topology)) = union(earlier)? else { return Ok(()) };
-                before = Some((groups.new.topology(&surface), topology));
-            }
-            let lost = before.as_ref().map(|(before, topology_before)| {
-                let lost = before.handles_lost(&groups.new.topology(&after));
-                let in_total = i64::from(topology_before.handles_lost(topology) > 0);
-                lost.unwrap_or_else(|| vec![in_total; suspects.len()])
-            });
-            for (is_closed, lost) in is_closed.iter_mut().zip(lost.into_iter().flatten()) {
-                *is_closed |= lost > 0;
-            }
-            if are_all_closed(&is_closed) {
-                break;
-            }
+            let known = match before.take() {
+                Some(known) => known,
+                None => {
+                    let Some((surface, topology)) = union(earlier)? else { return Ok(()) };
+                    (groups.new.topology(&surface), topology)
+                }
+            };
+            let (before, topology_before) = &*before.insert(known);
+            let lost = before.handles_lost(&groups.new.topology(&after));
+            let in_total = i64::from(topology_before.handles_lost(topology) > 0);
+            let lost = lost.unwrap_or_else(|| vec![in_total; suspects.len()]);
+            is_closed.iter_mut().zip(lost).for_each(|(is_closed, lost)| *is_closed |= lost > 0);
         }
         suspects.iter_mut().zip(is_closed).for_each(|(suspect, is_closed)| *suspect &= is_closed);
         Ok(())

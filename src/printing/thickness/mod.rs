@@ -23,7 +23,7 @@ pub use places::{
     FeatureKind, LeastThickness, OpposedPair, OpposedPairs, Space, ThicknessField, ThinFeatures, ThinRegion,
 };
 
-use prepared::{FLAT, Prepared};
+use prepared::{FLAT, Prepared, largest_coordinate};
 use regions::Grouping;
 
 /// Finds all places thinner than `below`, and their kinds. Parameters and precondition as in [`opposed_pairs`].
@@ -110,11 +110,6 @@ pub fn opposed_pairs_after(
 #[must_use]
 pub fn least_height(surface: &Surface) -> f64 {
     FLAT * largest_coordinate(surface)
-}
-
-/// The largest coordinate, without its sign.
-fn largest_coordinate(surface: &Surface) -> f64 {
-    surface.positions.iter().fold(0.0, |most, p| most.max(p.abs().max_element()))
 }
 
 /// The limit for a model whose coordinates were rounded to f32: a wall of `limit` stays at or above this.

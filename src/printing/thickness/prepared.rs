@@ -78,7 +78,7 @@ impl<'a> Prepared<'a> {
         if side == Space::Air {
             own.to_mut().faces.iter_mut().for_each(|face| face.swap(1, 2));
         }
-        let largest = own.positions.iter().fold(0.0f64, |m, p| m.max(p.abs().max_element()));
+        let largest = largest_coordinate(&own);
         let normals: Vec<DVec3> =
             (0..own.faces.len()).into_par_iter().map(|f| reliable_normal(own.corners(f), largest)).collect();
         let stars = Stars::new(own.positions.len(), &own.faces);
@@ -177,6 +177,11 @@ impl<'a> Prepared<'a> {
         };
         self.tree.summaries(Below::EMPTY, of_leaf, |_, [left, right]| left.and(right))
     }
+}
+
+/// The largest coordinate of a surface, without its sign.
+pub(super) fn largest_coordinate(surface: &Surface) -> f64 {
+    surface.positions.iter().fold(0.0, |most, p| most.max(p.abs().max_element()))
 }
 
 /// The unit normal of a triangle, or zero if rounding of the coordinates makes it unreliable.

@@ -69,10 +69,9 @@ impl RemoveSlivers {
             return Ok(Applied::default());
         }
         let mut slivers = VecDeque::new();
-        let is_kept = |f: u32| kept.get(f as usize) == Some(&true);
         let mut is_fixed = vec![false; surface.positions.len()];
         for (face, f) in surface.faces.iter().zip(0u32..) {
-            if is_kept(f) {
+            if is_marked(kept, f) {
                 face.iter().for_each(|&v| is_fixed[v as usize] = true);
             } else if is_sliver(face.map(|v| surface.positions[v as usize] * scale), length) {
                 slivers.push_back(f);
@@ -103,6 +102,11 @@ impl RemoveSlivers {
         });
         Ok(Applied { changes, moved, left, ..Applied::default() })
     }
+}
+
+/// Whether a face is marked; those after the end of the marks are not.
+fn is_marked(marks: &[bool], face: u32) -> bool {
+    marks.get(face as usize) == Some(&true)
 }
 
 /// Whether a face has an edge or a height below a length.
@@ -175,14 +179,11 @@ impl SliverQueue<'_> {
         Ok(counts)
     }
 
-    /// Whether a face stays as it is.
-    fn is_kept(&self, f: u32) -> bool {
-        self.kept.get(f as usize) == Some(&true)
-    }
-
     /// Whether a face still exists, and is a sliver that may be removed.
     fn is_sliver_left(&self, f: u32) -> bool {
-        self.local.is_alive(f) && !self.is_kept(f) && is_sliver(self.local.points(self.local.face(f)), self.length)
+        self.local.is_alive(f)
+            && !is_marked(self.kept, f)
+            && is_sliver(self.local.points(self.local.face(f)), self.length)
     }
 
     /// Tries every edit that removes a sliver, and queues the affected faces.
@@ -293,7 +294,7 @@ impl SliverQueue<'_> {
         let hinge = self.local.hinge(a, b)?;
         let [_, d] = hinge.apexes;
         let beyond = if hinge.faces[0] == cap { hinge.faces[1] } else { hinge.faces[0] };
-        if self.is_kept(beyond) || !self.local.faces_at_edge(m, d).is_empty() {
+        if is_marked(self.kept, beyond) || !self.local.faces_at_edge(m, d).is_empty() {
             return None;
         }
         let (other, new) = (self.local.face(beyond), hinge.flipped());
