@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Tree, hit};
+use crate::math::{Box3, Tree, hit, nearest_within};
 use crate::printing::reach::{Reach, ReachOptions, Reached};
 
 /// Number of faces sampled, spread evenly over the area.
@@ -25,13 +25,15 @@ const MIN_VOID_WALLS: f64 = 3.0;
 const OPENING: f64 = 0.024;
 /// The most octree nodes spent on finding such an opening.
 const MAX_NODES: usize = 4_000_000;
+/// The most times that a ball between the skins is made smaller.
+const MAX_SHRINKS: usize = 12;
 /// Boxes and faces that one ray may visit.
 const STEPS: u64 = 1 << 20;
 
 /// A double shell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubleShell {
-    /// The median distance of the two skins, in the model's unit.
+    /// The median diameter of the largest balls between the two skins, in the model's unit.
     pub median_wall: f64,
     /// The share of the space within the outer skin that is void, along the sampled rays: 0 to 1.
     pub void_share: f64,
@@ -39,16 +41,19 @@ pub struct DoubleShell {
     pub double_share: f64,
 }
 
-/// A sample: the distance to the second skin, and the width of the void behind it.
+/// A sample: the wall in front of the second skin, and the void behind it.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
+    /// The diameter of the largest ball between the skins that touches the sample.
     wall: f64,
+    /// The distance to the second skin along the normal, which is longer than the wall on a surface of steps.
+    distance: f64,
     /// The width and the middle of the void.
     void: Option<(f64, DVec3)>,
 }
 
-/// Recognises a double shell: most of the surface has a parallel second skin at a median distance below 1 % of the
-/// diagonal, with a void beyond it that no ball of 2.4 % of the diagonal can reach from outside. Vases, boxes with an
+/// Recognises a double shell: most of the surface has a parallel second skin, and the median diameter of the largest balls
+/// between the two is below 1 % of the diagonal, with a void beyond it that no ball of 2.4 % of the diagonal can reach from outside. Vases, boxes with an
 /// opening, tubes and bottles are none. Without thin double walls the answer takes the time of 512 rays. `tree` is the tree
 /// of the faces. Lengths of the answer are in the unit of `positions`.
 ///
@@ -102,9 +107,9 @@ pub fn double_walls(
     walls.sort_unstable_by(f64::total_cmp);
     let median_wall = walls[walls.len() / 2];
     let voids: Vec<(f64, DVec3, f64)> =
-        found.iter().filter_map(|sample| sample.void.map(|(width, middle)| (width, middle, sample.wall))).collect();
+        found.iter().filter_map(|sample| sample.void.map(|(width, middle)| (width, middle, sample.distance))).collect();
     let void: f64 = voids.iter().map(|(width, ..)| width).sum();
-    let walls: f64 = voids.iter().map(|(_, _, wall)| 2.0 * wall).sum();
+    let walls: f64 = voids.iter().map(|(.., distance)| 2.0 * distance).sum();
     let void_share = if void > 0.0 { void / (void + walls) } else { 0.0 };
     // About half of the samples are on the outer skin, and the void is behind their second skin.
     let most_have_void = 4 * voids.len() >= found.len();
@@ -148,29 +153,55 @@ fn sample(corners: &impl Fn(u32) -> [DVec3; 3], tree: &Tree, face: u32, diagonal
         let first = tree.first_hit([middle, direction * reach], Some(face), &mut STEPS.clone(), corners);
         first.map(|(at, f)| (at * reach, f))
     });
-    let (direction, (wall, second)) = match near {
+    let (direction, (distance, second)) = match near {
         [Some(front), Some(back)] if front.0 <= back.0 => (normal, front),
         [_, Some(back)] => (-normal, back),
         [Some(front), None] => (normal, front),
         [None, None] => return None,
     };
-    if wall <= 0.0 || normal_of(second).dot(normal).abs() < MIN_PARALLEL {
+    if distance <= 0.0 || normal_of(second).dot(normal).abs() < MIN_PARALLEL {
         return None;
     }
     // Beyond the second skin.
     let step = direction * diagonal;
-    let from = middle + direction * wall;
+    let from = middle + direction * distance;
     let mut steps = STEPS;
     let next = tree.first_along([from, from + step], None, &mut steps, |f| {
         if f == face || f == second {
             None
         } else {
-            hit(from, step, corners(f)).filter(|at| at * diagonal > 1e-3 * wall)
+            hit(from, step, corners(f)).filter(|at| at * diagonal > 1e-3 * distance)
         }
     });
     let void = next
         .map(|(at, _)| at * diagonal)
-        .filter(|&width| width >= MIN_VOID_WALLS * wall)
+        .filter(|&width| width >= MIN_VOID_WALLS * distance)
         .map(|width| (width, from + direction * (width / 2.0)));
-    Some(Sample { wall, void })
+    let wall = largest_ball(corners, tree, face, (middle, direction * distance));
+    Some(Sample { wall, distance, void })
+}
+
+/// The diameter of the largest ball that touches a face at a point, on the side of `across`, and that no other face
+/// enters. `across` leads from the point to the next face along the normal.
+fn largest_ball(corners: &impl Fn(u32) -> [DVec3; 3], tree: &Tree, face: u32, (point, across): (DVec3, DVec3)) -> f64 {
+    let mut diameter = across.length();
+    let direction = across / diameter;
+    for _ in 0..MAX_SHRINKS {
+        let radius = diameter / 2.0;
+        let centre = point + direction * radius;
+        let (mut nearest, mut steps) = (None, STEPS);
+        tree.around(centre, radius, |f| {
+            let reach = nearest.map_or(radius, |at: DVec3| at.distance(centre));
+            nearest = nearest_within(centre, corners(f), reach).filter(|_| f != face).or(nearest);
+            steps -= 1;
+            steps > 0
+        });
+        let Some(at) = nearest.map(|at| at - point) else { break };
+        let smaller = at.length_squared() / at.dot(direction);
+        if !(0.0..diameter * (1.0 - 1e-6)).contains(&smaller) {
+            break;
+        }
+        diameter = smaller;
+    }
+    diameter
 }

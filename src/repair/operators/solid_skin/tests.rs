@@ -81,9 +81,8 @@ fn a_double_shell_with_pinholes_becomes_the_solid() {
 
 /// A ball of unit cubes, hollow but for a layer one cube thick, without one in 37 of the outer and of the inner triangles. Also the
 /// number of outer triangles, and the volume of the solid ball.
-fn stepped_shell() -> (Vec<[DVec3; 3]>, usize, f64) {
-    const RADIUS: i32 = 14;
-    let is_solid = |[x, y, z]: [i32; 3]| x * x + y * y + z * z < RADIUS * RADIUS;
+fn stepped_shell(radius: i32) -> (Vec<[DVec3; 3]>, usize, f64) {
+    let is_solid = move |[x, y, z]: [i32; 3]| x * x + y * y + z * z < radius * radius;
     let beside = |cell: [i32; 3], axis: usize, step: i32| {
         let mut other = cell;
         other[axis] += step;
@@ -91,7 +90,7 @@ fn stepped_shell() -> (Vec<[DVec3; 3]>, usize, f64) {
     };
     let sides = || (0..3).flat_map(|axis| [(axis, -1), (axis, 1)]);
     let is_wall = |cell: [i32; 3]| is_solid(cell) && sides().any(|(axis, step)| !is_solid(beside(cell, axis, step)));
-    let range = || -RADIUS..=RADIUS;
+    let range = || -radius..=radius;
     let cells = || range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| [x, y, z])));
     let (mut outer, mut inner) = (Vec::new(), Vec::new());
     for cell in cells().filter(|&cell| is_wall(cell)) {
@@ -118,12 +117,21 @@ fn stepped_shell() -> (Vec<[DVec3; 3]>, usize, f64) {
 
 #[test]
 fn pockets_behind_pinholes_in_steps_are_filled() {
-    let (triangles, outer, solid) = stepped_shell();
+    let (triangles, outer, solid) = stepped_shell(14);
     let result = skin(&surface(&triangles), SkinOptions { seal: Some(3.4), ..SkinOptions::default() });
     let outcome = &result.surface;
     assert!((volume(outcome) / solid - 1.0).abs() < 0.01, "{}", volume(outcome) / solid);
     let kept = outcome.source.iter().filter(|&&source| (source as usize) < outer).count();
     assert!(kept as f64 > 0.98 * outer as f64, "{kept} of {outer}");
+}
+
+#[test]
+fn a_double_shell_of_steps_is_recognised_by_its_thinnest_places() {
+    // One cell is 1.1 % of the diagonal, so rays along the normals are too long, but the steps are closer together.
+    let (triangles, ..) = stepped_shell(26);
+    let model = surface(&triangles);
+    let found = with_context(|context| recognised(&model, context)).unwrap();
+    assert!(found.is_some_and(|shell| (0.2..1.0).contains(&shell.median_wall)), "{found:?}");
 }
 
 #[test]
