@@ -33,14 +33,6 @@ impl From<&Aabb> for Range {
 }
 
 impl Range {
-    fn of(vector: Vec3A) -> Self {
-        Self { min: vector, max: vector }
-    }
-
-    fn is_empty(&self) -> bool {
-        self.min.cmpgt(self.max).any()
-    }
-
     fn meets(&self, other: &Self) -> bool {
         self.min.cmple(other.max).all() && other.min.cmple(self.max).all()
     }
@@ -85,9 +77,20 @@ impl Subtree {
         }
     }
 
+    /// Whether no face below is opposite to any.
+    fn is_empty(&self) -> bool {
+        self.low[0] > self.high[0]
+    }
+
     fn normals(&self) -> Range {
-        let vector = |steps: [i8; 3]| Vec3A::from_array(steps.map(f32::from)) * (1.0 / STEPS);
+        let vector = |[x, y, z]: [i8; 3]| Vec3A::new(x.into(), y.into(), z.into()) * (1.0 / STEPS);
         Range { min: vector(self.low), max: vector(self.high) }
+    }
+
+    /// Lower bound of the dot product of `STEPS * scaled` and the normal of a face below. Positive if there is no such face.
+    fn least_dot(&self, scaled: [f32; 3]) -> f32 {
+        let along = |axis: usize| scaled[axis] * f32::from(if scaled[axis] < 0.0 { self.high } else { self.low }[axis]);
+        along(0) + along(1) + along(2)
     }
 }
 
@@ -169,10 +172,11 @@ impl OppositeFaces<'_> {
     /// Whether the volume for a cluster meets the box of a leaf with an opposite face.
     fn meets_in(&self, bvh: &Bvh2, cluster: u32, volume: impl Fn(&Range, &Range) -> Range) -> bool {
         let bounds = |at: u32| Range::from(bvh.nodes[at as usize].aabb());
-        let normals = self.below[cluster as usize].normals();
-        if normals.is_empty() {
+        let below = self.below[cluster as usize];
+        if below.is_empty() {
             return false;
         }
+        let normals = below.normals();
         let volume = volume(&bounds(cluster), &normals);
         let may_hit = |at: u32| self.may_be_opposite(at, &normals) && bounds(at).meets(&volume);
         let (mut stack, mut steps) = (vec![0u32], 0);
@@ -225,8 +229,11 @@ impl OppositeFaces<'_> {
         mut is_hit: impl FnMut(u32) -> bool,
     ) -> bool {
         let Some(bvh) = &self.tree.bvh else { return false };
-        let normals = Range::of(vec3a(normal));
-        let may_hit = |at: u32| self.may_be_opposite(at, &normals) && meets(bvh.nodes[at as usize].aabb());
+        let scaled = (vec3a(normal) * (1.0 / STEPS)).to_array();
+        let may_hit = |at: u32| {
+            let dot = self.below[at as usize].least_dot(scaled);
+            (dot <= self.limit || dot.is_nan()) && meets(bvh.nodes[at as usize].aabb())
+        };
         let mut stack: SmallVec<[u32; DEPTH]> = SmallVec::new();
         stack.extend(may_hit(0).then_some(0));
         while let Some(at) = stack.pop() {
@@ -251,8 +258,8 @@ impl OppositeFaces<'_> {
 
     /// Whether a face below a node may be opposite to one of the normals in a range.
     fn may_be_opposite(&self, node: u32, normals: &Range) -> bool {
-        let below = self.below[node as usize].normals();
-        let dot = below.least_dot(normals);
+        let below = self.below[node as usize];
+        let dot = below.normals().least_dot(normals);
         !below.is_empty() && (dot <= self.limit || dot.is_nan())
     }
 }
