@@ -2,10 +2,11 @@
 //! meshes.
 
 use glam::DVec3;
+use smallvec::SmallVec;
 
 use crate::math::Box3;
 use crate::math::threads;
-use crate::mesh::Surface;
+use crate::mesh::{Edges, Surface};
 
 /// Faces grouped by their three vertices, regardless of vertex order.
 #[derive(Debug, Clone, Default)]
@@ -33,6 +34,27 @@ impl FaceGroups {
     pub fn iter(&self) -> impl Iterator<Item = &[u32]> {
         self.start.windows(2).map(|w| &self.order[w[0] as usize..w[1] as usize])
     }
+}
+
+/// Number of faces with the same three vertices as an earlier one, in any order. `edges` are those of the faces. O(n), in parallel if
+/// the faces are many.
+#[must_use]
+pub fn duplicate_faces(faces: &[[u32; 3]], edges: &Edges) -> u64 {
+    let uses_a_vertex_twice = |face: usize| matches!(faces[face], [a, b, c] if a == b || b == c || c == a);
+    if threads::count(faces.len(), uses_a_vertex_twice) > 0 {
+        // Such faces have no edges.
+        return (faces.len() - group_faces(faces).len()) as u64;
+    }
+    // A face counts at the edge between its two smaller vertices.
+    let at_edge = |edge: usize| {
+        let [_, larger] = edges.vertices(edge);
+        let third = |half_edge: &u32| faces[*half_edge as usize / 3][(*half_edge as usize + 2) % 3];
+        let mut thirds: SmallVec<[u32; 4]> =
+            edges.half_edges(edge).iter().map(third).filter(|&third| third > larger).collect();
+        thirds.sort_unstable();
+        thirds.windows(2).filter(|pair| pair[0] == pair[1]).count() as u64
+    };
+    threads::map_chunks(edges.len(), |range| range.map(at_edge).sum::<u64>()).into_iter().sum()
 }
 
 /// Groups faces with the same three vertices. Distributes the faces by their smallest vertex with a counting sort,
@@ -186,5 +208,16 @@ mod tests {
         assert_eq!(groups.iter().collect::<Vec<_>>(), [&[0u32, 2][..], &[1][..]]);
         assert_eq!(groups.len(), 2);
         assert!(group_faces(&[]).is_empty());
+    }
+    #[test]
+    fn duplicate_faces_are_counted_like_the_faces_of_groups_with_and_without_repeated_vertices() {
+        let corner = |i: u32| i.wrapping_mul(2_654_435_761) >> 29;
+        let all: Vec<[u32; 3]> = (0..400).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(corner)).collect();
+        let whole: Vec<[u32; 3]> = all.iter().copied().filter(|&[a, b, c]| a != b && b != c && c != a).collect();
+        assert!(whole.len() < all.len());
+        for faces in [&all[..], &whole, &whole[..3], &[]] {
+            let expected = (faces.len() - group_faces(faces).len()) as u64;
+            assert_eq!(duplicate_faces(faces, &Edges::new(faces)), expected);
+        }
     }
 }

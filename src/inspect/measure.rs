@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::analysis::get_or_try_init;
 use super::intersections::materials_in;
-use super::{Analysis, BoundingBox, Measures, Subject, Volume, finite, group_faces, nesting_depths};
+use super::{Analysis, BoundingBox, Measures, Subject, Volume, duplicate_faces, finite, nesting_depths};
 use crate::context::{Cancelled, Context};
 use crate::math::threads;
 use crate::mesh::{Edges, Soup, Surface, are_distinct, count_boundary_chains, weld_exactly};
@@ -157,7 +157,7 @@ fn degenerate_and_duplicate(analysis: &Analysis<'_>) -> (u64, u64) {
     analysis.flat();
     #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
     let count_degenerate = || threads::count(faces.len(), |f| analysis.is_without_area(f as u32));
-    threads::join(faces.len(), count_degenerate, || (faces.len() - group_faces(faces).len()) as u64)
+    threads::join(faces.len(), count_degenerate, || duplicate_faces(faces, &analysis.edges))
 }
 
 /// Edges whose two faces share positions but not vertex indices in the file. Empty for formats whose readers join

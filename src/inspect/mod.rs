@@ -41,7 +41,7 @@ pub use inspection::{
 };
 pub use intersections::{InstanceContact, instance_contacts, intersections, intersections_between};
 pub use known_pairs::{KnownIntersections, SearchedMesh};
-pub use matching::{FaceGroups, group_faces};
+pub use matching::{FaceGroups, duplicate_faces, group_faces};
 pub use measure::{Decimals, EdgeCounts, joined_by_decimals, measure, measure_analysis, measures};
 pub use measures::{BoundingBox, IntersectingPair, Intersections, Measures, SelfIntersections, Volume};
 pub use options::{InspectOptions, Level, OptionsError, Tolerance, ToleranceError, Tolerances, changed_fields};

@@ -14,8 +14,12 @@ const APEX: DVec3 = DVec3::new(0.414_213_562, 0.618_033_989, 0.532_050_808);
 const RAY_LENGTH: f64 = 8.0;
 /// Largest coordinate of a point for which rays are cast.
 const MAX_COORDINATE: f64 = 4.0;
-/// Above this number of border triangles, a sum over clusters of faces is faster.
+/// Most border triangles of any mesh, of which a point takes as many steps.
+const MOST_BORDER: usize = 4_000;
+/// Above this number of border triangles, and one for each 500 faces, a sum over clusters of faces is faster: a large mesh takes longer
+/// to prepare it.
 const MAX_BORDER: usize = 200;
+const FACES_PER_BORDER: usize = 500;
 /// Above this share of border triangles to faces, a sum over the faces is faster.
 const MAX_BORDER_SHARE: usize = 2;
 
@@ -29,21 +33,25 @@ pub(super) struct RayWinding<'a> {
     apex: DVec3,
     /// The triangles of the cone, or none if they are too many.
     cone: Option<Vec<[DVec3; 3]>>,
-    /// Answers where rays cannot.
-    inside: InsideTest<'a>,
 }
 
 impl<'a> RayWinding<'a> {
-    /// Prepares the queries. O(n) in the number of faces.
+    /// Prepares the queries, in time linear in the number of faces.
     pub fn new(analysis: &'a Analysis<'a>) -> Self {
         let extent = analysis.extent();
         let apex = extent.min + (extent.max - extent.min) * APEX;
-        Self { analysis, apex, cone: cone(analysis, apex), inside: InsideTest::new(analysis) }
+        let cone = cone(analysis, apex);
+        // Computed here, before several threads need it.
+        analysis.tree();
+        if cone.is_none() {
+            analysis.dipoles();
+        }
+        Self { analysis, apex, cone }
     }
 
     /// Absolute value of the winding number at a point in unit coordinates, independent of the mesh's orientation.
     pub fn winding(&self, point: DVec3, steps: &mut u64) -> f64 {
-        self.by_ray(point, steps).unwrap_or_else(|| self.inside.winding(point, steps))
+        self.by_ray(point, steps).unwrap_or_else(|| InsideTest::new(self.analysis).winding(point, steps))
     }
 
     /// The winding number by a ray; none if the ray touches an edge, or if there is no cone.
@@ -74,7 +82,7 @@ impl<'a> RayWinding<'a> {
 /// half-edges run in one direction than in the other.
 fn cone(analysis: &Analysis<'_>, apex: DVec3) -> Option<Vec<[DVec3; 3]>> {
     let (faces, unit) = (&analysis.surface.faces, analysis.unit());
-    let limit = MAX_BORDER.min(faces.len() / MAX_BORDER_SHARE);
+    let limit = (faces.len() / FACES_PER_BORDER).clamp(MAX_BORDER, MOST_BORDER).min(faces.len() / MAX_BORDER_SHARE);
     let mut cone = Vec::new();
     for (edge, half_edges) in analysis.edges.iter().enumerate() {
         let forward = half_edges.iter().filter(|&&half_edge| Edges::is_forward(faces, half_edge)).count();

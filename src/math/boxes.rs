@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use super::threads;
+
 /// An axis-aligned box in f64. The empty box has `min` at plus infinity and `max` at minus infinity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Box3 {
@@ -22,6 +24,17 @@ impl Box3 {
             bounds.extend(p);
         }
         bounds
+    }
+
+    /// The smallest box that contains all faces, given as indices into `positions`. Computed in parallel if the faces are many.
+    ///
+    /// # Panics
+    /// If a face has an index that is out of range.
+    pub fn of_faces(positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
+        let of_chunks = threads::map_chunks(faces.len(), |range| {
+            Self::of(faces[range].iter().flatten().map(|&v| positions[v as usize]))
+        });
+        of_chunks.into_iter().fold(Self::EMPTY, |all, of_chunk| all.joined(&of_chunk))
     }
 
     /// Grows the box to include `p`.

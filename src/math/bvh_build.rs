@@ -58,31 +58,49 @@ pub(super) fn build(
     for (at, node) in joined.nodes.iter().enumerate().filter(|(_, node)| node.is_leaf()) {
         root_at[joined.primitive_indices[node.first_index as usize] as usize] = at;
     }
-    joined.nodes.reserve_exact(2 * (triangles - ends.len()));
-    let mut chunks = Vec::with_capacity(ends.len());
+    let joining = joined.nodes.len();
+    joined.nodes.resize(joining + 2 * (triangles - ends.len()), Bvh2Node::default());
+    let (above, mut rest) = joined.nodes.split_at_mut(joining);
+    let (mut chunks, mut parts) = (Vec::with_capacity(ends.len()), Vec::with_capacity(ends.len()));
     for (chunk, bvh) in built.into_iter().enumerate() {
-        let begin = joined.nodes.len();
-        let of_chunk = chunk_of(chunk);
-        let moved = |node: &Bvh2Node| {
-            #[expect(clippy::cast_possible_truncation, reason = "nodes are counted in u32")]
-            let first_index = if node.is_leaf() {
-                of_chunk[bvh.primitive_indices[node.first_index as usize] as usize]
-            } else {
-                node.first_index - 1 + begin as u32
-            };
-            Bvh2Node { first_index, ..*node }
-        };
-        let mut nodes = bvh.nodes.iter().map(moved);
-        if let Some(root) = nodes.next() {
-            joined.nodes[root_at[chunk]] = root;
-        }
-        joined.nodes.extend(nodes);
-        chunks.push(begin..joined.nodes.len());
+        let begin = chunks.last().map_or(joining, |chunk: &Range<usize>| chunk.end);
+        let (part, after) = rest.split_at_mut(bvh.nodes.len() - 1);
+        chunks.push(begin..begin + part.len());
+        rest = after;
+        let moved = Moved { of_chunk: chunk_of(chunk), bvh, begin };
+        above[root_at[chunk]] = moved.node(0);
+        parts.push((part, moved));
     }
+    threads::for_each(parts, |(part, moved)| {
+        part.iter_mut().zip(1..).for_each(|(node, at)| *node = moved.node(at));
+    });
     #[expect(clippy::cast_possible_truncation, reason = "triangles are counted in u32")]
     let all = (0..triangles as u32).collect();
     joined.primitive_indices = all;
     Built { bvh: joined, chunks }
+}
+
+/// The hierarchy of a chunk on the way to its place in the whole.
+struct Moved<'a> {
+    /// The triangles of the chunk.
+    of_chunk: &'a [u32],
+    bvh: Bvh2,
+    /// The place of the first node below the root.
+    begin: usize,
+}
+
+impl Moved<'_> {
+    /// A node as it is in the whole.
+    fn node(&self, at: usize) -> Bvh2Node {
+        let node = &self.bvh.nodes[at];
+        #[expect(clippy::cast_possible_truncation, reason = "nodes are counted in u32")]
+        let first_index = if node.is_leaf() {
+            self.of_chunk[self.bvh.primitive_indices[node.first_index as usize] as usize]
+        } else {
+            node.first_index - 1 + self.begin as u32
+        };
+        Bvh2Node { first_index, ..*node }
+    }
 }
 
 /// All triangles in an order in which neighbours follow each other, and the ends of the chunks in this order.

@@ -163,7 +163,7 @@ impl Frame {
     /// If a face has an index that is out of range.
     #[must_use]
     pub fn around(positions: &[DVec3], faces: &[[u32; 3]]) -> Self {
-        let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
+        let bounds = Box3::of_faces(positions, faces);
         let half = (bounds.max * 0.5 - bounds.min * 0.5).max_element();
         let scale = if half > 0.0 && half.is_finite() && (1.0 / half).is_finite() { 1.0 / half } else { 1.0 };
         Self { centre: bounds.centre(), scale }

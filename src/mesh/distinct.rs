@@ -127,7 +127,7 @@ pub fn are_distinct(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> b
     if count < FEW_POSITIONS {
         return all_new(count, &mut (0..count).map(position));
     }
-    let chunks = by_shard(count, &position);
+    let chunks = by_shard::<Number>(count, &position);
     let is_distinct = threads::map(SHARDS, 2, |shard| {
         let members = || chunks.iter().flat_map(|lists| &lists[shard]);
         all_new(members().count(), &mut members().map(|&member| position(member as usize)))
@@ -137,8 +137,8 @@ pub fn are_distinct(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> b
 
 /// The numbers of many positions by [`SHARDS`], each shard with the positions whose hashes end alike: a list for each chunk of
 /// the positions. Equal positions are in one shard. Computed in parallel.
-fn by_shard(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<[Vec<u32>; SHARDS]> {
-    let shard_of = |position: DVec3| (hash(Number::key(position)) & (SHARDS as u64 - 1)) as usize;
+fn by_shard<E: Equality>(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<[Vec<u32>; SHARDS]> {
+    let shard_of = |position: DVec3| (hash(E::key(position)) & (SHARDS as u64 - 1)) as usize;
     threads::map_chunks(count, |range| {
         let mut lists: [Vec<u32>; SHARDS] = Default::default();
         for number in range {
@@ -152,10 +152,15 @@ fn by_shard(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<[V
 /// For each position the first one that is equal to it: -0.0 equals 0.0. O(n), in parallel.
 #[must_use]
 pub fn first_equal(positions: &[DVec3]) -> Vec<u32> {
-    let chunks = by_shard(positions.len(), &|number| positions[number]);
+    first_equal_by::<Number>(positions)
+}
+
+/// For each position the first one that is equal to it. O(n), in parallel.
+pub(super) fn first_equal_by<E: Equality>(positions: &[DVec3]) -> Vec<u32> {
+    let chunks = by_shard::<E>(positions.len(), &|number| positions[number]);
     let shards = threads::map(SHARDS, 2, |shard| {
         let members = || chunks.iter().flat_map(|lists| lists[shard].iter().copied());
-        let mut distinct = Distinct::<Number>::with_capacity_for(members().count());
+        let mut distinct = Distinct::<E>::with_capacity_for(members().count());
         let (mut first, mut equal) = (Vec::new(), Vec::new());
         let mut member = members();
         distinct.number_all(members().map(|member| positions[member as usize]), |number| {

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::distinct::{Bits, Distinct};
+use super::distinct::{Bits, Distinct, first_equal_by};
 use crate::math::threads;
 
 /// Triangles as a file gives them. The only guarantee is that face indices are in range.
@@ -31,21 +31,30 @@ impl Soup {
             let (positions, numbers) = chunks.pop().unwrap_or_default();
             return Self { positions, faces: numbers.as_chunks::<3>().0.to_vec() };
         }
+        let begins: Vec<usize> =
+            chunks.iter().scan(0, |end, (positions, _)| Some(std::mem::replace(end, *end + positions.len()))).collect();
+        let given: Vec<DVec3> = chunks.iter_mut().flat_map(|(positions, _)| std::mem::take(positions)).collect();
         // Each chunk's positions are in the order of their first use, so numbering them chunk by chunk keeps that order.
-        let mut distinct = Distinct::<Bits>::with_capacity_for(faces / 2);
-        let numbers_of_chunks: Vec<Vec<u32>> = chunks
-            .iter_mut()
-            .map(|(positions, _)| {
-                let mut numbers = Vec::with_capacity(positions.len());
-                distinct.number_all(std::mem::take(positions).into_iter(), |number| numbers.push(number));
-                numbers
-            })
-            .collect();
+        let (mut numbers, mut positions) = (first_equal_by::<Bits>(&given), Vec::new());
+        for (at, &position) in given.iter().enumerate() {
+            let first = numbers[at] as usize;
+            numbers[at] = if first < at {
+                numbers[first]
+            } else {
+                positions.push(position);
+                #[expect(clippy::cast_possible_truncation, reason = "positions are counted in u32")]
+                {
+                    positions.len() as u32 - 1
+                }
+            };
+        }
+        drop(given);
+        positions.shrink_to_fit();
         let renumbered = threads::map(chunks.len(), 2, |chunk| {
-            let (numbers, local) = (&numbers_of_chunks[chunk], chunks[chunk].1.as_chunks::<3>().0);
+            let (numbers, local) = (&numbers[begins[chunk]..], chunks[chunk].1.as_chunks::<3>().0);
             local.iter().map(|face| face.map(|number| numbers[number as usize])).collect::<Vec<_>>()
         });
-        Self { positions: distinct.into_positions(), faces: renumbered.concat() }
+        Self { positions, faces: renumbered.concat() }
     }
 
     /// The corner positions of face `face`.

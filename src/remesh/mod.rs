@@ -99,7 +99,7 @@ impl Remesh {
             (b - a).cross(c - a).length_squared() > 0.0
         };
         let faces: Vec<[u32; 3]> = surface.faces.iter().copied().filter(has_area).collect();
-        let bounds = Box3::of(faces.iter().flatten().map(|&v| points[v as usize]));
+        let bounds = Box3::of_faces(&points, &faces);
         let diagonal = bounds.diagonal();
         if faces.is_empty() || diagonal <= 0.0 {
             return Err(RemeshError::Empty);

@@ -215,8 +215,8 @@ fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ThinnestWall {
     /// Thickness in the model's unit: the distance from a face, perpendicular into the material, to an opposite face.
-    /// The two faces point away from each other to within 30 degrees. Minimum over all face centres and over points
-    /// spread by area.
+    /// The two faces point away from each other to within 30 degrees. Minimum over face centres and over points spread
+    /// by area; of a printable mesh, also over the nearest places of any two opposite faces.
     pub thickness: f64,
     /// A point on one side of the wall.
     pub at: [f64; 3],
@@ -224,7 +224,7 @@ pub struct ThinnestWall {
     pub faces: [u32; 2],
     /// Median wall thickness, by area, from at most 256 points. Excludes surface that is not part of a wall.
     pub median: f64,
-    /// Number of points from which thinner walls were searched: all face centres, and points spread by area.
+    /// Number of points from which thinner walls were searched: face centres, at most 500,000, and points spread by area.
     pub samples: u64,
     /// Whether the search covered all of these points. On adversarial meshes, and on meshes with overlapping parts or
     /// holes, the budget may run out first, and the search may miss a thinner wall.
@@ -262,7 +262,7 @@ pub enum NoWallReason {
     NotPrintable,
 }
 
-/// Finds the thinnest wall with inward rays, from all face centres and from points spread over the surface, to the
+/// Finds the thinnest wall with inward rays, from face centres and from points spread over the surface, to the
 /// first face with air behind. If the mesh is not printable, winding numbers distinguish material from air; then
 /// parts may overlap, intersect or be inside out.
 ///

@@ -20,6 +20,8 @@ const THIN_MULTIPLE: f64 = 1.25;
 const MAX_REGIONS: usize = 100;
 /// Number of points spread by area: an eighth of the number of faces, within these limits.
 const SPREAD_POINTS: [usize; 2] = [512, 100_000];
+/// Most faces at whose centres walls are measured, spread evenly over all faces.
+const MAX_CENTRES: usize = 500_000;
 /// Number of points per block, initially and at most. Thin walls found in a block shorten the rays of the next.
 const BLOCK: [usize; 2] = [256, 16_384];
 /// Minimum number of points per thread.
@@ -36,7 +38,7 @@ const IMPROVEMENT: f64 = 0.999;
 /// Budget of all moves: boxes and triangles visited.
 const MOVES_BUDGET: u64 = 1_000_000;
 
-/// Search for the thinnest wall of each region, from all face centres, from points spread by area, and from the places where two
+/// Search for the thinnest wall of each region, from face centres, from points spread by area, and from the places where two
 /// opposite faces are nearest.
 pub(super) struct WallSearch<'a> {
     analysis: &'a Analysis<'a>,
@@ -96,7 +98,8 @@ impl<'a> WallSearch<'a> {
         let faces = self.analysis.surface.faces.len();
         let count = (faces / 8).clamp(SPREAD_POINTS[0], SPREAD_POINTS[1]);
         let spread = samples(self.analysis, u32::try_from(count).unwrap_or(u32::MAX));
-        let points = (faces + spread.len()) as u64;
+        let centres = faces.min(MAX_CENTRES);
+        let points = (centres + spread.len()) as u64;
         let [base, per_point] = if is_printable { BUDGET } else { UNPRINTABLE_BUDGET };
         let budget = base + per_point * points;
         let may_have_wall = prober.may_have_wall(self.limit());
@@ -104,7 +107,8 @@ impl<'a> WallSearch<'a> {
             let sample = may_have_wall[spread[i].face as usize].then_some(&spread[i])?;
             search.probe(prober, sample, steps)
         })?;
-        let left = self.run_queries(faces, left, context, |face, search, steps| {
+        let left = self.run_queries(centres, left, context, |centre, search, steps| {
+            let face = centre * faces / centres;
             let sample = may_have_wall[face].then(|| search.centre(u32::try_from(face).ok()?)).flatten()?;
             search.probe(prober, &sample, steps)
         })?;

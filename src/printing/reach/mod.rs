@@ -74,7 +74,7 @@ impl Reach {
         options: ReachOptions,
         context: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
-        let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
+        let bounds = Box3::of_faces(positions, faces);
         let cell = options.diameter / f64::from(options.cells_per_diameter.max(2));
         let needed = (bounds.max - bounds.min).max_element() + 2.0 * MARGIN * options.diameter;
         if bounds.is_empty() || !(cell > 0.0 && needed.is_finite()) {

@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Tree, hit, nearest_within};
+use crate::math::{Box3, Tree, hit, nearest_within, threads};
 use crate::printing::reach::{Reach, ReachOptions, Reached};
 
 /// Number of faces sampled, spread evenly over the area.
@@ -68,7 +68,7 @@ pub fn recognise_double_shell(
     let Some((shell, voids)) = double_walls(positions, faces, tree, context)? else {
         return Ok(None);
     };
-    let bounds = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize]));
+    let bounds = Box3::of_faces(positions, faces);
     let diameter = OPENING * bounds.diagonal();
     let options = ReachOptions { diameter, cells_per_diameter: 4, refinements: 2, max_nodes: MAX_NODES };
     let Some(reach) = Reach::new(positions, faces, tree, options, context)? else {
@@ -94,7 +94,7 @@ pub fn double_walls(
     context: &Context<'_>,
 ) -> Result<Option<(DoubleShell, Vec<DVec3>)>, Cancelled> {
     context.check()?;
-    let diagonal = Box3::of(faces.iter().flatten().map(|&v| positions[v as usize])).diagonal();
+    let diagonal = Box3::of_faces(positions, faces).diagonal();
     let chosen = spread(positions, faces);
     let corners = |f: u32| faces[f as usize].map(|v| positions[v as usize]);
     let samples: Vec<Option<Sample>> = chosen.par_iter().map(|&face| sample(&corners, tree, face, diagonal)).collect();
@@ -123,15 +123,15 @@ pub fn double_walls(
 
 /// Faces spread evenly over the area.
 fn spread(positions: &[DVec3], faces: &[[u32; 3]]) -> Vec<u32> {
-    let area = |face: &[u32; 3]| {
-        let [a, b, c] = face.map(|v| positions[v as usize]);
+    let areas = threads::map_cheap(faces.len(), |face| {
+        let [a, b, c] = faces[face].map(|v| positions[v as usize]);
         (b - a).cross(c - a).length()
-    };
-    let total: f64 = faces.iter().map(area).sum();
+    });
+    let total: f64 = areas.iter().sum();
     let step = total / SAMPLES as f64;
     let (mut chosen, mut sum, mut next) = (Vec::with_capacity(SAMPLES), 0.0, step / 2.0);
-    for (face, index) in faces.iter().zip(0u32..) {
-        sum += area(face);
+    for (area, index) in areas.into_iter().zip(0u32..) {
+        sum += area;
         if sum > next {
             chosen.push(index);
             next += ((sum - next) / step).ceil().max(1.0) * step;

@@ -81,7 +81,7 @@ impl<'a> RegionFaces<'a> {
         let inward = faces.iter().map(|&f| regions.out_of(f, region) < 0.0).collect();
         let faces: Vec<[u32; 3]> = faces.iter().map(|&f| surface.faces[f as usize]).collect();
         let tree = Tree::new(unit, &faces);
-        let bounds = Box3::of(faces.iter().flatten().map(|&v| unit[v as usize]));
+        let bounds = Box3::of_faces(unit, &faces);
         Self { unit, faces, inward, tree, bounds }
     }
 

@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::face_pairs::Pairing;
 use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
-use crate::inspect::{Analysis, EdgeCounts, SearchedMesh, group_faces};
+use crate::inspect::{Analysis, EdgeCounts, SearchedMesh, duplicate_faces};
 use crate::math::{collinear, threads, to_unit_range};
 use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
@@ -180,7 +180,7 @@ impl Counts {
             let [a, b, c] = faces[face].map(|v| unit[v as usize]);
             collinear(a, b, c)
         };
-        let of_faces = || (threads::count(faces.len(), is_degenerate), (faces.len() - group_faces(faces).len()) as u64);
+        let of_faces = || (threads::count(faces.len(), is_degenerate), duplicate_faces(faces, &edges));
         let pinched = || Fans::new(surface, &edges).non_manifold_vertices;
         let (pinched, (degenerate, duplicate)) = threads::join(faces.len(), pinched, of_faces);
         counts.0[Counter::PinchedVertices as usize] = pinched;

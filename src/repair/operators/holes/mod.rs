@@ -154,7 +154,7 @@ impl FillHoles {
 
     /// For each hole whether it is within the limits on edges, size and number.
     fn within_limits(&self, surface: &Surface, holes: &[Hole]) -> Vec<bool> {
-        let diagonal = Box3::of(surface.faces.iter().flatten().map(|&v| surface.positions[v as usize])).diagonal();
+        let diagonal = Box3::of_faces(&surface.positions, &surface.faces).diagonal();
         let small = |h: &Hole| self.max_size >= 1.0 || h.extent <= self.max_size * diagonal;
         let mut is_within_limits: Vec<bool> =
             holes.iter().map(|h| h.edges() <= self.max_edges as usize && small(h)).collect();
