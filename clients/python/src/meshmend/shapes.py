@@ -905,12 +905,12 @@ class ThinnestWall(TypedDict):
     diagonal.
     """
     samples: int
-    """Number of points from which thinner walls were searched: all face centres, and points spread by area."""
+    """Number of points from which thinner walls were searched: face centres, at most 500,000, and points spread by area."""
     thickness: float
     """
     Thickness in the model's unit: the distance from a face, perpendicular into the material, to an opposite face.
-    The two faces point away from each other to within 30 degrees. Minimum over all face centres and over points
-    spread by area.
+    The two faces point away from each other to within 30 degrees. Minimum over face centres and over points spread
+    by area; of a printable mesh, also over the nearest places of any two opposite faces.
     """
 
 
