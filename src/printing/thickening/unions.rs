@@ -34,7 +34,7 @@ const MAX_REFUSALS: usize = 2;
 const WIDEST_BRIDGE: f64 = 2.5;
 /// Balls that break a promise are left out in groups of at most these fractions of a round's balls, and of those that were
 /// suspected first: one in so many.
-const LEFT_OUT: [usize; 2] = [32, 4];
+const LEFT_OUT: [usize; 2] = [16, 2];
 
 /// A size of cells.
 #[derive(Clone, Copy)]
