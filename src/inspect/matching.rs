@@ -210,8 +210,8 @@ mod tests {
         assert!(group_faces(&[]).is_empty());
     }
     #[test]
-    fn duplicate_faces_are_counted_like_the_faces_of_groups_with_and_without_repeated_vertices() {
-        let corner = |i: u32| i.wrapping_mul(2_654_435_761) >> 29;
+    fn duplicate_faces_are_counted_like_those_of_groups() {
+        let corner = |i: u32| i * i % 53 % 6;
         let all: Vec<[u32; 3]> = (0..400).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(corner)).collect();
         let whole: Vec<[u32; 3]> = all.iter().copied().filter(|&[a, b, c]| a != b && b != c && c != a).collect();
         assert!(whole.len() < all.len());
