@@ -13,7 +13,7 @@ use super::points::Points;
 use super::triangulation::{Line, Support, Triangulation};
 use crate::context::{Cancelled, Context};
 use crate::math::{ChangedTriangles, Contact, Hit, Hubs, PairSearch, Tree, contact, threads};
-use crate::mesh::{NotClosed, Surface, first_equal};
+use crate::mesh::{NotClosed, Surface, first_equal, number_by_first};
 
 /// Step budget of the search for meeting faces, and the additional steps for each face.
 const STEPS: u64 = 512_000_000;
@@ -187,14 +187,9 @@ fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u3
     // Coordinates on the grid are small whole numbers, so f64 holds them exactly.
     let exact = threads::map_cheap(places.len(), |v| DVec3::from_array(places[v].map(|x| x as f64)));
     let mut points = Points::default();
-    let (mut vertices, mut point_of) = (Vec::new(), Vec::with_capacity(places.len()));
-    for (v, first) in (0u32..).zip(first_equal(&exact)) {
-        point_of.push(if first == v {
-            vertices.push(v);
-            points.push(places[v as usize])
-        } else {
-            point_of[first as usize]
-        });
+    let (point_of, vertices) = number_by_first(first_equal(&exact));
+    for &v in &vertices {
+        points.push(places[v as usize]);
     }
     (points, point_of, vertices)
 }

@@ -209,6 +209,7 @@ mod tests {
         assert_eq!(groups.len(), 2);
         assert!(group_faces(&[]).is_empty());
     }
+
     #[test]
     fn duplicate_faces_are_counted_like_those_of_groups() {
         let corner = |i: u32| i * i % 53 % 6;

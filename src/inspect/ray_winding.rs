@@ -14,12 +14,10 @@ const APEX: DVec3 = DVec3::new(0.414_213_562, 0.618_033_989, 0.532_050_808);
 const RAY_LENGTH: f64 = 8.0;
 /// Largest coordinate of a point for which rays are cast.
 const MAX_COORDINATE: f64 = 4.0;
-/// Most border triangles of any mesh, of which a point takes as many steps.
-const MOST_BORDER: usize = 4_000;
-/// Above this number of border triangles, and one for each 500 faces, a sum over clusters of faces is faster: a large mesh takes longer
-/// to prepare it.
-const MAX_BORDER: usize = 200;
+/// Above one border triangle for so many faces, within these limits, a sum over clusters of faces is faster. Each point takes a step for
+/// each border triangle, and the sum takes longer to prepare for more faces.
 const FACES_PER_BORDER: usize = 500;
+const BORDER_LIMITS: [usize; 2] = [200, 4_000];
 /// Above this share of border triangles to faces, a sum over the faces is faster.
 const MAX_BORDER_SHARE: usize = 2;
 
@@ -82,7 +80,8 @@ impl<'a> RayWinding<'a> {
 /// half-edges run in one direction than in the other.
 fn cone(analysis: &Analysis<'_>, apex: DVec3) -> Option<Vec<[DVec3; 3]>> {
     let (faces, unit) = (&analysis.surface.faces, analysis.unit());
-    let limit = (faces.len() / FACES_PER_BORDER).clamp(MAX_BORDER, MOST_BORDER).min(faces.len() / MAX_BORDER_SHARE);
+    let limit =
+        (faces.len() / FACES_PER_BORDER).clamp(BORDER_LIMITS[0], BORDER_LIMITS[1]).min(faces.len() / MAX_BORDER_SHARE);
     let mut cone = Vec::new();
     for (edge, half_edges) in analysis.edges.iter().enumerate() {
         let forward = half_edges.iter().filter(|&&half_edge| Edges::is_forward(faces, half_edge)).count();

@@ -232,7 +232,7 @@ impl OppositeFaces<'_> {
         let scaled = (vec3a(normal) * (1.0 / STEPS)).to_array();
         let may_hit = |at: u32| {
             let dot = self.below[at as usize].least_dot(scaled);
-            (dot <= self.limit || dot.is_nan()) && meets(bvh.nodes[at as usize].aabb())
+            self.allows(dot) && meets(bvh.nodes[at as usize].aabb())
         };
         let mut stack: SmallVec<[u32; DEPTH]> = SmallVec::new();
         stack.extend(may_hit(0).then_some(0));
@@ -260,7 +260,12 @@ impl OppositeFaces<'_> {
     fn may_be_opposite(&self, node: u32, normals: &Range) -> bool {
         let below = self.below[node as usize];
         let dot = below.normals().least_dot(normals);
-        !below.is_empty() && (dot <= self.limit || dot.is_nan())
+        !below.is_empty() && self.allows(dot)
+    }
+
+    /// Whether two faces may be opposite if the dot product of their normals is at least `dot`.
+    fn allows(&self, dot: f32) -> bool {
+        dot <= self.limit || dot.is_nan()
     }
 }
 

@@ -155,6 +155,26 @@ pub fn first_equal(positions: &[DVec3]) -> Vec<u32> {
     first_equal_by::<Number>(positions)
 }
 
+/// Numbers the positions in order, equal ones alike, by the first equal one of each as [`first_equal`] finds it. Returns the
+/// number of each position, and the first position of each number.
+#[must_use]
+pub fn number_by_first(mut first: Vec<u32>) -> (Vec<u32>, Vec<u32>) {
+    let mut firsts = Vec::new();
+    for at in 0..first.len() {
+        let before = first[at] as usize;
+        if before < at {
+            first[at] = first[before];
+        } else {
+            firsts.push(first[at]);
+            #[expect(clippy::cast_possible_truncation, reason = "no more than there are positions")]
+            {
+                first[at] = firsts.len() as u32 - 1;
+            }
+        }
+    }
+    (first, firsts)
+}
+
 /// For each position the first one that is equal to it. O(n), in parallel.
 pub(super) fn first_equal_by<E: Equality>(positions: &[DVec3]) -> Vec<u32> {
     let chunks = by_shard::<E>(positions.len(), &|number| positions[number]);

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::distinct::{Bits, Distinct, first_equal_by};
+use super::distinct::{Bits, Distinct, first_equal_by, number_by_first};
 use crate::math::threads;
 
 /// Triangles as a file gives them. The only guarantee is that face indices are in range.
@@ -35,21 +35,9 @@ impl Soup {
             chunks.iter().scan(0, |end, (positions, _)| Some(std::mem::replace(end, *end + positions.len()))).collect();
         let given: Vec<DVec3> = chunks.iter_mut().flat_map(|(positions, _)| std::mem::take(positions)).collect();
         // Each chunk's positions are in the order of their first use, so numbering them chunk by chunk keeps that order.
-        let (mut numbers, mut positions) = (first_equal_by::<Bits>(&given), Vec::new());
-        for (at, &position) in given.iter().enumerate() {
-            let first = numbers[at] as usize;
-            numbers[at] = if first < at {
-                numbers[first]
-            } else {
-                positions.push(position);
-                #[expect(clippy::cast_possible_truncation, reason = "positions are counted in u32")]
-                {
-                    positions.len() as u32 - 1
-                }
-            };
-        }
-        drop(given);
-        positions.shrink_to_fit();
+        let (numbers, firsts) = number_by_first(first_equal_by::<Bits>(&given));
+        let positions = threads::map_cheap(firsts.len(), |number| given[firsts[number] as usize]);
+        drop((given, firsts));
         let renumbered = threads::map(chunks.len(), 2, |chunk| {
             let (numbers, local) = (&numbers[begins[chunk]..], chunks[chunk].1.as_chunks::<3>().0);
             local.iter().map(|face| face.map(|number| numbers[number as usize])).collect::<Vec<_>>()

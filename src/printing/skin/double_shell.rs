@@ -4,7 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Tree, hit, nearest_within, threads};
+use crate::math::{Box3, Tree, hit, threads};
 use crate::printing::reach::{Reach, ReachOptions, Reached};
 
 /// Number of faces sampled, spread evenly over the area.
@@ -25,9 +25,7 @@ const MIN_VOID_WALLS: f64 = 3.0;
 const OPENING: f64 = 0.024;
 /// The most octree nodes spent on finding such an opening.
 const MAX_NODES: usize = 4_000_000;
-/// The most times that a ball between the skins is made smaller.
-const MAX_SHRINKS: usize = 12;
-/// Boxes and faces that one ray may visit.
+/// Boxes and faces that one ray or ball may visit.
 const STEPS: u64 = 1 << 20;
 
 /// A double shell.
@@ -52,10 +50,10 @@ struct Sample {
     void: Option<(f64, DVec3)>,
 }
 
-/// Recognises a double shell: most of the surface has a parallel second skin, and the median diameter of the largest balls
-/// between the two is below 1 % of the diagonal, with a void beyond it that no ball of 2.4 % of the diagonal can reach from outside. Vases, boxes with an
-/// opening, tubes and bottles are none. Without thin double walls the answer takes the time of 512 rays. `tree` is the tree
-/// of the faces. Lengths of the answer are in the unit of `positions`.
+/// Recognises a double shell: most of the surface has a parallel second skin, the median diameter of the largest balls
+/// between the two is below 1 % of the diagonal, and no ball of 2.4 % of the diagonal can reach the void beyond from
+/// outside. Vases, boxes with an opening, tubes and bottles are none. Without thin double walls the answer takes the
+/// time of 512 rays. `tree` is the tree of the faces. Lengths of the answer are in the unit of `positions`.
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
@@ -177,31 +175,7 @@ fn sample(corners: &impl Fn(u32) -> [DVec3; 3], tree: &Tree, face: u32, diagonal
         .map(|(at, _)| at * diagonal)
         .filter(|&width| width >= MIN_VOID_WALLS * distance)
         .map(|width| (width, from + direction * (width / 2.0)));
-    let wall = largest_ball(corners, tree, face, (middle, direction * distance));
+    let ball = tree.shrunk_ball([middle, direction], distance / 2.0, &mut STEPS.clone(), corners);
+    let wall = ball.map_or(distance, |ball| 2.0 * ball.radius);
     Some(Sample { wall, distance, void })
-}
-
-/// The diameter of the largest ball that touches a face at a point, on the side of `across`, and that no other face
-/// enters. `across` leads from the point to the next face along the normal.
-fn largest_ball(corners: &impl Fn(u32) -> [DVec3; 3], tree: &Tree, face: u32, (point, across): (DVec3, DVec3)) -> f64 {
-    let mut diameter = across.length();
-    let direction = across / diameter;
-    for _ in 0..MAX_SHRINKS {
-        let radius = diameter / 2.0;
-        let centre = point + direction * radius;
-        let (mut nearest, mut steps) = (None, STEPS);
-        tree.around(centre, radius, |f| {
-            let reach = nearest.map_or(radius, |at: DVec3| at.distance(centre));
-            nearest = nearest_within(centre, corners(f), reach).filter(|_| f != face).or(nearest);
-            steps -= 1;
-            steps > 0
-        });
-        let Some(at) = nearest.map(|at| at - point) else { break };
-        let smaller = at.length_squared() / at.dot(direction);
-        if !(0.0..diameter * (1.0 - 1e-6)).contains(&smaller) {
-            break;
-        }
-        diameter = smaller;
-    }
-    diameter
 }
