@@ -48,6 +48,7 @@ pub use options::{InspectOptions, Level, OptionsError, Tolerance, ToleranceError
 pub use print::{
     Fit, NoWallReason, Overhang, OverhangArea, PrintMeasures, ThinPlace, ThinnestWall, print_measures, thin_walls,
 };
+pub(crate) use sampling::spread_by_area;
 pub use set::{MeshPair, MeshSpacing, Nearest, SetIntersections, SetReport, SetSpacing, Spacing, spacing};
 pub use shells::{Answer, Attributes, OrientationCounts, Shell, Shells, Unmeasurable, shells};
 pub use solids::{Solid, doubled_areas, nesting, nesting_depths, solids};

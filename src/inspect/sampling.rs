@@ -169,7 +169,8 @@ pub(super) struct Sample {
 /// Samples spread evenly by area, in the order of their faces. Deterministic. Empty if the mesh has no area.
 pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
     let faces = (0u32..).take(analysis.surface.faces.len());
-    let spread = spread_by_area(analysis, faces, count, |face| analysis.unit_area_vector(face).length());
+    let area = |face| analysis.unit_area_vector(face).length();
+    let spread = spread_by_area(faces, count, area, |face| analysis.unit_corners(face));
     // Samples of a face follow each other, and share its normal.
     let mut last = (u32::MAX, DVec3::ZERO);
     let sample = |(face, point)| {
@@ -184,11 +185,11 @@ pub(super) fn samples(analysis: &Analysis<'_>, count: u32) -> Vec<Sample> {
 /// Points spread evenly by area over some faces, each with its face. The area is divided into `count` equal shares,
 /// with one point per share. The R2 sequence (Roberts 2018) places the point within its face. `area` may return any
 /// constant multiple of a face's area. Empty if the area is 0.
-pub(super) fn spread_by_area(
-    analysis: &Analysis<'_>,
+pub(crate) fn spread_by_area(
     faces: impl Iterator<Item = u32>,
     count: u32,
     area: impl Fn(u32) -> f64 + Sync,
+    corners: impl Fn(u32) -> [DVec3; 3],
 ) -> Vec<(u32, DVec3)> {
     let listed: Vec<u32> = faces.collect();
     let areas = threads::map_cheap(listed.len(), |at| area(listed[at]));
@@ -199,7 +200,7 @@ pub(super) fn spread_by_area(
         passed += area;
         while number < count && (f64::from(number) + 0.5) / f64::from(count) * total < passed {
             let [u, v] = r2(f64::from(number));
-            let (u, [a, b, c]) = (u.sqrt(), analysis.unit_corners(face));
+            let (u, [a, b, c]) = (u.sqrt(), corners(face));
             points.push((face, a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v)));
             number += 1;
         }

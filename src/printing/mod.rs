@@ -13,7 +13,7 @@ pub mod reach;
 pub mod readiness;
 pub mod rules;
 #[cfg(test)]
-mod shapes;
+pub(crate) mod shapes;
 pub mod skin;
 pub mod target_size;
 pub mod thickening;

@@ -57,7 +57,7 @@ impl Probes {
             let size = if solid.closed { 2.0 * (solid.volume / solid.area).abs() } else { solid.bounds.diagonal() };
             // `size` is NaN if the area is 0; `max` then selects the rounding distance.
             let reach = far.min(REACH_OF_THICKNESS * size * analysis.scale()).max(2.0 * ROUNDING);
-            let spread = spread_by_area(analysis, faces.iter().copied(), each, area);
+            let spread = spread_by_area(faces.iter().copied(), each, area, |face| analysis.unit_corners(face));
             probes.points.extend(spread.iter().map(|&(_, point)| point));
             // A part without area is represented by its first corner.
             if spread.is_empty() {

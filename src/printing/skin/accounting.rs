@@ -16,8 +16,6 @@ pub enum DropReason {
     InnerShell,
     /// A small piece inside the solid.
     InnerJunk,
-    /// A part below the least part volume.
-    Island,
     /// A surface with air on both sides.
     Sheet,
 }
@@ -75,7 +73,7 @@ impl Accounting {
     pub fn pieces(&self, surface: &Surface) -> Vec<DroppedPiece> {
         let mut pieces = Vec::new();
         let total: f64 = (0..surface.faces.len()).map(|f| surface.area_vector(f).length() / 2.0).sum();
-        for reason in [DropReason::InnerJunk, DropReason::Island, DropReason::Sheet] {
+        for reason in [DropReason::InnerJunk, DropReason::Sheet] {
             let faces: Vec<u32> =
                 (0u32..).zip(&self.reason).filter(|(_, of_face)| **of_face == Some(reason)).map(|(f, _)| f).collect();
             let dropped = Surface {

@@ -12,6 +12,9 @@ const MAX_CUTS: usize = 96;
 pub(super) const NUDGE: f64 = 1e-6;
 /// A piece whose area is below this fraction of the face's is dropped.
 const SLIVER: f64 = 1e-14;
+/// Width, in the scaled unit, below which an overlap comes from positions that were rounded to f32. Without this limit,
+/// faces on both sides of an edge overlap in a strip that no cut narrows.
+const HAIRLINE: f64 = 4e-7;
 /// A face hides the ball beside a smooth convex edge if its normal's dot product with the touched face exceeds this.
 /// Beside a sharper edge the wall is measured through the edge's rounding.
 pub(super) const SMOOTH: f64 = 0.32;
@@ -82,6 +85,9 @@ impl Prepared<'_> {
     }
 
     fn least_in(&self, [f, h]: [u32; 2], way: &Way, start: Polygon, (limit, steps): (f64, &mut u64)) -> Least {
+        if is_hairline(&start) {
+            return Least::Nothing;
+        }
         let (m, [q, ..]) = (self.normal(h), self.corners(h));
         let rate = way.direction.dot(m);
         let length = |p: DVec3| (q - p).dot(m) / rate;
@@ -107,7 +113,7 @@ impl Prepared<'_> {
             } else {
                 return Least::Found(chord);
             }
-            pieces.retain(|piece| piece.len() > 2 && area(piece) > small);
+            pieces.retain(|piece| piece.len() > 2 && area(piece) > small && !is_hairline(piece));
         }
         let corners = pieces.iter().flatten().map(|&p| (p, length(p)));
         let Some((point, least)) = corners.min_by(|x, y| x.1.total_cmp(&y.1)) else { return Least::Nothing };
@@ -161,6 +167,13 @@ fn without_shadow(polygon: &[DVec3], triangle: [DVec3; 3], direction: DVec3) -> 
         rest = clip(&rest, |x| across.dot(x - start));
     }
     parts
+}
+
+/// Whether a convex polygon is narrower than [`HAIRLINE`], up to a factor of 2.
+fn is_hairline(polygon: &[DVec3]) -> bool {
+    let Some(&first) = polygon.first() else { return true };
+    let length = polygon.iter().map(|p| p.distance_squared(first)).fold(0.0, f64::max).sqrt();
+    area(polygon) <= HAIRLINE * length
 }
 
 /// Twice the area of a convex polygon.

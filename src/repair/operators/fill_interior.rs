@@ -1,7 +1,7 @@
 //! Keeps the outer skin of a model and fills the space inside, as the option `interior` asks.
 
 use super::operator::{Applied, Counter, Operation, Scope};
-use super::solid_skin::{SkinError, SkinIslands, SkinOptions, solid_skin};
+use super::solid_skin::{SkinError, SkinOptions, solid_skin};
 use crate::math::Precision;
 use crate::mesh::Surface;
 use crate::printing::skin::{DropReason, OuterSkinError};
@@ -50,9 +50,7 @@ impl Operation<'_> for FillInterior {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        // Islands are a separate operator, so that the signs of damage are looked for before they go.
-        let islands = SkinIslands::Keep;
-        let options = SkinOptions { seal: self.seal, islands, precision: self.precision, ..SkinOptions::default() };
+        let options = SkinOptions { seal: self.seal, precision: self.precision };
         let result = match solid_skin(surface, &options, context) {
             Ok(result) => result,
             Err(SkinError::Cancelled(stop) | SkinError::OuterSkin(OuterSkinError::Cancelled(stop))) => {

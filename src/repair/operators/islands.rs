@@ -1,7 +1,7 @@
 //! Removes or attaches small separate solids, as the option `islands` asks.
 
 use super::operator::{Applied, Counter, Operation, Scope};
-use super::solid_skin::attach;
+use super::struts::attach;
 use crate::inspect::{nesting, solids};
 use crate::math::Precision;
 use crate::mesh::{Edges, Parts, Surface};
@@ -41,7 +41,7 @@ impl Operation<'_> for TreatIslands {
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         let (dropped, faces) = drop_small(surface, self.min_volume, context)?;
         let struts = match self.strut {
-            Some(diameter) => attach(surface, diameter, self.precision, context)?.len(),
+            Some(diameter) => attach(surface, diameter, self.precision, context)?,
             None => 0,
         };
         let solids_left = if self.strut.is_some() { count_solids(surface) } else { 1 };
@@ -49,7 +49,7 @@ impl Operation<'_> for TreatIslands {
         let changes = Change::list([
             (ChangeKind::IslandsDropped, dropped),
             (ChangeKind::FacesRemoved, faces),
-            (ChangeKind::IslandsAttached, struts as u64),
+            (ChangeKind::IslandsAttached, struts),
         ]);
         Ok(Applied { changes, left, ..Applied::default() })
     }

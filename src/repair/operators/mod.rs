@@ -36,6 +36,7 @@ pub mod slivers;
 pub mod solid_skin;
 pub mod split_non_manifold;
 pub mod stitch;
+mod struts;
 pub mod t_junctions;
 pub mod thicken;
 mod thicken_walls;

@@ -1,25 +1,20 @@
 //! The solid skin of a model: what a ball of one diameter, the seal, cannot reach from outside is solid.
 //!
 //! [`outer_skin`] finds the faces that bound the outside air. Here their openings are closed with patches, overlaps are
-//! united, and islands are kept, dropped or attached. Faces that nothing crosses keep their vertices bit for bit.
+//! united. Faces that nothing crosses keep their vertices bit for bit.
 
-mod attach;
 mod close;
 
 use crate::context::{Cancelled, Context};
 use crate::inspect::solids;
 use crate::math::Precision;
 use crate::mesh::{Edges, Parts, Surface, is_generated};
-pub use attach::Attached;
-pub(super) use attach::attach;
 pub use close::SealedPlace;
-use close::{Closed, close, resolve};
+pub(super) use close::resolve;
+use close::{Closed, close};
 use glam::DVec3;
 
 use crate::printing::skin::{DropReason, DroppedPiece, OuterSkin, OuterSkinError, kept_exactly_pct, outer_skin};
-
-/// Diameter of a strut, as a share of the diagonal.
-const STRUT: f64 = 0.01;
 
 /// The widest patch, in seals. A ball that passes an opening has more room than the flat patch across it shows.
 const MAX_WIDTH: f64 = 2.0;
@@ -28,29 +23,11 @@ const MAX_OPEN_PCT: f64 = 5.0;
 /// A part with less than this share of the largest part's volume encloses nothing.
 const MIN_SHARE: f64 = 1e-12;
 
-/// What happens to parts that do not touch the largest part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum SkinIslands {
-    /// Drops those below the least part volume.
-    #[default]
-    Drop,
-    /// Keeps all.
-    Keep,
-    /// Drops those below the least part volume and joins the others to the largest part by a strut.
-    Attach,
-}
-
 /// Options of [`solid_skin`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SkinOptions {
     /// Openings narrower than this are closed, in the model's unit. None chooses a seal.
     pub seal: Option<f64>,
-    /// What happens to islands.
-    pub islands: SkinIslands,
-    /// The least volume of a part, in cubic units.
-    pub min_part_volume: f64,
-    /// The diameter of the struts that attach islands, in the model's unit. None takes 1 % of the diagonal.
-    pub strut_diameter: Option<f64>,
     /// The precision of the output file.
     pub precision: Precision,
 }
@@ -71,8 +48,6 @@ pub struct SkinResult {
     pub filled_volume: f64,
     /// The dropped pieces.
     pub dropped: Vec<DroppedPiece>,
-    /// The struts that join islands to the largest part.
-    pub attached: Vec<Attached>,
     /// The share of the result's area in faces of the input that are unchanged, in percent.
     pub kept_exactly_pct: f64,
 }
@@ -131,16 +106,7 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
     if !resolve(&mut skin, context)? {
         return Err(SkinError::Intersecting);
     }
-    let min_volume = if options.islands == SkinIslands::Keep { 0.0 } else { options.min_part_volume };
-    let [islands, remains] = drop_small(&mut skin, min_volume);
-    accounting.drop(&islands, DropReason::Island);
-    accounting.drop(&remains, DropReason::Sheet);
-    let attached = if options.islands == SkinIslands::Attach {
-        let diameter = options.strut_diameter.unwrap_or(STRUT * surface.bounds().diagonal());
-        attach(&mut skin, diameter, options.precision, context)?
-    } else {
-        Vec::new()
-    };
+    accounting.drop(&drop_remains(&mut skin), DropReason::Sheet);
     let kept_exactly_pct = kept_exactly_pct(&skin, surface);
     let dropped = accounting.pieces(surface);
     for source in skin.source.iter_mut().filter(|source| !is_generated(**source)) {
@@ -148,7 +114,7 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
     }
     let centre = surface.bounds().centre();
     let filled_volume = signed_volume(&skin, centre) - signed_volume(surface, centre);
-    Ok(SkinResult { surface: skin, seal, filling_seal, sealed, filled_volume, dropped, attached, kept_exactly_pct })
+    Ok(SkinResult { surface: skin, seal, filling_seal, sealed, filled_volume, dropped, kept_exactly_pct })
 }
 
 /// The signed volume between the faces and a point.
@@ -160,27 +126,19 @@ fn signed_volume(surface: &Surface, about: DVec3) -> f64 {
     (0..surface.faces.len()).map(of_face).sum()
 }
 
-/// Removes solid parts with less volume than `min_volume`, but never the largest part, and all parts that enclose
-/// nothing or are inside out: remains of patches. Returns the sources of the removed faces: of solid parts, and of the
-/// others.
-fn drop_small(surface: &mut Surface, min_volume: f64) -> [Vec<u32>; 2] {
+/// Removes the parts that enclose nothing or are inside out: remains of patches. Returns the sources of the removed faces.
+fn drop_remains(surface: &mut Surface) -> Vec<u32> {
     let edges = Edges::new(&surface.faces);
     let parts = Parts::new(surface, &edges);
     let solids = solids(surface, &edges, &parts);
     let largest = solids.iter().map(|solid| solid.volume).fold(0.0, f64::max);
-    let least = min_volume.min(largest);
-    let is_empty: Vec<bool> = solids.iter().map(|solid| solid.volume <= MIN_SHARE * largest).collect();
-    let is_removed: Vec<bool> =
-        solids.iter().zip(&is_empty).map(|(solid, &is_empty)| is_empty || solid.volume < least).collect();
+    let is_removed: Vec<bool> = solids.iter().map(|solid| solid.volume <= MIN_SHARE * largest).collect();
     if !is_removed.contains(&true) {
-        return [Vec::new(), Vec::new()];
+        return Vec::new();
     }
-    let mut dropped = [Vec::new(), Vec::new()];
-    for (&source, &part) in surface.source.iter().zip(&parts.of_face) {
-        if part != Parts::NONE && is_removed[part as usize] {
-            dropped[usize::from(is_empty[part as usize])].push(source);
-        }
-    }
+    let faces = surface.source.iter().zip(&parts.of_face);
+    let is_dropped = |part: u32| part != Parts::NONE && is_removed[part as usize];
+    let dropped = faces.filter(|&(_, &part)| is_dropped(part)).map(|(&source, _)| source).collect();
     parts.remove(&is_removed, surface);
     dropped
 }

@@ -64,15 +64,15 @@ fn double_shell(is_pierced: bool) -> Vec<[DVec3; 3]> {
 fn a_double_shell_with_pinholes_becomes_the_solid() {
     let model = surface(&double_shell(true));
     let solid = volume(&surface(&ball(DVec3::ZERO, 1.0, 4)));
-    let result = skin(&model, SkinOptions { seal: Some(0.1), min_part_volume: 1e-3, ..SkinOptions::default() });
+    let result = skin(&model, SkinOptions { seal: Some(0.1), ..SkinOptions::default() });
     let outcome = &result.surface;
     assert!(ClosedSurface::new(outcome, &Edges::new(&outcome.faces)).is_ok());
     assert!((volume(outcome) / solid - 1.0).abs() < 1e-3, "{}", volume(outcome) / solid);
     assert_eq!(result.sealed.len(), 21);
     assert!(result.sealed.iter().all(|place| place.edges == 3 && place.width < 0.1));
-    assert_eq!(outcome.source.iter().filter(|&&source| !is_generated(source)).count(), 2027);
+    assert_eq!(outcome.source.iter().filter(|&&source| !is_generated(source)).count(), 2027 + 32);
     let count = |reason| result.dropped.iter().filter(|piece| piece.reason == reason).count();
-    assert_eq!([DropReason::InnerShell, DropReason::InnerJunk, DropReason::Island].map(count), [1, 1, 1]);
+    assert_eq!([DropReason::InnerShell, DropReason::InnerJunk, DropReason::Sheet].map(count), [1, 1, 0]);
     let of_input: Vec<[DVec3; 3]> = (0..model.faces.len()).map(|f| model.corners(f)).collect();
     for (f, &source) in outcome.source.iter().enumerate().filter(|(_, source)| !is_generated(**source)) {
         assert_eq!(outcome.corners(f), of_input[source as usize]);
@@ -139,8 +139,8 @@ fn a_closed_double_shell_is_filled_and_recognised() {
     let model = surface(&double_shell(false));
     let found = with_context(|context| recognised(&model, context)).unwrap().unwrap();
     assert!((found.median_wall - 0.012).abs() < 1e-3 && found.void_share > 0.9, "{found:?}");
-    let result = skin(&model, SkinOptions { seal: Some(0.1), min_part_volume: 1e-3, ..SkinOptions::default() });
-    assert_eq!((result.surface.faces.len(), result.sealed.len()), (2048, 0));
+    let result = skin(&model, SkinOptions { seal: Some(0.1), ..SkinOptions::default() });
+    assert_eq!((result.surface.faces.len(), result.sealed.len()), (2048 + 32, 0));
 }
 
 #[test]
@@ -178,24 +178,6 @@ fn a_sheet_encloses_nothing() {
     assert!(matches!(result, Err(SkinError::Empty(_))), "{result:?}");
     let empty = with_context(|context| solid_skin(&Surface::default(), &SkinOptions::default(), context));
     assert!(empty.is_err());
-}
-
-#[test]
-fn an_island_is_attached_by_a_strut() {
-    let model = surface(&[ball(DVec3::ZERO, 1.0, 3), ball(DVec3::X * 1.5, 0.3, 2)].concat());
-    let options = SkinOptions { seal: Some(0.2), islands: SkinIslands::Attach, ..SkinOptions::default() };
-    let result = skin(&model, SkinOptions { strut_diameter: Some(0.1), ..options });
-    let [strut] = &result.attached[..] else { panic!("{:?}", result.attached) };
-    assert!((strut.gap - 0.2).abs() < 0.02, "{strut:?}");
-    let edges = Edges::new(&result.surface.faces);
-    assert!(ClosedSurface::new(&result.surface, &edges).is_ok());
-    assert_eq!(crate::mesh::Parts::new(&result.surface, &edges).count, 1);
-    let apart = skin(&model, SkinOptions { islands: SkinIslands::Keep, ..options });
-    let added = volume(&result.surface) - volume(&apart.surface);
-    assert!(added > 0.0 && added < 0.1 * 0.1 * 0.4, "{added}");
-    let dropped = skin(&model, SkinOptions { islands: SkinIslands::Drop, min_part_volume: 1.0, ..options });
-    assert_eq!(dropped.dropped.len(), 1);
-    assert_eq!(dropped.dropped[0].reason, DropReason::Island);
 }
 
 /// Whether a model is a double shell.
