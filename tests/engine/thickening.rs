@@ -4,7 +4,7 @@ use glam::{DQuat, DVec3};
 use meshmend::format::{Limits, read};
 use meshmend::math::Box3;
 use meshmend::mesh::Soup;
-use meshmend::repair::{Options, Outcome, PrintOptions, Repaired, WallThickening};
+use meshmend::repair::{NotAppliedCause, Options, Outcome, PrintOptions, Repaired, WallGrowth, WallThickening};
 use meshmend::scene::Unit;
 
 use crate::meshes::{as_f32, cuboid, inside_out, join, push, sphere};
@@ -12,7 +12,12 @@ use crate::support::{assert_outcome, measured_file, repair_soup};
 
 /// Thickens to a least wall. Nothing may stay thin.
 fn thickened(soup: &Soup, min_wall: f64) -> (Repaired, WallThickening) {
-    let print = PrintOptions { min_wall: Some(min_wall), ..PrintOptions::default() };
+    thickened_on(soup, min_wall, WallGrowth::Both)
+}
+
+/// Thickens on some sides.
+fn thickened_on(soup: &Soup, min_wall: f64, wall_growth: WallGrowth) -> (Repaired, WallThickening) {
+    let print = PrintOptions { min_wall: Some(min_wall), wall_growth, ..PrintOptions::default() };
     let options = Options { print, unit: Some(Unit::Millimetre), max_tier: 2, ..Options::default() };
     let repaired = repair_soup(soup, &options, None);
     assert_outcome(&repaired, Outcome::Repaired);
@@ -141,4 +146,82 @@ fn a_wall_that_grows_over_its_neighbour_is_cut_there() {
     let bounds = bounds(&repaired);
     assert!(bounds.min.x < 0.0 && bounds.max.x == 20.0, "{bounds:?}");
     assert!(thickening.added_volume_mm3 < 0.6 * 8.0 * 5.0 * 1.5, "{thickening:?}");
+}
+
+/// A tube of the given number of sides, 20 long. Its outer corners are 10 from the axis.
+fn tube(sides: u32, wall: f64) -> Soup {
+    let at = |k: u32, radius: f64, z: f64| {
+        let angle = std::f64::consts::TAU * f64::from(k % sides) / f64::from(sides);
+        DVec3::new(radius * angle.cos(), radius * angle.sin(), z)
+    };
+    let mut soup = Soup::default();
+    let outline = [[10.0, 0.0], [10.0, 20.0], [10.0 - wall, 20.0], [10.0 - wall, 0.0]];
+    for k in 0..sides {
+        for i in 0..4 {
+            let ([r, z], [s, y]) = (outline[i], outline[(i + 1) % 4]);
+            let corners = [at(k, r, z), at(k + 1, r, z), at(k + 1, s, y), at(k, s, y)];
+            push(&mut soup, [corners[0], corners[1], corners[2]]);
+            push(&mut soup, [corners[0], corners[2], corners[3]]);
+        }
+    }
+    as_f32(soup)
+}
+
+#[test]
+fn a_round_wall_gets_hardly_more_material_than_it_lacks() {
+    // With 128 sides, the nearest points of many faces lie aside of each other.
+    for (sides, wall) in [(16, 0.3), (128, 0.3), (128, 0.6)] {
+        for growth in [WallGrowth::Both, WallGrowth::Outward, WallGrowth::Inward] {
+            let (repaired, thickening) = thickened_on(&tube(sides, wall), 1.0, growth);
+            let half_angle = std::f64::consts::PI / f64::from(sides);
+            let lack = 1.0 - wall * half_angle.cos();
+            let middle = match growth {
+                WallGrowth::Both => 10.0 - wall / 2.0,
+                WallGrowth::Outward => 10.0 + lack / 2.0,
+                WallGrowth::Inward => 10.0 - wall - lack / 2.0,
+            };
+            let least = 20.0 * lack * 2.0 * middle * f64::from(sides) * half_angle.tan();
+            let share = thickening.added_volume_mm3 / least;
+            assert!((0.99..1.04).contains(&share), "{sides}, {wall}, {growth:?}: {share}");
+            assert_eq!(repaired.report.options_not_applied, []);
+        }
+    }
+}
+
+#[test]
+fn an_open_box_grows_on_the_side_that_is_asked_for() {
+    let [outer, inner] = [(DVec3::ZERO, DVec3::splat(20.0)), (DVec3::splat(0.5), DVec3::new(19.0, 19.0, 19.5))];
+    let mut open_box = Soup::default();
+    for (low, size, is_inner) in [(outer.0, outer.1, false), (inner.0, inner.1, true)] {
+        let side = cuboid(low, size, 1);
+        let is_top = |face: &[u32; 3]| face.iter().all(|&v| side.positions[v as usize].z == 20.0);
+        let faces = side.faces.iter().filter(|face| !is_top(face)).copied().collect();
+        let open = Soup { positions: side.positions.clone(), faces };
+        open_box = join(&open_box, &if is_inner { inside_out(open) } else { open });
+    }
+    let ring = |corner: DVec3, size: DVec3| {
+        [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+            .map(|[x, y]| DVec3::new(corner.x + x * size.x, corner.y + y * size.y, 20.0))
+    };
+    let (rim, hole) = (ring(outer.0, outer.1), ring(inner.0, inner.1));
+    for k in 0..4 {
+        push(&mut open_box, [rim[k], rim[(k + 1) % 4], hole[(k + 1) % 4]]);
+        push(&mut open_box, [rim[k], hole[(k + 1) % 4], hole[k]]);
+    }
+    let (inward, _) = thickened_on(&as_f32(open_box.clone()), 1.0, WallGrowth::Inward);
+    assert_eq!(bounds(&inward), Box3 { min: DVec3::ZERO, max: DVec3::splat(20.0) });
+    let (outward, _) = thickened_on(&as_f32(open_box), 1.0, WallGrowth::Outward);
+    let grown = bounds(&outward);
+    assert!(grown.min.max_element() < -0.49 && grown.min.min_element() > -0.53 && grown.max.z == 20.0, "{grown:?}");
+    let added = measured_file(&outward.bytes).volume.value - measured_file(&inward.bytes).volume.value;
+    assert!(added > 0.0);
+}
+
+#[test]
+fn a_plate_without_an_inner_side_grows_on_both_and_the_report_says_so() {
+    let plate = as_f32(cuboid(DVec3::ZERO, DVec3::new(20.0, 10.0, 0.5), 1));
+    let (repaired, _) = thickened_on(&plate, 1.0, WallGrowth::Inward);
+    let [entry] = &repaired.report.options_not_applied[..] else { panic!("{:?}", repaired.report.options_not_applied) };
+    assert_eq!((entry.option.as_str(), entry.cause), ("wall_growth", NotAppliedCause::Limited));
+    assert!(entry.reason.contains("no inner side"), "{}", entry.reason);
 }

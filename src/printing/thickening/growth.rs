@@ -7,7 +7,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::outcome::{Growth, Thickening};
-use super::sides::kept_faces;
+use super::sides::kept_side;
 use super::walls::{Opposed, WallSide, Walls};
 
 /// Factor on the least wall that is aimed at. It covers the rounding of positions.
@@ -42,6 +42,8 @@ pub struct Growths<'a> {
     witnesses: Vec<Vec<Witness>>,
     /// Whether a face may not grow.
     kept: Vec<bool>,
+    /// Whether a wall grows on both sides although one side should stay.
+    pub has_equal_sides: bool,
 }
 
 impl<'a> Growths<'a> {
@@ -59,9 +61,10 @@ impl<'a> Growths<'a> {
         let walls = Walls::new(surface);
         let thin = thin_walls(&walls, measured, settings.min_wall, context)?;
         let kept = vec![false; surface.faces.len()];
-        let mut growths = Self { walls, settings, least, witnesses: Vec::new(), kept };
+        let mut growths = Self { walls, settings, least, witnesses: Vec::new(), kept, has_equal_sides: false };
         if settings.growth != Growth::Both {
-            growths.kept = kept_faces(surface, &growths.walls, &thin, settings.growth, context)?;
+            let side = kept_side(surface, &growths.walls, &thin, settings.growth, context)?;
+            (growths.kept, growths.has_equal_sides) = (side.faces, side.has_equal_sides);
         }
         for face in (0u32..).zip(&mut growths.kept) {
             *face.1 |= !may_grow(face.0);
@@ -121,15 +124,17 @@ impl<'a> Growths<'a> {
     fn of_wall(&self, face: u32, wall: &Opposed) -> f64 {
         let [from, to] = wall.points;
         let lack = self.lack(&self.walls, face, wall);
-        let needed = if lack > 0.0 { lack.max(self.least) } else { 0.0 };
-        let gain = gain(&self.walls, face, wall);
-        let base = needed / (gain[0] + gain[1]);
+        if lack <= 0.0 {
+            return 0.0;
+        }
+        let (ends, wanted) = (Ends::new(&self.walls, face, wall), wall.distance + lack.max(self.least));
+        let base = ends.growth_of_both(wanted);
         let own = self.limit(from, face, base);
         if own < base {
             return own;
         }
         let other = self.limit(to, wall.face, base);
-        if other >= base { base } else { self.limit(from, face, (needed - gain[1] * other) / gain[0]) }
+        if other >= base { base } else { self.limit(from, face, ends.growth_of_first(wanted, other)) }
     }
 
     /// How much longer a wall's segment must become.
@@ -146,9 +151,8 @@ impl<'a> Growths<'a> {
         grows_opposite: bool,
         (centre, parent, growth): (DVec3, u32, f64),
     ) -> f64 {
-        let gain = gain(walls, face, wall);
-        let lack = self.lack(walls, face, wall);
-        let more = lack / if grows_opposite { gain[0] + gain[1] } else { gain[0] };
+        let (ends, wanted) = (Ends::new(walls, face, wall), wall.distance + self.lack(walls, face, wall));
+        let more = if grows_opposite { ends.growth_of_both(wanted) } else { ends.growth_of_first(wanted, 0.0) };
         let most = self.limit(centre, parent, growth + more);
         more.min(most - growth).clamp(0.0, MAX_ADDITIONAL * self.settings.min_wall)
     }
@@ -187,14 +191,43 @@ impl<'a> Growths<'a> {
     }
 }
 
-/// How much a wall's segment grows for each unit of growth at its two ends.
-fn gain(walls: &Walls<'_>, face: u32, wall: &Opposed) -> [f64; 2] {
-    let [from, to] = wall.points;
-    if wall.distance <= walls.contact {
-        return [walls.factor(face, wall.face); 2];
+/// The ends of a wall's segment, which move along the normals of their faces.
+struct Ends {
+    /// From the second end to the first one.
+    across: DVec3,
+    /// The directions in which the two ends move away from each other.
+    apart: [DVec3; 2],
+}
+
+impl Ends {
+    fn new(walls: &Walls<'_>, face: u32, wall: &Opposed) -> Self {
+        let normals = [walls.normal(face), -walls.normal(wall.face)];
+        if wall.distance > walls.contact {
+            let [from, to] = wall.points;
+            return Self { across: from - to, apart: normals };
+        }
+        let direction = (normals[0] + normals[1]).normalize_or_zero();
+        let way = direction * walls.factor(face, wall.face);
+        Self { across: direction * wall.distance, apart: [way; 2] }
     }
-    let out = (from - to) / wall.distance;
-    [walls.normal(face).dot(out), -walls.normal(wall.face).dot(out)]
+
+    /// The growth of both ends at which the segment has this length.
+    fn growth_of_both(&self, length: f64) -> f64 {
+        growth(self.across, self.apart[0] + self.apart[1], length)
+    }
+
+    /// The growth of the first end at which the segment has this length if the second one grows by `other`.
+    fn growth_of_first(&self, length: f64, other: f64) -> f64 {
+        growth(self.across + self.apart[1] * other, self.apart[0], length)
+    }
+}
+
+/// The factor of `step` at which `start` plus the step has this length; 0 if `start` is longer. A slanted segment turns
+/// towards the step, so it gets longer faster than at the start.
+fn growth(start: DVec3, step: DVec3, length: f64) -> f64 {
+    let (square, half) = (step.length_squared(), start.dot(step));
+    let missing = (length * length - start.length_squared()).max(0.0);
+    missing / (half + (half * half + square * missing).sqrt()).max(f64::MIN_POSITIVE)
 }
 
 /// For each face, the walls thinner than `min_wall` behind it, thinnest first; `measured` has the thinnest of each face.

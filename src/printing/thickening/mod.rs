@@ -140,19 +140,20 @@ impl Thickening {
         }
         let share = limited.remaining().mul_f64(LAYER_SHARE);
         let limited = limited.limited_to(share.min(Duration::from_secs(LAYER_S)));
-        let (mut surface, thin) = match Rounds::run(*self, fit, (&base.surface, &base.thin), union, &limited) {
+        let mut grown = match Rounds::run(*self, fit, (&base.surface, &base.thin), union, &limited) {
             Err(ThickeningError::Cancelled(_)) if !context.is_cancelled() => return Ok(None),
             result => result?,
         };
         let (of_base, of_input) = (results::face_count(&base.surface), results::face_count(&start.surface));
-        for source in &mut surface.source {
+        for source in &mut grown.surface.source {
             let below = base.surface.source[(*source % of_base.max(1)) as usize];
             *source = if *source >= of_base { below % of_input + of_input } else { below };
         }
-        if fit == Fit::Regions && self.narrows_a_gap(&surface, of_input, context)? {
+        if fit == Fit::Regions && self.narrows_a_gap(&grown.surface, of_input, context)? {
             return Ok(None);
         }
-        Ok(Some(Grown { surface, thin, ..Grown::default() }))
+        grown.grew_on_equal_sides |= base.grew_on_equal_sides;
+        Ok(Some(grown))
     }
 
     /// Whether a gap at an added face, whose source is at least `first_added`, is narrower than the least gap.

@@ -93,6 +93,8 @@ pub struct Thickened {
     pub max_deviation: f64,
     /// The number of through holes that were closed. Each was narrower than the least gap.
     pub through_holes_closed: u64,
+    /// Whether a wall without an inner side, such as a plate, grew on both sides although [`Growth`] names one.
+    pub grew_on_equal_sides: bool,
     /// The thin places, largest area first.
     pub places: Vec<ThickenedPlace>,
     /// The added faces, as indices into `surface`.

@@ -14,7 +14,7 @@ use super::outcome::{Thickening, ThickeningError};
 use super::places::Places;
 use super::refine::Refined;
 use super::regions::{Pieces, Regions};
-use super::results::{MAX_THINNER, Thin, deviation_of_added, face_count, with_own_sources};
+use super::results::{Grown, MAX_THINNER, Thin, deviation_of_added, face_count, with_own_sources};
 use super::unite::{Added, Broken, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
@@ -58,6 +58,8 @@ pub struct Rounds<'a> {
     /// The material that growth following the thickness adds, by the first round, and what flat regions added so far.
     needed: f64,
     added: f64,
+    /// Whether a wall grew on both sides although one side should stay.
+    grew_on_equal_sides: bool,
 }
 
 /// How the surface grows.
@@ -82,7 +84,7 @@ impl<'a> Rounds<'a> {
         (input, before): (&'a Surface, &'a Thin),
         union: &'a dyn SelfUnion,
         context: &'a Context<'a>,
-    ) -> Result<(Surface, Thin), ThickeningError> {
+    ) -> Result<Grown, ThickeningError> {
         let thin_before = thin_of((input, before), settings.min_wall, context)?;
         let places = Places::new(input, &thin_before);
         let taken_back = vec![false; places.count as usize];
@@ -102,6 +104,7 @@ impl<'a> Rounds<'a> {
             fit,
             needed,
             added,
+            grew_on_equal_sides: false,
         };
         let mut best = rounds.grown(&thin_before)?;
         // Where places got worse or stayed thin, their layers are left out and the others start again; at last all are.
@@ -117,17 +120,18 @@ impl<'a> Rounds<'a> {
             failed.iter().for_each(|&place| rounds.taken_back[place as usize] = true);
             best = rounds.grown(&thin_before)?;
         }
-        Ok((best.surface, best.measured))
+        let (surface, thin) = (best.surface, best.measured);
+        Ok(Grown { surface, thin, grew_on_equal_sides: rounds.grew_on_equal_sides, ..Grown::default() })
     }
 
     /// The rounds from the input on; the result with the least thin area.
-    fn grown(&mut self, thin_before: &[Vec<Opposed>]) -> Result<Grown, ThickeningError> {
+    fn grown(&mut self, thin_before: &[Vec<Opposed>]) -> Result<Measured, ThickeningError> {
         let settings = self.settings;
         // Faces carry the index of the input's face; added faces carry it plus the number of faces.
         let mut surface = with_own_sources(self.input);
         let (mut measured, mut thin) = (self.before.clone(), thin_before.to_vec());
         let area = thin_area(&surface, &thin);
-        let mut best = Grown { area, surface: surface.clone(), measured: measured.clone(), thin: thin.clone() };
+        let mut best = Measured { area, surface: surface.clone(), measured: measured.clone(), thin: thin.clone() };
         for number in 0..MAX_ROUNDS {
             if thin.iter().all(Vec::is_empty) {
                 break;
@@ -144,13 +148,13 @@ impl<'a> Rounds<'a> {
             if !is_better || is_hopeless || deviation() > MAX_DEVIATION * settings.min_wall {
                 break;
             }
-            best = Grown { area, surface: surface.clone(), measured: measured.clone(), thin: thin.clone() };
+            best = Measured { area, surface: surface.clone(), measured: measured.clone(), thin: thin.clone() };
         }
         Ok(best)
     }
 
     /// Whether a place has a thinner wall than in an earlier result.
-    fn is_thinner_somewhere(&self, surface: &Surface, thin: &[Vec<Opposed>], earlier: &Grown) -> bool {
+    fn is_thinner_somewhere(&self, surface: &Surface, thin: &[Vec<Opposed>], earlier: &Measured) -> bool {
         let [now, before] = [self.measures(surface, thin), self.measures(&earlier.surface, &earlier.thin)];
         now.iter().zip(before).any(|(now, before)| now.least < MAX_THINNER * before.least.min(self.settings.min_wall))
     }
@@ -170,7 +174,7 @@ impl<'a> Rounds<'a> {
     }
 
     /// The places that are not yet taken back, and of which much stays thin or a wall got thinner.
-    fn failed(&self, grown: &Grown, before: &[Vec<Opposed>]) -> Vec<u32> {
+    fn failed(&self, grown: &Measured, before: &[Vec<Opposed>]) -> Vec<u32> {
         let before = self.measures(&with_own_sources(self.input), before);
         let after = self.measures(&grown.surface, &grown.thin);
         let is_failed = |&place: &u32| {
@@ -244,6 +248,7 @@ impl<'a> Rounds<'a> {
         let may_grow = |face: u32| place[face as usize].is_none_or(|place| !self.taken_back[place as usize]);
         let (settings, precision) = (self.settings, self.settings.precision);
         let mut growths = Growths::new((surface, measured.walls()), settings, least, may_grow, self.context)?;
+        self.grew_on_equal_sides |= growths.has_equal_sides;
         let mut refined = Refined::new(surface, &growths, precision, self.context)?;
         if self.fit == Fit::Points {
             refined.spread(&growths);
@@ -342,7 +347,7 @@ impl PlaceMeasure {
 }
 
 /// The result of some rounds.
-struct Grown {
+struct Measured {
     surface: Surface,
     /// The thinnest wall of each thin face.
     measured: Thin,

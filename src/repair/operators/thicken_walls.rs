@@ -101,7 +101,10 @@ impl Operation<'_> for ThickenWalls {
         }
         let left = (!named.is_empty()).then(|| named.join("; "));
         let thickening = Some(self.summary(&thickened, &thin.regions));
-        Ok(Applied { changes, left, thickening, ..Applied::default() })
+        let both = "walls with open air on both sides, such as plates, have no inner side and grew on both";
+        let grew_on_both = thickened.grew_on_equal_sides && !thickened.added_faces.is_empty();
+        let limited = grew_on_both.then(|| ("wall_growth", both.to_owned())).into_iter().collect();
+        Ok(Applied { changes, left, limited, thickening, ..Applied::default() })
     }
 }
 
@@ -256,6 +259,7 @@ mod tests {
             added_volume: 2.0,
             max_deviation: 3.0,
             through_holes_closed: 0,
+            grew_on_equal_sides: false,
             places: Vec::new(),
             added_faces: vec![4, 5],
             is_proved: false,
