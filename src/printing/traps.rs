@@ -12,10 +12,14 @@ use crate::mesh::Surface;
 const CELLS_PER_DIAMETER: u32 = 4;
 /// How often cells at an opening of undecided width are halved.
 const REFINEMENTS: u32 = 4;
-/// Diameters of the smaller balls that bound the width of a trap's opening, as shares of the escape hole's diameter.
-const SMALLER: [f64; 2] = [0.5, 0.25];
-/// Most octree nodes for a smaller ball.
-const MAX_NODES_OF_SMALLER: usize = 3_000_000;
+/// How often the smaller ball that measures a trap's opening is halved, until it can leave.
+const MAX_HALVINGS: u32 = 2;
+/// The ratio of the upper and the lower bound of an opening's width at which the measurement ends.
+const CLOSE: f64 = 1.05;
+/// Shares of a diameter within the resolution that may be outside the resolution: see [`ReachOptions::refinements`].
+const DOUBTFUL: [f64; 4] = [0.97, 0.94, 1.03, 1.07];
+/// Most octree nodes of all smaller balls together.
+const MAX_NODES_OF_SMALLER: usize = 4_000_000;
 
 /// A hollow in which a ball of the escape hole's diameter fits, but which it can't leave. Lengths are in the model's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,8 +28,8 @@ pub struct PowderTrap {
     pub at: DVec3,
     /// Lower bound of the volume of all positions that the ball's centre can have. The hollow is larger.
     pub centres_volume: f64,
-    /// Lower and upper bound of the widest opening: the diameter of the largest ball that can leave. The lower bound is 0 if
-    /// none of the tried balls can leave.
+    /// Lower and upper bound of the widest opening: the diameter of the largest ball that can leave. The lower bound
+    /// is within 10 % of the width as a rule; it is 0 if the opening is far narrower than the escape hole.
     pub opening: [f64; 2],
 }
 
@@ -65,22 +69,59 @@ pub fn powder_traps(
         .filter(|region| is_outside(region.at))
         .map(|region| PowderTrap { at: region.at, centres_volume: region.volume, opening: [0.0, diameter] })
         .collect();
-    for share in SMALLER {
-        if traps.iter().all(|trap| trap.opening[0] > 0.0) {
-            break;
+    let mut openings: Vec<Opening> = vec![Opening { bounds: [0.0, diameter], doubtful: Vec::new() }; traps.len()];
+    let (mut left, least) = (max_nodes.min(MAX_NODES_OF_SMALLER), diameter / f64::from(1u32 << MAX_HALVINGS));
+    while let Some(next) = next_diameter(&openings, least) {
+        let Some(smaller) = reach_of(next, left)? else { break };
+        left -= smaller.node_count().min(left);
+        for (opening, trap) in openings.iter_mut().zip(&traps) {
+            opening.add(next, smaller.at(trap.at));
         }
-        let limit = max_nodes.min(MAX_NODES_OF_SMALLER);
-        let Some(smaller) = reach_of(share * diameter, limit)? else { break };
-        for trap in traps.iter_mut().filter(|trap| trap.opening[0] == 0.0) {
-            match smaller.at(trap.at) {
-                Reached::Outside => trap.opening[0] = share * diameter,
-                Reached::Hidden(_) => trap.opening[1] = share * diameter,
-                Reached::Doubtful | Reached::Blocked => {}
+    }
+    traps.iter_mut().zip(openings).for_each(|(trap, opening)| trap.opening = opening.bounds);
+    traps.sort_by(|a, b| b.centres_volume.total_cmp(&a.centres_volume));
+    Ok(Some(PowderTraps { traps, undecided_volume: reach.doubtful_volume() }))
+}
+
+/// What balls of several diameters show about the widest opening of a trap.
+#[derive(Debug, Clone)]
+struct Opening {
+    /// The largest diameter that passes, and the smallest one that does not.
+    bounds: [f64; 2],
+    /// Diameters within the resolution of the opening's width.
+    doubtful: Vec<f64>,
+}
+
+impl Opening {
+    fn add(&mut self, diameter: f64, reached: Reached) {
+        let [low, high] = &mut self.bounds;
+        if diameter > *low && diameter < *high {
+            match reached {
+                Reached::Outside => *low = diameter,
+                Reached::Hidden(_) => *high = diameter,
+                Reached::Doubtful | Reached::Blocked => self.doubtful.push(diameter),
             }
         }
     }
-    traps.sort_by(|a, b| b.centres_volume.total_cmp(&a.centres_volume));
-    Ok(Some(PowderTraps { traps, undecided_volume: reach.doubtful_volume() }))
+
+    /// The diameter to try next: half of the smallest one that does not pass, until one above `least` passes; then one in the middle
+    /// of the bounds; then those just below and above the resolution.
+    fn next(&self, least: f64) -> Option<f64> {
+        let [low, high] = self.bounds;
+        if let Some(doubtful) = self.doubtful.first() {
+            let around = DOUBTFUL.into_iter().map(|share| doubtful * share);
+            return around.filter(|next| *next > low && *next < high).find(|next| !self.doubtful.contains(next));
+        }
+        if low == 0.0 {
+            return (high > least).then_some(high / 2.0);
+        }
+        (high > CLOSE * low).then_some((low * high).sqrt())
+    }
+}
+
+/// The diameter of the ball to try next; `None` if all openings are measured.
+fn next_diameter(openings: &[Opening], least: f64) -> Option<f64> {
+    openings.iter().filter_map(|opening| opening.next(least)).max_by(f64::total_cmp)
 }
 
 #[cfg(test)]
@@ -122,7 +163,11 @@ mod tests {
         let [trap] = found.traps[..] else { panic!("{found:?}") };
         assert!(trap.at.abs().max_element() < 2.0 + 1e-9 && found.undecided_volume == 0.0, "{found:?}");
         assert!(trap.centres_volume <= 64.0 && trap.centres_volume > 10.0);
-        assert_eq!(trap.opening, [1.0, 2.0]);
+        for width in [1.2, 0.7] {
+            let [low, high] = traps(&jar(width), 2.0).traps[0].opening;
+            assert!(low <= width && width <= high && high < 1.2 * low && width < 1.1 * low, "{width}: {low} to {high}");
+        }
+        assert_eq!(traps(&jar(0.2), 2.0).traps[0].opening, [0.0, 0.5]);
         assert!(traps(&model, 0.9).traps.is_empty());
         assert!(traps(&jar(3.0), 2.0).traps.is_empty());
     }
