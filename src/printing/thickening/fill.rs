@@ -29,10 +29,10 @@ const CELLS: [Cells; 3] = [
 const MORE: [f64; 2] = [0.005, 0.2];
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
-/// rest is the margin for the error of the balls' surface, and what later rounds add beside earlier balls.
-const MAX_DEVIATION: f64 = 1.25;
-/// The share of the largest deviation that balls may take. The rest is the error of their surface.
-const BALLS_DEVIATION: f64 = 0.9;
+/// rest is what later rounds add beside earlier balls.
+const MAX_BALL_DEVIATION: f64 = 1.125;
+/// The same for the surface of all balls, which exceeds balls in creases between them by up to half of a cell.
+const MAX_DEVIATION: f64 = 1.35;
 /// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge: in the
 /// first round, and how much more in each later one.
 const TIP_COVER: [f64; 2] = [0.03, 0.06];
@@ -152,12 +152,12 @@ impl Filling<'_> {
         Ok(next)
     }
 
-    /// Limits the radius of a ball, so that it moves the input's surface by less than [`MAX_DEVIATION`] and leaves the least
+    /// Limits the radius of a ball, so that it moves the input's surface by less than [`MAX_BALL_DEVIATION`] and leaves the least
     /// gap to other solids. Nothing is left of a ball that would have to be smaller than a cell, since its surface can be a
     /// cell away from it.
     fn limit(&self, filler: &mut Filler, state: &State<'_>) {
         let min_wall = self.settings.min_wall;
-        let most = BALLS_DEVIATION * MAX_DEVIATION * min_wall;
+        let most = MAX_BALL_DEVIATION * min_wall;
         let least = filler.radius.min(state.cells.share * min_wall);
         let nearest = |reach: f64, is_meant: &dyn Fn(u32) -> bool| {
             let corners = |face: u32| if is_meant(face) { self.input.corners(face as usize) } else { [FAR_AWAY; 3] };
