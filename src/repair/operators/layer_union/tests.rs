@@ -282,8 +282,8 @@ fn balls_thicken_a_curved_sheet_of_many_faces() {
 fn only_a_hole_narrower_than_the_least_gap_is_closed() {
     let euler = |surface: &Surface| surface.euler_characteristic(&Edges::new(&surface.faces));
     // Holes of 0.33 and 0.67.
-    for (hole, closed) in [(1, 1), (2, 0)] {
-        let (positions, faces) = curved_sheet(0.3, 0.15, hole);
+    for (hole, roughness, closed) in [(1, 0.2, 1), (2, 0.15, 0)] {
+        let (positions, faces) = curved_sheet(0.3, roughness, hole);
         let sheet = surface(positions, faces, 1.0);
         assert_eq!(euler(&sheet), 0, "one through hole");
         let done = thickened(&sheet, Thickening { min_gap: 0.5, ..both(1.0) }).unwrap();
