@@ -124,6 +124,24 @@ impl Surface {
         self.source.push(source);
     }
 
+    /// Adds a prism between two polygons with as many corners, counter-clockwise as seen from the second one. Its faces are
+    /// oriented outward, or inward, with [`NO_SOURCE`].
+    pub fn push_prism(&mut self, [low, high]: [&[DVec3]; 2], is_inward: bool) {
+        #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
+        let (first, sides) = (self.positions.len() as u32, low.len() as u32);
+        self.positions.extend(low.iter().chain(high));
+        let (low, high) = (|i: u32| first + i % sides, |i: u32| first + sides + i % sides);
+        let mut push = |[a, b, c]: [u32; 3]| self.push_patch(if is_inward { [a, c, b] } else { [a, b, c] });
+        for i in 0..sides {
+            push([low(i), low(i + 1), high(i + 1)]);
+            push([low(i), high(i + 1), high(i)]);
+        }
+        for i in 1..sides.saturating_sub(1) {
+            push([low(0), low(i + 1), low(i)]);
+            push([high(0), high(i), high(i + 1)]);
+        }
+    }
+
     /// Adds the vertices and faces of another surface after the own ones.
     pub fn append(&mut self, other: Self) {
         #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]

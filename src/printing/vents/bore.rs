@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::options::VentOptions;
-use crate::mesh::{NO_SOURCE, Surface};
+use crate::mesh::Surface;
 
 /// Number of sides.
 pub(super) const SIDES: u32 = 24;
@@ -58,21 +58,7 @@ impl Bore {
 
     /// Appends the prism with its faces turned inward, so that it takes away what it covers.
     pub fn append_to(&self, surface: &mut Surface) {
-        #[expect(clippy::cast_possible_truncation, reason = "vertices are counted in u32")]
-        let first = surface.positions.len() as u32;
-        surface.positions.extend(self.corners());
-        let (low, high) = (|i: u32| first + i % SIDES, |i: u32| first + SIDES + i % SIDES);
-        let mut push = |[a, b, c]: [u32; 3]| {
-            surface.faces.push([a, c, b]);
-            surface.source.push(NO_SOURCE);
-        };
-        for i in 0..SIDES {
-            push([low(i), low(i + 1), high(i + 1)]);
-            push([low(i), high(i + 1), high(i)]);
-        }
-        for i in 1..SIDES - 1 {
-            push([low(0), low(i + 1), low(i)]);
-            push([high(0), high(i), high(i + 1)]);
-        }
+        let [low, high] = &self.ring;
+        surface.push_prism([low, high], true);
     }
 }

@@ -38,12 +38,11 @@ pub(super) fn attach(
     #[expect(clippy::cast_possible_truncation, reason = "parts are counted in u32")]
     let samples = (SAMPLES[2] / (islands().count().max(1) as u32)).clamp(SAMPLES[1], SAMPLES[0]);
     let faces = parts.faces();
-    let places = Places::new(surface, &faces[largest], diameter / 2.0);
+    let places = Places::new(surface, &faces[largest], diameter / 2.0, context);
     let mut joined = surface.clone();
     let mut count = 0;
     for island in islands() {
-        context.check()?;
-        if let Some(strut) = places.strut(&faces[island], samples) {
+        if let Some(strut) = places.strut(&faces[island], samples)? {
             strut.push(&mut joined, diameter / 2.0, precision);
             count += 1;
         }
@@ -64,6 +63,9 @@ struct Places<'a> {
     main: &'a [u32],
     main_tree: Tree,
     radius: f64,
+    /// The diagonal of the box around all solids.
+    diagonal: f64,
+    context: &'a Context<'a>,
 }
 
 /// The way from a point of a solid to the nearest point of the largest solid.
@@ -77,20 +79,26 @@ struct Way {
 struct Strut([DVec3; 2]);
 
 impl<'a> Places<'a> {
-    fn new(surface: &'a Surface, main: &'a [u32], radius: f64) -> Self {
+    fn new(surface: &'a Surface, main: &'a [u32], radius: f64, context: &'a Context<'a>) -> Self {
         let of_main: Vec<[u32; 3]> = main.iter().map(|&f| surface.faces[f as usize]).collect();
         let main_tree = Tree::new(&surface.positions, &of_main);
-        Self { surface, tree: Tree::new(&surface.positions, &surface.faces), main, main_tree, radius }
+        let (tree, diagonal) = (Tree::new(&surface.positions, &surface.faces), surface.bounds().diagonal());
+        Self { surface, tree, main, main_tree, radius, diagonal, context }
     }
 
     /// The place of the strut from a solid with these faces: where the way is short, and both solids hold the whole end of the
     /// strut. A strut from the corner of a box would be half outside the box, and thinner than its diameter there.
-    fn strut(&self, island: &[u32], samples: u32) -> Option<Strut> {
+    ///
+    /// # Errors
+    /// [`Cancelled`] on cancellation or timeout.
+    fn strut(&self, island: &[u32], samples: u32) -> Result<Option<Strut>, Cancelled> {
+        self.context.check()?;
         let ways = self.ways(island, samples);
-        let shortest = ways.iter().map(Way::length).min_by(f64::total_cmp)?;
+        let Some(shortest) = ways.iter().map(Way::length).min_by(f64::total_cmp) else { return Ok(None) };
         let slack = 1e-6 * (self.radius + shortest);
         let mut best: Option<(f64, f64, Strut)> = None;
         for way in ways.iter().filter(|way| way.length() <= shortest + LONGER * self.radius) {
+            self.context.check()?;
             let depths = [0, 1].map(|end| way.faces[end].map_or(0.0, |face| self.depth(way.points[end], face)));
             let depth = depths[0].min(depths[1]);
             let cost = way.length() + LONGER * self.radius * (1.0 - self.held(way));
@@ -102,7 +110,7 @@ impl<'a> Places<'a> {
                 best = Some((cost, depth, self.along(way, depths)));
             }
         }
-        best.map(|(.., strut)| strut)
+        Ok(best.map(|(.., strut)| strut))
     }
 
     /// The share of the corners of a strut along a way from which lines parallel to the way soon meet the solids.
@@ -143,8 +151,8 @@ impl<'a> Places<'a> {
     /// The radius of the largest ball in a solid that touches a face at a point.
     fn depth(&self, at: DVec3, face: u32) -> f64 {
         let inward = -self.surface.area_vector(face as usize).normalize_or_zero();
-        let most = self.surface.bounds().diagonal();
-        let ball = self.tree.shrunk_ball([at, inward], most, &mut STEPS.clone(), |f| self.surface.corners(f as usize));
+        let corners = |f: u32| self.surface.corners(f as usize);
+        let ball = self.tree.shrunk_ball([at, inward], self.diagonal, &mut STEPS.clone(), corners);
         ball.filter(|_| inward != DVec3::ZERO).map_or(0.0, |ball| ball.radius)
     }
 
@@ -167,21 +175,9 @@ impl Strut {
     /// Adds the strut to a surface as a closed prism.
     fn push(self, surface: &mut Surface, radius: f64, precision: Precision) {
         let axis = (self.0[1] - self.0[0]).normalize_or_zero();
-        #[expect(clippy::cast_possible_truncation, reason = "positions are counted in u32")]
-        let first = surface.positions.len() as u32;
-        for end in self.0 {
-            surface.positions.extend(corners(axis, radius).map(|aside| precision.round(end + aside)));
-        }
-        let corner = |ring: u32, side: u32| first + ring * SIDES + side % SIDES;
-        for side in 0..SIDES {
-            let [a, b, c, d] = [corner(0, side), corner(0, side + 1), corner(1, side + 1), corner(1, side)];
-            surface.push_patch([a, b, c]);
-            surface.push_patch([a, c, d]);
-        }
-        for side in 1..SIDES - 1 {
-            surface.push_patch([corner(0, 0), corner(0, side + 1), corner(0, side)]);
-            surface.push_patch([corner(1, 0), corner(1, side), corner(1, side + 1)]);
-        }
+        let ring = |end: DVec3| corners(axis, radius).map(|aside| precision.round(end + aside)).collect::<Vec<_>>();
+        let [low, high] = self.0.map(ring);
+        surface.push_prism([&low, &high], false);
     }
 }
 
