@@ -6,7 +6,6 @@ use crate::context::{Cancelled, Context};
 use crate::mesh::{Edges, Surface, UnionFind};
 use glam::DVec3;
 use rayon::prelude::*;
-use smallvec::SmallVec;
 
 use super::outcome::Growth;
 use super::walls::{Opposed, Walls};
@@ -29,6 +28,13 @@ pub struct KeptSide {
 enum Side {
     Inner,
     Outer,
+}
+
+impl Side {
+    /// The side for which a vote is; positive for the inner side.
+    fn of(vote: f64) -> Self {
+        if vote > 0.0 { Self::Inner } else { Self::Outer }
+    }
 }
 
 /// Finds the faces that may not grow: with outward growth those on the inner side, with inward growth those on the outer
@@ -57,7 +63,7 @@ pub fn kept_side(
     context.check()?;
     let mut patches = UnionFind::new(surface.faces.len());
     let edges = Edges::new(&surface.faces);
-    for [f, g] in neighbours(&edges) {
+    for [f, g] in half_edges_of_pairs(&edges).map(|pair| pair.map(|half_edge| half_edge / 3)) {
         if walls.normal(f).dot(walls.normal(g)) >= SMOOTH {
             patches.unite(f, g);
         }
@@ -73,10 +79,13 @@ pub fn kept_side(
         }
     }
     let least = LEAST_VOTE * reach.powi(2);
-    let side = |vote: f64| if vote > 0.0 { Side::Inner } else { Side::Outer };
     let mut sides: BTreeMap<u32, Option<Side>> =
-        votes.iter().map(|(&patch, &vote)| (patch, (vote.abs() > least).then(|| side(vote)))).collect();
-    decide_by_neighbours(surface, &edges, &patch, &mut sides);
+        votes.iter().map(|(&patch, &vote)| (patch, (vote.abs() > least).then(|| Side::of(vote)))).collect();
+    if sides.values().any(Option::is_none) {
+        let borders: Vec<Border> =
+            half_edges_of_pairs(&edges).filter_map(|pair| Border::new(surface, &patch, pair)).collect();
+        decide_by_neighbours(&borders, &mut sides, context)?;
+    }
     let kept = match growth {
         Growth::Both => None,
         Growth::Outward => Some(Side::Inner),
@@ -89,45 +98,58 @@ pub fn kept_side(
     })
 }
 
+/// An edge between two patches.
+struct Border {
+    patches: [u32; 2],
+    is_convex: bool,
+    length: f64,
+}
+
+impl Border {
+    /// The border between faces of different patches at an edge with these half-edges.
+    fn new(surface: &Surface, patch: &[u32], [g, h]: [u32; 2]) -> Option<Self> {
+        let patches = [g, h].map(|half_edge| patch[half_edge as usize / 3]);
+        let at = |v: u32| surface.positions[v as usize];
+        let [from, to] = Edges::ends(&surface.faces, g).map(at);
+        let apex = at(Edges::opposite(&surface.faces, h));
+        let is_convex = (apex - from).dot(surface.area_vector(g as usize / 3)) < 0.0;
+        (patches[0] != patches[1]).then(|| Self { patches, is_convex, length: from.distance(to) })
+    }
+}
+
 /// Decides the patches of equal sides by the lengths of the edges between them and decided patches.
-fn decide_by_neighbours(surface: &Surface, edges: &Edges, patch: &[u32], sides: &mut BTreeMap<u32, Option<Side>>) {
+///
+/// # Errors
+/// [`Cancelled`] when the work should stop.
+fn decide_by_neighbours(
+    borders: &[Border],
+    sides: &mut BTreeMap<u32, Option<Side>>,
+    context: &Context<'_>,
+) -> Result<(), Cancelled> {
     loop {
+        context.check()?;
         let mut votes: BTreeMap<u32, f64> = BTreeMap::new();
-        for [f, g] in neighbours(edges) {
-            for [own, other] in [[f, g], [g, f]] {
-                let (own, side) = (patch[own as usize], sides.get(&patch[other as usize]).copied().flatten());
-                let (Some(None), Some(side)) = (sides.get(&own), side) else { continue };
-                let (is_convex, length) = shared_edge(surface, [f, g]);
-                match side {
-                    Side::Inner if !is_convex => *votes.entry(own).or_insert(0.0) += length,
-                    Side::Outer if is_convex => *votes.entry(own).or_insert(0.0) -= length,
-                    Side::Inner | Side::Outer => {}
-                }
+        for &Border { patches: [one, other], is_convex, length } in borders {
+            for [own, beside] in [[one, other], [other, one]] {
+                let vote = match (sides.get(&own), sides.get(&beside)) {
+                    (Some(None), Some(Some(Side::Inner))) if !is_convex => length,
+                    (Some(None), Some(Some(Side::Outer))) if is_convex => -length,
+                    _ => continue,
+                };
+                *votes.entry(own).or_insert(0.0) += vote;
             }
         }
         votes.retain(|_, vote| *vote != 0.0);
         if votes.is_empty() {
-            return;
+            return Ok(());
         }
-        for (patch, vote) in votes {
-            sides.insert(patch, Some(if vote > 0.0 { Side::Inner } else { Side::Outer }));
-        }
+        sides.extend(votes.into_iter().map(|(patch, vote)| (patch, Some(Side::of(vote)))));
     }
 }
 
-/// The pairs of faces with a common edge.
-fn neighbours(edges: &Edges) -> impl Iterator<Item = [u32; 2]> {
-    edges.iter().filter_map(|half_edges| if let &[g, h] = half_edges { Some([g / 3, h / 3]) } else { None })
-}
-
-/// Whether the edge between two faces is convex, and its length.
-fn shared_edge(surface: &Surface, [f, g]: [u32; 2]) -> (bool, f64) {
-    let [own, other] = [f, g].map(|face| surface.faces[face as usize]);
-    let apex = other.into_iter().find(|v| !own.contains(v)).unwrap_or(other[0]);
-    let at = |v: u32| surface.positions[v as usize];
-    let is_convex = (at(apex) - at(own[0])).dot(surface.area_vector(f as usize)) < 0.0;
-    let shared: SmallVec<[DVec3; 3]> = own.into_iter().filter(|v| other.contains(v)).map(at).collect();
-    (is_convex, shared.first().zip(shared.get(1)).map_or(0.0, |(p, q)| p.distance(*q)))
+/// The half-edges of each edge that joins two faces.
+fn half_edges_of_pairs(edges: &Edges) -> impl Iterator<Item = [u32; 2]> {
+    edges.iter().filter_map(|half_edges| <[u32; 2]>::try_from(half_edges).ok())
 }
 
 /// The length of the free way in front of a face, at most `reach`.
