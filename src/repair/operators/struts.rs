@@ -96,18 +96,25 @@ impl<'a> Places<'a> {
         let ways = self.ways(island, samples);
         let Some(shortest) = ways.iter().map(Way::length).min_by(f64::total_cmp) else { return Ok(None) };
         let slack = 1e-6 * (self.radius + shortest);
-        let mut best: Option<(f64, f64, Strut)> = None;
-        for way in ways.iter().filter(|way| way.length() <= shortest + LONGER * self.radius) {
+        // The best strut, with its cost and its depth, and the most that a better one may cost.
+        let (mut best, mut most): (Option<(f64, f64, Strut)>, _) = (None, shortest + LONGER * self.radius);
+        for way in &ways {
             self.context.check()?;
+            // The length alone is often more, and needs no search.
+            if way.length() > most {
+                continue;
+            }
+            let cost = way.length() + LONGER * self.radius * (1.0 - self.held(way));
+            if cost > most {
+                continue;
+            }
             let depths = [0, 1].map(|end| way.faces[end].map_or(0.0, |face| self.depth(way.points[end], face)));
             let depth = depths[0].min(depths[1]);
-            let cost = way.length() + LONGER * self.radius * (1.0 - self.held(way));
             // Of places with equal costs, the thickest is the farthest from edges.
-            let is_better = |&(least, deepest, _): &(f64, f64, Strut)| {
-                cost < least - slack || (cost <= least + slack && depth > deepest)
-            };
+            let is_better = |&(least, deepest, _): &(f64, f64, Strut)| cost < least - slack || depth > deepest;
             if best.as_ref().is_none_or(is_better) {
                 best = Some((cost, depth, self.along(way, depths)));
+                most = cost + slack;
             }
         }
         Ok(best.map(|(.., strut)| strut))
