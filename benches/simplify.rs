@@ -49,7 +49,8 @@ fn run(what: &str, soup: &Soup, max_faces: Option<u64>, max_error: f64) {
     let (mut surface, _) = Surface::from_soup(soup);
     let (cancel, clock) = (AtomicBool::new(false), monotonic_clock());
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(3600));
-    let simplify = Simplify { max_faces, max_error, feature_angle_deg: 50.0, precision: Precision::F32, toward: None };
+    let simplify =
+        Simplify { max_faces, max_error, everywhere: true, feature_angle_deg: 50.0, precision: Precision::F32 };
     let start = Instant::now();
     let done = simplify.apply(&mut surface, &context).expect("nobody cancels");
     let seconds = start.elapsed().as_secs_f64();

@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
-use super::deviation::{Patch, Reference, Witnesses, deviation, line_deviation};
+use super::deviation::{Patch, Witnesses, deviation, line_deviation};
 use super::dynamic_mesh::{DynamicMesh, LINE, NONE, OPEN, PartVolumes};
+use super::max_distance::Reach;
 use super::queue::Choice;
 use super::validity::{Clearance, Shape, shape};
 use crate::mesh::{Edges, Parts};
@@ -15,9 +16,14 @@ const MAX_FACES: u32 = 512;
 const ROUNDING_DISTANCE: f64 = 4e-15;
 /// Maximum ratio of the error bound to `max_error`, which limits the measured error. While the number of faces halves,
 /// about three collapses change each face and the error doubles. The sum is therefore about seven times the last error.
-const MAX_BOUND_RATIO: f64 = 8.0;
+pub(super) const MAX_BOUND_RATIO: f64 = 8.0;
 /// Smallest share of its volume to which a closed part may shrink. It may grow by the inverse.
 const MIN_VOLUME_SHARE: f64 = 0.5;
+/// Maximum boxes and triangles that the complete test of one new face may visit. A face that replaces very many is left to
+/// the test of the whole surface.
+const MAX_STEPS: u64 = 8_000;
+/// Share of the maximum error up to which measured points are trusted without that test.
+const MIN_TESTED_SHARE: f64 = 0.5;
 
 /// The result of an attempted collapse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +69,7 @@ struct FaceError {
 }
 
 /// Collapses edges one by one, or refuses to.
-pub(super) struct Collapser<'a> {
+pub(super) struct Collapser {
     /// The current faces.
     pub mesh: DynamicMesh,
     /// The parts of the original surface, and their volumes.
@@ -73,10 +79,10 @@ pub(super) struct Collapser<'a> {
     witnesses: Witnesses,
     /// Maximum error, in the scaled coordinates of the exact predicates.
     pub max_error: f64,
+    /// Whether to measure every point of the new faces, and not only a few: see [`super::Simplify::everywhere`].
+    pub everywhere: bool,
     /// The inverse of the coordinate scale.
     pub unscale: f64,
-    /// A further surface to stay near.
-    pub toward: Option<Reference<'a>>,
     /// The largest error bound so far.
     pub bound: f64,
     epoch: u32,
@@ -94,22 +100,16 @@ pub(super) struct Collapser<'a> {
     new: Patch,
 }
 
-impl<'a> Collapser<'a> {
+impl Collapser {
     /// Prepares the search structures for a mesh.
-    pub fn new(
-        mesh: DynamicMesh,
-        part_volumes: PartVolumes,
-        max_error: f64,
-        unscale: f64,
-        toward: Option<Reference<'a>>,
-    ) -> Self {
+    pub fn new(mesh: DynamicMesh, part_volumes: PartVolumes, [max_error, unscale]: [f64; 2], everywhere: bool) -> Self {
         Self {
             clearance: Clearance::new(&mesh),
             witnesses: Witnesses::new(mesh.at.clone(), mesh.faces.clone()),
             part_volumes,
             max_error,
+            everywhere,
             unscale,
-            toward,
             bound: 0.0,
             epoch: 0,
             vertex_mark: vec![0; mesh.at.len()],
@@ -295,7 +295,7 @@ impl<'a> Collapser<'a> {
         let faces = || self.removed.iter().chain(of_kept).map(|&corner| corner as usize / 3);
         let bound = f64::from(faces().map(|f| mesh.bound[f]).fold(0.0, f32::max)) + step;
         let error = f64::from(faces().map(|f| mesh.error[f]).fold(0.0, f32::max)) + step;
-        if bound > MAX_BOUND_RATIO * self.max_error || !self.stays_near_reference() {
+        if bound > MAX_BOUND_RATIO * self.max_error {
             return None;
         }
         if error <= self.max_error {
@@ -320,32 +320,14 @@ impl<'a> Collapser<'a> {
             return None;
         }
         let test_points = |&[a, b, c]: &[DVec3; 3]| [a.midpoint(b), b.midpoint(c), c.midpoint(a), (a + b + c) / 3.0];
+        let original = self.witnesses.original();
         for p in self.new.faces.iter().flat_map(test_points).chain(moved.then_some(at)) {
-            most = most.max(self.witnesses.distance(p, self.max_error)?);
+            most = most.max(original.distance(p, self.max_error)?);
         }
-        Some(most)
-    }
-
-    /// Whether the new faces are within the maximum error of the reference, or as near to it as the previous faces
-    /// were.
-    fn stays_near_reference(&self) -> bool {
-        let Some(reference) = &self.toward else { return true };
-        let distance = |faces: &[[DVec3; 3]], bound: f64| {
-            let mut most = 0.0f64;
-            for &[a, b, c] in faces {
-                for p in [a.midpoint(b), b.midpoint(c), c.midpoint(a), (a + b + c) / 3.0] {
-                    match reference.distance(p * self.unscale, bound) {
-                        Some(d) => most = most.max(d),
-                        None => return None,
-                    }
-                }
-            }
-            Some(most)
-        };
-        let most = self.max_error * self.unscale;
-        distance(&self.new.faces, most).is_some()
-            || distance(&self.old.faces, f64::INFINITY)
-                .is_some_and(|before| before > most && distance(&self.new.faces, before).is_some())
+        let is_beyond =
+            |face: &[DVec3; 3]| matches!(original.reach(*face, self.max_error, MAX_STEPS), Reach::Beyond(_));
+        let is_tested = self.everywhere && most > MIN_TESTED_SHARE * self.max_error;
+        (!is_tested || !self.new.faces.iter().any(is_beyond)).then_some(most)
     }
 
     /// The new volume of the vertex's closed part, with the part's index. None if the volume falls below half of the

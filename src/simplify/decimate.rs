@@ -1,16 +1,16 @@
 //! The options and the main loop of a simplification.
 
+use std::collections::HashSet;
 use std::ops::Range;
 
 use glam::DVec3;
 
 use super::collapse::{Attempt, Collapser, Refusal};
-use super::deviation::Reference;
 use super::dynamic_mesh::{DynamicMesh, NONE, prepare};
 use super::queue::{Queue, choose, fill, push_around, version};
 use crate::context::{Cancelled, Context};
 use crate::math::{Precision, Rounding, to_unit_range, unit_scale};
-use crate::mesh::{Surface, weld_exactly};
+use crate::mesh::{Surface, position_key, weld_exactly};
 
 /// Edges processed between two checks for cancellation.
 const CHECK_INTERVAL: u64 = 1024;
@@ -23,7 +23,7 @@ const DEFERRED_COST_FACTOR: f64 = 16.0;
 
 /// Options of a simplification by edge collapse.
 #[derive(Clone, Copy)]
-pub struct Simplify<'a> {
+pub struct Simplify {
     /// Stop at this many faces. None: as few as `max_error` allows.
     pub max_faces: Option<u64>,
     /// Maximum distance between the result and the original surface, in both directions, in the model's unit.
@@ -34,15 +34,15 @@ pub struct Simplify<'a> {
     /// of the faces. The limit holds at those points. For **every** point 8 times the limit is guaranteed, up to about
     /// 1e-14 of the largest coordinate, because the sum is kept below that.
     pub max_error: f64,
+    /// Whether `max_error` holds at every point instead of only the measured ones. Then each new face is tested
+    /// completely if that is quick, and in the end both surfaces. If the distance is larger somewhere, the original
+    /// surface is simplified again with the original faces kept there.
+    pub everywhere: bool,
     /// Edges whose face normals differ by more than this angle, in degrees, are lines. Vertices on a line collapse only
     /// along the line, and are never moved; ends and branches of lines stay. Boundary edges are lines at any angle.
     pub feature_angle_deg: f64,
     /// Precision to which new positions are rounded, such as f32 for STL.
     pub precision: Precision,
-    /// A further surface to stay near, such as the input before remeshing. The centroids and edge midpoints of new
-    /// faces are within `max_error` of it, or as near as the faces that they replace. The limit to the original surface
-    /// also applies.
-    pub toward: Option<Reference<'a>>,
 }
 
 /// The result of a simplification.
@@ -52,8 +52,8 @@ pub struct Simplified {
     pub faces_before: u64,
     /// Number of faces after.
     pub faces_after: u64,
-    /// Distance between the result and the original surface, defined as for `max_error`, in the model's unit. It is 0
-    /// if nothing collapsed or all collapses were within planes.
+    /// Distance between the result and the original surface at the measured points, in the model's unit: see
+    /// [`Simplify::max_error`]. It is 0 if nothing collapsed or all collapses were within planes.
     pub error: f64,
     /// Guaranteed upper bound of the distance at every point, in the model's unit.
     pub bound: f64,
@@ -65,26 +65,34 @@ pub struct Simplified {
 
 /// Vertices and positions that a simplification must respect.
 #[derive(Debug, Default)]
-pub(super) struct Constraints {
+pub(super) struct Constraints<'a> {
     /// Vertices that keep their position and all their edges, by index; vertices beyond the list are free.
     pub fixed: Vec<bool>,
+    /// Keys of the positions of further such vertices: see [`position_key`].
+    pub fixed_positions: Option<&'a HashSet<[u64; 3]>>,
     /// The slab that new positions must stay in, in the model's unit: an axis, and the half-open range of coordinates.
     pub slab: Option<(usize, Range<f64>)>,
 }
 
-impl Constraints {
+impl Constraints<'_> {
+    /// Whether vertex `v` keeps its position and all its edges.
+    fn is_fixed(&self, v: u32, p: DVec3) -> bool {
+        self.fixed.get(v as usize) == Some(&true)
+            || self.fixed_positions.is_some_and(|positions| positions.contains(&position_key(p)))
+    }
+
     /// Whether a position is in the slab.
     pub fn allows(&self, p: DVec3) -> bool {
         self.slab.as_ref().is_none_or(|(axis, range)| range.contains(&p[*axis]))
     }
 }
 
-impl Simplify<'_> {
+impl Simplify {
     /// Simplifies a whole surface under constraints.
     pub(super) fn apply_constrained(
         &self,
         surface: &mut Surface,
-        constraints: &Constraints,
+        constraints: &Constraints<'_>,
         context: &Context<'_>,
     ) -> Result<Simplified, Cancelled> {
         let faces_before = surface.faces.len() as u64;
@@ -104,12 +112,12 @@ impl Simplify<'_> {
         for (v, w) in surface.faces.iter().flatten().zip(welded.faces.iter().flatten()) {
             let slot = &mut index_of[*w as usize];
             mesh.fixed[*w as usize] |=
-                (*slot != NONE && slot != v) || constraints.fixed.get(*v as usize) == Some(&true);
+                (*slot != NONE && slot != v) || constraints.is_fixed(*v, surface.positions[*v as usize]);
             *slot = *v;
         }
         drop(welded);
         let rounding = Rounding { scale, precision: self.precision };
-        let mut collapser = Collapser::new(mesh, part_volumes, self.max_error * scale, 1.0 / scale, self.toward);
+        let mut collapser = Collapser::new(mesh, part_volumes, [self.max_error * scale, 1.0 / scale], self.everywhere);
         let ended = self.collapse_all(&mut collapser, rounding, constraints, context)?;
         let mesh = &collapser.mesh;
         let (shortfall, is_late) = (self.shortfall(mesh.alive, &ended), ended.is_late);
@@ -148,9 +156,9 @@ impl Simplify<'_> {
     /// Collapses edges until there are few enough faces or no edge may collapse.
     fn collapse_all(
         &self,
-        collapser: &mut Collapser<'_>,
+        collapser: &mut Collapser,
         rounding: Rounding,
-        constraints: &Constraints,
+        constraints: &Constraints<'_>,
         context: &Context<'_>,
     ) -> Result<Ended, Cancelled> {
         let enough = |mesh: &DynamicMesh| self.max_faces.is_some_and(|most| mesh.alive as u64 <= most);

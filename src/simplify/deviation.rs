@@ -5,6 +5,7 @@ use std::cell::OnceCell;
 use glam::{DVec2, DVec3};
 
 use super::dynamic_mesh::NONE;
+use super::max_distance::Target;
 use crate::math::{Tree, nearest_on_segment, nearest_on_triangle};
 
 /// Cosine below which a face counts as vertical in the projection.
@@ -16,26 +17,6 @@ const OVERREACH: f64 = 1e-9;
 const UNMOVED: u32 = NONE - 1;
 /// Maximum witnesses evaluated at once. If there are more, only the farthest half of this number is kept.
 const MAX_WITNESSES: usize = 256;
-
-/// A reference surface to which distances are measured.
-#[derive(Clone, Copy)]
-pub struct Reference<'a> {
-    /// The tree over these triangles.
-    pub tree: &'a Tree,
-    /// Vertex positions.
-    pub positions: &'a [DVec3],
-    /// Triangles as indices into `positions`.
-    pub faces: &'a [[u32; 3]],
-}
-
-impl Reference<'_> {
-    /// The distance from `p` to the surface; none if it exceeds `bound`.
-    pub(super) fn distance(&self, p: DVec3, bound: f64) -> Option<f64> {
-        let corners = |f: u32| self.faces[f as usize].map(|v| self.positions[v as usize]);
-        let mut steps = u64::MAX;
-        self.tree.nearest(p, bound, &mut steps, corners).map(|nearest| nearest.distance)
-    }
-}
 
 /// The faces around one or two vertices, before or after a collapse.
 #[derive(Default)]
@@ -235,11 +216,10 @@ impl Witnesses {
         }
     }
 
-    /// The distance of a point from the original surface, if it is within `bound`.
-    pub fn distance(&self, p: DVec3, bound: f64) -> Option<f64> {
+    /// The original surface.
+    pub fn original(&self) -> Target<'_> {
         let tree = self.tree.get_or_init(|| Tree::new(&self.at, &self.faces));
-        let corners = |f: u32| self.faces[f as usize].map(|v| self.at[v as usize]);
-        tree.nearest(p, bound, &mut u64::MAX.clone(), corners).map(|nearest| nearest.distance)
+        Target { tree, positions: &self.at, faces: &self.faces }
     }
 
     /// Transfers the gathered witnesses to the new faces; `new` maps an index among the new faces to a face. `old` are

@@ -16,18 +16,29 @@ mod collapse;
 mod decimate;
 mod deviation;
 mod dynamic_mesh;
+mod max_distance;
 mod queue;
 mod slabs;
 mod validity;
 
+use std::collections::HashSet;
+
 use crate::context::{Cancelled, Context};
-use crate::mesh::Surface;
+use crate::math::Tree;
+use crate::mesh::{Surface, position_key};
+use collapse::MAX_BOUND_RATIO;
 use decimate::Constraints;
+use max_distance::Target;
 
 pub use decimate::{Simplified, Simplify};
-pub use deviation::Reference;
 
-impl Simplify<'_> {
+/// Share of the maximum error that is the limit at measured points, if the maximum error should hold everywhere.
+const ERROR_SHARE: f64 = 0.95;
+/// Maximum number of attempts with this share. The last attempt divides the maximum error by [`MAX_BOUND_RATIO`], so that
+/// even the sum of all displacements is within it.
+const MAX_ATTEMPTS: u32 = 4;
+
+impl Simplify {
     /// Collapses edges, cheapest first by area-weighted quadrics (Garland and Heckbert 1997), until `max_faces` is
     /// reached or no edge may collapse.
     ///
@@ -37,7 +48,7 @@ impl Simplify<'_> {
     /// - boundary and sharp edges keep their line;
     /// - no closed part shrinks to less than half of its volume or grows to more than twice its volume;
     /// - no face turns by more than 78 degrees in one collapse, loses its area or becomes a needle;
-    /// - the error stays within its bound;
+    /// - the error stays within its bound: see [`Simplify::max_error`];
     /// - the changed faces meet no other face. This test is exact on the output positions, rounded to f32 if requested.
     ///   Like a reader of STL, the test treats vertices at one position as one.
     ///
@@ -48,11 +59,59 @@ impl Simplify<'_> {
     ///
     /// # Errors
     /// [`Cancelled`] if the work is cancelled, or the deadline passes before the first collapse; the surface is then
-    /// unchanged. A later deadline ends the work with the collapses made so far, and all guarantees above hold.
+    /// unchanged. A later deadline ends the work with the collapses made so far. All guarantees above hold, except that
+    /// `max_error` holds only at measured points if the deadline passes while both surfaces are tested.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Simplified, Cancelled> {
-        if self.max_faces.is_none() && self.max_error.is_finite() && slabs::is_large(surface) {
-            return slabs::simplify_in_slabs(self, surface, context);
+        if !self.everywhere {
+            return self.apply_once(surface, None, context);
         }
-        self.apply_constrained(surface, &Constraints::default(), context)
+        let mut fixed = HashSet::new();
+        let mut result = Surface::default();
+        let mut done = Simplified::default();
+        for attempt in 0..=MAX_ATTEMPTS {
+            let share = if attempt < MAX_ATTEMPTS { ERROR_SHARE } else { 1.0 / MAX_BOUND_RATIO };
+            result.clone_from(surface);
+            done =
+                Self { max_error: self.max_error * share, ..*self }.apply_once(&mut result, Some(&fixed), context)?;
+            if done.bound <= self.max_error {
+                break;
+            }
+            match context.unless_late(self.faces_beyond(surface, &result, context))? {
+                Some(faces) if faces.is_empty() => done.bound = self.max_error,
+                Some(faces) => {
+                    let vertices = faces.iter().flat_map(|&f| surface.faces[f as usize]);
+                    fixed.extend(vertices.map(|v| position_key(surface.positions[v as usize])));
+                    continue;
+                }
+                None => done.is_late = true,
+            }
+            break;
+        }
+        *surface = result;
+        Ok(done)
+    }
+
+    /// Collapses edges with the error limited at the measured points.
+    fn apply_once(
+        &self,
+        surface: &mut Surface,
+        fixed_positions: Option<&HashSet<[u64; 3]>>,
+        context: &Context<'_>,
+    ) -> Result<Simplified, Cancelled> {
+        if self.max_faces.is_none() && self.max_error.is_finite() && slabs::is_large(surface) {
+            return slabs::simplify_in_slabs(self, surface, fixed_positions, context);
+        }
+        self.apply_constrained(surface, &Constraints { fixed_positions, ..Constraints::default() }, context)
+    }
+
+    /// The faces of the original surface at places where the distance between both surfaces exceeds `max_error`.
+    fn faces_beyond(&self, before: &Surface, after: &Surface, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
+        let beyond = |from: &Surface, to: &Surface| {
+            let tree = Tree::new(&to.positions, &to.faces);
+            let target = Target { tree: &tree, positions: &to.positions, faces: &to.faces };
+            target.faces_beyond(from, self.max_error, context)
+        };
+        let lost = beyond(before, after)?.into_iter().map(|pair| pair[0]);
+        Ok(lost.chain(beyond(after, before)?.into_iter().map(|pair| pair[1])).collect())
     }
 }

@@ -1,5 +1,6 @@
 //! Simplifies large surfaces in parallel slabs, and then once more as a whole to treat the seams between slabs.
 
+use std::collections::HashSet;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -32,7 +33,7 @@ pub(super) fn is_large(surface: &Surface) -> bool {
     surface.faces.len() >= 2 * FACES_PER_SLAB
 }
 
-/// Simplifies a surface in slabs across its longest side.
+/// Simplifies a surface in slabs across its longest side. Vertices at the fixed positions stay.
 ///
 /// ```text
 ///      slab 0  :  slab 1  :  slab 2
@@ -48,8 +49,9 @@ pub(super) fn is_large(surface: &Surface) -> bool {
 /// # Errors
 /// [`Cancelled`] if the work is cancelled; the surface is then unchanged.
 pub(super) fn simplify_in_slabs(
-    options: &Simplify<'_>,
+    options: &Simplify,
     surface: &mut Surface,
+    fixed_positions: Option<&HashSet<[u64; 3]>>,
     context: &Context<'_>,
 ) -> Result<Simplified, Cancelled> {
     let faces_before = surface.faces.len() as u64;
@@ -64,7 +66,7 @@ pub(super) fn simplify_in_slabs(
         .map(|slab| {
             let mut fixed = vec![true; slab.seam.len()];
             fixed.resize(slab.surface.positions.len(), false);
-            let constraints = Constraints { fixed, slab: Some((axis, slab.range.clone())) };
+            let constraints = Constraints { fixed, fixed_positions, slab: Some((axis, slab.range.clone())) };
             own.apply_constrained(&mut slab.surface, &constraints, context)
         })
         .collect::<Result<_, _>>()?;
@@ -76,7 +78,11 @@ pub(super) fn simplify_in_slabs(
     let last = if is_late {
         None
     } else {
-        context.unless_late(rest.apply_constrained(&mut whole, &Constraints::default(), context))?
+        context.unless_late(rest.apply_constrained(
+            &mut whole,
+            &Constraints { fixed_positions, ..Constraints::default() },
+            context,
+        ))?
     };
     *surface = whole;
     Ok(Simplified {

@@ -288,9 +288,9 @@ fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
     let simplify = Simplify {
         max_faces: Some(100),
         max_error: 1.0,
+        everywhere: true,
         feature_angle_deg: 50.0,
         precision: Precision::F32,
-        toward: None,
     };
     let reduced = |looks: u32| {
         let clock = Clock { tick: Duration::from_secs(1), ..Clock::default() };

@@ -139,9 +139,9 @@ pub(crate) fn reduce_remeshed(
     let simplify = Simplify {
         max_faces: None,
         max_error: cell / 5.0,
+        everywhere: false,
         feature_angle_deg: REMESHED_ANGLE_DEG,
         precision,
-        toward: None,
     };
     let faces_before = surface.faces.len() as u64;
     let Some(done) = context.unless_late(simplify.apply(surface, context))? else {
@@ -188,9 +188,9 @@ impl ReduceFaces {
         let simplify = Simplify {
             max_faces: self.max_faces,
             max_error: self.max_error.unwrap_or(DEFAULT_ERROR * diagonal).min(self.max_deviation),
+            everywhere: true,
             feature_angle_deg: FEATURE_ANGLE_DEG,
             precision: self.precision,
-            toward: None,
         };
         let done = simplify.apply(surface, context)?;
         let changes = Change::list([(ChangeKind::FacesRemoved, done.faces_before - done.faces_after)]);
