@@ -10,7 +10,7 @@
 //! ```
 //!
 //! [`queue`] chooses the new vertex position and the cost of a collapse; [`collapse`] decides whether the collapse is
-//! allowed.
+//! allowed, by [`deviation`] and [`validity`]; [`max_distance`] tests the distance at every point.
 
 mod collapse;
 mod decimate;
