@@ -325,7 +325,7 @@ impl Collapser {
             most = most.max(original.distance(p, self.max_error)?);
         }
         let is_beyond =
-            |face: &[DVec3; 3]| matches!(original.reach(*face, self.max_error, MAX_STEPS), Reach::Beyond(_));
+            |face: &[DVec3; 3]| matches!(original.reach(*face, self.max_error, MAX_STEPS, || false), Reach::Beyond(_));
         let is_tested = self.everywhere && most > MIN_TESTED_SHARE * self.max_error;
         (!is_tested || !self.new.faces.iter().any(is_beyond)).then_some(most)
     }

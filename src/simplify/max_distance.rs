@@ -15,7 +15,7 @@ const SHARED_BUDGET: u64 = 1_000_000_000;
 const BUDGET_PER_TARGET: u64 = 5000;
 /// A polygon is cut along the sides of a triangle only if its radius is at most this multiple of the triangle's sides.
 const MAX_CUT_RATIO: f64 = 2.0;
-/// Maximum number of faces tested between two checks for cancellation.
+/// Maximum number of faces in a parallel task, and of polygons tested between two checks for cancellation.
 const CHECK_INTERVAL: usize = 256;
 /// Minimum number of parallel tasks, unless there are fewer faces. A large face can take long.
 const MIN_CHUNKS: usize = 64;
@@ -66,14 +66,16 @@ impl Target<'_> {
         let found: Vec<Vec<[u32; 2]>> = chunks
             .into_par_iter()
             .map(|(first, faces)| {
-                context.check()?;
+                let is_stopped = || context.check().is_err();
                 let pairs = (first..).zip(faces).filter_map(|(index, face)| {
-                    match self.reach(face.map(|v| surface.positions[v as usize]), limit, budget) {
+                    match self.reach(face.map(|v| surface.positions[v as usize]), limit, budget, is_stopped) {
                         Reach::Within => None,
                         Reach::Beyond(nearest) | Reach::Unknown(nearest) => Some([index, nearest]),
                     }
                 });
-                Ok(pairs.collect())
+                let pairs = pairs.collect();
+                context.check()?;
+                Ok(pairs)
             })
             .collect::<Result<_, _>>()?;
         Ok(found.concat())
@@ -82,11 +84,16 @@ impl Target<'_> {
     /// Tests every point of a triangle. The distance to one convex triangle is a convex function, so over a convex polygon
     /// it is largest at a corner. A polygon whose corners are all within `limit` of the **same** triangle is therefore
     /// done. Otherwise the polygon is cut along the sides of the triangle nearest to its centre, and each piece is tested
-    /// by itself. A polygon that is much larger than that triangle is halved first. Ends when `steps` run out.
-    pub fn reach(&self, triangle: [DVec3; 3], limit: f64, mut steps: u64) -> Reach {
+    /// by itself. A polygon that is much larger than that triangle is halved first. Ends when `steps` run out, and soon
+    /// after `is_stopped` returns true.
+    pub fn reach(&self, triangle: [DVec3; 3], limit: f64, mut steps: u64, is_stopped: impl Fn() -> bool) -> Reach {
         let mut pending = vec![(Polygon::from(triangle.as_slice()), true)];
-        let mut nearest = None;
+        let (mut nearest, mut tested) = (None, 0);
         while let Some((polygon, is_cut_next)) = pending.pop() {
+            tested += 1;
+            if tested % CHECK_INTERVAL == 0 && is_stopped() {
+                return Reach::Unknown(nearest.unwrap_or_default());
+            }
             let centre = polygon.iter().sum::<DVec3>() / polygon.len() as f64;
             let distance = self.tree.distance(centre, &mut nearest, &mut steps, |f| self.corners(f));
             let face = nearest.unwrap_or_default();
@@ -190,6 +197,16 @@ mod tests {
         let (coarse, fine) = (sheet(1, |_, _| 0.5), sheet(40, |_, _| 0.5 + 1e-7));
         assert!(is_within(&coarse, &fine, 1.01e-7) && is_within(&fine, &coarse, 1.01e-7));
         assert!(!is_within(&coarse, &fine, 0.99e-7) && !is_within(&fine, &coarse, 0.99e-7));
+    }
+
+    #[test]
+    fn a_large_face_is_left_when_the_work_should_stop() {
+        let fine = sheet(40, |_, _| 1e-7);
+        let tree = Tree::new(&fine.positions, &fine.faces);
+        let target = Target { tree: &tree, positions: &fine.positions, faces: &fine.faces };
+        let reach = |is_stopped: bool| target.reach([DVec3::ZERO, DVec3::X, DVec3::Y], 2e-7, u64::MAX, || is_stopped);
+        assert_eq!(reach(false), Reach::Within);
+        assert!(matches!(reach(true), Reach::Unknown(_)));
     }
 
     #[test]
