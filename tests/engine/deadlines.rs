@@ -10,6 +10,7 @@ use meshmend::format::{self, Format, Limits};
 use meshmend::inspect::Level;
 use meshmend::math::Precision;
 use meshmend::mesh::{Soup, Surface};
+use meshmend::repair::operators::remesh::ReduceFaces;
 use meshmend::repair::{
     Action, Context, NoProgress, OmittedSection, Operator, Options, Outcome, OutputFormat, Preset, Progress,
     RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo, RepairError, Repaired, Stage,
@@ -309,6 +310,24 @@ fn a_simplification_that_a_deadline_ends_keeps_what_it_did() {
     let clock = Clock::default();
     let repaired = run(&surface.to_soup(), &Options::default(), None, &NoProgress, &clock).unwrap();
     assert_eq!(repaired.report.outcome, Outcome::AlreadyPrintable, "every intermediate state is valid");
+}
+
+#[test]
+fn a_maximum_error_that_the_deadline_leaves_untested_is_reported() {
+    let ball = sphere(DVec3::ZERO, 1.0, 32, 16);
+    let max_error = Some(0.02);
+    let reduce = ReduceFaces { max_faces: None, max_error, max_deviation: f64::INFINITY, precision: Precision::F32 };
+    let reduced = |looks: u64| {
+        let clock = Clock { tick: Duration::from_secs(1), ..Clock::default() };
+        let (cancel, look) = (AtomicBool::new(false), || clock.look());
+        let context = Context::new(&NoProgress, &cancel, &look, Duration::from_secs(looks));
+        let (mut surface, _) = Surface::from_soup(&ball);
+        reduce.apply(&mut surface, &context).ok()
+    };
+    let enough = reduced(1_000_000).unwrap();
+    assert!(!enough.is_late && enough.limited.is_empty() && !enough.changes.is_empty(), "{enough:?}");
+    let untested = (1..1000).filter_map(reduced).find(|applied| !applied.limited.is_empty()).unwrap();
+    assert!(untested.is_late && untested.limited[0].0 == "max_error", "{untested:?}");
 }
 
 #[test]

@@ -13,6 +13,9 @@ const MAX_FACE_RATIO: u64 = 3;
 const MIN_FACE_LIMIT: u64 = 20_000;
 /// The note for a simplification that the deadline ended.
 const LATE_NOTE: &str = "the deadline came before all faces that the remesh does not need were removed";
+/// The note for a maximum error that was not tested everywhere.
+const UNTESTED_NOTE: &str = "the deadline came before the distance was tested at every point; it holds at the vertices, and at the \
+                             centroids of faces and midpoints of edges";
 /// The dihedral angle in degrees from which edges of a remeshed surface are kept as features.
 const REMESHED_ANGLE_DEG: f64 = 30.0;
 
@@ -194,8 +197,10 @@ impl ReduceFaces {
         };
         let done = simplify.apply(surface, context)?;
         let changes = Change::list([(ChangeKind::FacesRemoved, done.faces_before - done.faces_after)]);
+        let is_untested = self.max_error.is_some() && done.bound > simplify.max_error;
+        let limited = is_untested.then(|| ("max_error", UNTESTED_NOTE.to_owned())).into_iter().collect();
         let is_late = done.is_late;
-        Ok(Applied { changes, moved: done.error, left: done.shortfall, is_late, ..Applied::default() })
+        Ok(Applied { changes, moved: done.error, left: done.shortfall, limited, is_late, ..Applied::default() })
     }
 }
 
