@@ -81,8 +81,6 @@ pub(super) struct Collapser {
     pub max_error: f64,
     /// Whether to measure every point of the new faces, and not only a few: see [`super::Simplify::everywhere`].
     pub everywhere: bool,
-    /// The inverse of the coordinate scale.
-    pub unscale: f64,
     /// The largest error bound so far.
     pub bound: f64,
     epoch: u32,
@@ -102,14 +100,13 @@ pub(super) struct Collapser {
 
 impl Collapser {
     /// Prepares the search structures for a mesh.
-    pub fn new(mesh: DynamicMesh, part_volumes: PartVolumes, [max_error, unscale]: [f64; 2], everywhere: bool) -> Self {
+    pub fn new(mesh: DynamicMesh, part_volumes: PartVolumes, max_error: f64, everywhere: bool) -> Self {
         Self {
             clearance: Clearance::new(&mesh),
             witnesses: Witnesses::new(mesh.at.clone(), mesh.faces.clone()),
             part_volumes,
             max_error,
             everywhere,
-            unscale,
             bound: 0.0,
             epoch: 0,
             vertex_mark: vec![0; mesh.at.len()],

@@ -1,9 +1,9 @@
 //! The options and the main loop of a simplification.
 
-use std::collections::HashSet;
 use std::ops::Range;
 
 use glam::DVec3;
+use rustc_hash::FxHashSet;
 
 use super::collapse::{Attempt, Collapser, Refusal};
 use super::dynamic_mesh::{DynamicMesh, NONE, prepare};
@@ -69,7 +69,7 @@ pub(super) struct Constraints<'a> {
     /// Vertices that keep their position and all their edges, by index; vertices beyond the list are free.
     pub fixed: Vec<bool>,
     /// Keys of the positions of further such vertices: see [`position_key`].
-    pub fixed_positions: Option<&'a HashSet<[u64; 3]>>,
+    pub fixed_positions: Option<&'a FxHashSet<[u64; 3]>>,
     /// The slab that new positions must stay in, in the model's unit: an axis, and the half-open range of coordinates.
     pub slab: Option<(usize, Range<f64>)>,
 }
@@ -117,7 +117,7 @@ impl Simplify {
         }
         drop(welded);
         let rounding = Rounding { scale, precision: self.precision };
-        let mut collapser = Collapser::new(mesh, part_volumes, [self.max_error * scale, 1.0 / scale], self.everywhere);
+        let mut collapser = Collapser::new(mesh, part_volumes, self.max_error * scale, self.everywhere);
         let ended = self.collapse_all(&mut collapser, rounding, constraints, context)?;
         let mesh = &collapser.mesh;
         let (shortfall, is_late) = (self.shortfall(mesh.alive, &ended), ended.is_late);
@@ -188,7 +188,7 @@ impl Simplify {
                 let Some(choice) = choose(&collapser.mesh, [a, b], candidate.along_line, |p| rounding.of(p)) else {
                     continue;
                 };
-                if !constraints.allows(choice.at * collapser.unscale) {
+                if !constraints.allows(choice.at / rounding.scale) {
                     ended.refused[Refusal::Clearance as usize] += 1;
                     continue;
                 }

@@ -21,7 +21,9 @@ mod queue;
 mod slabs;
 mod validity;
 
-use std::collections::HashSet;
+use std::cell::OnceCell;
+
+use rustc_hash::FxHashSet;
 
 use crate::context::{Cancelled, Context};
 use crate::math::Tree;
@@ -63,20 +65,23 @@ impl Simplify {
     /// `max_error` holds only at measured points if the deadline passes while both surfaces are tested.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Simplified, Cancelled> {
         if !self.everywhere {
-            return self.apply_once(surface, None, context);
+            return self.apply_once(surface, &Constraints::default(), context);
         }
-        let mut fixed = HashSet::new();
+        let mut fixed = FxHashSet::default();
+        let original = OnceCell::new();
         let mut result = Surface::default();
         let mut done = Simplified::default();
         for attempt in 0..=MAX_ATTEMPTS {
             let share = if attempt < MAX_ATTEMPTS { ERROR_SHARE } else { 1.0 / MAX_BOUND_RATIO };
             result.clone_from(surface);
+            let constraints = Constraints { fixed_positions: Some(&fixed), ..Constraints::default() };
             done =
-                Self { max_error: self.max_error * share, ..*self }.apply_once(&mut result, Some(&fixed), context)?;
+                Self { max_error: self.max_error * share, ..*self }.apply_once(&mut result, &constraints, context)?;
             if done.bound <= self.max_error {
                 break;
             }
-            match context.unless_late(self.faces_beyond(surface, &result, context))? {
+            let tree = original.get_or_init(|| Tree::new(&surface.positions, &surface.faces));
+            match context.unless_late(self.faces_beyond((surface, tree), &result, context))? {
                 Some(faces) if faces.is_empty() => done.bound = self.max_error,
                 Some(faces) => {
                     let vertices = faces.iter().flat_map(|&f| surface.faces[f as usize]);
@@ -95,23 +100,28 @@ impl Simplify {
     fn apply_once(
         &self,
         surface: &mut Surface,
-        fixed_positions: Option<&HashSet<[u64; 3]>>,
+        constraints: &Constraints<'_>,
         context: &Context<'_>,
     ) -> Result<Simplified, Cancelled> {
         if self.max_faces.is_none() && self.max_error.is_finite() && slabs::is_large(surface) {
-            return slabs::simplify_in_slabs(self, surface, fixed_positions, context);
+            return slabs::simplify_in_slabs(self, surface, constraints, context);
         }
-        self.apply_constrained(surface, &Constraints { fixed_positions, ..Constraints::default() }, context)
+        self.apply_constrained(surface, constraints, context)
     }
 
-    /// The faces of the original surface at places where the distance between both surfaces exceeds `max_error`.
-    fn faces_beyond(&self, before: &Surface, after: &Surface, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
-        let beyond = |from: &Surface, to: &Surface| {
-            let tree = Tree::new(&to.positions, &to.faces);
-            let target = Target { tree: &tree, positions: &to.positions, faces: &to.faces };
+    /// The faces of the original surface, given with its tree, where the distance between both surfaces exceeds `max_error`.
+    fn faces_beyond(
+        &self,
+        (before, tree): (&Surface, &Tree),
+        after: &Surface,
+        context: &Context<'_>,
+    ) -> Result<Vec<u32>, Cancelled> {
+        let beyond = |from: &Surface, to: &Surface, tree: &Tree| {
+            let target = Target { tree, positions: &to.positions, faces: &to.faces };
             target.faces_beyond(from, self.max_error, context)
         };
-        let lost = beyond(before, after)?.into_iter().map(|pair| pair[0]);
-        Ok(lost.chain(beyond(after, before)?.into_iter().map(|pair| pair[1])).collect())
+        let lost = beyond(before, after, &Tree::new(&after.positions, &after.faces))?;
+        let added = beyond(after, before, tree)?;
+        Ok(lost.iter().map(|pair| pair[0]).chain(added.iter().map(|pair| pair[1])).collect())
     }
 }

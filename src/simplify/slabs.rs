@@ -1,6 +1,5 @@
 //! Simplifies large surfaces in parallel slabs, and then once more as a whole to treat the seams between slabs.
 
-use std::collections::HashSet;
 use std::ops::Range;
 
 use glam::DVec3;
@@ -33,7 +32,7 @@ pub(super) fn is_large(surface: &Surface) -> bool {
     surface.faces.len() >= 2 * FACES_PER_SLAB
 }
 
-/// Simplifies a surface in slabs across its longest side. Vertices at the fixed positions stay.
+/// Simplifies a surface in slabs across its longest side. Of the constraints, fixed positions apply.
 ///
 /// ```text
 ///      slab 0  :  slab 1  :  slab 2
@@ -51,7 +50,7 @@ pub(super) fn is_large(surface: &Surface) -> bool {
 pub(super) fn simplify_in_slabs(
     options: &Simplify,
     surface: &mut Surface,
-    fixed_positions: Option<&HashSet<[u64; 3]>>,
+    constraints: &Constraints<'_>,
     context: &Context<'_>,
 ) -> Result<Simplified, Cancelled> {
     let faces_before = surface.faces.len() as u64;
@@ -66,7 +65,7 @@ pub(super) fn simplify_in_slabs(
         .map(|slab| {
             let mut fixed = vec![true; slab.seam.len()];
             fixed.resize(slab.surface.positions.len(), false);
-            let constraints = Constraints { fixed, fixed_positions, slab: Some((axis, slab.range.clone())) };
+            let constraints = Constraints { fixed, slab: Some((axis, slab.range.clone())), ..*constraints };
             own.apply_constrained(&mut slab.surface, &constraints, context)
         })
         .collect::<Result<_, _>>()?;
@@ -75,15 +74,8 @@ pub(super) fn simplify_in_slabs(
     let (error, bound) = (most(|slab| slab.error), most(|slab| slab.bound));
     let is_late = done.iter().any(|slab| slab.is_late);
     let rest = Simplify { max_error: options.max_error - error, ..*options };
-    let last = if is_late {
-        None
-    } else {
-        context.unless_late(rest.apply_constrained(
-            &mut whole,
-            &Constraints { fixed_positions, ..Constraints::default() },
-            context,
-        ))?
-    };
+    let last =
+        if is_late { None } else { context.unless_late(rest.apply_constrained(&mut whole, constraints, context))? };
     *surface = whole;
     Ok(Simplified {
         faces_before,
