@@ -7,7 +7,7 @@ use super::operator::{Applied, Counter, Operation, Scope};
 use super::self_union::is_manifold_by_position;
 use super::slivers::RemoveSlivers;
 use crate::inspect::SearchedMesh;
-use crate::mesh::{ClosedSurface, Surface};
+use crate::mesh::{ClosedSurface, Surface, position_key};
 use crate::printing::thickening::{
     Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason,
 };
@@ -19,6 +19,8 @@ use crate::repair::{Cancelled, Change, ChangeKind, Context, ThinPlaceLeft, ThinP
 
 /// Least gap without a process, as a share of the least wall.
 const GAP: f64 = 0.5;
+/// Most times that slivers are removed, each time without those whose removal did damage.
+const MAX_SLIVER_ROUNDS: usize = 6;
 /// Most places that a step's note describes.
 const MAX_NAMED: usize = 5;
 /// Most places that a step lists.
@@ -118,40 +120,54 @@ fn walls(thin: &ThinFeatures) -> usize {
     thin.regions.iter().filter(|region| region.kind != FeatureKind::SharpEdge).count()
 }
 
-/// A thickened surface with its thin places, without slivers if it is as good without them.
+/// A thickened surface with its thin places, without slivers if it is as good without them. Slivers whose removal makes faces
+/// intersect or walls thin stay.
 fn measured_result(
     input: &Surface,
     thickened: &Thickened,
     settings: &Thickening,
     context: &Context<'_>,
 ) -> Result<(Surface, ThinFeatures), Cancelled> {
-    if let Some(result) = without_slivers(input, &thickened.surface, context)? {
-        let thin = measure(&result, settings, context)?;
-        if !thickened.is_proved || walls(&thin) == 0 {
-            return Ok((result, thin));
+    let with_slivers = &thickened.surface;
+    let of_input: FxHashSet<_> = (0..input.faces.len()).map(|face| input.face_key(face)).collect();
+    let is_of_input = |face| of_input.contains(&with_slivers.face_key(face));
+    let mut kept: Vec<bool> = (0..with_slivers.faces.len()).map(is_of_input).collect();
+    for _ in 0..MAX_SLIVER_ROUNDS {
+        let Some(result) = without_slivers(with_slivers, &kept, context)? else { break };
+        let Some(mut damaged) = meeting_faces(&result, context)? else { break };
+        if damaged.is_empty() {
+            if !is_manifold_by_position(&result) {
+                break;
+            }
+            let thin = measure(&result, settings, context)?;
+            if !thickened.is_proved || walls(&thin) == 0 {
+                return Ok((result, thin));
+            }
+            damaged.extend(thin.regions.iter().flat_map(|region| &region.faces));
+        }
+        // A collapse leaves a vertex where it was, so the damaged faces have corners of the faces that caused the damage.
+        let corners = damaged.into_iter().flat_map(|face| result.corners(face as usize));
+        let corners: FxHashSet<_> = corners.map(position_key).collect();
+        for (face, kept) in kept.iter_mut().enumerate() {
+            *kept |= with_slivers.corners(face).into_iter().any(|corner| corners.contains(&position_key(corner)));
         }
     }
-    Ok((thickened.surface.clone(), measure(&thickened.surface, settings, context)?))
+    Ok((with_slivers.clone(), measure(with_slivers, settings, context)?))
 }
 
-/// A thickened surface without the slivers that the union left: faces so thin that rounding decides where they face. The faces
-/// of the input stay as they are. None if there are no slivers, or if the surface would not be as sound.
-fn without_slivers(input: &Surface, thickened: &Surface, context: &Context<'_>) -> Result<Option<Surface>, Cancelled> {
-    let of_input: FxHashSet<_> = (0..input.faces.len()).map(|face| input.face_key(face)).collect();
-    let kept: Vec<bool> = (0..thickened.faces.len()).map(|face| of_input.contains(&thickened.face_key(face))).collect();
-    let slivers = RemoveSlivers { tolerance: 1.0, max_deviation: least_height(thickened) };
-    let mut result = thickened.clone();
-    if slivers
-        .apply_beside(&kept, &mut result, context)?
-        .changes
-        .iter()
-        .all(|change| change.kind == ChangeKind::SliversLeft)
-    {
-        return Ok(None);
-    }
-    let searched = SearchedMesh::search(&result.to_soup(), None, context)?;
-    let is_sound = searched.meeting_pairs().is_some_and(<[_]>::is_empty) && is_manifold_by_position(&result);
-    Ok(is_sound.then_some(result))
+/// A surface without the slivers that a union left: faces so thin that rounding decides where they face. Faces marked in
+/// `kept` stay as they are. None if no sliver can go.
+fn without_slivers(surface: &Surface, kept: &[bool], context: &Context<'_>) -> Result<Option<Surface>, Cancelled> {
+    let slivers = RemoveSlivers { tolerance: 1.0, max_deviation: least_height(surface) };
+    let mut result = surface.clone();
+    let changes = slivers.apply_beside(kept, &mut result, context)?.changes;
+    Ok(changes.iter().any(|change| change.kind != ChangeKind::SliversLeft).then_some(result))
+}
+
+/// The faces that intersect others; none if not all are known.
+fn meeting_faces(surface: &Surface, context: &Context<'_>) -> Result<Option<Vec<u32>>, Cancelled> {
+    let searched = SearchedMesh::search(&surface.to_soup(), None, context)?;
+    Ok(searched.meeting_pairs().map(|pairs| pairs.iter().flat_map(|pair| pair.faces).collect()))
 }
 
 impl ThickenWalls {
@@ -223,6 +239,7 @@ mod tests {
 
     use super::*;
     use crate::context::NoProgress;
+    use crate::math::Precision;
     use crate::mesh::Soup;
     use glam::DVec3;
 
@@ -271,27 +288,77 @@ mod tests {
         assert_eq!((summary.left[0].at, summary.left[0].thickness_mm), ([1.0, 0.0, 0.0], 5.0));
     }
 
-    #[test]
-    fn slivers_of_the_union_go_and_the_faces_of_the_input_stay() {
-        let mut soup = Soup { positions: vec![DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z], faces: Vec::new() };
-        soup.positions.iter_mut().for_each(|p| *p *= 8.0);
-        soup.faces = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
-        let (input, _) = Surface::from_soup(&soup);
-        // A vertex on an edge, so near its start that rounding decides where the faces beside it face.
-        let mut united = input.clone();
-        let ([start, end, _], near) = (input.faces[0], 4);
-        united.positions.push(input.positions[end as usize].normalize() * 1e-6);
-        for face in (0..4).filter(|&face| [start, end].iter().all(|vertex| input.faces[face].contains(vertex))) {
-            united.faces[face] = input.faces[face].map(|vertex| if vertex == start { near } else { vertex });
-            united.push_patch(input.faces[face].map(|vertex| if vertex == end { near } else { vertex }));
+    /// A tetrahedron with a right angle at the first of four corners.
+    fn tetrahedron(corners: [DVec3; 4]) -> Soup {
+        Soup { positions: corners.to_vec(), faces: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]] }
+    }
+
+    /// Splits the faces at the edge between two vertices by a new vertex, which gets a position.
+    fn split_edge(surface: &mut Surface, [start, end]: [u32; 2], at: DVec3) {
+        let new = u32::try_from(surface.positions.len()).expect("few vertices");
+        surface.positions.push(at);
+        for face in 0..surface.faces.len() {
+            let corners = surface.faces[face];
+            if corners.contains(&start) && corners.contains(&end) {
+                surface.faces[face] = corners.map(|vertex| if vertex == start { new } else { vertex });
+                surface.push_patch(corners.map(|vertex| if vertex == end { new } else { vertex }));
+            }
         }
+    }
+
+    /// The result of a thickening of `input` to a surface, in which the walls are not proved.
+    fn result(input: &Surface, surface: &Surface) -> Surface {
+        let (surface, places, added_faces) = (surface.clone(), Vec::new(), Vec::new());
+        let thickened = Thickened {
+            surface,
+            added_volume: 0.0,
+            max_deviation: 0.0,
+            through_holes_closed: 0,
+            grew_on_equal_sides: false,
+            places,
+            added_faces,
+            is_proved: false,
+        };
+        let settings = Thickening { min_wall: 1e-3, growth: Growth::Both, min_gap: 0.0, precision: Precision::F32 };
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
-        let without = |surface: &Surface| without_slivers(&input, surface, &context).expect("not cancelled");
-        let result = without(&united).expect("a surface without slivers");
-        let keys = |surface: &Surface| (0..surface.faces.len()).map(|face| surface.face_key(face)).collect();
-        let [before, after]: [FxHashSet<_>; 2] = [&input, &result].map(keys);
-        assert_eq!(before, after);
-        assert_eq!(without(&input), None);
+        measured_result(input, &thickened, &settings, &context).expect("not cancelled").0
+    }
+
+    fn face_keys(surface: &Surface) -> FxHashSet<[[u64; 3]; 3]> {
+        (0..surface.faces.len()).map(|face| surface.face_key(face)).collect()
+    }
+
+    #[test]
+    fn slivers_of_the_union_go_and_the_faces_of_the_input_stay() {
+        let (input, _) = Surface::from_soup(&tetrahedron([DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * 8.0)));
+        // A vertex on an edge, so near its start that rounding decides where the faces beside it face.
+        let mut united = input.clone();
+        let [start, end, _] = input.faces[0];
+        let along = input.positions[end as usize] - input.positions[start as usize];
+        split_edge(&mut united, [start, end], input.positions[start as usize] + along.normalize() * 1e-6);
+        assert_eq!(face_keys(&result(&input, &united)), face_keys(&input));
+        assert_eq!(face_keys(&result(&input, &input)), face_keys(&input));
+    }
+
+    #[test]
+    fn slivers_whose_removal_makes_faces_intersect_stay_and_others_go() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * 8.0);
+        // The tip of a needle is in a dent of an edge of the first solid, which is as small as a sliver.
+        let needle = [[5e-7, 1e-7, 1e-7], [0.0, -1.2, -1.0], [-0.1, -1.0, -1.2], [0.1, -1.0, -1.2]].map(DVec3::from);
+        let mut soup = Soup { positions: Vec::new(), faces: Vec::new() };
+        for solid in [corners, corners.map(|p| p + DVec3::X * 20.0), needle] {
+            let (first, solid) = (u32::try_from(soup.positions.len()).expect("few vertices"), tetrahedron(solid));
+            soup.positions.extend(solid.positions);
+            soup.faces.extend(solid.faces.into_iter().map(|face| face.map(|vertex| vertex + first)));
+        }
+        let (input, _) = Surface::from_soup(&soup);
+        let vertex = |p: DVec3| input.positions.iter().position(|&q| q == p).expect("a corner") as u32;
+        let edge = |x: f64| [vertex(DVec3::X * x), vertex(DVec3::X * (x + 8.0))];
+        let mut united = input.clone();
+        split_edge(&mut united, edge(0.0), DVec3::new(1e-6, 4e-7, 4e-7));
+        let with_dent = face_keys(&united);
+        split_edge(&mut united, edge(20.0), DVec3::new(20.0 + 1e-6, 0.0, 0.0));
+        assert_eq!(face_keys(&result(&input, &united)), with_dent);
     }
 }
