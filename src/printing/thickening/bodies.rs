@@ -14,7 +14,7 @@ use rustc_hash::FxHashMap;
 
 use super::outcome::Thickening;
 use super::results::Thin;
-use super::triangle_budget::TriangleBudget;
+use super::sampling::{NearThin, Scope, TriangleBudget};
 use super::walls::{noise_of, trusted_normal};
 
 /// The largest dot product of the outward directions at two contacts of a ball in a wall: 36.9 degrees.
@@ -40,6 +40,9 @@ const MAX_DEPTH: u32 = 32;
 const LEAST_TAPER: f64 = 0.08;
 /// Share of the way to the edge of a wedge that must be free.
 const TIP_REACH: f64 = 0.8;
+/// How far from the thinnest places of faces a later search looks, in least walls. Most long faces that earlier balls cut are
+/// thin in a few places only.
+const NEAR: f64 = 2.0;
 /// The most balls.
 pub const MAX_BALLS: usize = 4_000_000;
 
@@ -72,8 +75,8 @@ pub struct Search {
     pub margin: f64,
     /// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge.
     pub tip_cover: f64,
-    /// Whether this is the first search. A later one also puts balls around the middle of each thin pair, in lips, and at wider
-    /// edges.
+    /// Whether this is the first search. A later one looks only near the thinnest places of faces, but also puts balls in lips
+    /// and at wider edges.
     pub is_first: bool,
 }
 
@@ -139,10 +142,12 @@ impl<'a> Fillers<'a> {
         let mut faces: Vec<u32> = pairs.walls().iter().chain(pairs.tips()).map(|pair| pair.faces[0]).collect();
         faces.sort_unstable();
         faces.dedup();
+        let near = (!self.search.is_first).then(|| NearThin::new(pairs, NEAR * self.settings.min_wall));
         let mut kept = Kept::default();
         for batch in faces.chunks(BATCH) {
             let budget = TriangleBudget::new(MAX_TRIANGLES, context);
-            let of_face = |&face| self.of_face(face, &kept.is_filled, &budget);
+            let scope = Scope { budget: &budget, near: near.as_ref() };
+            let of_face = |&face| self.of_face(face, &kept.is_filled, scope);
             let found: Vec<Vec<ThinBall>> = batch.par_iter().map(of_face).collect();
             context.check()?;
             if budget.is_exceeded() {
@@ -162,11 +167,9 @@ impl<'a> Fillers<'a> {
                 return Ok(None);
             }
         }
-        if !self.search.is_first {
-            let pairs = pairs.walls().par_iter().chain(pairs.tips());
-            let found: Vec<Option<Filler>> = pairs.map(|pair| self.of_pair(pair)).collect();
-            found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
-        }
+        let pairs = pairs.walls().par_iter().chain(pairs.tips());
+        let found: Vec<Option<Filler>> = pairs.map(|pair| self.of_pair(pair)).collect();
+        found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
         Ok(Some(kept.fillers))
     }
 
@@ -190,12 +193,12 @@ impl<'a> Fillers<'a> {
 
     /// The thin balls at samples of a face, but hardly any in cells that are filled. Incomplete where the budget is
     /// exceeded, or the work should stop.
-    fn of_face(&self, face: u32, is_filled: &Filled, budget: &TriangleBudget<'_>) -> Vec<ThinBall> {
+    fn of_face(&self, face: u32, is_filled: &Filled, scope: Scope<'_>) -> Vec<ThinBall> {
         let normal = self.normal(face);
         let mut found = Vec::new();
         if normal != DVec3::ZERO {
             let corners = self.surface.corners(face as usize);
-            self.sample(corners, (face, normal), (0, budget), &mut |contact, opposite| {
+            self.sample(corners, (face, normal), (0, scope), &mut |contact, opposite| {
                 if !opposite.is_some_and(|opposite| self.is_filled_between(contact, opposite, is_filled)) {
                     found.extend(self.thin_ball(contact, opposite));
                 }
@@ -215,14 +218,17 @@ impl<'a> Fillers<'a> {
         &self,
         corners: [DVec3; 3],
         of: (u32, DVec3),
-        (depth, budget): (u32, &TriangleBudget<'_>),
+        (depth, scope): (u32, Scope<'_>),
         visit: &mut impl FnMut(Contact, Option<Nearest>),
     ) {
-        if budget.should_stop() {
+        if scope.budget.should_stop() {
             return;
         }
         let (_, normal) = of;
         let (centre, size) = centre_and_radius(corners);
+        if scope.near.is_some_and(|near| !near.reaches(centre, size)) {
+            return;
+        }
         if size <= 0.6 * self.search.spacing || depth >= MAX_DEPTH {
             visit(Contact { point: centre, normal }, self.opposite(centre, of, 2.0 * self.thickest()));
             return;
@@ -237,7 +243,7 @@ impl<'a> Fillers<'a> {
             let [a, b, c] = longest_side_first(corners);
             let middle = (a + b) / 2.0;
             for half in [[a, middle, c], [middle, b, c]] {
-                self.sample(half, of, (depth + 1, budget), visit);
+                self.sample(half, of, (depth + 1, scope), visit);
             }
         }
     }

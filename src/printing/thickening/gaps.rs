@@ -12,7 +12,7 @@ use rustc_hash::FxHashSet;
 
 use super::bodies::{Filler, MAX_BALLS, STEPS, cell_of};
 use super::outcome::Thickening;
-use super::triangle_budget::TriangleBudget;
+use super::sampling::TriangleBudget;
 use super::walls::{noise_of, trusted_normal};
 
 /// The radius of a ball, as a share of the least gap: half of what the cells of the surface of many balls leave of it.

@@ -1,8 +1,13 @@
-//! A limit for the triangles that faces are split into.
+//! The samples of faces: where they are, and a limit for the triangles that faces are split into.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::context::Context;
+use crate::math::{Box3, Tree};
+use crate::printing::thickness::OpposedPair;
+use glam::DVec3;
+
+use super::results::Thin;
 
 /// Triangles between two checks for cancellation.
 const TRIANGLES_PER_CHECK: u64 = 1 << 10;
@@ -37,4 +42,38 @@ impl<'a> TriangleBudget<'a> {
     pub fn is_exceeded(&self) -> bool {
         self.count.load(Ordering::Relaxed) > self.most
     }
+}
+
+/// The points near the thinnest places of a surface.
+pub struct NearThin {
+    places: Tree,
+    reach: f64,
+}
+
+impl NearThin {
+    /// The points within `reach` of the thinnest place of each face.
+    pub fn new(thin: &Thin, reach: f64) -> Self {
+        let place = |pair: &OpposedPair| Box3::of([pair.points[0]]);
+        let places: Vec<Box3> = thin.walls().iter().chain(thin.tips()).map(place).collect();
+        Self { places: Tree::of_boxes(&places), reach }
+    }
+
+    /// Whether points within `size` of a point may be near a thin place.
+    pub fn reaches(&self, point: DVec3, size: f64) -> bool {
+        let mut is_near = false;
+        self.places.overlapping(&Box3::of([point]).grown(self.reach + size), |_| {
+            is_near = true;
+            false
+        });
+        is_near
+    }
+}
+
+/// Where faces are sampled, and how many triangles.
+#[derive(Clone, Copy)]
+pub struct Scope<'a> {
+    /// The limit for the triangles of all faces.
+    pub budget: &'a TriangleBudget<'a>,
+    /// None for everywhere.
+    pub near: Option<&'a NearThin>,
 }
