@@ -18,7 +18,7 @@ const MAX_AT_POINT: usize = 8;
 /// The most that a top is raised at once, as a share of the least wall.
 const MAX_ADDITIONAL: f64 = 0.1;
 /// Faces between two checks for cancellation.
-const BATCH: usize = 1 << 14;
+const BATCH: usize = 1 << 12;
 
 /// A point of a face at which the wall is too thin.
 #[derive(Debug, Clone, Copy)]
@@ -74,29 +74,37 @@ impl<'a> Growths<'a> {
             thin.into_iter().map(|wall| Witness { point: wall.points[0], growth: 0.0, wall }).collect()
         };
         growths.witnesses = thin.into_iter().map(without_growth).collect();
-        growths.evaluate();
+        growths.evaluate(context)?;
         Ok(growths)
     }
 
     /// Keeps the faces that `may_grow` excludes, too.
-    pub fn restrict(&mut self, may_grow: impl Fn(u32) -> bool) {
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn restrict(&mut self, may_grow: impl Fn(u32) -> bool, context: &Context<'_>) -> Result<(), Cancelled> {
         for (face, kept) in (0u32..).zip(&mut self.kept) {
             *kept |= !may_grow(face);
         }
-        self.evaluate();
+        self.evaluate(context)
     }
 
     /// Evaluates the growth at all witnesses.
-    fn evaluate(&mut self) {
-        let growth: Vec<Vec<f64>> = (0u32..)
-            .zip(&self.witnesses)
-            .collect::<Vec<_>>()
-            .par_iter()
-            .map(|&(face, all)| all.iter().map(|witness| self.of_wall(face, &witness.wall)).collect())
-            .collect();
+    fn evaluate(&mut self, context: &Context<'_>) -> Result<(), Cancelled> {
+        let all: Vec<(u32, &[Witness])> = (0u32..).zip(self.witnesses.iter().map(|all| &all[..])).collect();
+        let mut growth: Vec<Vec<f64>> = Vec::with_capacity(all.len());
+        for batch in all.chunks(BATCH) {
+            context.check()?;
+            let of_face = |&(face, all): &(u32, &[Witness])| {
+                let of_witness = |witness: &Witness| self.of_wall(&witness.wall, &mut self.front(witness.point, face));
+                all.iter().map(of_witness).collect()
+            };
+            growth.par_extend(batch.par_iter().map(of_face));
+        }
         for (witnesses, growth) in self.witnesses.iter_mut().zip(growth) {
             witnesses.iter_mut().zip(growth).for_each(|(witness, growth)| witness.growth = growth);
         }
+        Ok(())
     }
 
     /// The least wall that is aimed at.
@@ -117,24 +125,30 @@ impl<'a> Growths<'a> {
     /// The growth that a point of a face needs.
     pub fn at(&self, point: DVec3, face: u32) -> f64 {
         let opposed = self.walls.of_point((point, face), self.min_wall(), WallSide::Material, MAX_AT_POINT);
-        opposed.iter().map(|wall| self.of_wall(face, wall)).fold(0.0, f64::max)
+        let mut front = self.front(point, face);
+        opposed.iter().map(|wall| self.of_wall(wall, &mut front)).fold(0.0, f64::max)
     }
 
-    /// The growth of a face at its end of a wall, within the limits on both sides.
-    fn of_wall(&self, face: u32, wall: &Opposed) -> f64 {
-        let [from, to] = wall.points;
+    /// The growth at a point of a face at an end of a wall, within the limits on both sides.
+    fn of_wall(&self, wall: &Opposed, front: &mut Front<'_, '_>) -> f64 {
+        let (face, to) = (front.face, wall.points[1]);
         let lack = self.lack(&self.walls, face, wall);
         if lack <= 0.0 {
             return 0.0;
         }
         let (ends, wanted) = (Ends::new(&self.walls, face, wall), wall.distance + lack.max(self.least));
         let base = ends.growth_of_both(wanted);
-        let own = self.limit(from, face, base);
+        let own = front.limit(base);
         if own < base {
             return own;
         }
         let other = self.limit(to, wall.face, base);
-        if other >= base { base } else { self.limit(from, face, ends.growth_of_first(wanted, other)) }
+        if other >= base { base } else { front.limit(ends.growth_of_first(wanted, other)) }
+    }
+
+    /// The gaps in front of a point of a face, of which none is known yet.
+    fn front(&self, point: DVec3, face: u32) -> Front<'_, 'a> {
+        Front { growths: self, point, face, reach: 0.0, gaps: Vec::new() }
     }
 
     /// How much longer a wall's segment must become.
@@ -159,11 +173,7 @@ impl<'a> Growths<'a> {
 
     /// The growth of a face at a point: `wanted`, or less where the gap in front would become too narrow.
     pub fn limit(&self, point: DVec3, face: u32, wanted: f64) -> f64 {
-        if self.kept[face as usize] {
-            return 0.0;
-        }
-        let gaps = self.walls.of_point((point, face), self.reach(wanted), WallSide::Air, MAX_AT_POINT);
-        gaps.iter().map(|gap| self.room(gap)).fold(wanted, f64::min)
+        self.front(point, face).limit(wanted)
     }
 
     /// The growth of a whole face: `wanted`, or less where a gap in front would become too narrow.
@@ -188,6 +198,33 @@ impl<'a> Growths<'a> {
         let room = (gap.distance - self.settings.least_gap()).max(0.0);
         let is_shared = self.is_thin(gap.face) && !self.kept[gap.face as usize];
         if is_shared { room / 2.0 } else { room }
+    }
+}
+
+/// The gaps in front of a point of a face, which limit its growth.
+struct Front<'g, 'a> {
+    growths: &'g Growths<'a>,
+    point: DVec3,
+    face: u32,
+    /// Narrower gaps are known.
+    reach: f64,
+    gaps: Vec<Opposed>,
+}
+
+impl Front<'_, '_> {
+    /// The growth at the point: `wanted`, or less where a gap would become too narrow.
+    fn limit(&mut self, wanted: f64) -> f64 {
+        let growths = self.growths;
+        if growths.kept[self.face as usize] {
+            return 0.0;
+        }
+        let reach = growths.reach(wanted);
+        if reach > self.reach {
+            self.gaps = growths.walls.of_point((self.point, self.face), reach, WallSide::Air, MAX_AT_POINT);
+            self.reach = reach;
+        }
+        let narrow = self.gaps.iter().filter(|gap| gap.thickness < reach);
+        narrow.map(|gap| growths.room(gap)).fold(wanted, f64::min)
     }
 }
 

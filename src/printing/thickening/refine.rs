@@ -20,6 +20,8 @@ const TOLERANCE: f64 = 0.015;
 /// The most splits: a constant and a number for each face.
 const MAX_SPLITS: usize = 20_000;
 const MAX_SPLITS_PER_FACE: usize = 2;
+/// Pieces between two checks for cancellation.
+const BATCH: usize = 1 << 12;
 
 /// A corner of a face of the surface: where the face has a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -67,10 +69,13 @@ impl Refined {
         let mut active: Vec<u32> = (0u32..).take(surface.faces.len()).filter(|&f| growths.is_thin(f)).collect();
         let mut splits = MAX_SPLITS + MAX_SPLITS_PER_FACE * surface.faces.len();
         for _ in 0..MAX_PASSES {
-            context.check()?;
-            refined.evaluate(&active, growths);
-            let wanted: Vec<u32> =
-                active.par_iter().copied().filter(|&face| refined.is_far_from_linear(face, growths)).collect();
+            refined.evaluate(&active, growths, context)?;
+            let mut wanted: Vec<u32> = Vec::new();
+            for batch in active.chunks(BATCH) {
+                context.check()?;
+                let is_split = |face: &u32| refined.is_far_from_linear(*face, growths);
+                wanted.par_extend(batch.par_iter().copied().filter(is_split));
+            }
             let mut changed: Vec<u32> = Vec::new();
             for face in wanted {
                 let before = refined.faces[face as usize];
@@ -95,9 +100,9 @@ impl Refined {
                 break;
             }
             active = changed;
-            refined.evaluate(&active, growths);
+            refined.evaluate(&active, growths, context)?;
         }
-        refined.raise(growths);
+        refined.raise(growths, context)?;
         Ok(refined)
     }
 
@@ -143,7 +148,10 @@ impl Refined {
     }
 
     /// Evaluates the growth at the corners of pieces.
-    fn evaluate(&mut self, faces: &[u32], growths: &Growths<'_>) {
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    fn evaluate(&mut self, faces: &[u32], growths: &Growths<'_>, context: &Context<'_>) -> Result<(), Cancelled> {
         let mut keys: Vec<FaceCorner> = faces
             .iter()
             .flat_map(|&face| self.faces[face as usize].map(|v| self.corner(face, v)))
@@ -151,9 +159,13 @@ impl Refined {
             .collect();
         keys.sort_unstable();
         keys.dedup();
-        let values: Vec<f64> =
-            keys.par_iter().map(|key| growths.at(self.positions[key.vertex as usize], key.face)).collect();
-        self.growth.extend(keys.into_iter().zip(values));
+        for batch in keys.chunks(BATCH) {
+            context.check()?;
+            let at = |key: &FaceCorner| (*key, growths.at(self.positions[key.vertex as usize], key.face));
+            let values: Vec<(FaceCorner, f64)> = batch.par_iter().map(at).collect();
+            self.growth.extend(values);
+        }
+        Ok(())
     }
 
     /// The longest edge of a piece, with its length. Equal edges are ordered by their vertices.
@@ -248,9 +260,16 @@ impl Refined {
     }
 
     /// Raises the growth at the corners of pieces where a sample or a witness of a thin wall needs more.
-    fn raise(&mut self, growths: &Growths<'_>) {
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    fn raise(&mut self, growths: &Growths<'_>, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces: Vec<u32> = (0..index(self.faces.len())).collect();
-        let lacks: Vec<f64> = faces.par_iter().map(|&face| self.lack(face, growths)).collect();
+        let mut lacks: Vec<f64> = Vec::with_capacity(faces.len());
+        for batch in faces.chunks(BATCH) {
+            context.check()?;
+            lacks.par_extend(batch.par_iter().map(|&face| self.lack(face, growths)));
+        }
         // Pieces share corners, so that each corner takes the largest of its pieces' lacks once.
         let mut most: FxHashMap<FaceCorner, f64> = FxHashMap::default();
         for (face, lack) in faces.into_iter().zip(lacks).filter(|(_, lack)| *lack > 0.0) {
@@ -262,6 +281,7 @@ impl Refined {
         for (key, more) in most {
             *self.growth.entry(key).or_insert(0.0) += more;
         }
+        Ok(())
     }
 
     /// How far the growth on a piece is below what it needs.

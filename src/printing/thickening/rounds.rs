@@ -148,7 +148,11 @@ impl<'a> Rounds<'a> {
             if !is_better || is_hopeless || deviation() > MAX_DEVIATION * settings.min_wall {
                 break;
             }
+            let is_worse = area > best.area;
             best = Measured { area, surface: surface.clone(), measured: measured.clone(), thin: thin.clone() };
+            if is_worse {
+                break;
+            }
         }
         Ok(best)
     }
@@ -261,7 +265,7 @@ impl<'a> Rounds<'a> {
         let is_little = number > 0 && self.added + regions.whole_volume() <= MAX_MORE * self.needed;
         if !is_little && !regions.are_thin_as_a_whole() {
             // The sides of thin walls that are part of thick regions stay; the others grow by all that is needed.
-            growths.restrict(|face| regions.is_thin_as_a_whole(face));
+            growths.restrict(|face| regions.is_thin_as_a_whole(face), self.context)?;
             regions.assess(&Refined::new(surface, &growths, precision, self.context)?);
             regions.keep_thin_as_a_whole();
         }

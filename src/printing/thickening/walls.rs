@@ -134,15 +134,17 @@ impl<'a> Walls<'a> {
         self.surface.corners(face as usize)
     }
 
-    /// The opposed faces whose boxes are within `limit` of a box.
+    /// The opposed faces whose boxes are within `limit` of a box, in the directions of aligned segments.
     fn candidates(&self, mut bounds: Box3, face: u32, limit: f64, side: WallSide) -> Vec<Opposed> {
         let mut found = Vec::new();
         let normal = self.normal(face);
         if normal == DVec3::ZERO {
             return found;
         }
-        bounds.min -= DVec3::splat(limit);
-        bounds.max += DVec3::splat(limit);
+        let way = if side == WallSide::Material { -normal } else { normal };
+        let margin = DVec3::splat(2.0 * self.contact);
+        bounds.min -= margin + limit * reach_of_cone(-way);
+        bounds.max += margin + limit * reach_of_cone(way);
         self.tree.overlapping(&bounds, |other| {
             let opposite = self.normal(other);
             if opposite != DVec3::ZERO && normal.dot(opposite) <= OPPOSED && self.faces_side(face, other, side) {
@@ -228,6 +230,18 @@ impl<'a> Walls<'a> {
         });
         clear
     }
+}
+
+/// How far unit steps within the angle of [`ALIGNED`] around a direction reach along each axis; at least 0.
+fn reach_of_cone(way: DVec3) -> DVec3 {
+    let along = |cosine: f64| {
+        if cosine >= ALIGNED {
+            return 1.0;
+        }
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        (cosine * ALIGNED + sine * (1.0 - ALIGNED * ALIGNED).sqrt()).max(0.0)
+    };
+    DVec3::from(way.to_array().map(along))
 }
 
 /// The height of a triangle between some positions below which rounding decides its normal.
