@@ -42,7 +42,7 @@ const LEAST_TAPER: f64 = 0.08;
 const TIP_REACH: f64 = 0.8;
 /// How far from the thinnest places of faces a later search looks, in least walls. Most long faces that earlier balls cut are
 /// thin in a few places only.
-const NEAR: f64 = 2.0;
+const NEAR: f64 = 6.0;
 /// The most balls.
 pub const MAX_BALLS: usize = 4_000_000;
 
@@ -75,8 +75,8 @@ pub struct Search {
     pub margin: f64,
     /// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge.
     pub tip_cover: f64,
-    /// Whether this is the first search. A later one looks only near the thinnest places of faces, but also puts balls in lips
-    /// and at wider edges.
+    /// Whether this is the first search. A later one looks only near the thinnest places of faces, but also puts balls around
+    /// the middle of each thin pair, in lips, and at wider edges.
     pub is_first: bool,
 }
 
@@ -167,9 +167,11 @@ impl<'a> Fillers<'a> {
                 return Ok(None);
             }
         }
-        let pairs = pairs.walls().par_iter().chain(pairs.tips());
-        let found: Vec<Option<Filler>> = pairs.map(|pair| self.of_pair(pair)).collect();
-        found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
+        if !self.search.is_first {
+            let pairs = pairs.walls().par_iter().chain(pairs.tips());
+            let found: Vec<Option<Filler>> = pairs.map(|pair| self.of_pair(pair)).collect();
+            found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
+        }
         Ok(Some(kept.fillers))
     }
 

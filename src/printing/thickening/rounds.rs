@@ -148,6 +148,7 @@ impl<'a> Rounds<'a> {
             if !is_better || is_hopeless || deviation() > MAX_DEVIATION * settings.min_wall {
                 break;
             }
+            // Where the first round adds more thin faces than it mends, later ones split these further.
             let is_worse = area > best.area;
             best = Measured { area, surface: surface.clone(), measured: measured.clone(), thin: thin.clone() };
             if is_worse {

@@ -30,7 +30,7 @@ impl Prepared<'_> {
             return Least::Nothing;
         }
         // At the points themselves each face alone allows the least sliding.
-        if self.slope_in(f, p, u) > TILT.sin() || self.slope_in(h, q, -u) > TILT.sin() {
+        if self.shortens_much(f, p, u) || self.shortens_much(h, q, -u) {
             return Least::Nothing;
         }
         if !self.is_foremost(f, p, u) || !self.is_foremost(h, q, -u) {
@@ -132,6 +132,14 @@ impl Prepared<'_> {
         } else {
             smallvec![f]
         }
+    }
+
+    /// Whether a chord in direction `u` shortens by more than the sine of [`TILT`] per length as its end slides from `p` within
+    /// one face. It cannot where it is steeper.
+    fn shortens_much(&self, k: u32, p: DVec3, u: DVec3) -> bool {
+        let n = self.normal(k);
+        let is_steep = (u - n * u.dot(n)).length() <= TILT.sin();
+        !is_steep && self.slope_in(k, p, u) > TILT.sin()
     }
 
     /// The largest rate at which a chord in direction `u` shortens as its end slides from `p` within one face.
