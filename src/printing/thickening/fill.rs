@@ -24,9 +24,9 @@ const CELLS: [Cells; 3] = [
     Cells { share: 0.32, margin: 0.12, max_faces: 150_000 },
     Cells { share: 0.45, margin: 0.17, max_faces: 250_000 },
 ];
-/// How much more a ball grows in each later round, and the most. What stays thin then is just below the least wall, and the
-/// caps of small balls there are finer than the cells.
-const MORE: [f64; 2] = [0.02, 0.2];
+/// How much more a ball grows in later rounds: this times the square of the number of the round, at most the second value.
+/// What stays thin then is just below the least wall, and the caps of small balls there are finer than the cells.
+const MORE: [f64; 2] = [0.005, 0.2];
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
 /// rest is what later rounds add beside earlier balls.
@@ -114,7 +114,7 @@ impl Filling<'_> {
 
     /// The balls that a result still needs; none if there are too many.
     fn fillers(&self, current: &Grown, cells: Cells, round: usize) -> Result<Option<Vec<Filler>>, Cancelled> {
-        let margin = cells.margin + (MORE[0] * round as f64).min(MORE[1]);
+        let margin = cells.margin + (MORE[0] * (round * round) as f64).min(MORE[1]);
         let tip_cover = TIP_COVER[0] + TIP_COVER[1] * round as f64;
         let search = Search { spacing: cells.share * self.settings.min_wall, margin, tip_cover, is_first: round == 0 };
         Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)
