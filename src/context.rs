@@ -3,7 +3,11 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+
+/// Items between two checks in [`Context::map_in_parallel`].
+const BATCH: usize = 1 << 12;
 
 /// The current stage of a repair.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,6 +102,23 @@ impl<'a> Context<'a> {
     /// [`Cancelled`] when the work was cancelled or the deadline has passed.
     pub fn check(&self) -> Result<(), Cancelled> {
         if self.cancel.load(Ordering::Relaxed) || self.remaining().is_zero() { Err(Cancelled) } else { Ok(()) }
+    }
+
+    /// Applies a function to each item in parallel, with a check before each batch of items.
+    ///
+    /// # Errors
+    /// As for [`Context::check`].
+    pub fn map_in_parallel<I: Sync, T: Send>(
+        &self,
+        items: &[I],
+        function: impl Fn(&I) -> T + Sync,
+    ) -> Result<Vec<T>, Cancelled> {
+        let mut results = Vec::with_capacity(items.len());
+        for batch in items.chunks(BATCH) {
+            self.check()?;
+            results.par_extend(batch.par_iter().map(&function));
+        }
+        Ok(results)
     }
 
     /// Whether the work was cancelled, whatever the deadline.

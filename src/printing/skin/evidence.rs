@@ -1,7 +1,6 @@
 //! Evidence for each side of a facet: whether a ball that touches it comes from outside.
 
 use glam::DVec3;
-use rayon::prelude::*;
 
 use crate::arrange::FacetSides;
 use crate::context::{Cancelled, Context};
@@ -14,8 +13,6 @@ const MIN_CLEARANCE: f64 = 0.9;
 const DISTANCES: [f64; 3] = [1.0, 1.5, 2.0];
 /// Barycentric weights of the points at which a ball may touch a facet.
 const TOUCHES: [[f64; 3]; 4] = [[1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0], [0.6, 0.2, 0.2], [0.2, 0.6, 0.2], [0.2, 0.2, 0.6]];
-/// Sides examined between two checks for cancellation.
-const BATCH: usize = 1 << 14;
 /// Boxes and facets that one query may visit.
 const STEPS: u64 = 1 << 20;
 
@@ -55,13 +52,8 @@ pub fn evidence(
     context: &Context<'_>,
 ) -> Result<Vec<Evidence>, Cancelled> {
     let facets: Vec<u32> = (0u32..).take(sides.corners.len()).collect();
-    let mut all = Vec::with_capacity(2 * facets.len());
-    for batch in facets.chunks(BATCH) {
-        context.check()?;
-        let found: Vec<[Evidence; 2]> = batch.par_iter().map(|&facet| of_facet(sides, tree, reach, facet)).collect();
-        all.extend(found.into_iter().flatten());
-    }
-    Ok(all)
+    let found = context.map_in_parallel(&facets, |&facet| of_facet(sides, tree, reach, facet))?;
+    Ok(found.into_iter().flatten().collect())
 }
 
 /// The evidence in front of and behind a facet.

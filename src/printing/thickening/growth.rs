@@ -4,7 +4,6 @@ use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
 use crate::printing::thickness::OpposedPair;
 use glam::DVec3;
-use rayon::prelude::*;
 
 use super::outcome::{Growth, Thickening};
 use super::sides::kept_side;
@@ -17,8 +16,6 @@ const MAX_WITNESSES: usize = 64;
 const MAX_AT_POINT: usize = 8;
 /// The most that a top is raised at once, as a share of the least wall.
 const MAX_ADDITIONAL: f64 = 0.1;
-/// Faces between two checks for cancellation.
-const BATCH: usize = 1 << 12;
 
 /// A point of a face at which the wall is too thin.
 #[derive(Debug, Clone, Copy)]
@@ -92,15 +89,10 @@ impl<'a> Growths<'a> {
     /// Evaluates the growth at all witnesses.
     fn evaluate(&mut self, context: &Context<'_>) -> Result<(), Cancelled> {
         let all: Vec<(u32, &[Witness])> = (0u32..).zip(self.witnesses.iter().map(|all| &all[..])).collect();
-        let mut growth: Vec<Vec<f64>> = Vec::with_capacity(all.len());
-        for batch in all.chunks(BATCH) {
-            context.check()?;
-            let of_face = |&(face, all): &(u32, &[Witness])| {
-                let of_witness = |witness: &Witness| self.of_wall(&witness.wall, &mut self.front(witness.point, face));
-                all.iter().map(of_witness).collect()
-            };
-            growth.par_extend(batch.par_iter().map(of_face));
-        }
+        let growth: Vec<Vec<f64>> = context.map_in_parallel(&all, |&(face, all)| {
+            let of_witness = |witness: &Witness| self.of_wall(&witness.wall, &mut self.front(witness.point, face));
+            all.iter().map(of_witness).collect()
+        })?;
         for (witnesses, growth) in self.witnesses.iter_mut().zip(growth) {
             witnesses.iter_mut().zip(growth).for_each(|(witness, growth)| witness.growth = growth);
         }
@@ -278,13 +270,8 @@ pub fn thin_walls(
     context: &Context<'_>,
 ) -> Result<Vec<Vec<Opposed>>, Cancelled> {
     let faces: Vec<u32> = (0u32..).take(walls.face_count()).collect();
-    let mut thin = Vec::with_capacity(faces.len());
-    for batch in faces.chunks(BATCH) {
-        context.check()?;
-        let of_batch: Vec<Vec<Opposed>> =
-            batch.par_iter().map(|&face| walls.of_face(face, min_wall, WallSide::Material, MAX_WITNESSES)).collect();
-        thin.extend(of_batch);
-    }
+    let of_face = |&face: &u32| walls.of_face(face, min_wall, WallSide::Material, MAX_WITNESSES);
+    let mut thin = context.map_in_parallel(&faces, of_face)?;
     // The nearest points of two faces can lie on their borders, where a third face is in the way. The measure that decides
     // looks between all points.
     for &OpposedPair { faces: [face, other], points, distance, thickness, .. } in measured {

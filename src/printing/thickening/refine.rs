@@ -4,7 +4,6 @@ use crate::context::{Cancelled, Context};
 use crate::math::Precision;
 use crate::mesh::Surface;
 use glam::DVec3;
-use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::growth::Growths;
@@ -20,8 +19,6 @@ const TOLERANCE: f64 = 0.015;
 /// The most splits: a constant and a number for each face.
 const MAX_SPLITS: usize = 20_000;
 const MAX_SPLITS_PER_FACE: usize = 2;
-/// Pieces between two checks for cancellation.
-const BATCH: usize = 1 << 12;
 
 /// A corner of a face of the surface: where the face has a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -70,14 +67,9 @@ impl Refined {
         let mut splits = MAX_SPLITS + MAX_SPLITS_PER_FACE * surface.faces.len();
         for _ in 0..MAX_PASSES {
             refined.evaluate(&active, growths, context)?;
-            let mut wanted: Vec<u32> = Vec::new();
-            for batch in active.chunks(BATCH) {
-                context.check()?;
-                let is_split = |face: &u32| refined.is_far_from_linear(*face, growths);
-                wanted.par_extend(batch.par_iter().copied().filter(is_split));
-            }
+            let is_far = context.map_in_parallel(&active, |&face| refined.is_far_from_linear(face, growths))?;
             let mut changed: Vec<u32> = Vec::new();
-            for face in wanted {
+            for (&face, _) in active.iter().zip(is_far).filter(|(_, is_far)| *is_far) {
                 let before = refined.faces[face as usize];
                 // A split of a neighbour may have split the piece already.
                 let is_left = |refined: &Self| refined.faces[face as usize] == before;
@@ -159,12 +151,9 @@ impl Refined {
             .collect();
         keys.sort_unstable();
         keys.dedup();
-        for batch in keys.chunks(BATCH) {
-            context.check()?;
-            let at = |key: &FaceCorner| (*key, growths.at(self.positions[key.vertex as usize], key.face));
-            let values: Vec<(FaceCorner, f64)> = batch.par_iter().map(at).collect();
-            self.growth.extend(values);
-        }
+        let at = |key: &FaceCorner| growths.at(self.positions[key.vertex as usize], key.face);
+        let values = context.map_in_parallel(&keys, at)?;
+        self.growth.extend(keys.into_iter().zip(values));
         Ok(())
     }
 
@@ -265,11 +254,7 @@ impl Refined {
     /// [`Cancelled`] when the work should stop.
     fn raise(&mut self, growths: &Growths<'_>, context: &Context<'_>) -> Result<(), Cancelled> {
         let faces: Vec<u32> = (0..index(self.faces.len())).collect();
-        let mut lacks: Vec<f64> = Vec::with_capacity(faces.len());
-        for batch in faces.chunks(BATCH) {
-            context.check()?;
-            lacks.par_extend(batch.par_iter().map(|&face| self.lack(face, growths)));
-        }
+        let lacks = context.map_in_parallel(&faces, |&face| self.lack(face, growths))?;
         // Pieces share corners, so that each corner takes the largest of its pieces' lacks once.
         let mut most: FxHashMap<FaceCorner, f64> = FxHashMap::default();
         for (face, lack) in faces.into_iter().zip(lacks).filter(|(_, lack)| *lack > 0.0) {

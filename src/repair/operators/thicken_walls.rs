@@ -267,6 +267,20 @@ mod tests {
         ThickenedPlace { at: DVec3::X * x, least_before: 0.5, least_after: 0.5, area: 1.0, result }
     }
 
+    /// A thickening to a surface, in which the walls are not proved.
+    fn thickened(surface: Surface) -> Thickened {
+        Thickened {
+            surface,
+            added_volume: 2.0,
+            max_deviation: 3.0,
+            through_holes_closed: 0,
+            grew_on_equal_sides: false,
+            places: Vec::new(),
+            added_faces: vec![4, 5],
+            is_proved: false,
+        }
+    }
+
     #[test]
     fn a_wall_has_the_reason_of_the_nearest_wall_that_was_left() {
         let places = [
@@ -286,16 +300,7 @@ mod tests {
 
     #[test]
     fn the_summary_is_in_millimetres_and_lists_the_first_places() {
-        let thickened = Thickened {
-            surface: Surface::default(),
-            added_volume: 2.0,
-            max_deviation: 3.0,
-            through_holes_closed: 0,
-            grew_on_equal_sides: false,
-            places: Vec::new(),
-            added_faces: vec![4, 5],
-            is_proved: false,
-        };
+        let thickened = thickened(Surface::default());
         let operator = ThickenWalls { settings: None, millimetres: 10.0 };
         let summary = operator.summary(&thickened, &vec![region(FeatureKind::Pin); MAX_LISTED + 1]);
         assert_eq!((summary.added_faces, summary.added_volume_mm3, summary.max_deviation_mm), (2, 2000.0, 30.0));
@@ -323,21 +328,10 @@ mod tests {
 
     /// The result of a thickening of `input` to a surface, in which the walls are not proved.
     fn result(input: &Surface, surface: &Surface) -> Surface {
-        let (surface, places, added_faces) = (surface.clone(), Vec::new(), Vec::new());
-        let thickened = Thickened {
-            surface,
-            added_volume: 0.0,
-            max_deviation: 0.0,
-            through_holes_closed: 0,
-            grew_on_equal_sides: false,
-            places,
-            added_faces,
-            is_proved: false,
-        };
         let settings = Thickening { min_wall: 1e-3, growth: Growth::Both, min_gap: 0.0, precision: Precision::F32 };
         let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
-        measured_result(input, &thickened, &settings, &context).expect("not cancelled").0
+        measured_result(input, &thickened(surface.clone()), &settings, &context).expect("not cancelled").0
     }
 
     fn face_keys(surface: &Surface) -> FxHashSet<[[u64; 3]; 3]> {
