@@ -53,8 +53,10 @@ pub struct Filler {
     pub centre: DVec3,
     /// The radius.
     pub radius: f64,
-    /// Whether a gap in front limits the ball.
+    /// Whether a gap limits the ball.
     pub is_limited: bool,
+    /// Whether the ball leaves the middles of all wide gaps free.
+    pub is_guarded: bool,
 }
 
 /// The search for the balls of a surface.
@@ -342,7 +344,7 @@ impl<'a> Fillers<'a> {
         let allowed = contacts.map(|contact| self.allowed(contact, 2.0 * more));
         let lack = allowed.map(|allowed| (more - allowed).max(0.0));
         if lack[0] + lack[1] <= 0.0 {
-            return Some(Filler { centre, radius, is_limited: false });
+            return Some(Filler { centre, radius, is_limited: false, is_guarded: false });
         }
         // The ball moves away from a limit as far as the other side allows.
         let [p, q] = contacts;
@@ -352,7 +354,8 @@ impl<'a> Fillers<'a> {
         let centre = centre + across * (shift[0] - shift[1]);
         let is_limited = lack[0] > shift[0] || lack[1] > shift[1];
         // A ball that cannot grow at all has no radius, but says that there is a limit.
-        Some(Filler { centre, radius: if radius > thin { radius } else { 0.0 }, is_limited })
+        let radius = if radius > thin { radius } else { 0.0 };
+        Some(Filler { centre, radius, is_limited, is_guarded: false })
     }
 
     /// How far the solid may grow at a contact, at most `wanted`.

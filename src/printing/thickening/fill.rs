@@ -1,5 +1,7 @@
 //! Rounds that unite a solid with balls along the middle of its thin places, until nothing is thin.
 
+use std::time::Duration;
+
 use crate::context::Cancelled;
 use crate::math::Tree;
 use crate::mesh::{Parts, Surface};
@@ -7,6 +9,7 @@ use crate::remesh::RemeshError;
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::KEPT_MEASUREMENTS;
 use super::bodies::{Filler, Fillers, Search};
 use super::outcome::ThinReason;
 use super::results::{Grown, Thin, deviation_of_added};
@@ -15,8 +18,10 @@ use super::unite::{Broken, FAR_AWAY, group_of_each_face};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 12;
-/// The rounds end when gaps limit this share of the new balls, and two rounds left this share of the thin faces and of what
-/// they lack. Where gaps limit nothing, later rounds often mend what earlier ones made worse.
+/// The rounds end when gaps limit more than this share of the new balls, and two rounds left [`STALLED`] of the thin faces and of
+/// what they lack. Where gaps limit nothing, later rounds often mend what earlier ones made worse.
+const LIMITED: f64 = 0.6;
+/// See [`LIMITED`].
 const STALLED: f64 = 0.9;
 /// Sizes of cells, finest first. Measuring the result takes longest, so a body of many faces gets larger cells.
 const CELLS: [Cells; 3] = [
@@ -60,11 +65,9 @@ impl Filling<'_> {
             group_of_face: group_of_each_face(self.input, &self.settings),
             first,
             round: 0,
+            slowest_measure: Duration::ZERO,
             topology: self.topology,
-            refusals: 0,
             is_limited: false,
-            allowed: Vec::new(),
-            closed_gaps: None,
         };
         let of_base = deviation_of_added((self.input, &state.input_tree), &base.surface);
         let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
@@ -75,6 +78,7 @@ impl Filling<'_> {
                 break;
             };
             state.round += 1;
+            let is_late = self.context.remaining() + self.kept < state.slowest_measure * KEPT_MEASUREMENTS;
             best.reason = next.reason.or(best.reason);
             if next.surface == current.surface {
                 best.limited.extend(next.limited);
@@ -91,6 +95,10 @@ impl Filling<'_> {
             }
             left.push((current.thin.count() as f64, current.thin.lack));
             if state.is_limited && has_stalled(&left) {
+                break;
+            }
+            if is_late && !current.thin.is_empty() {
+                best.reason = Some(ThinReason::Time);
                 break;
             }
         }
@@ -129,26 +137,31 @@ impl Filling<'_> {
         };
         let Some(mut fillers) = fillers else { return Ok(next) };
         fillers.par_iter_mut().for_each(|filler| self.limit(filler, state));
-        let limited = fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre);
-        next.limited.extend(limited.clone());
-        state.is_limited = limited.count() as f64 > STALLED * fillers.len() as f64;
+        let wanted = fillers.len();
+        let mut limited: Vec<DVec3> =
+            fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre).collect();
         let is_left_out = |filler: &Filler| {
             let near = 0.5 * self.settings.min_wall;
             state.left_out.iter().find(|(other, _)| other.centre.distance(filler.centre) < near).map(|&(_, why)| why)
         };
         next.reason = fillers.iter().find_map(is_left_out).map(reason);
         fillers.retain(|filler| filler.radius > 0.0 && is_left_out(filler).is_none());
-        if fillers.is_empty() {
-            return Ok(next);
+        if !fillers.is_empty() {
+            let union = self.largest_union(fillers, &current.surface, state)?;
+            next.reason = union.broken.map(reason).or(next.reason);
+            limited.extend(union.limited);
+            if let Some(surface) = union.surface {
+                state.balls = union.balls;
+                next.through_holes_closed = self.topology.handles_lost(state.topology);
+                next.surface = self.with_sources(surface, (&state.base.surface, &state.base_tree));
+                let remaining = self.context.remaining();
+                next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
+                let taken = remaining.saturating_sub(self.context.remaining());
+                state.slowest_measure = state.slowest_measure.max(taken);
+            }
         }
-        let union = self.largest_union(fillers, &current.surface, state)?;
-        next.reason = union.broken.map(reason).or(next.reason);
-        if let Some(surface) = union.surface {
-            state.balls = union.balls;
-            next.through_holes_closed = self.topology.handles_lost(state.topology);
-            next.surface = self.with_sources(surface, (&state.base.surface, &state.base_tree));
-            next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
-        }
+        state.is_limited = limited.len() as f64 > LIMITED * wanted as f64;
+        next.limited.extend(limited);
         Ok(next)
     }
 

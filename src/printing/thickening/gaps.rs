@@ -1,134 +1,114 @@
-//! Gaps near balls: which balls bridge a wide gap, and balls that close the narrow gaps, to tell apart which through holes are wide.
+//! Gaps near balls: the air that must stay free, so that no growth closes a wide gap.
 //!
-//! Balls of nearly half the least gap, around points of the surface in front of which there is a narrow gap, close most narrow
-//! gaps and no wide one. What they leave open must stay open when walls grow.
+//! The middles of the largest balls of air between opposite sides say where a gap is wide. A ball of almost the least gap
+//! around each middle stays free, so whatever passes along the middles still passes: no wide through hole is closed, and no
+//! wide gap between solids is bridged.
 
-use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Tree, centre_and_radius, longest_side_first};
-use crate::mesh::Surface;
 use glam::DVec3;
 use rayon::prelude::*;
 use rustc_hash::FxHashSet;
+use smallvec::{SmallVec, smallvec};
+
+use crate::context::{Cancelled, Context};
+use crate::math::{Box3, Tree, centre_and_radius, longest_side_first, nearest_on_segment, nearest_within};
+use crate::mesh::{Edges, Surface};
 
 use super::bodies::{Filler, MAX_BALLS, STEPS, cell_of};
-use super::outcome::Thickening;
 use super::sampling::TriangleBudget;
 use super::walls::{noise_of, trusted_normal};
 
-/// The radius of a ball, as a share of the least gap: half of what the cells of the surface of many balls leave of it.
-const RADIUS: f64 = (1.0 - CELL) / 2.0;
-/// The edge length of those cells, as a share of the least gap.
-pub const CELL: f64 = 0.2;
-/// The radius of a sample of the surface, as a share of the least gap.
-const SAMPLE: f64 = 0.15;
-/// The least cosine of the angle between the normal at one side of a gap and the direction to its other side: 60 degrees.
-const OPPOSITE: f64 = 0.5;
-/// The narrowest least gap for which samples are few enough, as a share of the least wall.
-const MIN_GAP: f64 = 0.1;
+/// The radius of a sample of the surface, as a share of what stays free. Middles are about twice as far apart.
+const SAMPLE: f64 = 0.6;
+/// How far outside of balls the surface is sampled, as a share of what stays free.
+const BESIDE: f64 = 1.0;
+/// The largest length of the gradient of the distance to the surface, at the middle of a gap between opposite sides. Between
+/// two planes it is the sine of half their angle, which is 36.9 degrees here.
+const MAX_GRADIENT: f64 = 0.316_227_766;
+/// A side that is farther from a middle than the nearest one by this factor counts, too.
+const AS_NEAR: f64 = 1.1;
+/// How far a point moves away from the nearest sides at once, as a share of their distance, and how often at most.
+const MOVE: f64 = 0.5;
+/// See [`MOVE`].
+const MAX_MOVES: usize = 16;
+/// The most steps towards the nearest point of a convex hull.
+const HULL_STEPS: usize = 16;
+/// The largest dot product of the normals at a sharp edge, and the cosine of the angle between directions from it: 36.9 degrees.
+const SHARP: f64 = 0.8;
 /// The most triangles that faces are split into.
 const MAX_TRIANGLES: u64 = 1 << 23;
 /// Faces between two checks for cancellation.
 const BATCH: usize = 1 << 12;
 
-/// Balls that close the narrow gaps of a surface, where it is inside some other balls. None if there are too many.
-///
-/// # Errors
-/// [`Cancelled`] when the work should stop.
-pub fn balls_over_gaps(
-    (surface, tree): (&Surface, &Tree),
-    balls: &[Filler],
-    settings: &Thickening,
-    context: &Context<'_>,
-) -> Result<Option<Vec<Filler>>, Cancelled> {
-    if settings.min_gap < MIN_GAP * settings.min_wall {
-        return Ok(None);
-    }
-    let sizes = Sizes { gap: settings.min_gap, sample: SAMPLE * settings.min_gap };
-    let samples = Samples::new((surface, tree), balls, sizes, context);
-    let radius = RADIUS * settings.min_gap;
-    // Faces that are smaller than a sample would give far more balls than needed.
-    let mut filled = FxHashSet::default();
-    let mut is_first = |centre: &DVec3| filled.insert(cell_of(*centre, SAMPLE * settings.min_gap));
-    let mut over = Vec::new();
-    for batch in faces_of(surface).chunks(BATCH) {
-        let found: Vec<Vec<Sample>> = batch.par_iter().map(|&face| samples.of(face)).collect();
-        context.check()?;
-        let first = found.into_iter().flatten().map(|sample| sample.point).filter(&mut is_first);
-        over.extend(first.map(|centre| Filler { centre, radius, is_limited: false }));
-        if over.len() > MAX_BALLS || samples.budget.is_exceeded() {
-            return Ok(None);
-        }
-    }
-    Ok(Some(over))
-}
-
-/// For each ball whether it covers the middle of a gap of a surface, as far as samples tell, if the gap is as wide as `narrowest`
-/// and narrower than `widest`. Only such balls can close a wide hole, or join solids.
-///
-/// # Errors
-/// [`Cancelled`] when the work should stop.
-pub fn bridging(
-    (surface, tree): (&Surface, &Tree),
-    balls: &[Filler],
-    [narrowest, widest]: [f64; 2],
-    context: &Context<'_>,
-) -> Result<Vec<bool>, Cancelled> {
-    let samples = Samples::new((surface, tree), balls, Sizes { gap: widest, sample: SAMPLE * widest }, context);
-    let is_wide = |gap: &Sample| 2.0 * gap.point.distance(gap.middle) >= narrowest && gap.is_between_opposite_sides();
-    let mut is_bridging = vec![false; balls.len()];
-    for batch in faces_of(surface).chunks(BATCH) {
-        let of_face = |&face: &u32| {
-            let gaps = samples.of(face).into_iter().filter(is_wide);
-            gaps.flat_map(|gap| samples.balls_around(gap.middle)).collect::<Vec<u32>>()
-        };
-        let found: Vec<Vec<u32>> = batch.par_iter().map(of_face).collect();
-        context.check()?;
-        found.into_iter().flatten().for_each(|ball| is_bridging[ball as usize] = true);
-    }
-    Ok(is_bridging)
-}
-
-fn faces_of(surface: &Surface) -> Vec<u32> {
-    (0u32..).take(surface.faces.len()).collect()
-}
-
-/// The sizes of a search for samples.
+/// Which gaps are searched.
 #[derive(Clone, Copy)]
-struct Sizes {
-    /// The width from which a gap does not count.
-    gap: f64,
-    /// The radius of a sample of the surface.
-    sample: f64,
+pub struct GapWidths {
+    /// The width from which a gap is wide.
+    pub least: f64,
+    /// The width from which balls cannot close a gap.
+    pub most: f64,
+    /// The distance from the middle of a wide gap that stays free.
+    pub free: f64,
 }
 
-/// A point of a surface in front of which there is a gap.
-struct Sample {
-    point: DVec3,
-    normal: DVec3,
-    /// The middle of the largest ball of air that touches the point.
-    middle: DVec3,
-    /// Another point that this ball touches.
-    opposite: DVec3,
+/// The middles of the wide gaps near some balls.
+pub struct WideGaps {
+    middles: Vec<DVec3>,
+    tree: Tree,
+    free: f64,
 }
 
-impl Sample {
-    /// Whether the gap lies between two sides that face each other, rather than in a corner.
-    fn is_between_opposite_sides(&self) -> bool {
-        (self.opposite - self.middle).normalize_or_zero().dot(self.normal) >= OPPOSITE
+impl WideGaps {
+    /// The wide gaps of a surface near some balls. None if there are too many samples.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn near(
+        (surface, tree): (&Surface, &Tree),
+        balls: &[Filler],
+        widths: GapWidths,
+        context: &Context<'_>,
+    ) -> Result<Option<Self>, Cancelled> {
+        let samples = Samples::new((surface, tree), balls, widths, context);
+        // Both sides of a gap have the same middles, and faces that are smaller than a sample have more than needed.
+        let mut known = FxHashSet::default();
+        let mut middles = Vec::new();
+        let faces = (0u32..).take(surface.faces.len()).map(Sampled::Face);
+        let all: Vec<Sampled> = faces.chain(sharp_edges(surface, samples.noise).map(Sampled::Edge)).collect();
+        for batch in all.chunks(BATCH) {
+            let found: Vec<Vec<DVec3>> = batch.par_iter().map(|sampled| samples.of(sampled)).collect();
+            context.check()?;
+            let new = |middle: &DVec3| known.insert(cell_of(*middle, SAMPLE * widths.free));
+            middles.extend(found.into_iter().flatten().filter(new));
+            if middles.len() > MAX_BALLS || samples.budget.is_exceeded() {
+                return Ok(None);
+            }
+        }
+        let boxes: Vec<Box3> = middles.iter().map(|&middle| Box3::of([middle])).collect();
+        Ok(Some(Self { middles, tree: Tree::of_boxes(&boxes), free: widths.free }))
+    }
+
+    /// The largest radius, at most `radius`, of a ball that leaves the gaps open; negative if there is none.
+    pub fn allowed(&self, centre: DVec3, radius: f64) -> f64 {
+        let mut allowed = radius;
+        self.tree.overlapping(&Box3::of([centre]).grown(radius + self.free), |middle| {
+            allowed = allowed.min(self.middles[middle as usize].distance(centre) - self.free);
+            true
+        });
+        allowed
     }
 }
 
-/// The search for samples of a surface near balls.
+/// The search for the middles of gaps from samples of a surface near balls.
 struct Samples<'a> {
     surface: &'a Surface,
     balls: &'a [Filler],
-    /// A tree over the boxes of the balls.
+    /// A tree over the boxes of the balls, grown by the distance up to which the surface is sampled.
     tree_of_balls: Tree,
     /// A tree over the faces.
     tree: &'a Tree,
     /// Height of a triangle below which rounding decides its normal.
     noise: f64,
-    sizes: Sizes,
+    widths: GapWidths,
     budget: TriangleBudget<'a>,
 }
 
@@ -136,69 +116,158 @@ impl<'a> Samples<'a> {
     fn new(
         (surface, tree): (&'a Surface, &'a Tree),
         balls: &'a [Filler],
-        sizes: Sizes,
+        widths: GapWidths,
         context: &'a Context<'a>,
     ) -> Self {
-        let boxes: Vec<Box3> = balls.iter().map(|ball| Box3::of([ball.centre]).grown(ball.radius)).collect();
+        let reach = |ball: &Filler| ball.radius + BESIDE * widths.free;
+        let boxes: Vec<Box3> = balls.iter().map(|ball| Box3::of([ball.centre]).grown(reach(ball))).collect();
         let (tree_of_balls, noise) = (Tree::of_boxes(&boxes), noise_of(&surface.positions));
-        Self { surface, balls, tree_of_balls, tree, noise, sizes, budget: TriangleBudget::new(MAX_TRIANGLES, context) }
+        Self { surface, balls, tree_of_balls, tree, noise, widths, budget: TriangleBudget::new(MAX_TRIANGLES, context) }
     }
 
-    /// The samples of a face that meet a ball, and in front of which there is a narrow gap.
-    fn of(&self, face: u32) -> Vec<Sample> {
-        let corners = self.surface.corners(face as usize);
-        let normal = trusted_normal(corners, self.noise);
-        let mut samples = Vec::new();
-        let mut open = if normal == DVec3::ZERO { Vec::new() } else { vec![corners] };
+    /// The middles of wide gaps in front of a face or an edge, near balls.
+    fn of(&self, sampled: &Sampled) -> Vec<DVec3> {
+        let mut middles = Vec::new();
+        match sampled {
+            Sampled::Face(face) => {
+                let corners = self.surface.corners(*face as usize);
+                let normal = trusted_normal(corners, self.noise);
+                if normal != DVec3::ZERO {
+                    self.at_points(corners, |point| middles.extend(self.middle_before(point, normal)));
+                }
+            }
+            Sampled::Edge(SharpEdge { ends: [start, end], directions }) => {
+                self.at_points([*start, *end, *end], |point| {
+                    middles.extend(directions.iter().filter_map(|&direction| self.middle_before(point, direction)));
+                })
+            }
+        }
+        middles
+    }
+
+    /// Visits points of a triangle near balls, one for each small piece of it.
+    fn at_points(&self, corners: [DVec3; 3], mut visit: impl FnMut(DVec3)) {
+        let mut open = vec![corners];
         while let Some(corners) = open.pop().filter(|_| !self.budget.should_stop()) {
             let (centre, size) = centre_and_radius(corners);
-            let mut is_near = false;
-            self.tree_of_balls.overlapping(&Box3::of(corners), |ball| {
-                let ball = self.balls[ball as usize];
-                is_near = ball.radius > 0.0 && ball.centre.distance(centre) < ball.radius + size;
-                !is_near
-            });
-            if is_near && size <= self.sizes.sample {
-                samples.extend(self.before_gap(centre, normal));
-            } else if is_near {
+            if !self.is_near_ball(corners, (centre, size)) {
+                continue;
+            }
+            if size <= SAMPLE * self.widths.free {
+                visit(centre);
+            } else {
                 let [a, b, c] = longest_side_first(corners);
                 let middle = (a + b) / 2.0;
                 open.extend([[a, middle, c], [middle, b, c]]);
             }
         }
-        samples
     }
 
-    /// The sample at a point, if no ball of air as wide as the gap fits in front of it.
-    fn before_gap(&self, point: DVec3, normal: DVec3) -> Option<Sample> {
-        let corners = |face: u32| self.surface.corners(face as usize);
-        let ball = self.tree.shrunk_ball([point, normal], self.sizes.gap / 2.0, &mut STEPS.clone(), corners)?;
-        let opposite = ball.touches?.point;
-        Some(Sample { point, normal, middle: point + normal * ball.radius, opposite })
-    }
-
-    /// The balls that contain a point.
-    fn balls_around(&self, point: DVec3) -> Vec<u32> {
-        let mut around = Vec::new();
-        self.tree_of_balls.overlapping(&Box3::of([point]), |number| {
-            let ball = &self.balls[number as usize];
-            around.extend((ball.centre.distance(point) < ball.radius).then_some(number));
-            true
+    fn is_near_ball(&self, corners: [DVec3; 3], (centre, size): (DVec3, f64)) -> bool {
+        let mut is_near = false;
+        self.tree_of_balls.overlapping(&Box3::of(corners), |ball| {
+            let ball = self.balls[ball as usize];
+            is_near = ball.centre.distance(centre) < ball.radius + BESIDE * self.widths.free + size;
+            !is_near
         });
-        around
+        is_near
     }
+
+    /// The middle of the wide gap in front of a point, between sides that face each other. None in a corner.
+    ///
+    /// In front of the sides of a polygonal hole the largest ball of air touches the next side, far from the middle. So the
+    /// centre moves away from the surface until there is surface on opposite sides.
+    fn middle_before(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
+        let corners = |face: u32| self.surface.corners(face as usize);
+        let most = self.widths.most / 2.0;
+        let ball = self.tree.shrunk_ball([point, direction], most, &mut STEPS.clone(), corners)?;
+        let touched = ball.touches?.point;
+        let (mut middle, mut distance) = (point + direction * ball.radius, ball.radius);
+        let mut sides: SmallVec<[DVec3; 16]> = smallvec![-direction, (touched - middle).normalize_or_zero()];
+        for _ in 0..MAX_MOVES {
+            if far_from_zero(&sides).is_none() {
+                return (2.0 * distance >= self.widths.least).then_some(middle);
+            }
+            let reach = AS_NEAR * distance;
+            sides.clear();
+            self.tree.overlapping(&Box3::of([middle]).grown(reach), |face| {
+                let found = nearest_within(middle, corners(face), reach);
+                sides.extend(found.map(|other| (other - middle).normalize_or_zero()));
+                true
+            });
+            if let Some(side) = far_from_zero(&sides) {
+                middle -= side * (MOVE * distance);
+                distance = self.tree.nearest(middle, most, &mut STEPS.clone(), corners)?.distance;
+            }
+        }
+        None
+    }
+}
+
+/// Where gaps are searched from.
+enum Sampled {
+    Face(u32),
+    Edge(SharpEdge),
+}
+
+/// A sharp convex edge, with directions between the normals of its faces.
+struct SharpEdge {
+    ends: [DVec3; 2],
+    directions: SmallVec<[DVec3; 4]>,
+}
+
+/// The sharp convex edges of a surface. The sides of a gap may meet it in edges only.
+fn sharp_edges(surface: &Surface, noise: f64) -> impl Iterator<Item = SharpEdge> {
+    let edges = Edges::new(&surface.faces);
+    (0..edges.len()).filter_map(move |edge| {
+        let &[one, other] = edges.half_edges(edge) else { return None };
+        let normals = [one, other].map(|half_edge| trusted_normal(surface.corners(half_edge as usize / 3), noise));
+        let ends = edges.vertices(edge).map(|vertex| surface.positions[vertex as usize]);
+        let beyond = surface.positions[Edges::opposite(&surface.faces, other) as usize];
+        let is_convex = (beyond - ends[0]).dot(normals[0]) < 0.0;
+        let is_known = normals.iter().all(|normal| *normal != DVec3::ZERO);
+        (is_known && is_convex && normals[0].dot(normals[1]) < SHARP)
+            .then(|| SharpEdge { ends, directions: directions_between(normals) })
+    })
+}
+
+/// Directions between two unit vectors, without these, that are at most the angle of a sharp edge apart.
+fn directions_between([one, other]: [DVec3; 2]) -> SmallVec<[DVec3; 4]> {
+    let steps = (1u32..).find(|&steps| one.angle_between(other) <= f64::from(steps) * SHARP.acos()).unwrap_or(1);
+    let at = |k: u32| one.slerp(other, f64::from(k) / f64::from(steps));
+    (1..steps).map(at).filter(|direction| direction.is_finite()).collect()
+}
+
+/// The point nearest to zero of the convex hull of directions (Gilbert 1966), if it is farther than [`MAX_GRADIENT`]. For the
+/// directions from a point to the nearest points of a surface, it is the gradient of the distance with its sign reversed.
+fn far_from_zero(directions: &[DVec3]) -> Option<DVec3> {
+    let mut nearest = *directions.first()?;
+    for _ in 0..HULL_STEPS {
+        if nearest.length() <= MAX_GRADIENT {
+            return None;
+        }
+        let along = |direction: &&DVec3| direction.dot(nearest);
+        let next = directions.iter().min_by(|a, b| along(a).total_cmp(&along(b)))?;
+        let closer = nearest_on_segment(DVec3::ZERO, [nearest, *next]);
+        if closer.length() >= nearest.length() {
+            break;
+        }
+        nearest = closer;
+    }
+    Some(nearest)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
     use std::sync::atomic::AtomicBool;
     use std::time::Duration;
 
     use super::*;
     use crate::context::{NoProgress, monotonic_clock};
-    use crate::math::Precision;
     use crate::printing::shapes::cuboid;
-    use crate::printing::thickening::Growth;
+
+    const WIDTHS: GapWidths = GapWidths { least: 0.5, most: 2.5, free: 0.25 };
 
     /// Two plates of 10 by 10 with the thickness 0.6 and a gap, the lower one on the ground.
     fn plates(gap: f64) -> Surface {
@@ -207,50 +276,75 @@ mod tests {
         surface
     }
 
-    /// The balls over the gap between two plates, near one ball. The least gap is 0.5.
-    fn over(gap: f64) -> Vec<Filler> {
-        let surface = plates(gap);
+    /// The radius that is left of a ball near the gaps of a surface.
+    fn left(surface: &Surface, centre: DVec3, radius: f64) -> f64 {
         let tree = Tree::new(&surface.positions, &surface.faces);
-        let settings = Thickening { min_wall: 1.0, growth: Growth::Both, min_gap: 0.5, precision: Precision::F32 };
-        let ball = Filler { centre: DVec3::new(5.0, 5.0, 0.6), radius: 1.0, is_limited: false };
         let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
-        balls_over_gaps((&surface, &tree), &[ball], &settings, &context).unwrap().unwrap()
+        let ball = Filler { centre, radius, is_limited: false, is_guarded: false };
+        let gaps = WideGaps::near((surface, &tree), &[ball], WIDTHS, &context).unwrap().unwrap();
+        gaps.allowed(centre, radius)
     }
 
     #[test]
-    fn balls_fill_a_narrow_gap_near_other_balls() {
-        let balls = over(0.3);
-        let is_filled = |p: DVec3| balls.iter().any(|ball| ball.centre.distance(p) < ball.radius);
-        for (x, y) in (0..15).flat_map(|i| (0..15).map(move |j| (f64::from(i), f64::from(j)))) {
-            let p = DVec3::new(4.3 + x * 0.1, 4.3 + y * 0.1, 0.75);
-            assert!(is_filled(p) || p.distance(DVec3::new(5.0, 5.0, 0.75)) > 0.9, "{p}");
-        }
-        assert!(!is_filled(DVec3::new(2.0, 5.0, 0.75)));
+    fn a_ball_leaves_half_of_the_least_gap_before_the_middle_of_a_wide_gap() {
+        let radius = |gap: f64| left(&plates(gap), DVec3::new(5.0, 5.0, 0.3), 0.9);
+        // The middle of the gap is at 0.6 + 0.4, and 0.25 of it stay free.
+        assert!((radius(0.8) - 0.45).abs() < 0.02, "{}", radius(0.8));
+        assert_eq!(radius(0.49), 0.9, "a narrow gap");
+        assert_eq!(radius(2.4), 0.9, "a gap that the ball does not reach");
     }
 
     #[test]
-    fn a_gap_as_wide_as_the_least_gap_has_no_balls_over_it() {
-        assert_eq!(over(0.5), []);
-        assert_eq!(over(0.51), []);
+    fn a_ball_in_the_corner_between_two_walls_is_not_limited() {
+        // Turned inside out, a box has corners of air.
+        let mut corner = cuboid(DVec3::splat(-5.0), DVec3::splat(5.0));
+        corner.faces.iter_mut().for_each(|face| face.reverse());
+        assert_eq!(left(&corner, DVec3::new(4.9, 4.9, 0.0), 0.9), 0.9);
     }
 
-    #[test]
-    fn a_ball_bridges_a_wide_gap_if_it_covers_its_middle() {
-        let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
-        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
-        let ball = |z: f64, radius: f64| Filler { centre: DVec3::new(5.0, 5.0, z), radius, is_limited: false };
-        // Below the gap, in the lower plate up to its middle, and hardly out of it.
-        let balls = [ball(-0.3, 0.5), ball(0.3, 0.9), ball(0.3, 0.4)];
-        let bridging = |surface: &Surface, widths: [f64; 2]| {
-            let tree = Tree::new(&surface.positions, &surface.faces);
-            bridging((surface, &tree), &balls, widths, &context).unwrap()
+    /// The surface that closed paths of points make, of which each has as many points, from one path to the next.
+    fn between_paths(paths: &[Vec<DVec3>]) -> Surface {
+        let n = index(paths[0].len());
+        let quad = |path: u32, k: u32| {
+            let [a, b] = [k, (k + 1) % n].map(|k| path * n + k);
+            [[a, a + n, b], [b, a + n, b + n]]
         };
-        assert_eq!(bridging(&plates(0.8), [0.5, 2.0]), [false, true, false]);
-        assert_eq!(bridging(&plates(0.8), [0.9, 2.0]), [false; 3], "the gap is narrow");
-        assert_eq!(bridging(&plates(0.8), [0.5, 0.7]), [false; 3], "the gap is too wide to be closed");
-        // In the corner between two walls there is no gap.
-        let corner = cuboid(DVec3::splat(4.0), DVec3::new(6.0, 6.0, 0.0));
-        assert_eq!(bridging(&corner, [0.0, 2.0]), [false; 3]);
+        let count = index(paths.len()) - 1;
+        let faces: Vec<[u32; 3]> = (0..count).flat_map(|path| (0..n).flat_map(move |k| quad(path, k))).collect();
+        let source = (0..index(faces.len())).collect();
+        Surface { positions: paths.concat(), faces, source }
+    }
+
+    fn index(count: usize) -> u32 {
+        u32::try_from(count).unwrap()
+    }
+
+    /// A regular polygon around the z axis.
+    fn polygon(n: u32, radius: f64, z: f64) -> Vec<DVec3> {
+        let at = |k: u32| (TAU * f64::from(k) / f64::from(n)).sin_cos();
+        (0..n).map(at).map(|(sin, cos)| DVec3::new(radius * cos, radius * sin, z)).collect()
+    }
+
+    #[test]
+    fn a_hole_of_any_number_of_sides_stays_open() {
+        for n in [3, 4, 5, 7, 12, 31] {
+            // The wall of a hole, whose sides are 0.6 from its axis.
+            let radius = 0.6 / (TAU / 2.0 / f64::from(n)).cos();
+            let hole = between_paths(&[-5.0, 5.0].map(|z| polygon(n, radius, z)));
+            let [one, next] = [hole.positions[0], hole.positions[1]];
+            let side = one.midpoint(next).with_z(0.0);
+            let left = left(&hole, side * 1.2, 0.9);
+            assert!((0.2..1.2 * 0.6 - 0.2).contains(&left), "{left} for {n} sides");
+        }
+    }
+
+    #[test]
+    fn a_hole_with_a_sharp_rim_stays_open() {
+        for n in [4, 12, 31] {
+            let ring = between_paths(&[polygon(n, 1.0, -0.4), polygon(n, 0.6, 0.0), polygon(n, 1.0, 0.4)]);
+            let left = left(&ring, DVec3::X * 0.9, 0.9);
+            assert!((0.3..0.7).contains(&left), "{left} for {n} sides");
+        }
     }
 }

@@ -48,13 +48,6 @@ impl<'a> ChangedGroups<'a> {
         }
         Self { all, new, of_new }
     }
-
-    /// The handles lost near each group of all balls, zero if unknown, without those that may be lost near some balls.
-    pub fn without_allowed(&self, lost: Option<Vec<i64>>, allowed: &[(usize, i64)]) -> Vec<i64> {
-        let mut lost = lost.unwrap_or_else(|| vec![0; self.all.count]);
-        allowed.iter().for_each(|&(ball, allowed)| lost[self.all.of_ball[ball] as usize] -= allowed);
-        lost
-    }
 }
 
 /// The topology of a surface near each group of balls. The last entry is that of the rest.
@@ -168,7 +161,7 @@ mod tests {
     use crate::remesh::BallUnion;
 
     fn ball(centre: DVec3, radius: f64) -> Filler {
-        Filler { centre, radius, is_limited: false }
+        Filler { centre, radius, is_limited: false, is_guarded: false }
     }
 
     /// The balls of a ring with a hole of diameter 1.4.

@@ -50,6 +50,8 @@ pub use unite::SelfUnion;
 /// more than these seconds or the second share.
 const KEPT_SHARES: [f64; 2] = [0.4, 0.2];
 const KEPT_S: u64 = 12;
+/// The time that is kept for the end at least, in times that a measurement took.
+const KEPT_MEASUREMENTS: u32 = 3;
 /// Share of the time that is left then for each kind of layer, and the most. Where a layer can help it is quick as a rule.
 const LAYER_SHARE: f64 = 0.1;
 const LAYER_S: u64 = 15;
@@ -82,6 +84,7 @@ impl Thickening {
         if !(min_wall > 0.0 && min_wall.is_finite() && min_gap >= 0.0 && min_gap.is_finite()) {
             return Err(ThickeningError::Settings { min_wall, min_gap });
         }
+        let at_start = context.remaining();
         let before = Thin::of(surface, min_wall, context)?;
         let results = results::Results { settings: *self, input: surface, before: &before };
         let start = Grown { surface: results::with_own_sources(surface), thin: before.clone(), ..Grown::default() };
@@ -90,7 +93,8 @@ impl Thickening {
         }
         let remaining = context.remaining();
         let [short, long] = KEPT_SHARES.map(|share| remaining.mul_f64(share));
-        let kept = short.min(long.max(Duration::from_secs(KEPT_S)));
+        let of_measure = at_start.saturating_sub(remaining) * KEPT_MEASUREMENTS;
+        let kept = short.min(long.max(Duration::from_secs(KEPT_S)).max(of_measure));
         let limited = context.limited_to(remaining - kept);
         let (mut grown, mut base) = (start.clone(), start.clone());
         for fit in [Fit::Regions, Fit::Points] {
@@ -109,7 +113,7 @@ impl Thickening {
         if self.growth == Growth::Both {
             let topology = Topology::of(surface, self);
             let filling =
-                Filling { settings: *self, union, context: &limited, input: surface, before: &before, topology };
+                Filling { settings: *self, union, context: &limited, kept, input: surface, before: &before, topology };
             // A layer can end where balls can't go on, since it moved the surface as far as is allowed.
             let bases: &[&Grown] = if base.surface == start.surface { &[&start] } else { &[&base, &start] };
             for (number, base) in bases.iter().enumerate() {

@@ -1,17 +1,18 @@
-//! Unions of a solid with balls that keep their promises: no union fails, changes the large cavities or joins solids, or
-//! closes a wide through hole. Balls that break a promise are found by groups and halves, and left out.
+//! Unions of a solid with balls that keep their promises: no union fails, changes the large cavities, joins solids, or closes a
+//! wide through hole. Where a hole was closed, balls leave the middles of wide gaps free. Those that still break a promise
+//! are found by halves, and left out.
 
-use std::collections::BTreeMap;
+use std::time::Duration;
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree};
-use crate::mesh::{Surface, position_key};
+use crate::mesh::Surface;
 use crate::remesh::{BallUnion, RemeshError};
+use glam::DVec3;
 use rayon::prelude::*;
-use rustc_hash::FxHashSet;
 
 use super::bodies::Filler;
-use super::gaps::{CELL, balls_over_gaps, bridging};
+use super::gaps::{GapWidths, WideGaps};
 use super::handles::ChangedGroups;
 use super::outcome::Thickening;
 use super::results::{Grown, Thin, face_count};
@@ -24,16 +25,16 @@ const MAX_MORE_FACES: u64 = 3;
 const MAX_MEMORY: u64 = 1 << 29;
 /// The most unions of a round. More than one is needed only where a promise is broken.
 const MAX_UNIONS: usize = 8;
-/// Wide through holes must stay open for balls that are larger by this share of the least wall, each time. So they stay wider
-/// than twice that. Two sizes, since where balls meet faces, the narrow tunnel of a crease can hide that a hole is closed;
-/// it hardly ever does with both.
-const CLEARANCES: [f64; 2] = [0.1, 0.14];
-/// After how many refusals closed holes are not checked for their width any more. Each check takes several unions.
-const MAX_REFUSALS: usize = 2;
-/// The widest gap that new balls of both sides can bridge, in least walls.
+/// The widest gap that new balls of both sides can close, in least walls.
 const WIDEST_BRIDGE: f64 = 2.5;
-/// Balls that break a promise are left out in groups of at most these fractions of a round's balls, and of those that were
-/// suspected first: one in so many.
+/// The share of half of the least gap that stays free around the middle of a wide gap. The rest is for rounding.
+const FREE: f64 = 0.95;
+/// How far the surface of all balls exceeds balls at most, in cells. So far, the middle of a wide gap stays free in any case.
+const MAX_EXCESS: f64 = 0.5;
+/// Balls whose distance is less than twice this share of the least wall and a cell belong to one group.
+const GROUP_REACH: f64 = 0.14;
+/// Balls that break a promise are left out where at most these fractions of a round's balls, or of those that were suspected
+/// first, are suspected: one in so many.
 const LEFT_OUT: [usize; 2] = [16, 2];
 
 /// A size of cells.
@@ -52,6 +53,8 @@ pub struct Filling<'a> {
     pub settings: Thickening,
     pub union: &'a dyn SelfUnion,
     pub context: &'a Context<'a>,
+    /// The time that is kept for the end, beyond the deadline of `context`.
+    pub kept: Duration,
     /// The surface to thicken. Sources from the number of its faces on mean added faces.
     pub input: &'a Surface,
     /// Its thin walls.
@@ -79,43 +82,31 @@ pub struct State<'a> {
     pub first: Option<Vec<Filler>>,
     /// The number of the round.
     pub round: usize,
+    /// The longest time that the measurement of a result took.
+    pub slowest_measure: Duration,
     /// The topology that the next result must have.
     pub topology: Topology,
     /// Whether gaps limit nearly all new balls.
     pub is_limited: bool,
-    /// How many times a wide hole was perhaps closed.
-    pub refusals: usize,
-    /// How many narrow through holes were closed near a ball, which is given by its number.
-    pub allowed: Vec<(usize, i64)>,
-    /// The base without narrow gaps, if it was needed.
-    pub closed_gaps: Option<ClosedGaps>,
 }
 
-/// A surface whose narrow gaps near some balls are closed. Through holes that it still has are wide.
-pub struct ClosedGaps {
-    /// The centres of the balls.
-    balls: FxHashSet<[u64; 3]>,
-    surface: Surface,
-    topology: Topology,
-}
-
-impl ClosedGaps {
-    /// Whether the gaps are closed near all of some balls.
-    fn are_near(&self, balls: &[Filler]) -> bool {
-        balls.iter().all(|ball| self.balls.contains(&position_key(ball.centre)))
-    }
-}
-
-/// A union before and after new balls.
+/// New balls in a union.
 struct Change<'a> {
     /// All balls, the new ones last.
     balls: &'a [Filler],
     /// The number of earlier balls.
     earlier: usize,
+    /// The surface without the new balls.
     before: &'a Surface,
-    after: &'a Surface,
-    /// The topology after it.
-    topology: Topology,
+}
+
+/// Balls that perhaps break a promise.
+struct Suspects {
+    broken: Broken,
+    /// Their numbers.
+    balls: Vec<usize>,
+    /// Whether the promise is kept if they leave the wide gaps open.
+    are_guarded: bool,
 }
 
 /// A union with some of the balls of a round.
@@ -124,7 +115,9 @@ pub struct Union {
     pub surface: Option<Surface>,
     /// The balls that are part of it.
     pub balls: Vec<Filler>,
-    /// Why others are not.
+    /// The centres of new balls that are smaller than wanted, or missing, so that wide gaps stay open.
+    pub limited: Vec<DVec3>,
+    /// Why others are not part of it.
     pub broken: Option<Broken>,
 }
 
@@ -140,89 +133,78 @@ impl Filling<'_> {
         Ok(surface)
     }
 
-    /// The union with the balls of all rounds and as many new ones as possible. Balls that perhaps break a promise are tried
-    /// again in halves of their groups, all first halves at once, and left out if they are few.
+    /// The middles of the wide gaps near some balls; none if there are too many.
+    fn wide_gaps(&self, balls: &[Filler], state: &State<'_>) -> Result<Option<WideGaps>, Cancelled> {
+        let Thickening { min_wall, min_gap, .. } = self.settings;
+        let free = (FREE * min_gap / 2.0).max(MAX_EXCESS * state.cells.share * min_wall);
+        let widths = GapWidths { least: min_gap, most: WIDEST_BRIDGE * min_wall, free };
+        WideGaps::near((self.input, &state.input_tree), balls, widths, self.context)
+    }
+
+    /// The union with the balls of all rounds and as many new ones as possible. Balls that perhaps close a wide gap get smaller.
+    /// Those that still break a promise are tried again in halves, and left out if they are few.
     pub fn largest_union(
         &self,
         new: Vec<Filler>,
         current: &Surface,
         state: &mut State<'_>,
     ) -> Result<Union, Cancelled> {
-        let mut best = Union { surface: None, balls: state.balls.clone(), broken: None };
-        let few_of_all = new.len() / LEFT_OUT[0];
-        let mut fewest = None;
-        let mut open = vec![new];
+        let mut best = Union { surface: None, balls: state.balls.clone(), limited: Vec::new(), broken: None };
+        let mut tries = Tries::new(&state.balls, self.guarded_beside_guarded(new, &mut best, state)?);
         for _ in 0..MAX_UNIONS {
-            let Some(some) = open.pop() else { break };
-            let with = [&best.balls[..], &some].concat();
-            let union = self.union_of(state, &with)?;
-            let (broken, suspects) = if let Some((after, topology)) = &union {
-                let before = best.surface.as_ref().unwrap_or(current);
-                let change = Change { balls: &with, earlier: best.balls.len(), before, after, topology: *topology };
-                self.suspects(&change, state)?
-            } else {
-                (Broken::Union, vec![Some(0); some.len()])
-            };
-            if let Some((surface, topology)) = union.filter(|_| suspects.iter().all(Option::is_none)) {
-                state.topology = state.topology.without_holes_missing_in(topology);
-                (best.surface, best.balls) = (Some(surface), with);
+            let Some(some) = tries.open.pop() else { break };
+            let with = [&tries.earlier[..], &some].concat();
+            let before = best.surface.as_ref().unwrap_or(current);
+            let change = Change { balls: &with, earlier: tries.earlier.len(), before };
+            let union = self.union_of(&with, state)?;
+            let suspects = self.suspects(&change, union.as_ref(), state);
+            if suspects.balls.is_empty() {
+                if let Some((surface, topology)) = union {
+                    state.topology = state.topology.without_holes_missing_in(topology);
+                    tries.earlier.clone_from(&with);
+                    (best.surface, best.balls) = (Some(surface), with);
+                }
                 continue;
             }
-            best.broken = Some(broken);
-            let (mut kept, mut groups) = (Vec::new(), BTreeMap::<u32, Vec<Filler>>::new());
-            for (filler, group) in some.into_iter().zip(suspects) {
-                group.map_or(&mut kept, |group| groups.entry(group).or_default()).push(filler);
+            let guarded = if suspects.are_guarded { None } else { self.guarded(&with, &suspects, &mut best, state)? };
+            if let Some(guarded) = guarded {
+                tries.again(&guarded);
+            } else {
+                best.broken = Some(suspects.broken);
+                let left_out = tries.in_halves(some, &suspects);
+                state.left_out.extend(left_out.into_iter().map(|filler| (filler, suspects.broken)));
             }
-            let suspected = groups.values().map(Vec::len).sum::<usize>();
-            let fewest = *fewest.get_or_insert(few_of_all.min(suspected / LEFT_OUT[1]).max(1));
-            let [mut first, mut second] = [Vec::new(), Vec::new()];
-            for group in groups.into_values() {
-                if group.len() <= fewest {
-                    state.left_out.extend(group.into_iter().map(|filler| (filler, broken)));
-                } else {
-                    let [one, other] = halves(group);
-                    first.extend(one);
-                    second.extend(other);
-                }
-            }
-            open.extend([second, first, kept].into_iter().filter(|balls| !balls.is_empty()));
         }
         Ok(best)
     }
 
-    /// The promise that a union perhaps breaks, and for each new ball its group, if the group perhaps breaks it.
-    fn suspects(&self, change: &Change<'_>, state: &mut State<'_>) -> Result<(Broken, Vec<Option<u32>>), Cancelled> {
-        Ok(match change.topology.broken_since(state.topology) {
-            Some(Broken::Parts) => (Broken::Parts, self.at_changed_parts(change, state)?),
-            _ => (Broken::ThroughHole, self.bridging(self.at_closed_holes(change, state)?, change)?),
-        })
-    }
-
-    /// Of suspected balls those that bridge a wide gap; all of a group in which none does.
-    fn bridging(&self, suspects: Vec<Option<u32>>, change: &Change<'_>) -> Result<Vec<Option<u32>>, Cancelled> {
-        let new = &change.balls[change.earlier..];
-        let numbers: Vec<usize> = (0..new.len()).filter(|&ball| suspects[ball].is_some()).collect();
-        if numbers.is_empty() {
-            return Ok(suspects);
+    /// The balls that perhaps break a promise in a union; none if it keeps all.
+    fn suspects(&self, change: &Change<'_>, union: Option<&(Surface, Topology)>, state: &State<'_>) -> Suspects {
+        let new: Vec<usize> = (change.earlier..change.balls.len()).collect();
+        let Some((after, topology)) = union else {
+            return Suspects { broken: Broken::Union, balls: new, are_guarded: true };
+        };
+        let is_unguarded = |ball: &usize| !change.balls[*ball].is_guarded;
+        if topology.broken_since(state.topology) == Some(Broken::Parts) {
+            let near = self.near_changed_cavities(change, after, state);
+            if !near.is_empty() {
+                return Suspects { broken: Broken::Parts, balls: near, are_guarded: true };
+            }
+            let unguarded: Vec<usize> = (0..change.balls.len()).filter(is_unguarded).collect();
+            let are_guarded = unguarded.is_empty();
+            return Suspects { broken: Broken::Parts, balls: if are_guarded { new } else { unguarded }, are_guarded };
         }
-        let balls: Vec<Filler> = numbers.iter().map(|&ball| new[ball]).collect();
-        let tree = Tree::new(&change.before.positions, &change.before.faces);
-        let widths = [self.settings.min_gap, WIDEST_BRIDGE * self.settings.min_wall];
-        let is_bridging = bridging((change.before, &tree), &balls, widths, self.context)?;
-        let bridging = numbers.into_iter().zip(is_bridging).filter(|(_, is_bridging)| *is_bridging);
-        let bridging: FxHashSet<usize> = bridging.map(|(ball, _)| ball).collect();
-        let with_bridges: FxHashSet<Option<u32>> = bridging.iter().map(|&ball| suspects[ball]).collect();
-        let is_suspect =
-            |&(ball, group): &(usize, Option<u32>)| !with_bridges.contains(&group) || bridging.contains(&ball);
-        Ok(suspects.into_iter().enumerate().map(|of| if is_suspect(&of) { of.1 } else { None }).collect())
+        let mut balls = self.at_closed_holes(change, (after, *topology), state);
+        balls.retain(is_unguarded);
+        Suspects { broken: Broken::ThroughHole, balls, are_guarded: false }
     }
 
-    /// For each new ball the group 0, if the ball is at a large cavity that was closed, opened or divided; if none is, because
-    /// solids were joined, those that bridge a wide gap.
-    fn at_changed_parts(&self, change: &Change<'_>, state: &State<'_>) -> Result<Vec<Option<u32>>, Cancelled> {
-        let corners = changed_cavities(change.before, change.after, &self.settings).concat();
+    /// The new balls at large cavities that were closed, opened or divided.
+    fn near_changed_cavities(&self, change: &Change<'_>, after: &Surface, state: &State<'_>) -> Vec<usize> {
+        let corners = changed_cavities(change.before, after, &self.settings).concat();
         let tree = Tree::of_boxes(&corners.iter().map(|&corner| Box3::of([corner])).collect::<Vec<_>>());
-        let is_near = |ball: &Filler| {
+        let is_near = |ball: &usize| {
+            let ball = change.balls[*ball];
             let reach = ball.radius + state.cells.share * self.settings.min_wall;
             let mut is_near = false;
             tree.overlapping(&Box3::of([ball.centre]).grown(reach), |corner| {
@@ -231,121 +213,105 @@ impl Filling<'_> {
             });
             is_near
         };
-        let new = &change.balls[change.earlier..];
-        let near: Vec<Option<u32>> = new.par_iter().map(|ball| is_near(ball).then_some(0)).collect();
-        if near.iter().any(Option::is_some) { Ok(near) } else { self.bridging(vec![Some(0); new.len()], change) }
+        (change.earlier..change.balls.len()).into_par_iter().filter(is_near).collect()
     }
 
-    /// For each new ball its group, if the group perhaps closes a wide through hole.
-    fn at_closed_holes(&self, change: &Change<'_>, state: &mut State<'_>) -> Result<Vec<Option<u32>>, Cancelled> {
-        let clearance = CLEARANCES.into_iter().fold(0.0, f64::max);
-        let reach = (clearance + state.cells.share) * self.settings.min_wall;
-        let groups = ChangedGroups::new(change.balls, change.earlier, reach);
-        let lost = groups.all.topology(&state.base.surface).handles_lost(&groups.all.topology(change.after));
-        let lost = groups.without_allowed(lost, &state.allowed);
-        let is_lost = change.topology.broken_since(state.topology).is_some();
+    /// The balls in groups of new balls where a through hole was closed, with the earlier balls that touch them.
+    fn at_closed_holes(
+        &self,
+        change: &Change<'_>,
+        (after, topology): (&Surface, Topology),
+        state: &State<'_>,
+    ) -> Vec<usize> {
+        let groups = self.groups(change.balls, change.earlier, state);
+        let lost = groups.all.topology(&state.base.surface).handles_lost(&groups.all.topology(after));
+        let lost = lost.unwrap_or_else(|| vec![0; groups.all.count]);
+        let is_lost = topology.broken_since(state.topology).is_some();
         if !is_lost && lost.iter().all(|lost| *lost <= 0) {
-            return Ok(vec![None; groups.new.of_ball.len()]);
+            return Vec::new();
         }
         let has_lost = |group: usize| lost.iter().all(|lost| *lost <= 0) || lost[groups.of_new[group]] > 0;
-        let nearby = groups.new.topology(change.before).handles_lost(&groups.new.topology(change.after));
+        let nearby = groups.new.topology(change.before).handles_lost(&groups.new.topology(after));
         let has_lost_nearby = |group: usize| nearby.as_ref().is_none_or(|nearby| nearby[group] > 0);
-        let mut suspects: Vec<bool> = (0..groups.new.count).map(|g| has_lost(g) && has_lost_nearby(g)).collect();
-        if !suspects.contains(&true) {
-            suspects = (0..groups.new.count).map(has_lost).collect();
+        let mut is_suspect: Vec<bool> = (0..groups.new.count).map(|g| has_lost(g) && has_lost_nearby(g)).collect();
+        if !is_suspect.contains(&true) {
+            is_suspect = (0..groups.new.count).map(has_lost).collect();
         }
-        if state.refusals < MAX_REFUSALS {
-            self.keep_closing_wide_holes(&mut suspects, (change, &groups), state)?;
-            state.refusals += usize::from(suspects.contains(&true));
-        }
-        if !suspects.contains(&true) {
-            let first = |group: u32| groups.all.of_ball.iter().position(|of_ball| *of_ball == group);
-            let allowed = (0u32..).zip(lost).filter(|(_, lost)| *lost > 0);
-            state.allowed.extend(allowed.filter_map(|(group, lost)| Some((first(group)?, lost))));
-        }
-        Ok(groups.new.of_ball.iter().map(|&group| suspects[group as usize].then_some(group)).collect())
+        let new = &change.balls[change.earlier..];
+        let of_suspects = |ball: &usize| is_suspect[groups.new.of_ball[*ball] as usize];
+        let suspects: Vec<usize> = (0..new.len()).filter(of_suspects).collect();
+        let bounds = |ball: &Filler| Box3::of([ball.centre]).grown(ball.radius);
+        let tree = Tree::of_boxes(&suspects.iter().map(|&ball| bounds(&new[ball])).collect::<Vec<_>>());
+        let touches = |ball: &usize| {
+            let mut touches = false;
+            tree.overlapping(&bounds(&change.balls[*ball]), |_| {
+                touches = true;
+                false
+            });
+            touches
+        };
+        let earlier = (0..change.earlier).filter(touches);
+        earlier.chain(suspects.iter().map(|ball| change.earlier + ball)).collect()
     }
 
-    /// Keeps of the groups of new balls those that perhaps close a through hole that is wider than the least gap.
-    fn keep_closing_wide_holes(
+    /// The groups of balls whose surfaces touch.
+    fn groups<'a>(&self, balls: &'a [Filler], earlier: usize, state: &State<'_>) -> ChangedGroups<'a> {
+        ChangedGroups::new(balls, earlier, (GROUP_REACH + state.cells.share) * self.settings.min_wall)
+    }
+
+    /// New balls, of which those beside earlier balls that leave the wide gaps open do so, too.
+    fn guarded_beside_guarded(
         &self,
-        suspects: &mut [bool],
-        (change, groups): (&Change<'_>, &ChangedGroups<'_>),
-        state: &mut State<'_>,
-    ) -> Result<(), Cancelled> {
-        let (earlier, new) = change.balls.split_at(change.earlier);
-        let suspected = new.iter().zip(&groups.new.of_ball).filter(|(_, group)| suspects[**group as usize]);
-        let suspected: Vec<Filler> = suspected.map(|(ball, _)| *ball).collect();
-        if !state.closed_gaps.as_ref().is_some_and(|closed| closed.are_near(&suspected)) {
-            state.closed_gaps = self.closed_gaps(&suspected, state)?;
+        new: Vec<Filler>,
+        best: &mut Union,
+        state: &State<'_>,
+    ) -> Result<Vec<Filler>, Cancelled> {
+        if state.balls.iter().all(|ball| !ball.is_guarded) {
+            return Ok(new);
         }
-        let Some(closed) = &state.closed_gaps else { return Ok(()) };
-        let union = |balls: &[Filler]| self.united_with(&closed.surface, balls, (state, state.cells.share));
-        let base = groups.all.topology(&closed.surface);
-        let allowed = u64::try_from(state.allowed.iter().map(|allowed| allowed.1).sum::<i64>()).unwrap_or(0);
-        let mut before = None;
-        let mut is_closed = vec![false; suspects.len()];
-        let are_all_closed =
-            |is_closed: &[bool]| !suspects.iter().zip(is_closed).any(|(suspect, closed)| *suspect && !closed);
-        for clearance in CLEARANCES {
-            if are_all_closed(&is_closed) {
-                break;
-            }
-            let larger = |ball: &Filler| Filler { radius: ball.radius + clearance * self.settings.min_wall, ..*ball };
-            let larger: Vec<Filler> = earlier.iter().copied().chain(new.iter().map(larger)).collect();
-            let Some((after, topology)) = union(&larger)? else { return Ok(()) };
-            let lost = base.handles_lost(&groups.all.topology(&after));
-            let in_total = lost.is_none() && closed.topology.handles_lost(topology) > allowed;
-            let lost = groups.without_allowed(lost, &state.allowed);
-            for (group, is_closed) in is_closed.iter_mut().enumerate() {
-                *is_closed |= in_total || lost[groups.of_new[group]] > 0;
-            }
-            if are_all_closed(&is_closed) {
-                break;
-            }
-            let known = match before.take() {
-                Some(known) => known,
-                None => {
-                    let Some((surface, topology)) = union(earlier)? else { return Ok(()) };
-                    (groups.new.topology(&surface), topology)
-                }
-            };
-            let (before, topology_before) = &*before.insert(known);
-            let lost = before.handles_lost(&groups.new.topology(&after));
-            let in_total = i64::from(topology_before.handles_lost(topology) > 0);
-            let lost = lost.unwrap_or_else(|| vec![in_total; suspects.len()]);
-            is_closed.iter_mut().zip(lost).for_each(|(is_closed, lost)| *is_closed |= lost > 0);
+        let all = [&state.balls[..], &new].concat();
+        let groups = self.groups(&all, state.balls.len(), state).all;
+        let mut has_guarded = vec![false; groups.count];
+        for (ball, &group) in state.balls.iter().zip(&groups.of_ball) {
+            has_guarded[group as usize] |= ball.is_guarded;
         }
-        suspects.iter_mut().zip(is_closed).for_each(|(suspect, is_closed)| *suspect &= is_closed);
-        Ok(())
+        let is_beside = |ball: &usize| has_guarded[groups.of_ball[*ball] as usize];
+        let beside: Vec<usize> = (state.balls.len()..all.len()).filter(is_beside).collect();
+        let beside = Suspects { broken: Broken::ThroughHole, balls: beside, are_guarded: false };
+        let guarded = self.guarded(&all, &beside, best, state)?;
+        let guarded = guarded.map(|all| not_empty(&all[state.balls.len()..]));
+        Ok(guarded.unwrap_or(new))
     }
 
-    /// The base with its narrow gaps near some balls closed. None if there are none, or if that fails.
-    fn closed_gaps(&self, balls: &[Filler], state: &State<'_>) -> Result<Option<ClosedGaps>, Cancelled> {
-        let reach = |ball: &Filler| Filler { radius: ball.radius + self.settings.min_gap, ..*ball };
-        let near: Vec<Filler> = balls.iter().map(reach).collect();
-        let over = balls_over_gaps((self.input, &state.input_tree), &near, &self.settings, self.context)?;
-        let Some(over) = over.filter(|over| !over.is_empty()) else { return Ok(None) };
-        let cell = CELL * self.settings.min_gap / self.settings.min_wall;
-        let closed = self.united_with(&state.base.surface, &over, (state, cell))?;
-        let balls = balls.iter().map(|ball| position_key(ball.centre)).collect();
-        Ok(closed.map(|(surface, topology)| ClosedGaps { balls, surface, topology }))
-    }
-
-    /// The union of the base and balls, with cells of a share of the least wall, and its topology; none if it fails.
-    fn union_of(&self, state: &State<'_>, balls: &[Filler]) -> Result<Option<(Surface, Topology)>, Cancelled> {
-        self.united_with(&state.base.surface, balls, (state, state.cells.share))
-    }
-
-    /// [`Filling::union_of`] on another surface, with cells of another share.
-    fn united_with(
+    /// Balls, of which the suspects get so small that they leave the wide gaps open. None if there are too many gaps.
+    fn guarded(
         &self,
-        surface: &Surface,
         balls: &[Filler],
-        (state, share): (&State<'_>, f64),
-    ) -> Result<Option<(Surface, Topology)>, Cancelled> {
-        let mut all = surface.clone();
-        match self.body(balls, share, MAX_MORE_FACES * state.cells.max_faces) {
+        suspects: &Suspects,
+        best: &mut Union,
+        state: &State<'_>,
+    ) -> Result<Option<Vec<Filler>>, Cancelled> {
+        let cell = state.cells.share * self.settings.min_wall;
+        let some: Vec<Filler> = suspects.balls.iter().map(|&ball| balls[ball]).collect();
+        let gaps = self.wide_gaps(&some, state)?;
+        let Some(gaps) = gaps else { return Ok(None) };
+        let allowed: Vec<f64> = some.par_iter().map(|ball| gaps.allowed(ball.centre, ball.radius)).collect();
+        let mut guarded = balls.to_vec();
+        for (&number, allowed) in suspects.balls.iter().zip(allowed) {
+            let ball = &mut guarded[number];
+            if allowed < ball.radius {
+                best.limited.push(ball.centre);
+                (ball.is_limited, ball.radius) = (true, if allowed < cell { 0.0 } else { allowed });
+            }
+            ball.is_guarded = true;
+        }
+        Ok(Some(guarded))
+    }
+
+    /// The union of the base and balls, and its topology; none if it fails.
+    fn union_of(&self, balls: &[Filler], state: &State<'_>) -> Result<Option<(Surface, Topology)>, Cancelled> {
+        let mut all = state.base.surface.clone();
+        match self.body(balls, state.cells.share, MAX_MORE_FACES * state.cells.max_faces) {
             Ok(body) => all.append(Surface { source: vec![self.mark(); body.faces.len()], ..body }),
             Err(RemeshError::Empty) => {}
             Err(RemeshError::Cancelled(cancelled)) => return Err(cancelled),
@@ -363,6 +329,53 @@ impl Filling<'_> {
     pub fn mark(&self) -> u32 {
         2 * self.faces()
     }
+}
+
+/// The balls that are still to be tried in a union.
+struct Tries {
+    /// The balls of the last good union.
+    earlier: Vec<Filler>,
+    /// New balls, of which each list is tried with the earlier ones. The last list comes first.
+    open: Vec<Vec<Filler>>,
+    few_of_all: usize,
+    /// The number of suspects that are left out.
+    fewest: Option<usize>,
+}
+
+impl Tries {
+    fn new(earlier: &[Filler], new: Vec<Filler>) -> Self {
+        Self { earlier: earlier.to_vec(), few_of_all: new.len() / LEFT_OUT[0], open: vec![new], fewest: None }
+    }
+
+    /// Tries the balls of a union again, of which some got smaller.
+    fn again(&mut self, balls: &[Filler]) {
+        let (earlier, some) = balls.split_at(self.earlier.len());
+        self.earlier.copy_from_slice(earlier);
+        self.open.push(not_empty(some));
+    }
+
+    /// Tries new balls without the suspects, and these in halves. Returns the suspects if they are few.
+    fn in_halves(&mut self, some: Vec<Filler>, suspects: &Suspects) -> Vec<Filler> {
+        let mut is_suspect = vec![false; self.earlier.len() + some.len()];
+        suspects.balls.iter().for_each(|&ball| is_suspect[ball] = true);
+        let [mut suspected, mut kept] = [Vec::new(), Vec::new()];
+        for (ball, &is_suspect) in some.into_iter().zip(&is_suspect[self.earlier.len()..]) {
+            if is_suspect { &mut suspected } else { &mut kept }.push(ball);
+        }
+        let fewest = *self.fewest.get_or_insert(self.few_of_all.min(suspected.len() / LEFT_OUT[1]).max(1));
+        if suspected.len() <= fewest {
+            self.open.extend((!kept.is_empty()).then_some(kept));
+            return suspected;
+        }
+        let [first, second] = halves(suspected);
+        self.open.extend([second, first, kept].into_iter().filter(|balls| !balls.is_empty()));
+        Vec::new()
+    }
+}
+
+/// The balls of which something is left.
+fn not_empty(balls: &[Filler]) -> Vec<Filler> {
+    balls.iter().copied().filter(|ball| ball.radius > 0.0).collect()
 }
 
 /// Balls in two halves, across the longest side of the box of their centres.

@@ -289,7 +289,7 @@ fn only_a_hole_narrower_than_the_least_gap_is_closed() {
         let done = thickened(&sheet, Thickening { min_gap: 0.5, ..both(1.0) }).unwrap();
         assert_eq!(done.through_holes_closed, closed);
         assert!(done.added_volume > 10.0, "{}", done.added_volume);
-        assert_eq!(done.is_proved, closed == 1, "{:?}", done.places);
+        assert!(done.is_proved, "{:?}", done.places);
         assert!(closed == 1 || euler(&done.surface) <= 0, "the hole is open");
     }
 }
