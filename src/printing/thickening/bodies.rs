@@ -53,7 +53,7 @@ pub struct Filler {
     pub centre: DVec3,
     /// The radius.
     pub radius: f64,
-    /// Whether a gap limits the ball.
+    /// Whether a gap in front limits the ball.
     pub is_limited: bool,
     /// Whether the ball leaves the middles of all wide gaps free.
     pub is_guarded: bool,

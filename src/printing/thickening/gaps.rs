@@ -5,9 +5,8 @@
 //! wide gap between solids is bridged.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use rustc_hash::FxHashSet;
-use smallvec::{SmallVec, smallvec};
+use smallvec::SmallVec;
 
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree, centre_and_radius, longest_side_first, nearest_on_segment, nearest_within};
@@ -29,15 +28,13 @@ const AS_NEAR: f64 = 1.1;
 /// How far a point moves away from the nearest sides at once, as a share of their distance, and how often at most.
 const MOVE: f64 = 0.5;
 /// See [`MOVE`].
-const MAX_MOVES: usize = 16;
+const MAX_MOVES: usize = 15;
 /// The most steps towards the nearest point of a convex hull.
 const HULL_STEPS: usize = 16;
 /// The largest dot product of the normals at a sharp edge, and the cosine of the angle between directions from it: 36.9 degrees.
 const SHARP: f64 = 0.8;
 /// The most triangles that faces are split into.
 const MAX_TRIANGLES: u64 = 1 << 23;
-/// Faces between two checks for cancellation.
-const BATCH: usize = 1 << 12;
 
 /// Which gaps are searched.
 #[derive(Clone, Copy)]
@@ -69,19 +66,16 @@ impl WideGaps {
         context: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
         let samples = Samples::new((surface, tree), balls, widths, context);
-        // Both sides of a gap have the same middles, and faces that are smaller than a sample have more than needed.
-        let mut known = FxHashSet::default();
-        let mut middles = Vec::new();
         let faces = (0u32..).take(surface.faces.len()).map(Sampled::Face);
         let all: Vec<Sampled> = faces.chain(sharp_edges(surface, samples.noise).map(Sampled::Edge)).collect();
-        for batch in all.chunks(BATCH) {
-            let found: Vec<Vec<DVec3>> = batch.par_iter().map(|sampled| samples.of(sampled)).collect();
-            context.check()?;
-            let new = |middle: &DVec3| known.insert(cell_of(*middle, SAMPLE * widths.free));
-            middles.extend(found.into_iter().flatten().filter(new));
-            if middles.len() > MAX_BALLS || samples.budget.is_exceeded() {
-                return Ok(None);
-            }
+        let found = context.map_in_parallel(&all, |sampled| samples.of(sampled))?;
+        context.check()?;
+        // Both sides of a gap have the same middles, and faces that are smaller than a sample have more than needed.
+        let mut known = FxHashSet::default();
+        let is_new = |middle: &DVec3| known.insert(cell_of(*middle, SAMPLE * widths.free));
+        let middles: Vec<DVec3> = found.into_iter().flatten().filter(is_new).collect();
+        if middles.len() > MAX_BALLS || samples.budget.is_exceeded() {
+            return Ok(None);
         }
         let boxes: Vec<Box3> = middles.iter().map(|&middle| Box3::of([middle])).collect();
         Ok(Some(Self { middles, tree: Tree::of_boxes(&boxes), free: widths.free }))
@@ -183,24 +177,29 @@ impl<'a> Samples<'a> {
         let ball = self.tree.shrunk_ball([point, direction], most, &mut STEPS.clone(), corners)?;
         let touched = ball.touches?.point;
         let (mut middle, mut distance) = (point + direction * ball.radius, ball.radius);
-        let mut sides: SmallVec<[DVec3; 16]> = smallvec![-direction, (touched - middle).normalize_or_zero()];
+        let is_wide = |distance: f64| 2.0 * distance >= self.widths.least;
+        if far_from_zero(&[-direction, (touched - middle).normalize_or_zero()]).is_none() {
+            return is_wide(distance).then_some(middle);
+        }
         for _ in 0..MAX_MOVES {
-            if far_from_zero(&sides).is_none() {
-                return (2.0 * distance >= self.widths.least).then_some(middle);
-            }
-            let reach = AS_NEAR * distance;
-            sides.clear();
-            self.tree.overlapping(&Box3::of([middle]).grown(reach), |face| {
-                let found = nearest_within(middle, corners(face), reach);
-                sides.extend(found.map(|other| (other - middle).normalize_or_zero()));
-                true
-            });
-            if let Some(side) = far_from_zero(&sides) {
-                middle -= side * (MOVE * distance);
-                distance = self.tree.nearest(middle, most, &mut STEPS.clone(), corners)?.distance;
-            }
+            let Some(side) = far_from_zero(&self.sides(middle, AS_NEAR * distance)) else {
+                return is_wide(distance).then_some(middle);
+            };
+            middle -= side * (MOVE * distance);
+            distance = self.tree.nearest(middle, most, &mut STEPS.clone(), corners)?.distance;
         }
         None
+    }
+
+    /// The directions from a point to the nearest points of the faces within reach.
+    fn sides(&self, middle: DVec3, reach: f64) -> SmallVec<[DVec3; 16]> {
+        let mut sides = SmallVec::new();
+        self.tree.overlapping(&Box3::of([middle]).grown(reach), |face| {
+            let found = nearest_within(middle, self.surface.corners(face as usize), reach);
+            sides.extend(found.map(|other| (other - middle).normalize_or_zero()));
+            true
+        });
+        sides
     }
 }
 

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::bodies::Filler;
 use super::gaps::{GapWidths, WideGaps};
-use super::handles::ChangedGroups;
+use super::handles::{BallGroups, ChangedGroups};
 use super::outcome::Thickening;
 use super::results::{Grown, Thin, face_count};
 use super::spheres::Spheres;
@@ -166,7 +166,8 @@ impl Filling<'_> {
                 }
                 continue;
             }
-            let guarded = if suspects.are_guarded { None } else { self.guarded(&with, &suspects, &mut best, state)? };
+            let guarded =
+                if suspects.are_guarded { None } else { self.guarded(&with, &suspects.balls, &mut best, state)? };
             if let Some(guarded) = guarded {
                 tries.again(&guarded);
             } else {
@@ -223,7 +224,7 @@ impl Filling<'_> {
         (after, topology): (&Surface, Topology),
         state: &State<'_>,
     ) -> Vec<usize> {
-        let groups = self.groups(change.balls, change.earlier, state);
+        let groups = ChangedGroups::new(change.balls, change.earlier, self.group_reach(state));
         let lost = groups.all.topology(&state.base.surface).handles_lost(&groups.all.topology(after));
         let lost = lost.unwrap_or_else(|| vec![0; groups.all.count]);
         let is_lost = topology.broken_since(state.topology).is_some();
@@ -254,9 +255,9 @@ impl Filling<'_> {
         earlier.chain(suspects.iter().map(|ball| change.earlier + ball)).collect()
     }
 
-    /// The groups of balls whose surfaces touch.
-    fn groups<'a>(&self, balls: &'a [Filler], earlier: usize, state: &State<'_>) -> ChangedGroups<'a> {
-        ChangedGroups::new(balls, earlier, (GROUP_REACH + state.cells.share) * self.settings.min_wall)
+    /// The distance from balls up to which a surface belongs to their group.
+    fn group_reach(&self, state: &State<'_>) -> f64 {
+        (GROUP_REACH + state.cells.share) * self.settings.min_wall
     }
 
     /// New balls, of which those beside earlier balls that leave the wide gaps open do so, too.
@@ -270,38 +271,37 @@ impl Filling<'_> {
             return Ok(new);
         }
         let all = [&state.balls[..], &new].concat();
-        let groups = self.groups(&all, state.balls.len(), state).all;
+        let groups = BallGroups::new(&all, self.group_reach(state));
         let mut has_guarded = vec![false; groups.count];
         for (ball, &group) in state.balls.iter().zip(&groups.of_ball) {
             has_guarded[group as usize] |= ball.is_guarded;
         }
         let is_beside = |ball: &usize| has_guarded[groups.of_ball[*ball] as usize];
         let beside: Vec<usize> = (state.balls.len()..all.len()).filter(is_beside).collect();
-        let beside = Suspects { broken: Broken::ThroughHole, balls: beside, are_guarded: false };
         let guarded = self.guarded(&all, &beside, best, state)?;
         let guarded = guarded.map(|all| not_empty(&all[state.balls.len()..]));
         Ok(guarded.unwrap_or(new))
     }
 
-    /// Balls, of which the suspects get so small that they leave the wide gaps open. None if there are too many gaps.
+    /// Balls, of which those with some numbers get so small that they leave the wide gaps open. None if there are too many gaps.
     fn guarded(
         &self,
         balls: &[Filler],
-        suspects: &Suspects,
+        numbers: &[usize],
         best: &mut Union,
         state: &State<'_>,
     ) -> Result<Option<Vec<Filler>>, Cancelled> {
         let cell = state.cells.share * self.settings.min_wall;
-        let some: Vec<Filler> = suspects.balls.iter().map(|&ball| balls[ball]).collect();
+        let some: Vec<Filler> = numbers.iter().map(|&ball| balls[ball]).collect();
         let gaps = self.wide_gaps(&some, state)?;
         let Some(gaps) = gaps else { return Ok(None) };
         let allowed: Vec<f64> = some.par_iter().map(|ball| gaps.allowed(ball.centre, ball.radius)).collect();
         let mut guarded = balls.to_vec();
-        for (&number, allowed) in suspects.balls.iter().zip(allowed) {
+        for (&number, allowed) in numbers.iter().zip(allowed) {
             let ball = &mut guarded[number];
             if allowed < ball.radius {
                 best.limited.push(ball.centre);
-                (ball.is_limited, ball.radius) = (true, if allowed < cell { 0.0 } else { allowed });
+                ball.radius = if allowed < cell { 0.0 } else { allowed };
             }
             ball.is_guarded = true;
         }
