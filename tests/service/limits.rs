@@ -85,7 +85,7 @@ async fn a_child_that_is_killed_each_time_is_set_aside_with_its_reason() {
     let mut killed = Vec::new();
     let job = until("the job is set aside", async || {
         for pid in program.job_children() {
-            if !killed.contains(&pid) {
+            if is_alive(pid) && !killed.contains(&pid) {
                 crate::server::signal(pid, "KILL");
                 killed.push(pid);
             }

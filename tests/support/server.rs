@@ -240,7 +240,8 @@ fn waits_for_a_job(child: u32) -> bool {
     let arguments: Vec<String> =
         arguments.split(|&byte| byte == 0).map(|argument| String::from_utf8_lossy(argument).into_owned()).collect();
     match &arguments[..] {
-        // A new process has its parent's command line until it runs the program.
+        // A new process has its parent's command line until it runs the program, and for a moment none. A zombie has none either.
+        [_] => is_alive(child),
         [_, verb, ..] if verb == "serve" || verb == "work" => true,
         [_, verb, folder, ..] if verb == "job-child" => {
             // The folder may be in another mount namespace, and the link may not be readable for this user.
