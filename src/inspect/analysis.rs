@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use glam::DVec3;
 
-use super::matching::{Common, FaceKeys};
+use super::matching::{Common, FaceHashes, KeyedFaces};
 use super::solids::depths_of;
 use super::{Intersections, Measures, Meeting, Solid, nesting, solids};
 use crate::context::{Cancelled, Context};
@@ -74,7 +74,7 @@ pub struct Analysis<'a> {
     depths: OnceLock<Vec<Option<u32>>>,
     tree: OnceLock<Tree>,
     dipoles: OnceLock<Dipoles>,
-    keys: OnceLock<(f64, FaceKeys)>,
+    hashes: OnceLock<FaceHashes>,
     /// Cache of [`measures`](super::measures()).
     pub(super) measures: OnceLock<Measures>,
     /// Cache of [`Analysis::intersections`].
@@ -130,7 +130,7 @@ impl<'a> Analysis<'a> {
             depths: OnceLock::new(),
             tree: OnceLock::new(),
             dipoles: OnceLock::new(),
-            keys: OnceLock::new(),
+            hashes: OnceLock::new(),
             measures: OnceLock::new(),
             intersections: OnceLock::new(),
             faces_in_other_materials: OnceLock::new(),
@@ -212,10 +212,12 @@ impl<'a> Analysis<'a> {
         Ok(get_or_init(&self.depths, || depths_of(containers)).as_slice())
     }
 
-    /// Face keys by position, with positions multiplied by `scale`. Cached for the first requested scale.
-    pub(super) fn keys(&self, scale: f64) -> Cow<'_, FaceKeys> {
-        let (known, keys) = get_or_init(&self.keys, || (scale, FaceKeys::new(&self.surface, self.unit(), scale)));
-        if *known == scale { Cow::Borrowed(keys) } else { Cow::Owned(FaceKeys::new(&self.surface, self.unit(), scale)) }
+    /// The faces by position, with positions multiplied by `scale`. Cached for the first requested scale.
+    pub(super) fn keyed_faces(&self, scale: f64) -> KeyedFaces<'_> {
+        let of_scale = || FaceHashes::new(&self.surface, self.unit(), scale);
+        let known = get_or_init(&self.hashes, of_scale);
+        let hashes = if known.scale() == scale { Cow::Borrowed(known) } else { Cow::Owned(of_scale()) };
+        KeyedFaces { surface: &self.surface, hashes }
     }
 
     /// The faces that this mesh and another have in common: all of them, if both are one.
@@ -224,7 +226,7 @@ impl<'a> Analysis<'a> {
             return Common::whole(self.surface.faces.len());
         }
         let scale = self.scale();
-        Common::new(&self.keys(scale), &other.keys(scale))
+        Common::new(&self.keyed_faces(scale), &other.keyed_faces(scale))
     }
 
     /// Bounding volume hierarchy over the faces of `surface`, in coordinates of [`Analysis::unit`].

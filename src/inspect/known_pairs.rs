@@ -7,7 +7,7 @@ use std::borrow::Cow;
 
 use super::analysis::KnownPairs;
 use super::intersections::intersections_near_changed;
-use super::matching::{FaceKeys, NO_FACE, matched};
+use super::matching::{FaceHashes, KeyedFaces, NO_FACE, matched};
 use super::{Analysis, IntersectingPair, Intersections, group_faces, intersections};
 use crate::context::{Cancelled, Context};
 use crate::mesh::{Soup, Surface};
@@ -29,8 +29,8 @@ impl Analysis<'_> {
     pub fn known_intersections(&self) -> Option<KnownIntersections<'_>> {
         let is_known = |known: &&Intersections| self.subject.materials.is_none() && known.lists_all_pairs();
         self.intersections.get().filter(is_known).map(|intersections| {
-            let (surface, scale, file_faces) = (&self.surface, self.scale(), self.subject.soup.faces.len());
-            KnownIntersections { intersections, surface, keys: self.keys(scale), scale, file_faces }
+            let faces = self.keyed_faces(self.scale());
+            KnownIntersections { intersections, faces, file_faces: self.subject.soup.faces.len() }
         })
     }
 }
@@ -38,10 +38,7 @@ impl Analysis<'_> {
 /// All intersecting faces of a mesh that was searched before.
 pub struct KnownIntersections<'a> {
     intersections: &'a Intersections,
-    surface: &'a Surface,
-    keys: Cow<'a, FaceKeys>,
-    /// The scale of the keys.
-    scale: f64,
+    faces: KeyedFaces<'a>,
     /// The number of faces before faces were omitted.
     file_faces: usize,
 }
@@ -54,8 +51,7 @@ pub struct SearchedMesh {
     /// Whether most faces were tested, because no earlier mesh had them.
     pub is_mostly_new: bool,
     surface: Surface,
-    keys: FaceKeys,
-    scale: f64,
+    hashes: FaceHashes,
     file_faces: usize,
 }
 
@@ -78,16 +74,16 @@ impl SearchedMesh {
         let is_mostly_new = known.is_none_or(|known| {
             2 * known.changed.iter().filter(|is_changed| **is_changed).count() > known.changed.len()
         });
-        let scale = analysis.scale();
-        let keys = analysis.keys(scale).into_owned();
-        Ok(Self { intersections, is_mostly_new, surface: analysis.surface, keys, scale, file_faces: soup.faces.len() })
+        let hashes = analysis.keyed_faces(analysis.scale()).hashes.into_owned();
+        Ok(Self { intersections, is_mostly_new, surface: analysis.surface, hashes, file_faces: soup.faces.len() })
     }
 
     /// The intersections of this mesh for the search of a later mesh. None if they are incomplete.
     #[must_use]
     pub fn known_intersections(&self) -> Option<KnownIntersections<'_>> {
-        let &Self { ref intersections, ref surface, ref keys, scale, file_faces, .. } = self;
-        let known = KnownIntersections { intersections, surface, keys: Cow::Borrowed(keys), scale, file_faces };
+        let &Self { ref intersections, ref surface, ref hashes, file_faces, .. } = self;
+        let faces = KeyedFaces { surface, hashes: Cow::Borrowed(hashes) };
+        let known = KnownIntersections { intersections, faces, file_faces };
         intersections.lists_all_pairs().then_some(known)
     }
 
@@ -123,16 +119,16 @@ impl Intersections {
 
 impl KnownPairs {
     fn new(mesh: &Analysis<'_>, earlier: &KnownIntersections<'_>) -> Self {
-        let keys = mesh.keys(earlier.scale);
-        let counterparts = matched(&keys, &earlier.keys);
-        let is_exact = keys.is_exact && earlier.keys.is_exact;
+        let faces = mesh.keyed_faces(earlier.faces.hashes.scale());
+        let counterparts = matched(&faces, &earlier.faces);
+        let is_exact = faces.is_exact() && earlier.faces.is_exact();
         let mut changed = vec![true; counterparts.len()];
         // For each face of the earlier file, which the known pairs name, the face of this mesh at the same positions.
         let mut counterpart_of = vec![NO_FACE; earlier.file_faces];
         for ((&other, face), changed) in counterparts.iter().zip(0u32..).zip(&mut changed) {
-            if other != NO_FACE && (is_exact || is_same(&mesh.surface, face, earlier.surface, other)) {
+            if other != NO_FACE && (is_exact || is_same(&mesh.surface, face, earlier.faces.surface, other)) {
                 *changed = false;
-                counterpart_of[earlier.surface.source[other as usize] as usize] = face;
+                counterpart_of[earlier.faces.surface.source[other as usize] as usize] = face;
             }
         }
         let pairs = earlier

@@ -1,12 +1,13 @@
 //! Identical faces: groups of faces with the same vertices in one mesh, and faces at the same positions in two
 //! meshes.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 use smallvec::SmallVec;
 
-use crate::math::Box3;
-use crate::math::threads;
-use crate::mesh::{Edges, Surface};
+use crate::math::{Box3, threads};
+use crate::mesh::{Edges, Surface, hash_coordinates};
 
 /// Faces grouped by their three vertices, regardless of vertex order.
 #[derive(Debug, Clone, Default)]
@@ -107,50 +108,144 @@ const MAX_DIAGONALS_FROM_ORIGIN: f64 = 16.0;
 /// Marks a face without an identical face in the other mesh.
 pub(super) const NO_FACE: u32 = u32::MAX;
 
-/// Sorted position keys of a mesh's faces, for finding identical faces in another mesh.
+/// The corner positions of a face as f32 bits, sorted: equal exactly for faces at the same three f32 positions.
+type FaceKey = [[u32; 3]; 3];
+
+/// The faces of a mesh in the order of a hash of their corner positions.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct FaceKeys {
-    /// For each face its sorted corner positions as f32 bits, with the face index. Sorted by key.
-    sorted: Vec<([[u32; 3]; 3], u32)>,
+pub(super) struct FaceHashes {
+    /// For each face the upper half of its hash, above its index. Sorted.
+    sorted: Vec<u64>,
+    /// Power of two by which positions are multiplied before they are rounded to f32.
+    scale: f64,
     /// Whether f32 positions are accurate enough to distinguish the mesh's faces.
     fine: bool,
-    /// Whether f32 holds all positions exactly, so that faces with equal keys in two such meshes are at the same positions.
-    pub is_exact: bool,
+    /// Whether f32 holds all positions exactly.
+    is_exact: bool,
 }
 
-impl FaceKeys {
-    /// Builds the keys. O(n log n). `scale` is a power of two, the same for both meshes, so that f32 represents
+impl FaceHashes {
+    /// Hashes and sorts the faces. O(n log n). `scale` is a power of two, the same for both meshes, so that f32 represents
     /// coordinates of any magnitude without changing mantissas. `unit` holds the positions in the range of
     /// [`to_unit_range`](crate::math::to_unit_range).
-    #[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
     pub fn new(surface: &Surface, unit: &[DVec3], scale: f64) -> Self {
-        let mut sorted = threads::map_cheap(surface.faces.len(), |f| {
-            let mut key = surface.corners(f).map(|p| p.to_array().map(|x| ((x * scale) as f32 + 0.0).to_bits()));
-            key.sort_unstable();
-            (key, f as u32)
+        let positions = &surface.positions;
+        let of_vertex =
+            threads::map_cheap(positions.len(), |v| hash_coordinates(rounded(positions[v], scale).map(u64::from)));
+        let mut sorted = threads::map_cheap(surface.faces.len(), |face| {
+            // The sum does not depend on the order of the corners.
+            let hash = surface.faces[face].iter().fold(0u64, |sum, &v| sum.wrapping_add(of_vertex[v as usize]));
+            hash >> 32 << 32 | face as u64
         });
         threads::sort_by(&mut sorted, &Ord::cmp);
         let bounds = Box3::of(unit.iter().copied());
+        #[expect(clippy::cast_possible_truncation, reason = "whether f32 holds a number is asked")]
         let is_held = |p: f64| f64::from((p * scale) as f32) == p * scale;
-        let is_rounded = |v: usize| !surface.positions[v].to_array().into_iter().all(is_held);
-        let is_exact = threads::count(surface.positions.len(), is_rounded) == 0;
+        let is_rounded = |v: usize| !positions[v].to_array().into_iter().all(is_held);
+        let is_exact = threads::count(positions.len(), is_rounded) == 0;
         // Unit coordinates reach 2.
-        Self { sorted, is_exact, fine: bounds.diagonal() * MAX_DIAGONALS_FROM_ORIGIN >= 2.0 }
+        Self { sorted, scale, is_exact, fine: bounds.diagonal() * MAX_DIAGONALS_FROM_ORIGIN >= 2.0 }
+    }
+
+    /// The scale of the positions.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+}
+
+/// The bits of a position's coordinates in f32, times a power of two. Adding 0.0 turns -0.0 into 0.0.
+#[expect(clippy::cast_possible_truncation, reason = "compared as an STL file would hold them")]
+fn rounded(position: DVec3, scale: f64) -> [u32; 3] {
+    position.to_array().map(|x| ((x * scale) as f32 + 0.0).to_bits())
+}
+
+/// A mesh prepared for finding its faces in another mesh.
+#[derive(Clone)]
+pub(super) struct KeyedFaces<'a> {
+    pub surface: &'a Surface,
+    pub hashes: Cow<'a, FaceHashes>,
+}
+
+impl KeyedFaces<'_> {
+    fn len(&self) -> usize {
+        self.hashes.sorted.len()
+    }
+
+    /// Whether f32 holds all positions exactly, so that faces with equal keys in two such meshes are at the same positions.
+    pub fn is_exact(&self) -> bool {
+        self.hashes.is_exact
+    }
+
+    fn key(&self, face: u32) -> FaceKey {
+        let mut key = self.surface.corners(face as usize).map(|p| rounded(p, self.hashes.scale));
+        key.sort_unstable();
+        key
+    }
+
+    /// Faces with their keys, sorted.
+    fn keyed(&self, hashes: &[u64]) -> Vec<(FaceKey, u32)> {
+        let mut keyed: Vec<_> = hashes.iter().map(|&hash| (self.key(face_of(hash)), face_of(hash))).collect();
+        keyed.sort_unstable();
+        keyed
+    }
+}
+
+/// The face of an entry of [`FaceHashes`].
+#[expect(clippy::cast_possible_truncation, reason = "the lower half is the face")]
+fn face_of(entry: u64) -> u32 {
+    entry as u32
+}
+
+/// Faces of two meshes at the same three f32 positions. Both have the same scale.
+struct Matches {
+    /// For each face of the first mesh, the face of the second mesh at its positions where each mesh has one face with this hash.
+    single: Vec<u32>,
+    /// The other faces with a counterpart, of each mesh in groups of one key, ascending.
+    groups: [Vec<(FaceKey, u32)>; 2],
+}
+
+impl Matches {
+    /// O(n), and O(n log n) where many faces coincide or have equal hashes.
+    fn new(a: &KeyedFaces<'_>, b: &KeyedFaces<'_>) -> Self {
+        let (mut candidates, mut groups) = (vec![NO_FACE; a.len()], [Vec::new(), Vec::new()]);
+        let mut rest = b.hashes.sorted.as_slice();
+        let is_same = |x: &u64, y: &u64| x >> 32 == y >> 32;
+        for of_a in a.hashes.sorted.chunk_by(is_same) {
+            rest = &rest[rest.iter().take_while(|other| **other >> 32 < of_a[0] >> 32).count()..];
+            let (of_b, after) = rest.split_at(rest.iter().take_while(|other| is_same(other, &of_a[0])).count());
+            rest = after;
+            match (of_a, of_b) {
+                (_, []) => {}
+                (&[face], &[other]) => candidates[face_of(face) as usize] = face_of(other),
+                _ => {
+                    let [of_a, of_b] = [a.keyed(of_a), b.keyed(of_b)];
+                    let is_in = |of_other: &[(FaceKey, u32)], key: &FaceKey| {
+                        of_other.binary_search_by(|(other, _)| other.cmp(key)).is_ok()
+                    };
+                    groups[0].extend(of_a.iter().filter(|(key, _)| is_in(&of_b, key)));
+                    groups[1].extend(of_b.iter().filter(|(key, _)| is_in(&of_a, key)));
+                }
+            }
+        }
+        // In the order of the faces, most positions are found close together.
+        let single = threads::map_cheap(candidates.len(), |face| {
+            let other = candidates[face];
+            #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+            let is_match = other != NO_FACE && a.key(face as u32) == b.key(other);
+            if is_match { other } else { NO_FACE }
+        });
+        Self { single, groups }
     }
 }
 
 /// For each face of mesh `a` the face of mesh `b` at the same three f32 positions, or [`NO_FACE`]. Coincident faces
-/// of `a` match as often as `b` has faces there, lowest index first. O(n).
-pub(super) fn matched(a: &FaceKeys, b: &FaceKeys) -> Vec<u32> {
-    let mut matched = vec![NO_FACE; a.sorted.len()];
-    let mut at = 0;
-    for &(key, face) in &a.sorted {
-        while b.sorted.get(at).is_some_and(|(other, _)| *other < key) {
-            at += 1;
-        }
-        if let Some(&(_, other)) = b.sorted.get(at).filter(|(other, _)| *other == key) {
+/// of `a` match as often as `b` has faces there, lowest index first. O(n log n).
+pub(super) fn matched(a: &KeyedFaces<'_>, b: &KeyedFaces<'_>) -> Vec<u32> {
+    let Matches { single: mut matched, groups } = Matches::new(a, b);
+    let [of_a, of_b] = groups.each_ref().map(|of_mesh| of_mesh.chunk_by(|x, y| x.0 == y.0));
+    for (of_a, of_b) in of_a.zip(of_b) {
+        for (&(_, face), &(_, other)) in of_a.iter().zip(of_b) {
             matched[face as usize] = other;
-            at += 1;
         }
     }
     matched
@@ -173,28 +268,16 @@ impl Common {
         Self { first: vec![true; faces], second: vec![true; faces], fine: true }
     }
 
-    /// Finds the common faces of two meshes. O(n).
-    pub fn new(a: &FaceKeys, b: &FaceKeys) -> Self {
-        let mut common =
-            Self { first: vec![false; a.sorted.len()], second: vec![false; b.sorted.len()], fine: a.fine && b.fine };
-        let mut at = 0;
-        for group in a.sorted.chunk_by(|x, y| x.0 == y.0) {
-            let key = group[0].0;
-            while b.sorted.get(at).is_some_and(|(other, _)| *other < key) {
-                at += 1;
-            }
-            if b.sorted.get(at).is_none_or(|(other, _)| *other != key) {
-                continue;
-            }
-            for &(_, face) in group {
-                common.first[face as usize] = true;
-            }
-            while let Some(&(_, face)) = b.sorted.get(at).filter(|(other, _)| *other == key) {
-                common.second[face as usize] = true;
-                at += 1;
-            }
+    /// Finds the common faces of two meshes. O(n log n).
+    pub fn new(a: &KeyedFaces<'_>, b: &KeyedFaces<'_>) -> Self {
+        let Matches { single, groups } = Matches::new(a, b);
+        let mut first: Vec<bool> = single.iter().map(|&other| other != NO_FACE).collect();
+        let mut second = vec![false; b.len()];
+        single.into_iter().filter(|&other| other != NO_FACE).for_each(|other| second[other as usize] = true);
+        for (is_common, of_mesh) in [&mut first, &mut second].into_iter().zip(&groups) {
+            of_mesh.iter().for_each(|&(_, face)| is_common[face as usize] = true);
         }
-        common
+        Self { first, second, fine: a.hashes.fine && b.hashes.fine }
     }
 }
 

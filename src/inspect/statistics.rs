@@ -110,11 +110,12 @@ pub fn aspect_ratio(analysis: &Analysis<'_>, face: u32) -> Option<f64> {
 /// Area of each face, and aspect ratio of each face that has one.
 fn face_values(analysis: &Analysis<'_>) -> (Vec<f64>, Vec<f64>) {
     let unit = analysis.unit();
-    let shapes = threads::map_cheap(analysis.surface.faces.len(), |face| {
+    let (areas, mut ratios) = threads::map_pairs(analysis.surface.faces.len(), |face| {
         let Shape { area, aspect_ratio, .. } = Shape::of(analysis.surface.faces[face].map(|v| unit[v as usize]));
-        (area, aspect_ratio)
+        (area, aspect_ratio.unwrap_or(f64::NAN))
     });
-    (shapes.iter().map(|&(area, _)| area).collect(), shapes.iter().filter_map(|&(_, ratio)| ratio).collect())
+    ratios.retain(|ratio| !ratio.is_nan());
+    (areas, ratios)
 }
 
 fn edge_lengths(analysis: &Analysis<'_>) -> Vec<f64> {
@@ -138,25 +139,19 @@ fn edge_angles(analysis: &Analysis<'_>, attributes: &Attributes, orientation: &O
     let corners = |face: usize| faces[face].map(|v| unit[v as usize]);
     // Each face has three edges, so its normal is computed once, before.
     let normals = threads::map_cheap(faces.len(), |face| Shape::of(corners(face)).normal.unwrap_or(DVec3::ZERO));
-    let measured = threads::map_chunks(edges.len(), |range| {
-        let (mut angles, mut without_angle) = (Vec::with_capacity(range.len()), 0);
-        for e in range {
-            let &[h, g] = edges.half_edges(e) else { continue };
-            let (face, other) = (h as usize / 3, g as usize / 3);
-            let [low, high] = edges.vertices(e);
-            let opposite = faces[other].iter().find(|&&v| v != low && v != high);
-            match opposite.and_then(|&v| angle(corners(face), [normals[face], normals[other]], unit[v as usize])) {
-                Some(angle) => angles.push(angle),
-                None => without_angle += 1,
-            }
-        }
-        (angles, without_angle)
-    });
-    let mut angles = Vec::with_capacity(edges.len());
-    for (of_chunk, without_angle) in measured {
-        angles.extend(of_chunk);
-        result.edges_without_angle += without_angle;
-    }
+    let has_two_faces = |edge: usize| edges.half_edges(edge).len() == 2;
+    let at_edge = |edge: usize| {
+        let &[h, g] = edges.half_edges(edge) else { return f64::NAN };
+        let (face, other) = (h as usize / 3, g as usize / 3);
+        let [low, high] = edges.vertices(edge);
+        let opposite = faces[other].iter().find(|&&v| v != low && v != high);
+        let angle = opposite.and_then(|&v| angle(corners(face), [normals[face], normals[other]], unit[v as usize]));
+        angle.unwrap_or(f64::NAN)
+    };
+    let mut angles = threads::map_cheap(edges.len(), at_edge);
+    drop(normals);
+    angles.retain(|angle| !angle.is_nan());
+    result.edges_without_angle = threads::count(edges.len(), has_two_faces) - angles.len() as u64;
     result.distribution = Distribution::of(angles, Bins::Between(0.0, TAU, ANGLE_BINS));
     result.not_measurable = result.distribution.is_none().then_some(Unmeasurable::NoElement);
     result

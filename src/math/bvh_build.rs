@@ -9,6 +9,7 @@ use std::ops::Range;
 use glam::DVec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
 use obvhs::bvh2::node::Bvh2Node;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
@@ -21,12 +22,15 @@ const CHUNK: [usize; 2] = [1 << 14, 1 << 16];
 const CHUNKS: usize = 16;
 /// Triangles below which the hierarchy is built in one piece.
 const MANY: usize = 2 * CHUNK[0];
+/// Triangles of a leaf, at most, in a hierarchy of chunks, where this halves the memory. A leaf costs as much as its triangles' boxes.
+const LEAF: u32 = 2;
+const LEAF_COST: f32 = LEAF as f32;
 /// Bits per axis of a cell's number.
 const CELL_BITS: u32 = 5;
 
-/// A hierarchy of boxes, each the leaf of one triangle.
+/// A hierarchy of boxes.
 pub(super) struct Built {
-    /// The hierarchy. Children come after their parents, and each leaf has one triangle.
+    /// The hierarchy. Children come after their parents. Each leaf has one triangle, or up to [`LEAF`] if there are chunks.
     pub bvh: Bvh2,
     /// For each chunk, the nodes below its root. They follow the nodes that join the chunks. None if the hierarchy was
     /// built in one piece.
@@ -49,7 +53,9 @@ pub(super) fn build(
     let chunk_of = |chunk: usize| &order[begin_of(chunk)..ends[chunk]];
     let built = threads::map(ends.len(), 1, |chunk| {
         let boxes: Vec<Aabb> = chunk_of(chunk).iter().map(|&triangle| box_of(triangle as usize)).collect();
-        in_one_piece(&boxes)
+        let mut bvh = in_one_piece(&boxes);
+        collapse(&mut bvh, LEAF, LEAF_COST);
+        bvh
     });
     let roots: Vec<Aabb> = built.iter().map(|bvh| *bvh.nodes[0].aabb()).collect();
     let mut joined = in_one_piece(&roots);
@@ -59,7 +65,8 @@ pub(super) fn build(
         root_at[joined.primitive_indices[node.first_index as usize] as usize] = at;
     }
     let joining = joined.nodes.len();
-    joined.nodes.resize(joining + 2 * (triangles - ends.len()), Bvh2Node::default());
+    let below_roots: usize = built.iter().map(|bvh| bvh.nodes.len() - 1).sum();
+    joined.nodes.resize(joining + below_roots, Bvh2Node::default());
     let (above, mut rest) = joined.nodes.split_at_mut(joining);
     let (mut chunks, mut parts) = (Vec::with_capacity(ends.len()), Vec::with_capacity(ends.len()));
     for (chunk, bvh) in built.into_iter().enumerate() {
@@ -67,35 +74,38 @@ pub(super) fn build(
         let (part, after) = rest.split_at_mut(bvh.nodes.len() - 1);
         chunks.push(begin..begin + part.len());
         rest = after;
-        let moved = Moved { of_chunk: chunk_of(chunk), bvh, begin };
+        let moved = Moved { bvh, begin, first_triangle: begin_of(chunk) };
         above[root_at[chunk]] = moved.node(0);
         parts.push((part, moved));
     }
+    joined.primitive_indices = parts
+        .iter()
+        .zip(0..)
+        .flat_map(|((_, moved), chunk)| moved.bvh.primitive_indices.iter().map(move |&at| (chunk, at)))
+        .map(|(chunk, at)| chunk_of(chunk)[at as usize])
+        .collect();
     threads::for_each(parts, |(part, moved)| {
         part.iter_mut().zip(1..).for_each(|(node, at)| *node = moved.node(at));
     });
-    #[expect(clippy::cast_possible_truncation, reason = "triangles are counted in u32")]
-    let all = (0..triangles as u32).collect();
-    joined.primitive_indices = all;
     Built { bvh: joined, chunks }
 }
 
 /// The hierarchy of a chunk on the way to its place in the whole.
-struct Moved<'a> {
-    /// The triangles of the chunk.
-    of_chunk: &'a [u32],
+struct Moved {
     bvh: Bvh2,
     /// The place of the first node below the root.
     begin: usize,
+    /// The place of the chunk's first triangle.
+    first_triangle: usize,
 }
 
-impl Moved<'_> {
+impl Moved {
     /// A node as it is in the whole.
     fn node(&self, at: usize) -> Bvh2Node {
         let node = &self.bvh.nodes[at];
         #[expect(clippy::cast_possible_truncation, reason = "nodes are counted in u32")]
         let first_index = if node.is_leaf() {
-            self.of_chunk[self.bvh.primitive_indices[node.first_index as usize] as usize]
+            node.first_index + self.first_triangle as u32
         } else {
             node.first_index - 1 + self.begin as u32
         };

@@ -34,6 +34,16 @@ pub fn map_cheap<T: Send>(count: usize, value: impl Fn(usize) -> T + Sync + Send
     map(count, CHUNK, value)
 }
 
+/// The two values of a cheap function for 0 to `count`, each in order, computed in parallel if they are many.
+pub fn map_pairs<A: Send, B: Send>(count: usize, values: impl Fn(usize) -> (A, B) + Sync + Send) -> (Vec<A>, Vec<B>) {
+    if count < CHUNK {
+        return (0..count).map(values).unzip();
+    }
+    let (mut a, mut b) = (Vec::new(), Vec::new());
+    (0..count).into_par_iter().map(values).unzip_into_vecs(&mut a, &mut b);
+    (a, b)
+}
+
 /// The values that a cheap function has for some of 0 to `count`, in order, computed in parallel if they are many.
 pub fn filter_map<T: Send>(count: usize, value: impl Fn(usize) -> Option<T> + Sync + Send) -> Vec<T> {
     map_chunks(count, |range| range.filter_map(&value).collect::<Vec<T>>()).into_iter().flatten().collect()

@@ -138,7 +138,7 @@ pub fn are_distinct(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> b
 /// The numbers of many positions by [`SHARDS`], each shard with the positions whose hashes end alike: a list for each chunk of
 /// the positions. Equal positions are in one shard. Computed in parallel.
 fn by_shard<E: Equality>(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<[Vec<u32>; SHARDS]> {
-    let shard_of = |position: DVec3| (hash(E::key(position)) & (SHARDS as u64 - 1)) as usize;
+    let shard_of = |position: DVec3| (hash_coordinates(E::key(position)) & (SHARDS as u64 - 1)) as usize;
     threads::map_chunks(count, |range| {
         let mut lists: [Vec<u32>; SHARDS] = Default::default();
         for number in range {
@@ -290,7 +290,7 @@ impl<E: Equality> Table<E> {
     fn first_slot(&self, position: DVec3) -> usize {
         #[expect(clippy::cast_possible_truncation, reason = "as many bits as the table has")]
         {
-            (hash(E::key(position)) >> self.shift) as usize
+            (hash_coordinates(E::key(position)) >> self.shift) as usize
         }
     }
 
@@ -301,7 +301,8 @@ impl<E: Equality> Table<E> {
 }
 
 /// Folded multiplication of each coordinate (as in wyhash, Wang Yi 2019); the constants are digits of pi.
-fn hash([x, y, z]: [u64; 3]) -> u64 {
+#[must_use]
+pub fn hash_coordinates([x, y, z]: [u64; 3]) -> u64 {
     let fold = |a: u64, b: u64| {
         let product = u128::from(a) * u128::from(b);
         #[expect(clippy::cast_possible_truncation, reason = "two halves of a product")]
@@ -382,8 +383,9 @@ mod tests {
     #[test]
     fn positions_crafted_to_collide_are_welded_by_the_tree_correctly() {
         // The hashes of these positions share their ten highest bits, which select the slot.
-        let hostile =
-            (0u32..).map(|i| DVec3::new(f64::from(i), 0.5, 0.25)).filter(|&p| hash(position_key(p)) >> 54 == 0);
+        let hostile = (0u32..)
+            .map(|i| DVec3::new(f64::from(i), 0.5, 0.25))
+            .filter(|&p| hash_coordinates(position_key(p)) >> 54 == 0);
         let mut given: Vec<DVec3> = hostile.take(3000).collect();
         given.extend_from_within(..);
         let (attacked, by_tree) = numbers(&given, given.len() / 4);

@@ -15,7 +15,7 @@ mod weld;
 
 pub use adjacency::{Edges, HalfEdge, Stars};
 pub use connectivity::{Fans, Parts, UnionFind};
-pub use distinct::{are_distinct, first_equal, number_by_first, position_key};
+pub use distinct::{are_distinct, first_equal, hash_coordinates, number_by_first, position_key};
 pub use loops::{BoundaryLoops, boundary_chains, boundary_loops, count_boundary_chains};
 pub use soup::{CornerNormals, Numbering, OmittedFace, Soup};
 pub use surface::{

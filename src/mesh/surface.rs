@@ -182,6 +182,13 @@ impl Surface {
         (before - self.positions.len()) as u64
     }
 
+    /// Returns memory that is reserved for more elements.
+    pub fn shrink_to_fit(&mut self) {
+        self.positions.shrink_to_fit();
+        self.faces.shrink_to_fit();
+        self.source.shrink_to_fit();
+    }
+
     /// Checks the type's invariants; for tests.
     ///
     /// # Errors

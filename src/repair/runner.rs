@@ -1,5 +1,6 @@
 //! Runs the tasks of a strategy, and undoes an operator that raised a count of defects that it promises not to raise.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use glam::DVec3;
@@ -157,20 +158,25 @@ impl Runner<'_> {
             run.step.options_not_applied = self.limited(limits);
             return Ok(());
         }
-        let kept = surface.clone();
-        let applied = operator.run(&scope, surface, context);
+        let kept = Arc::clone(surface);
+        let applied = operator.run(&scope, Arc::make_mut(surface), context);
         let mut applied = applied.inspect_err(|_| surface.clone_from(&kept))?;
         let limits = limits_of(operator, self.options, kept.bounds().diagonal(), scope.max_deviation);
         run.step.options_not_applied = self.limited(std::mem::take(&mut applied.limited).into_iter().chain(limits));
         let (moved, searched) = (applied.moved, applied.searched.take());
         self.record(applied, surface, run);
         run.has_changed = *surface != kept;
+        if !run.has_changed {
+            surface.clone_from(&kept);
+        }
         if operator == Operator::Remesh && run.has_changed {
             state.added_surface = Some(AddedSurface::of(&kept));
         }
         if run.has_changed {
-            surface.drop_unreferenced();
-            let after = Counts::of(surface);
+            let changed = Arc::make_mut(surface);
+            changed.drop_unreferenced();
+            changed.shrink_to_fit();
+            let after = Counts::of(changed);
             if let Some((counter, was, is)) = operator.broken_claim(&before, &after) {
                 run.step.status = StepStatus::Reverted;
                 run.step.note = Some(format!(
@@ -186,7 +192,7 @@ impl Runner<'_> {
                 state.intended.is_interior_filled |= operator == Operator::FillInterior;
                 state.intended.are_islands_treated |= operator == Operator::TreatIslands;
                 if operator.changes_sound_model() && state.before_requests.is_none() {
-                    state.before_requests = Some(Box::new(kept));
+                    state.before_requests = Some(kept);
                 }
             }
         }
@@ -288,7 +294,7 @@ impl Runner<'_> {
         match result {
             Ok((mut new_surface, remeshed)) => {
                 self.reduce(&mut new_surface, remeshed, surface, &mut run.step)?;
-                *surface = new_surface;
+                *surface = Arc::new(new_surface);
             }
             Err(error) => run.fail(error.to_string(), TaskEnd::Nothing),
         }

@@ -35,8 +35,8 @@ pub(super) struct Task {
 /// The surface between two tasks, with its known properties.
 #[derive(Debug, Clone)]
 pub(super) struct SurfaceState {
-    /// The surface.
-    pub surface: Surface,
+    /// The surface. States that did not change it share it.
+    pub surface: Arc<Surface>,
     /// The counts of the surface's defects; none if unknown.
     pub counts: Option<Counts>,
     /// Upper bound on the distance that any vertex has moved from the input, in the model's unit.
@@ -46,7 +46,7 @@ pub(super) struct SurfaceState {
     /// The changes to what is solid that were made on purpose.
     pub intended: IntendedChanges,
     /// The surface before the first change to a sound model that the options ask for, such as thicker walls; none before such a change.
-    pub before_requests: Option<Box<Surface>>,
+    pub before_requests: Option<Arc<Surface>>,
     /// A mesh with most faces of the surface that was searched for intersecting faces.
     pub searched: Option<Arc<SearchedMesh>>,
     /// The surface added before a remesh, which the remeshed faces no longer show.
@@ -57,7 +57,7 @@ impl SurfaceState {
     /// Makes the state at the start of a repair.
     pub fn new(surface: Surface) -> Self {
         Self {
-            surface,
+            surface: Arc::new(surface),
             counts: None,
             moved: 0.0,
             over_limit: 0,

@@ -206,7 +206,7 @@ struct Tally<'a> {
 impl<'a> Tally<'a> {
     fn new(before: &'a Analysis<'a>, after: &'a Analysis<'a>) -> Self {
         let scale = before.scale();
-        let matched = matched(&before.keys(scale), &after.keys(scale));
+        let matched = matched(&before.keyed_faces(scale), &after.keyed_faces(scale));
         let count = before.parts.count;
         let mut tally =
             Self { before, faces: vec![[0; 2]; count], has_kept_face: vec![false; count], links: Vec::new() };
