@@ -79,6 +79,9 @@ pub(super) struct Complex {
     pub vertices: Vec<u32>,
 }
 
+/// Points for which room is made per pair of faces that meet: a segment has two ends, each shared with another pair.
+const POINTS_PER_PAIR: usize = 2;
+
 /// Faces with nonzero area, scaled into the range of the exact predicates.
 pub(super) struct SolidFaces {
     /// The points at vertices, scaled by a power of two.
@@ -94,8 +97,9 @@ pub(super) struct SolidFaces {
 impl SolidFaces {
     fn new(points: &Points, faces: &[Option<[u32; 3]>]) -> Self {
         let unit = threads::map_cheap(points.len(), |p| Self::to_unit(points.place(p as u32)));
-        let (numbers, corners): (Vec<u32>, Vec<[u32; 3]>) =
-            (0u32..).zip(faces).filter_map(|(f, corners)| corners.map(|c| (f, c))).unzip();
+        let numbers: Vec<u32> = threads::filter_map(faces.len(), |f| faces[f].map(|_| f as u32));
+        let mut corners = Vec::with_capacity(numbers.len());
+        corners.extend(faces.iter().flatten());
         Self { unit, corners, numbers, tree: OnceLock::new() }
     }
 
@@ -139,6 +143,7 @@ impl Complex {
         for face in pairs.iter().flat_map(|pair| pair.faces) {
             solid[face as usize].iter().for_each(|&corner| points.enter_once(corner));
         }
+        points.reserve_exact(POINTS_PER_PAIR * pairs.len());
         let mut contacts = Contacts::new(&solid, &mut points);
         for (at, &MeetingFaces { faces: [f, g], overlap }) in pairs.iter().enumerate() {
             if at % 4096 == 0 {
@@ -146,7 +151,7 @@ impl Complex {
             }
             contacts.meet(f, g, overlap);
         }
-        let mut facets = Vec::with_capacity(solid.len() + 4 * contacts.cuts.len());
+        let mut facets = Vec::new();
         let groups = groups(&mut contacts);
         let planes: Vec<u32> = groups.iter().map(|group| contacts.plane(group[0])).collect();
         let cuts = std::mem::take(&mut contacts.cuts);
@@ -163,6 +168,7 @@ impl Complex {
                 _ => cutter.cut_many(&mut points, plane, group, &mut facets)?,
             }
         }
+        facets.reserve_exact(solid_faces.numbers.len());
         for (face, corners) in (0u32..).zip(&faces) {
             if let Some(corners) = corners.filter(|_| !is_cut[face as usize]) {
                 facets.push(Facet { corners, faces: SmallVec::from_slice(&[face]), weight: 1, plane: None });
@@ -186,8 +192,8 @@ fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u3
     let places = threads::map_cheap(surface.positions.len(), |v| grid.to_grid(surface.positions[v]));
     // Coordinates on the grid are small whole numbers, so f64 holds them exactly.
     let exact = threads::map_cheap(places.len(), |v| DVec3::from_array(places[v].map(|x| x as f64)));
-    let mut points = Points::default();
     let (point_of, vertices) = number_by_first(first_equal(&exact));
+    let mut points = Points::with_capacity(vertices.len());
     for &v in &vertices {
         points.push(places[v as usize]);
     }

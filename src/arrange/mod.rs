@@ -154,6 +154,9 @@ fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[b
 
 /// Makes a surface of selected faces, each with whether to flip it. A face that is selected several times appears once.
 fn faces_of(mut faces: Vec<(u32, bool)>, surface: &Surface) -> Surface {
+    if faces.is_empty() {
+        return Surface::default();
+    }
     faces.sort_unstable();
     faces.dedup_by_key(|(face, _)| *face);
     let oriented = |&(face, is_flipped): &(u32, bool)| {
@@ -171,6 +174,9 @@ fn faces_of(mut faces: Vec<(u32, bool)>, surface: &Surface) -> Surface {
 
 /// Makes a surface of facets, each with the face it was split from.
 fn surface_of(complex: &Complex, mut facets: Vec<(u32, [u32; 3])>, surface: &Surface) -> Surface {
+    if facets.is_empty() {
+        return Surface::default();
+    }
     facets.sort_by_key(|&(face, _)| face);
     let position = |point: u32| match complex.vertices.get(point as usize).copied() {
         Some(vertex) => surface.positions[vertex as usize],

@@ -31,6 +31,17 @@ enum Definition {
     Planes([u32; 3]),
 }
 
+/// A [`Definition`] as it is stored, in little memory.
+#[derive(Debug, Clone, Copy)]
+enum StoredDefinition {
+    /// The point's place, which is a grid position.
+    Place,
+    /// The intersection of the line through two points at grid positions with a plane.
+    LineAndPlane([u32; 2], u32),
+    /// The intersection of three planes.
+    Planes([u32; 3]),
+}
+
 /// A point in homogeneous integer coordinates, `[x, y, z, w]` for `(x, y, z) / w` with `w > 0`.
 type Homogeneous = [IBig; 4];
 
@@ -40,8 +51,8 @@ type Homogeneous = [IBig; 4];
 /// After Attene 2020, "Indirect Predicates for Geometric Constructions".
 #[derive(Default)]
 pub(super) struct Points {
-    definitions: Vec<Definition>,
-    /// Rounded positions in grid steps.
+    definitions: Vec<StoredDefinition>,
+    /// Rounded positions in grid steps. Grid positions are exact: they are whole numbers below 2^53.
     places: Vec<DVec3>,
     exact: Vec<OnceLock<Box<Homogeneous>>>,
     /// All planes, referenced by index.
@@ -57,6 +68,23 @@ pub(super) struct Points {
 }
 
 impl Points {
+    /// No points, with room for this number.
+    pub fn with_capacity(points: usize) -> Self {
+        Self {
+            definitions: Vec::with_capacity(points),
+            places: Vec::with_capacity(points),
+            exact: Vec::with_capacity(points),
+            ..Self::default()
+        }
+    }
+
+    /// Makes room for more points.
+    pub fn reserve_exact(&mut self, more: usize) {
+        self.definitions.reserve_exact(more);
+        self.places.reserve_exact(more);
+        self.exact.reserve_exact(more);
+    }
+
     /// Number of points.
     pub fn len(&self) -> usize {
         self.places.len()
@@ -73,14 +101,32 @@ impl Points {
     /// If the point is an intersection point.
     pub fn whole(&self, point: u32) -> Whole {
         match self.definitions[point as usize] {
-            Definition::Place(p) => p,
+            StoredDefinition::Place => self.place(point).to_array().map(|x| x as i64),
             _ => unreachable!("only vertices have a grid position"),
+        }
+    }
+
+    fn definition(&self, point: u32) -> Definition {
+        match self.definitions[point as usize] {
+            StoredDefinition::Place => Definition::Place(self.whole(point)),
+            other => self.definition_of(other),
+        }
+    }
+
+    /// The definition of an intersection point.
+    fn definition_of(&self, stored: StoredDefinition) -> Definition {
+        match stored {
+            StoredDefinition::Place => unreachable!("a vertex is no intersection point"),
+            StoredDefinition::LineAndPlane(ends, plane) => {
+                Definition::LineAndPlane(ends.map(|end| self.whole(end)), plane)
+            }
+            StoredDefinition::Planes(planes) => Definition::Planes(planes),
         }
     }
 
     /// Adds a position that is known to be new. Lookups find the point only after [`Points::enter_once`].
     pub fn push(&mut self, p: Whole) -> u32 {
-        self.add(Definition::Place(p), DVec3::from_array(p.map(|x| x as f64)))
+        self.add(StoredDefinition::Place, DVec3::from_array(p.map(|x| x as f64)))
     }
 
     /// Makes a vertex available to lookups of equal points.
@@ -127,16 +173,16 @@ impl Points {
         let [from, to] = ends.map(|p| along.height(p));
         let share = from as f64 / (from - to) as f64;
         let [a, b] = [self.place(u), self.place(v)];
-        let point = self.intern(Definition::LineAndPlane(ends, plane), a + (b - a) * share);
+        let point = self.intern(StoredDefinition::LineAndPlane([u, v], plane), a + (b - a) * share);
         self.on_edges.insert([u, v, plane], point);
         point
     }
 
     /// The intersection of three planes.
     pub fn of_planes(&mut self, planes: [u32; 3]) -> u32 {
-        let definition = Definition::Planes(planes);
-        let place = self.place_of_planes(planes).unwrap_or_else(|| rounded(&self.homogeneous_of(&definition)));
-        self.intern(definition, place)
+        let exact = || rounded(&self.homogeneous_of(&Definition::Planes(planes)));
+        let place = self.place_of_planes(planes).unwrap_or_else(exact);
+        self.intern(StoredDefinition::Planes(planes), place)
     }
 
     /// The plane through the edge between two vertices and parallel to an axis.
@@ -150,7 +196,7 @@ impl Points {
         })
     }
 
-    fn add(&mut self, definition: Definition, place: DVec3) -> u32 {
+    fn add(&mut self, definition: StoredDefinition, place: DVec3) -> u32 {
         #[expect(clippy::cast_possible_truncation, reason = "points are counted in u32")]
         let point = self.places.len() as u32;
         self.definitions.push(definition);
@@ -160,7 +206,7 @@ impl Points {
     }
 
     /// The point with this definition: an equal known point, or a new one.
-    fn intern(&mut self, definition: Definition, place: DVec3) -> u32 {
+    fn intern(&mut self, definition: StoredDefinition, place: DVec3) -> u32 {
         let near = [0, 1, 2].map(|k| {
             let low = ((place[k] - 2.0 * ERROR) / CELL).floor();
             let high = ((place[k] + 2.0 * ERROR) / CELL).floor();
@@ -174,7 +220,7 @@ impl Points {
                         if (self.place(other) - place).abs().max_element() > 2.0 * ERROR {
                             continue;
                         }
-                        let own = exact.get_or_insert_with(|| self.homogeneous_of(&definition));
+                        let own = exact.get_or_insert_with(|| self.homogeneous_of(&self.definition_of(definition)));
                         if equal(own, self.homogeneous(other)) {
                             return other;
                         }
@@ -191,7 +237,7 @@ impl Points {
     }
 
     fn homogeneous(&self, point: u32) -> &Homogeneous {
-        self.exact[point as usize].get_or_init(|| Box::new(self.homogeneous_of(&self.definitions[point as usize])))
+        self.exact[point as usize].get_or_init(|| Box::new(self.homogeneous_of(&self.definition(point))))
     }
 
     fn homogeneous_of(&self, definition: &Definition) -> Homogeneous {
@@ -271,7 +317,7 @@ impl Points {
         if determinant.abs() > error * size + 2.0 * error * error + 8.0 * ULP * products {
             return Sign::of(determinant);
         }
-        let definitions = [a, b, c].map(|x| self.definitions[x as usize]);
+        let definitions = [a, b, c].map(|x| self.definition(x));
         if let [Definition::Place(p), Definition::Place(q), Definition::Place(r)] = definitions {
             return turn(axis, p, q, r);
         }
@@ -333,8 +379,8 @@ impl Points {
 
     /// The side of a plane on which a point lies, exactly.
     pub fn side(&self, plane: &Plane, point: u32) -> Sign {
-        if let Definition::Place(p) = self.definitions[point as usize] {
-            return plane.side(p);
+        if let StoredDefinition::Place = self.definitions[point as usize] {
+            return plane.side(self.whole(point));
         }
         let d = self.place(point) - DVec3::from_array(plane.base.map(|x| x as f64));
         let (mut sum, mut error) = (0.0, 0.0);

@@ -178,6 +178,7 @@ impl Surface {
             }
             *v = *slot;
         }
+        positions.shrink_to_fit();
         self.positions = positions;
         (before - self.positions.len()) as u64
     }

@@ -105,6 +105,7 @@ impl SelfUnionRounds {
         }
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
+        drop(edges);
         let United { best, totals: done, searched } =
             match (Uniting { settings: self, input, engine, context }).unite(closed, searched) {
                 Ok(united) => united,
