@@ -16,6 +16,7 @@ mod triangulation;
 
 use cells::Cells;
 use complex::Complex;
+use glam::DVec3;
 
 use crate::context::Context;
 use crate::mesh::{ClosedSurface, Surface, is_generated};
@@ -102,7 +103,7 @@ impl Arrangement for Exact {
         } else {
             None
         };
-        let solid = extract(&complex, &cells, &inside, opened.as_deref(), &surface);
+        let solid = extract(complex, cells, &inside, opened.as_deref(), &surface);
         if solid.surface.faces.is_empty() && solid.opened.faces.is_empty() {
             return Err(ArrangeError::Empty);
         }
@@ -122,10 +123,17 @@ fn is_inside(winding_rule: WindingRule, w: i32) -> bool {
 /// Collects the boundary, the zero-thickness facets, and the skin of the cells that were `opened`. Boundary facets are
 /// oriented outward, in the order of the faces they were split from. Zero-thickness facets have winding number 0 on both
 /// sides.
-fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[bool]>, surface: &Surface) -> Solid {
+fn extract(complex: Complex, cells: Cells, inside: &[bool], opened: Option<&[bool]>, surface: &Surface) -> Solid {
+    let Complex { grid, points, facets, solid_faces, vertices } = complex;
+    drop(solid_faces);
     let is_open = |cell: usize| opened.is_some_and(|opened| opened[cell]);
-    let (mut boundary, mut zero_thickness, mut skin) = (Vec::new(), Vec::new(), Vec::new());
-    for (index, facet) in complex.facets.iter().enumerate() {
+    let is_boundary = |facet: usize| {
+        let [in_front, behind] = cells.beside(facet).map(|cell| inside[cell] && !is_open(cell));
+        in_front != behind
+    };
+    let mut boundary = Vec::with_capacity((0..facets.len()).filter(|&facet| is_boundary(facet)).count());
+    let (mut zero_thickness, mut skin) = (Vec::new(), Vec::new());
+    for (index, facet) in facets.iter().enumerate() {
         let sides = cells.beside(index);
         let was_inside = sides.map(|cell| inside[cell]);
         let [in_front, behind] = sides.map(|cell| inside[cell] && !is_open(cell));
@@ -138,18 +146,21 @@ fn extract(complex: &Complex, cells: &Cells, inside: &[bool], opened: Option<&[b
             && sides.into_iter().any(is_open)
             && let Some(&face) = facet.faces.iter().find(|&&face| !is_generated(surface.source[face as usize]))
         {
-            let [p, q, r] = facet.corners.map(|point| complex.points.place(point));
+            let [p, q, r] = facet.corners.map(|point| points.place(point));
             let has_same_orientation = (q - p).cross(r - p).dot(surface.area_vector(face as usize)) > 0.0;
             // Flip the face if the former inside is in front of it.
             let was_inside_in_front = was_inside[0] && !was_inside[1];
             skin.push((face, has_same_orientation == was_inside_in_front));
         }
     }
-    Solid {
-        surface: surface_of(complex, boundary, surface),
-        zero_thickness: surface_of(complex, zero_thickness, surface),
-        opened: faces_of(skin, surface),
-    }
+    // Large arrays that are no longer needed make room for the result.
+    drop((facets, cells));
+    let position = |point: u32| match vertices.get(point as usize).copied() {
+        Some(vertex) => surface.positions[vertex as usize],
+        None => grid.to_model(points.place(point)),
+    };
+    let surface_of = |facets| surface_of(facets, (points.len(), &position), surface);
+    Solid { surface: surface_of(boundary), zero_thickness: surface_of(zero_thickness), opened: faces_of(skin, surface) }
 }
 
 /// Makes a surface of selected faces, each with whether to flip it. A face that is selected several times appears once.
@@ -172,18 +183,18 @@ fn faces_of(mut faces: Vec<(u32, bool)>, surface: &Surface) -> Surface {
     result
 }
 
-/// Makes a surface of facets, each with the face it was split from.
-fn surface_of(complex: &Complex, mut facets: Vec<(u32, [u32; 3])>, surface: &Surface) -> Surface {
+/// Makes a surface of facets, each with the face it was split from. Their corners are points, given by their number and positions.
+fn surface_of(
+    mut facets: Vec<(u32, [u32; 3])>,
+    (points, position): (usize, &dyn Fn(u32) -> DVec3),
+    surface: &Surface,
+) -> Surface {
     if facets.is_empty() {
         return Surface::default();
     }
     facets.sort_by_key(|&(face, _)| face);
-    let position = |point: u32| match complex.vertices.get(point as usize).copied() {
-        Some(vertex) => surface.positions[vertex as usize],
-        None => complex.grid.to_model(complex.points.place(point)),
-    };
     let mut result = Surface {
-        positions: (0..complex.points.len() as u32).map(position).collect(),
+        positions: (0..points as u32).map(position).collect(),
         faces: facets.iter().map(|&(_, corners)| corners).collect(),
         source: facets.iter().map(|&(face, _)| surface.source[face as usize]).collect(),
     };

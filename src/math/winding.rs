@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::node::Bvh2Node;
 use smallvec::{SmallVec, smallvec};
@@ -38,29 +38,29 @@ pub struct Dipoles {
     nodes: Vec<Dipole>,
 }
 
-/// A cluster of triangles, approximated by a dipole.
+/// A cluster of triangles, approximated by a dipole. f32 suffices: the approximation itself errs far more.
 #[derive(Clone, Copy, Default)]
 struct Dipole {
     /// Area-weighted centroid.
-    centre: DVec3,
+    centre: Vec3,
     /// Sum of the area vectors: normals with the length of the area.
-    area: DVec3,
+    area: Vec3,
     /// Sum of the areas.
-    weight: f64,
+    weight: f32,
     /// Radius of a sphere around the centre that contains all triangles.
-    radius: f64,
+    radius: f32,
 }
 
 impl Dipole {
     /// The sum of dipoles, in a sphere around the box that contains their triangles.
     fn around(dipoles: impl Iterator<Item = Self>, aabb: &Aabb) -> Self {
-        let (mut moment, mut sum) = (DVec3::ZERO, Self::default());
+        let (mut moment, mut sum) = (Vec3::ZERO, Self::default());
         for Self { centre, area, weight, .. } in dipoles {
             sum.area += area;
             sum.weight += weight;
             moment += centre * weight;
         }
-        let (min, max) = (aabb.min.as_dvec3(), aabb.max.as_dvec3());
+        let (min, max) = (Vec3::from(aabb.min), Vec3::from(aabb.max));
         sum.centre = if sum.weight > 0.0 { moment / sum.weight } else { (min + max) * 0.5 };
         sum.radius = (sum.centre - min).max(max - sum.centre).length();
         sum
@@ -73,8 +73,8 @@ impl Tree {
         let of_leaf = |node: &Bvh2Node, faces: &[u32]| {
             let faces = faces.iter().map(|&face| {
                 let [a, b, c] = self.framed(triangle(face));
-                let area = (b - a).cross(c - a) * 0.5;
-                Dipole { centre: (a + b + c) / 3.0, area, weight: area.length(), radius: 0.0 }
+                let area = ((b - a).cross(c - a) * 0.5).as_vec3();
+                Dipole { centre: ((a + b + c) / 3.0).as_vec3(), area, weight: area.length(), radius: 0.0 }
             });
             Dipole::around(faces, node.aabb())
         };
@@ -130,10 +130,10 @@ impl Tree {
             if !spend(steps, node) {
                 break;
             }
-            let towards = dipole.centre - query;
+            let towards = dipole.centre.as_dvec3() - query;
             let square = towards.length_squared();
-            if square > (DIPOLE_DISTANCE * dipole.radius).powi(2) {
-                angle += dipole.area.dot(towards) / (square * square.sqrt());
+            if square > (DIPOLE_DISTANCE * f64::from(dipole.radius)).powi(2) {
+                angle += dipole.area.as_dvec3().dot(towards) / (square * square.sqrt());
             } else if node.is_leaf() {
                 let is_near = shared_from > 0.0 && box_distance_squared(node.aabb(), query) < shared_from;
                 for &face in triangles_of(bvh, node) {

@@ -378,7 +378,7 @@ pub(super) fn surface_shares(
     result: &Analysis<'_>,
     context: &Context<'_>,
 ) -> Result<Option<SurfaceShares>, Cancelled> {
-    Ok(context.unless_late(input.provenance(result, context))?.map(|provenance| provenance.shares))
+    context.unless_late(input.surface_shares(result, context))
 }
 
 /// Reads a file that this program wrote, without limits.

@@ -76,7 +76,7 @@ impl Original<'_> {
     ) -> Result<Comparison, Cancelled> {
         let candidate = ComparedMesh { analysis: after, measures, patches: None, gone: &[], opaque: &Vec::new };
         let (mut changes, distances) = self.changes_and_distances(&candidate, context)?;
-        changes.surface = Some(self.provenance(after, context)?.shares);
+        changes.surface = Some(self.surface_shares(after, context)?);
         let apart = distances.samples.iter().any(|&distance| distance != Some(0.0));
         let all: Vec<usize> = if apart { (0..self.samples().len()).collect() } else { Vec::new() };
         let known: Vec<bool> = self.visible(&all, context)?.into_iter().flatten().collect();

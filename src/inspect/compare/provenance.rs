@@ -8,7 +8,7 @@ use crate::context::{Cancelled, Context};
 use crate::inspect::analysis::Pair;
 use crate::inspect::sampling::run_coherent_queries;
 use crate::inspect::{Analysis, finite};
-use crate::math::{Nearest, Tree};
+use crate::math::Tree;
 
 /// Up to this number of faces without an identical counterpart, each is sampled at four points; above, at its centre
 /// only.
@@ -90,10 +90,36 @@ impl Original<'_> {
     /// # Errors
     /// [`Cancelled`] on cancellation or timeout.
     pub fn provenance(&self, after: &Analysis<'_>, context: &Context<'_>) -> Result<SurfaceProvenance, Cancelled> {
+        let mut removed = Vec::new();
+        let unit = self.analysis.unit_length();
+        let (kinds, shares) = self.trace(after, |piece| removed.push(piece.map(|p| p * unit)), context)?;
+        let mut of_face = vec![None; after.subject.soup.faces.len()];
+        for (&source, kind) in after.surface.source.iter().zip(kinds) {
+            of_face[source as usize] = Some(kind);
+        }
+        Ok(SurfaceProvenance { of_face, removed, shares })
+    }
+
+    /// The totals of [`Original::provenance`], in less memory.
+    ///
+    /// # Errors
+    /// [`Cancelled`] on cancellation or timeout.
+    pub fn surface_shares(&self, after: &Analysis<'_>, context: &Context<'_>) -> Result<SurfaceShares, Cancelled> {
+        Ok(self.trace(after, |_| {}, context)?.1)
+    }
+
+    /// The provenance of each face of the result's surface, and the totals. Calls `remove` with each removed piece of surface, in unit
+    /// coordinates of this mesh.
+    fn trace(
+        &self,
+        after: &Analysis<'_>,
+        mut remove: impl FnMut([DVec3; 3]),
+        context: &Context<'_>,
+    ) -> Result<(Vec<Provenance>, SurfaceShares), Cancelled> {
         let before = self.analysis;
         let common = before.common_faces(after);
         context.check()?;
-        let pieces = Pieces::of(before, &common.first);
+        let pieces = pieces_of(before, &common.first);
         let pair = Pair::new(before, after);
         let most = (FAR * before.unit_diagonal()).max(ROUNDING) * pair.ratio;
         let new_faces = NewFaces::of(after, &common.second);
@@ -101,41 +127,38 @@ impl Original<'_> {
             Some(new_faces) => new_faces.reach(point, most, steps).max(2.0 * ROUNDING * pair.ratio),
             None => most,
         };
-        let nearby = find_nearby(pair, reach, &pieces.centres, context)?;
+        let centre = |piece: usize| centre(pieces[piece].corners(before));
+        let nearby = find_nearby(pair, reach, (pieces.len(), centre), context)?;
         // An input face with at least half of its pieces kept is no counterpart for nearby surface of the result.
-        let mut kept_balance = vec![0i64; before.surface.faces.len()];
-        for (piece, matched) in pieces.all.iter().zip(&nearby.matches) {
+        let mut kept_balance = vec![0i32; before.surface.faces.len()];
+        for (piece, matched) in pieces.iter().zip(&nearby.matches) {
             let is_kept = matched.is_some_and(|found| found.is_within(ROUNDING));
             kept_balance[piece.face as usize] += if is_kept { 1 } else { -1 };
         }
         let is_kept = |face: u32| common.first[face as usize] || kept_balance[face as usize] > 0;
         let (of_face, complete) = of_result(before, after, &common.second, is_kept, context)?;
-        let mut provenance =
-            SurfaceProvenance { of_face: vec![None; after.subject.soup.faces.len()], ..SurfaceProvenance::default() };
-        provenance.shares.complete = nearby.complete && complete;
+        let mut shares = SurfaceShares { complete: nearby.complete && complete, ..SurfaceShares::default() };
         for (f, &kind) in (0u32..).zip(&of_face) {
-            provenance.of_face[after.surface.source[f as usize] as usize] = Some(kind);
-            provenance.shares.add(kind, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
+            shares.add(kind, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
         }
         let unit = before.unit_length();
         let mut last = None;
-        for (piece, matched) in pieces.all.iter().zip(&nearby.matches) {
-            let has_counterpart = match matched {
+        for (piece, matched) in pieces.iter().zip(&nearby.matches) {
+            let has_counterpart = match *matched {
                 Some(Match::Unknown) => true,
-                Some(Match::Found(n)) => n.distance <= ROUNDING || of_face[n.face as usize] == Provenance::Moved,
+                Some(Match::Found { face, distance }) => {
+                    distance <= ROUNDING || of_face[face as usize] == Provenance::Moved
+                }
                 None => false,
             };
             if !has_counterpart {
-                provenance.shares.add(
-                    Provenance::Removed,
-                    u64::from(last != Some(piece.face)),
-                    area(piece.corners) * unit * unit,
-                );
+                let corners = piece.corners(before);
+                shares.add(Provenance::Removed, u64::from(last != Some(piece.face)), area(corners) * unit * unit);
                 last = Some(piece.face);
-                provenance.removed.push(piece.corners.map(|p| p * unit));
+                remove(corners);
             }
         }
-        Ok(provenance)
+        Ok((of_face, shares))
     }
 }
 
@@ -157,13 +180,13 @@ impl SurfaceShares {
 enum Match {
     /// The search ran out of its budget.
     Unknown,
-    /// The nearest point within the search radius; its distance is in unit coordinates of the point's own mesh.
-    Found(Nearest),
+    /// The face with the nearest point within the search radius, and its distance in unit coordinates of the point's own mesh.
+    Found { face: u32, distance: f64 },
 }
 
 impl Match {
     fn is_within(&self, within: f64) -> bool {
-        matches!(self, Self::Found(nearest) if nearest.distance <= within)
+        matches!(self, Self::Found { distance, .. } if *distance <= within)
     }
 }
 
@@ -203,30 +226,27 @@ impl NewFaces {
     }
 }
 
-/// Finds the nearest point of the other mesh for each point. `reach` gives how far to search around a point of the other mesh, and counts
-/// down the steps that this takes.
+/// Finds the nearest point of the other mesh for each of `count` points. `reach` gives how far to search around a point of the other mesh,
+/// and counts down the steps that this takes.
 fn find_nearby(
     pair: Pair<'_>,
     reach: impl Fn(DVec3, &mut u64) -> f64 + Sync,
-    points: &[DVec3],
+    (count, point): (usize, impl Fn(usize) -> DVec3 + Sync),
     context: &Context<'_>,
 ) -> Result<Nearby, Cancelled> {
-    let mut matches = vec![Some(Match::Unknown); points.len()];
-    if points.is_empty() {
-        return Ok(Nearby { matches, complete: true });
+    if count == 0 {
+        return Ok(Nearby { matches: Vec::new(), complete: true });
     }
     let (tree, ratio) = (pair.to.tree(), pair.ratio);
-    let budget = BUDGET + BUDGET_PER_POINT * points.len() as u64;
-    let answers = run_coherent_queries(points.len(), budget, context, |i, (), steps| {
-        let point = points[i] * ratio;
+    let budget = BUDGET + BUDGET_PER_POINT * count as u64;
+    let answers = run_coherent_queries(count, budget, context, |i, (), steps| {
+        let point = point(i) * ratio;
         let within = reach(point, steps);
         let nearest = tree.nearest(point, within, steps, |f| pair.to.unit_corners(f));
-        let found = nearest.map(|n| Match::Found(Nearest { distance: n.distance / ratio, ..n }));
+        let found = nearest.map(|n| Match::Found { face: n.face, distance: n.distance / ratio });
         Some(if *steps == 0 { Some(Match::Unknown) } else { found })
     })?;
-    for (found, answer) in matches.iter_mut().zip(answers.values) {
-        *found = answer.unwrap_or(Some(Match::Unknown));
-    }
+    let matches = answers.values.into_iter().map(|answer| answer.unwrap_or(Some(Match::Unknown))).collect();
     Ok(Nearby { matches, complete: answers.complete })
 }
 
@@ -240,23 +260,23 @@ fn of_result(
 ) -> Result<(Vec<Provenance>, bool), Cancelled> {
     let unmatched: Vec<u32> = (0u32..).zip(identical).filter(|&(_, &kept)| !kept).map(|(f, _)| f).collect();
     let samples_per_face = if unmatched.len() <= FOUR_SAMPLE_FACES { 4 } else { 1 };
-    let sample_points = |&f: &u32| {
-        let [a, b, c] = after.unit_corners(f);
-        let centre = (a + b + c) / 3.0;
+    let sample = |i: usize| {
+        let [a, b, c] = after.unit_corners(unmatched[i / samples_per_face]);
+        let centre = centre([a, b, c]);
         // Halfway from the centre to each corner, since the corners themselves are often shared with kept faces.
-        [centre, (centre + a) / 2.0, (centre + b) / 2.0, (centre + c) / 2.0].into_iter().take(samples_per_face)
+        [centre, (centre + a) / 2.0, (centre + b) / 2.0, (centre + c) / 2.0][i % samples_per_face]
     };
-    let points: Vec<DVec3> = unmatched.iter().flat_map(sample_points).collect();
+    let count = unmatched.len() * samples_per_face;
     let pair = Pair::new(after, before);
     let reach = (FAR * before.unit_diagonal() / pair.ratio).max(ROUNDING) * pair.ratio;
-    let nearby = find_nearby(pair, |_, _| reach, &points, context)?;
+    let nearby = find_nearby(pair, |_, _| reach, (count, sample), context)?;
     let mut provenance = vec![Provenance::Kept; identical.len()];
     for (&f, matches) in unmatched.iter().zip(nearby.matches.chunks(samples_per_face)) {
         let is_on_input = |found: &Option<Match>| {
             found.is_some_and(|found| matches!(found, Match::Unknown) || found.is_within(ROUNDING))
         };
-        let is_counterpart = |found: &Option<Match>| match found {
-            Some(Match::Found(nearest)) => !is_kept(nearest.face) && nearest.distance > ROUNDING,
+        let is_counterpart = |found: &Option<Match>| match *found {
+            Some(Match::Found { face, distance }) => !is_kept(face) && distance > ROUNDING,
             _ => false,
         };
         provenance[f as usize] = if matches.iter().all(is_on_input) {
@@ -270,46 +290,43 @@ fn of_result(
     Ok((provenance, nearby.complete))
 }
 
-/// Pieces of the input faces without an identical face in the result. Large faces are split.
-#[derive(Default)]
-struct Pieces {
-    all: Vec<Piece>,
-    centres: Vec<DVec3>,
-}
-
+/// A piece of a face. A face is split into four triangles at the midpoints of its edges, and so is each of them, several times.
 struct Piece {
     face: u32,
-    corners: [DVec3; 3],
+    /// The number of times that the face was split.
+    splits: u8,
+    /// For each split, which of the four triangles holds the piece: two bits, those of the last split lowest.
+    path: u16,
 }
 
-impl Pieces {
-    fn of(analysis: &Analysis<'_>, kept: &[bool]) -> Self {
-        let total: f64 = analysis.surface.faces.iter().zip(0u32..).map(|(_, f)| area(analysis.unit_corners(f))).sum();
-        let mut pieces = Self::default();
-        for (face, _) in (0u32..).zip(kept).filter(|&(_, &kept)| !kept) {
-            let corners = analysis.unit_corners(face);
-            let (mut splits, mut left) = (0, area(corners));
-            while splits < MAX_SPLITS && left > total / PIECES_PER_AREA {
-                (splits, left) = (splits + 1, left / 4.0);
-            }
-            pieces.split(face, corners, splits);
-        }
-        pieces
-    }
+const _: () = assert!(2 * MAX_SPLITS <= u16::BITS, "a path has two bits for each split");
 
-    /// Splits a triangle recursively into four at the midpoints of its edges.
-    fn split(&mut self, face: u32, corners: [DVec3; 3], splits: u32) {
-        let [a, b, c] = corners;
-        if splits == 0 {
-            self.centres.push((a + b + c) / 3.0);
-            self.all.push(Piece { face, corners });
-            return;
-        }
-        let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
-        for piece in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
-            self.split(face, piece, splits - 1);
-        }
+impl Piece {
+    /// The corners in unit coordinates of the face's mesh.
+    fn corners(&self, analysis: &Analysis<'_>) -> [DVec3; 3] {
+        (0..self.splits).rev().fold(analysis.unit_corners(self.face), |[a, b, c], split| {
+            let [ab, bc, ca] = [(a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0];
+            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]][usize::from(self.path >> (2 * split) & 3)]
+        })
     }
+}
+
+/// The pieces of the input's faces without an identical face in the result. Large faces are split.
+fn pieces_of(analysis: &Analysis<'_>, kept: &[bool]) -> Vec<Piece> {
+    let total: f64 = analysis.surface.faces.iter().zip(0u32..).map(|(_, f)| area(analysis.unit_corners(f))).sum();
+    let lost = (0u32..).zip(kept).filter(|&(_, &kept)| !kept).map(|(face, _)| face);
+    let pieces_of_face = |face: u32| {
+        let (mut splits, mut left) = (0, area(analysis.unit_corners(face)));
+        while u32::from(splits) < MAX_SPLITS && left > total / PIECES_PER_AREA {
+            (splits, left) = (splits + 1, left / 4.0);
+        }
+        (0..1u16 << (2 * splits)).map(move |path| Piece { face, splits, path })
+    };
+    lost.flat_map(pieces_of_face).collect()
+}
+
+fn centre([a, b, c]: [DVec3; 3]) -> DVec3 {
+    (a + b + c) / 3.0
 }
 
 fn area([a, b, c]: [DVec3; 3]) -> f64 {

@@ -157,8 +157,8 @@ impl<'a> Rounds<'a> {
     pub fn run(&mut self, input: ClosedSurface<'_>) -> Result<Best, ArrangeError> {
         let max_pieces = MAX_PIECES.max(MAX_PIECES_PER_FACE * input.faces.len());
         self.context.check()?;
-        let mut known_positions = positions_of(&input);
         let mut solid = self.arrange_input(input)?;
+        let mut known_positions = positions_of(&input);
         for grid in GRIDS.into_iter().map(Some).chain([None]) {
             if solid.surface.faces.len() > max_pieces {
                 let error = format!("the faces split into {} pieces, more than the limit", solid.surface.faces.len());
