@@ -3,6 +3,7 @@
 //! [`Analyst`] is the entry point. Add the files one by one, then finish with an [`AnalysisReport`]. The report has
 //! one [`Inspection`](crate::inspect::Inspection) per file, of the same structure as in a repair report.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -11,7 +12,8 @@ use serde_json::{Map, Value};
 use crate::context::{Cancelled, Context, Stage};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, ReadOptions};
 use crate::inspect::{
-    Analysis, InspectOptions, Inspection, OptionsError, SetReport, Subject, changed_fields, inspect, inspect_analysis,
+    Analysis, FileFacts, InspectOptions, Inspection, OptionsError, SetReport, Subject, changed_fields, inspect,
+    inspect_analysis,
 };
 use crate::mesh::Soup;
 use crate::printing::profile::{ProcessLimits, checked_profile};
@@ -337,8 +339,17 @@ fn read(bytes: &[u8], options: &AnalyzeOptions, limits: &Limits) -> Result<(Read
 
 /// Collects the parts of a read file that an analysis needs, with its settled unit.
 pub fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
-    Subject {
-        soup: &mesh.soup,
+    Subject { soup: Cow::Borrowed(&mesh.soup), facts: facts(mesh, unit) }
+}
+
+/// Like [`subject`], but takes the mesh's triangles, so that the analysis may drop them.
+pub fn subject_taken<'a>(mesh: &'a mut ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
+    let soup = Cow::Owned(std::mem::take(&mut mesh.soup));
+    Subject { soup, facts: facts(mesh, unit) }
+}
+
+fn facts<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> FileFacts<'a> {
+    FileFacts {
         normals: mesh.normals.as_ref(),
         numbering: mesh.numbering.as_ref(),
         materials: mesh.materials.as_deref(),

@@ -14,10 +14,17 @@ use crate::mesh::{CornerNormals, Edges, Fans, Ingest, Numbering, Parts, Soup, Su
 use crate::scene::LengthUnit;
 
 /// Input of an analysis: a mesh as read from a file, with additional information from the file.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Subject<'a> {
-    /// Triangles of the mesh.
-    pub soup: &'a Soup,
+    /// Triangles of the mesh. The analysis drops an owned soup if it holds no more than the surface.
+    pub soup: Cow<'a, Soup>,
+    /// What else is known of the file.
+    pub facts: FileFacts<'a>,
+}
+
+/// What is known of a mesh's file besides the triangles.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FileFacts<'a> {
     /// Corner normals, if the format stores normals.
     pub normals: Option<&'a CornerNormals>,
     /// The file's own vertex and face numbers, if the format has numbers.
@@ -35,15 +42,13 @@ pub struct Subject<'a> {
 
 impl<'a> From<&'a Soup> for Subject<'a> {
     fn from(soup: &'a Soup) -> Self {
-        Self {
-            soup,
-            normals: None,
-            numbering: None,
-            materials: None,
-            stored_vertices: None,
-            is_indexed: false,
-            unit: None,
-        }
+        Self { soup: Cow::Borrowed(soup), facts: FileFacts::default() }
+    }
+}
+
+impl From<Soup> for Subject<'_> {
+    fn from(soup: Soup) -> Self {
+        Self { soup: Cow::Owned(soup), facts: FileFacts::default() }
     }
 }
 
@@ -52,8 +57,10 @@ impl<'a> From<&'a Soup> for Subject<'a> {
 /// Face indices refer to `surface`; [`Surface::source`] maps them to the file's faces. Expensive structures are built
 /// on first use.
 pub struct Analysis<'a> {
-    /// The analysed mesh.
-    pub subject: Subject<'a>,
+    /// What is known of the file.
+    pub facts: FileFacts<'a>,
+    /// The mesh as it was read; `None` if its faces and positions are those of `surface`.
+    soup: Option<Cow<'a, Soup>>,
     /// Faces with finite corners, with vertices merged at equal positions.
     pub surface: Surface,
     /// Counts of merged and omitted elements.
@@ -99,10 +106,14 @@ impl<'a> Analysis<'a> {
     /// # Errors
     /// [`Cancelled`] on cancellation or timeout.
     pub fn new(subject: Subject<'a>, context: &Context<'_>) -> Result<Self, Cancelled> {
-        let (surface, ingest) = match subject.materials {
-            Some(materials) => Surface::from_assembly(subject.soup, materials),
-            None => Surface::from_soup(subject.soup),
+        let Subject { soup, facts } = subject;
+        let (surface, ingest) = match facts.materials {
+            Some(materials) => Surface::from_assembly(&soup, materials),
+            None => Surface::from_soup(&soup),
         };
+        // If the vertices have the same numbers and none was merged, they have the same positions.
+        let is_surface = ingest == Ingest::default() && surface.faces == soup.faces;
+        let soup = Some(soup).filter(|_| !is_surface);
         context.check()?;
         let edges = Edges::new(&surface.faces);
         context.check()?;
@@ -115,7 +126,8 @@ impl<'a> Analysis<'a> {
             threads::join(surface.faces.len(), parts_and_solids, || Fans::new(&surface, &edges));
         context.check()?;
         Ok(Self {
-            subject,
+            facts,
+            soup,
             surface,
             ingest,
             edges,
@@ -138,10 +150,20 @@ impl<'a> Analysis<'a> {
         })
     }
 
+    /// The faces of the mesh as it was read.
+    pub(crate) fn file_faces(&self) -> &[[u32; 3]] {
+        self.soup.as_ref().map_or(&self.surface.faces, |soup| &soup.faces)
+    }
+
+    /// The positions of the vertices of [`Analysis::file_faces`].
+    pub(super) fn file_positions(&self) -> &[DVec3] {
+        self.soup.as_ref().map_or(&self.surface.positions, |soup| &soup.positions)
+    }
+
     /// Material of a face of `surface`; 0 if the mesh is not an assembly.
     pub(super) fn material(&self, face: u32) -> u32 {
         let source = self.surface.source[face as usize] as usize;
-        self.subject.materials.and_then(|materials| materials.get(source)).copied().unwrap_or(0)
+        self.facts.materials.and_then(|materials| materials.get(source)).copied().unwrap_or(0)
     }
 
     /// Positions of `surface`, scaled by a power of two into the range of the exact predicates (see

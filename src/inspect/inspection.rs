@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Analysis, Answer, Attributes, CheckVerdict, DefectGroup, DefectKind, Findings, InspectOptions, Level, Measures,
-    PrintMeasures, Shells, Statistics, Subject, find_defects, measures, print_measures, shells, statistics,
+    Analysis, Answer, Attributes, CheckVerdict, DefectGroup, DefectKind, FileFacts, Findings, InspectOptions, Level,
+    Measures, PrintMeasures, Shells, Statistics, Subject, find_defects, measures, print_measures, shells, statistics,
 };
 use crate::context::{Cancelled, Context};
 use crate::math::threads;
@@ -94,7 +94,7 @@ pub fn inspect_analysis(
     context: &Context<'_>,
 ) -> Result<(Inspection, Findings), Cancelled> {
     let mut measures = measures(analysis, context)?;
-    let mut findings = Findings::new(analysis.subject.soup.faces.len(), options.places.max(MOST_PLACES));
+    let mut findings = Findings::new(analysis.file_faces().len(), options.places.max(MOST_PLACES));
     if options.level == Level::Full {
         let intersections = analysis.intersections(context)?;
         intersections.report(analysis, &mut findings);
@@ -193,14 +193,15 @@ impl Elements {
     /// Counts the elements of the file. Takes the number of degenerate faces from `measures`. O(n).
     #[must_use]
     pub fn new(analysis: &Analysis<'_>, measures: &Measures) -> Self {
-        let Subject { soup, numbering, stored_vertices, .. } = analysis.subject;
-        let mut used = vec![false; soup.positions.len()];
+        let FileFacts { numbering, stored_vertices, .. } = analysis.facts;
+        let vertices = analysis.file_positions().len();
+        let mut used = vec![false; vertices];
         let mut used_before = |v: u32| used.get_mut(v as usize).is_some_and(|used| std::mem::replace(used, true));
-        let shared = stored_vertices.is_none() && soup.faces.iter().flatten().any(|&v| used_before(v));
+        let shared = stored_vertices.is_none() && analysis.file_faces().iter().flatten().any(|&v| used_before(v));
         let faces = &analysis.surface.faces;
         let repeated = faces.iter().filter(|[a, b, c]| a == b || b == c || c == a).count() as u64;
         Self {
-            vertices: stored_vertices.unwrap_or(soup.positions.len() as u64),
+            vertices: stored_vertices.unwrap_or(vertices as u64),
             indistinguishable_vertices: (shared || numbering.is_some()).then_some(analysis.ingest.merged_vertices),
             repeated_vertex_faces: repeated,
             collinear_faces: measures.degenerate_faces.saturating_sub(repeated),

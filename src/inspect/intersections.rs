@@ -92,7 +92,7 @@ fn intersections_within(
         collector.add(known.hits.clone(), context)?;
         let search = PairSearch { look: meeting, budget, hubs };
         search.within_changed(tree, &known.changed, |hits| collector.add(hits, context))?
-    } else if analysis.subject.materials.is_none() {
+    } else if analysis.facts.materials.is_none() {
         PairSearch { look: meeting, budget, hubs }.within(tree, |hits| collector.add(hits, context))?
     } else {
         let look = |f: u32, g: u32, steps: &mut u64| {
@@ -204,7 +204,7 @@ pub(super) fn materials_in(of_face: &[u32]) -> Vec<u32> {
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
 fn faces_in_other_materials(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Vec<u32>, Cancelled> {
-    let Some(materials) = analysis.subject.materials else { return Ok(Vec::new()) };
+    let Some(materials) = analysis.facts.materials else { return Ok(Vec::new()) };
     let unit = analysis.unit();
     let count = analysis.surface.faces.len();
     let material: Vec<u32> = (0u32..).take(count).map(|face| analysis.material(face)).collect();
@@ -248,7 +248,7 @@ struct Collector<'a> {
 
 impl<'a> Collector<'a> {
     fn new(of: [&'a Analysis<'a>; 2]) -> Self {
-        let takes_part = of.map(|a| vec![false; a.subject.soup.faces.len()]);
+        let takes_part = of.map(|a| vec![false; a.file_faces().len()]);
         Self { of, one_mesh: true, pairs: Vec::new(), counts: SelfIntersections::default(), takes_part }
     }
 
@@ -314,9 +314,7 @@ impl Intersections {
 
 /// A common point of two faces, in the model's unit.
 fn common_point_of(analysis: &Analysis<'_>, pair: &IntersectingPair) -> DVec3 {
-    let [p, q] = pair
-        .faces
-        .map(|f| analysis.subject.soup.faces[f as usize].map(|v| analysis.subject.soup.positions[v as usize]));
+    let [p, q] = pair.faces.map(|f| analysis.file_faces()[f as usize].map(|v| analysis.file_positions()[v as usize]));
     // Scaled so that products neither overflow nor underflow.
     let largest = p.iter().chain(&q).fold(0.0f64, |m, x| m.max(x.abs().max_element()));
     let down = |t: [DVec3; 3]| t.map(|x| x / largest);

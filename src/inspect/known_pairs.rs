@@ -8,9 +8,9 @@ use std::borrow::Cow;
 use super::analysis::KnownPairs;
 use super::intersections::intersections_near_changed;
 use super::matching::{FaceHashes, KeyedFaces, NO_FACE, matched};
-use super::{Analysis, IntersectingPair, Intersections, group_faces, intersections};
+use super::{Analysis, IntersectingPair, Intersections, Subject, group_faces, intersections};
 use crate::context::{Cancelled, Context};
-use crate::mesh::{Soup, Surface};
+use crate::mesh::Surface;
 
 impl Analysis<'_> {
     /// Reuses the known intersections between faces that `earlier` has at the same positions. The search for intersecting faces
@@ -19,7 +19,7 @@ impl Analysis<'_> {
     /// Reuses nothing if the intersections of `earlier` are unknown or incomplete. Reuses nothing either if one of the meshes is an
     /// assembly of several materials, because other pairs count as intersections there.
     pub fn reuse_intersections(&mut self, earlier: Option<KnownIntersections<'_>>) {
-        let known = earlier.filter(|_| self.subject.materials.is_none());
+        let known = earlier.filter(|_| self.facts.materials.is_none());
         self.known_pairs = known.map(|known| KnownPairs::new(self, &known));
     }
 
@@ -27,10 +27,10 @@ impl Analysis<'_> {
     /// assembly of several materials.
     #[must_use]
     pub fn known_intersections(&self) -> Option<KnownIntersections<'_>> {
-        let is_known = |known: &&Intersections| self.subject.materials.is_none() && known.lists_all_pairs();
+        let is_known = |known: &&Intersections| self.facts.materials.is_none() && known.lists_all_pairs();
         self.intersections.get().filter(is_known).map(|intersections| {
             let faces = self.keyed_faces(self.scale());
-            KnownIntersections { intersections, faces, file_faces: self.subject.soup.faces.len() }
+            KnownIntersections { intersections, faces, file_faces: self.file_faces().len() }
         })
     }
 }
@@ -60,12 +60,12 @@ impl SearchedMesh {
     ///
     /// # Errors
     /// [`Cancelled`] on cancellation or timeout.
-    pub fn search(
-        soup: &Soup,
+    pub fn search<'a>(
+        mesh: impl Into<Subject<'a>>,
         earlier: Option<KnownIntersections<'_>>,
         context: &Context<'_>,
     ) -> Result<Self, Cancelled> {
-        let analysis = Analysis::new(soup.into(), context)?;
+        let analysis = Analysis::new(mesh.into(), context)?;
         let known = earlier.map(|known| KnownPairs::new(&analysis, &known));
         let intersections = match &known {
             Some(known) => intersections_near_changed(&analysis, known, context)?,
@@ -75,7 +75,8 @@ impl SearchedMesh {
             2 * known.changed.iter().filter(|is_changed| **is_changed).count() > known.changed.len()
         });
         let hashes = analysis.keyed_faces(analysis.scale()).hashes.into_owned();
-        Ok(Self { intersections, is_mostly_new, surface: analysis.surface, hashes, file_faces: soup.faces.len() })
+        let file_faces = analysis.file_faces().len();
+        Ok(Self { intersections, is_mostly_new, surface: analysis.surface, hashes, file_faces })
     }
 
     /// The intersections of this mesh for the search of a later mesh. None if they are incomplete.
@@ -158,6 +159,7 @@ mod tests {
 
     use super::*;
     use crate::context::NoProgress;
+    use crate::mesh::Soup;
 
     /// Two crossing squares of two faces each, the second moved by `shift`.
     fn squares(shift: f64) -> Soup {

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::analysis::get_or_try_init;
 use super::intersections::materials_in;
-use super::{Analysis, BoundingBox, Measures, Subject, Volume, duplicate_faces, finite, nesting_depths};
+use super::{Analysis, BoundingBox, FileFacts, Measures, Volume, duplicate_faces, finite, nesting_depths};
 use crate::context::{Cancelled, Context};
 use crate::math::threads;
 use crate::mesh::{Edges, Soup, Surface, are_distinct, count_boundary_chains, weld_exactly};
@@ -99,19 +99,19 @@ impl EdgeCounts {
 
 /// Computes the measures that [`Analysis::measures`] caches.
 fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Cancelled> {
-    let Analysis { subject, surface, ingest, edges, parts, fans, solids, .. } = analysis;
+    let Analysis { facts, surface, ingest, edges, parts, fans, solids, .. } = analysis;
     let mut counts = Measures {
-        faces: subject.soup.faces.len() as u64,
+        faces: analysis.file_faces().len() as u64,
         vertices: surface.positions.len() as u64,
         unreferenced_vertices: ingest.unreferenced_vertices,
         non_finite_faces: ingest.non_finite_faces,
-        unreadable_faces: subject.numbering.map_or(0, |numbering| numbering.faces_without_vertex),
+        unreadable_faces: facts.numbering.map_or(0, |numbering| numbering.faces_without_vertex),
         ..Measures::default()
     };
     if surface.faces.is_empty() {
         return Ok(counts);
     }
-    counts.materials = subject.materials.map_or(0, |materials| materials_in(materials).len() as u64);
+    counts.materials = facts.materials.map_or(0, |materials| materials_in(materials).len() as u64);
     counts.faces_in_other_materials = analysis.faces_in_other_materials(context)?.len() as u64;
     counts.edges = edges.len() as u64;
     counts.parts = parts.count as u64;
@@ -163,14 +163,14 @@ fn degenerate_and_duplicate(analysis: &Analysis<'_>) -> (u64, u64) {
 /// Edges whose two faces share positions but not vertex indices in the file. Empty for formats whose readers join
 /// vertices by position.
 pub(super) fn unshared_edges<'a>(analysis: &'a Analysis<'_>) -> impl Iterator<Item = usize> + 'a {
-    let (surface, soup) = (&analysis.surface, analysis.subject.soup);
+    let (surface, file_faces) = (&analysis.surface, analysis.file_faces());
     let ends = move |half_edge: u32| {
         let [face, corner] = [half_edge as usize / 3, half_edge as usize % 3];
-        let face = soup.faces[surface.source[face] as usize];
+        let face = file_faces[surface.source[face] as usize];
         let [a, b] = [face[corner], face[(corner + 1) % 3]];
         [a.min(b), a.max(b)]
     };
-    let edges = analysis.edges.iter().enumerate().filter(|_| analysis.subject.is_indexed);
+    let edges = analysis.edges.iter().enumerate().filter(|_| analysis.facts.is_indexed);
     edges.filter(move |(_, half_edges)| matches!(half_edges, [x, y] if ends(*x) != ends(*y))).map(|(edge, _)| edge)
 }
 
@@ -226,7 +226,7 @@ pub fn joined_by_decimals(surface: &Surface) -> Option<Surface> {
 
 /// Number of faces that collapse and edges that lose their opposite face when [`joined_by_decimals`] joins vertices.
 fn near_coincident_defects(analysis: &Analysis<'_>) -> u64 {
-    let Subject { materials, unit, .. } = analysis.subject;
+    let FileFacts { materials, unit, .. } = analysis.facts;
     // Bodies of different materials may touch and are not joined. A glTF file (unit metre) stores its coordinates
     // below a transform, and readers round those stored coordinates, not the transformed ones.
     if materials.is_some() || unit.is_some_and(|unit| unit.used == Unit::Metre && unit.source == UnitSource::File) {

@@ -24,7 +24,7 @@ mod shells;
 mod solids;
 mod statistics;
 
-pub use analysis::{Analysis, Subject};
+pub use analysis::{Analysis, FileFacts, Subject};
 pub use check::{CheckRule, CheckVerdict};
 pub use compare::{
     AccountedPart, COMPARISON_VERSION, Changes, CompareOptions, ComparedMesh, Comparison, Deviation, InsideAgreement,

@@ -40,7 +40,7 @@ pub struct Features {
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
 pub fn find_features(analysis: &Analysis<'_>, profile: &Profile, context: &Context<'_>) -> Result<Features, Cancelled> {
-    let mm = analysis.subject.unit.map_or(1.0, |unit| unit.used.millimetres());
+    let mm = analysis.facts.unit.map_or(1.0, |unit| unit.used.millimetres());
     let walls = [&profile.supported_wall_mm, &profile.free_wall_mm, &profile.wire_mm, &profile.pin_mm];
     let gaps = [&profile.hole_mm, &profile.gap_mm, &profile.clearance_mm];
     let largest = |limits: &[&super::profile::Limit]| limits.iter().map(|limit| limit.limit).fold(0.0, f64::max);

@@ -84,7 +84,7 @@ pub(super) fn find_hollows(
     wants_cups: bool,
     context: &Context<'_>,
 ) -> Result<Option<Hollows>, Cancelled> {
-    let unit = analysis.subject.unit;
+    let unit = analysis.facts.unit;
     let mm = unit.map_or(1.0, |unit| unit.used.millimetres());
     let surface = &analysis.surface;
     let Ok(closed) = ClosedSurface::new(surface, &analysis.edges) else { return Ok(None) };

@@ -47,7 +47,7 @@ pub struct AssessedFile<'a> {
 
 impl AssessedFile<'_> {
     fn millimetres(&self) -> f64 {
-        self.analysis.subject.unit.map_or(1.0, |unit| unit.used.millimetres())
+        self.analysis.facts.unit.map_or(1.0, |unit| unit.used.millimetres())
     }
 }
 
@@ -217,7 +217,7 @@ fn escape_hole_rule(hollows: Option<&Hollows>, profile: &Profile) -> Option<Rule
 
 /// The rule about the unit. Measured are the millimetres of the file's unit, the limit those of the likely unit.
 fn unit_rule(file: &AssessedFile<'_>, profile: &Profile) -> RuleResult {
-    let (Some(bounds), Some(unit)) = (file.measures.bounding_box, file.analysis.subject.unit) else {
+    let (Some(bounds), Some(unit)) = (file.measures.bounding_box, file.analysis.facts.unit) else {
         return RuleResult::undecided(PrintRule::Unit, None);
     };
     let volume = profile.build_volume_mm.as_ref().map(|volume| volume.size);

@@ -21,6 +21,7 @@ use crate::inspect::Measures;
 use crate::mesh::{Soup, Surface};
 use crate::printing::skin::recognise_double_shell;
 use crate::scene::Object;
+use std::borrow::Cow;
 
 /// Least share of the area in the two largest parts of a double shell: its skins, or both skins joined.
 const MAIN_SHARE: f64 = 0.8;
@@ -51,7 +52,7 @@ pub(super) fn repair_body(
         conclusion
     } else {
         let cache = if request.reuses_prefixes { PrefixCache::default() } else { PrefixCache::disabled() };
-        let unit = input.analysis.subject.unit.cloned().unwrap_or_default();
+        let unit = input.analysis.facts.unit.cloned().unwrap_or_default();
         let runner =
             Runner { options, input: input.analysis, format, remesher, context, time: input.time, unit: &unit };
         attempt(input, baseline, runner, cache, is_double_shell)?
@@ -248,9 +249,10 @@ impl ObjectRepair<'_> {
     ) -> Result<RepairedObject, RepairError> {
         let context = request.context;
         let start = context.now();
-        let mesh = self.file.mesh.of_same_file(object.mesh().map(|mesh| mesh.soup.clone()).unwrap_or_default());
-        let source = MeshSource { bytes: None, mesh: &mesh, unit: self.file.unit.as_ref() };
-        with_inspected_input(&source, request, |input| {
+        let soup = object.mesh().map_or_else(|| Cow::Owned(Soup::default()), |mesh| Cow::Borrowed(&mesh.soup));
+        let mesh = self.file.mesh.of_same_file(Soup::default());
+        let source = MeshSource { bytes: None, soup, mesh: &mesh, unit: self.file.unit.as_ref() };
+        with_inspected_input(source, request, |input| {
             let body = repair_body(&input, judging_format(self.format), request)?;
             let soup = if body.bytes.is_empty() { None } else { Some(judged_soup(&body.bytes)?) };
             let welded = input.analysis.ingest.merged_vertices > 0 && self.format == Format::ThreeMf;

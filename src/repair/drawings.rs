@@ -104,6 +104,6 @@ fn draw_walls(
     for (&source, &value) in after.surface.source.iter().zip(&field.at_faces) {
         of_face[source as usize] = value;
     }
-    let mm = after.subject.unit.map_or(1.0, |unit| unit.used.millimetres());
+    let mm = after.facts.unit.map_or(1.0, |unit| unit.used.millimetres());
     Ok(draw_thickness(soup, &of_face, [limit_mm / mm, mm], context)?)
 }

@@ -1,5 +1,6 @@
 //! The input of a repair: the mesh that was read, its inspection, and its return without changes.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use super::estimate::estimate;
@@ -14,12 +15,12 @@ use super::red_flags::AddedSurface;
 use super::remesher::Remesher;
 use super::report::OmittedSection;
 use super::time_budget::{TimeBudget, for_details};
-use crate::analyze::subject;
+use crate::analyze::{subject, subject_taken};
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Format, ReadError, ReadMesh, WriteError};
 use crate::inspect::{
     Analysis, Changes, CompareOptions, DefectKind, InspectOptions, Inspection, Level, Measures, OptionsError, Original,
-    inspect_analysis, measure_analysis,
+    Subject, inspect_analysis, measure_analysis,
 };
 use crate::mesh::Soup;
 use crate::scene::LengthUnit;
@@ -68,7 +69,7 @@ pub(super) struct RepairRequest<'a> {
 pub(super) struct Input<'a> {
     /// The file's bytes, if they may be returned unchanged.
     pub bytes: Option<&'a [u8]>,
-    /// The mesh as it was read.
+    /// The mesh as it was read, possibly without its triangles.
     pub mesh: &'a ReadMesh,
     /// The structure of the mesh.
     pub analysis: &'a Analysis<'a>,
@@ -194,8 +195,8 @@ impl Input<'_> {
         }
         let inspected = || {
             context.check()?;
-            let read = read_own(&judged.bytes)?;
-            let analysis = Analysis::new(subject(&read, self.analysis.subject.unit), context)?;
+            let mut read = read_own(&judged.bytes)?;
+            let analysis = Analysis::new(subject_taken(&mut read, self.analysis.facts.unit), context)?;
             let (inspection, _) = inspect_analysis(&analysis, &InspectOptions::default(), context)?;
             Ok((inspection, surface_shares(self.original, &analysis, context)?))
         };
@@ -235,7 +236,9 @@ impl Input<'_> {
 pub(super) struct MeshSource<'a> {
     /// The file's bytes, if they may be returned unchanged.
     pub bytes: Option<&'a [u8]>,
-    /// The mesh as it was read.
+    /// The triangles, which are dropped if they are owned and as good as welded.
+    pub soup: Cow<'a, Soup>,
+    /// What else was read.
     pub mesh: &'a ReadMesh,
     /// The unit of the mesh.
     pub unit: Option<&'a LengthUnit>,
@@ -246,13 +249,14 @@ pub(super) struct MeshSource<'a> {
 /// # Errors
 /// The errors of `repair`, and [`Cancelled`] if the job was canceled or there was no time for the inspection.
 pub(super) fn with_inspected_input<T>(
-    source: &MeshSource<'_>,
+    source: MeshSource<'_>,
     &RepairRequest { options, context, .. }: &RepairRequest<'_>,
     repair: impl FnOnce(Input<'_>) -> Result<T, RepairError>,
 ) -> Result<T, RepairError> {
     let began = context.now();
-    let &MeshSource { bytes, mesh, unit } = source;
-    let analysis = &Analysis::new(subject(mesh, unit), &context.for_verification())?;
+    let MeshSource { bytes, soup, mesh, unit } = source;
+    let subject = Subject { soup, ..subject(mesh, unit) };
+    let analysis = &Analysis::new(subject, &context.for_verification())?;
     let (before, time) = &inspect_input(analysis, began, context)?;
     let keeps_whole = !changes_printable(options) && !options.asks_for_fewer_faces_than(before.measures.faces);
     let is_whole = before.measures.printable() && keeps_whole;

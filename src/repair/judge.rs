@@ -5,7 +5,7 @@ use super::part_accounting::{IntendedChanges, part_accounting, parts_dropped, su
 use super::red_flags::{AddedSurface, Comparison, part_lost, pinhole_patches, red_flags, surface_invented};
 use super::report::{Assumption, AssumptionKind, Candidate, RedFlag, RedFlagCode};
 use super::tasks::SurfaceState;
-use crate::analyze::subject;
+use crate::analyze::subject_taken;
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Format, Limits, ReadError, ReadMesh, WriteError};
 use crate::inspect::{
@@ -126,9 +126,10 @@ impl Judging<'_, '_> {
         let verification = &context.for_verification();
         verification.check()?;
         let bytes = format::write(&surface.to_soup(), format)?;
-        let read = read_own(&bytes)?;
-        let unit = input.analysis().subject.unit.map(|unit| unit_for_readers(unit, options.output));
-        let mut analysis = Analysis::new(subject(&read, unit.as_ref()), verification)?;
+        let mut read = read_own(&bytes)?;
+        let dialect = std::mem::take(&mut read.dialect);
+        let unit = input.analysis().facts.unit.map(|unit| unit_for_readers(unit, options.output));
+        let mut analysis = Analysis::new(subject_taken(&mut read, unit.as_ref()), verification)?;
         if options.verify == Verify::Changed {
             let of_input = || input.analysis().known_intersections();
             analysis.reuse_intersections(searched.map_or_else(of_input, SearchedMesh::known_intersections));
@@ -169,7 +170,7 @@ impl Judging<'_, '_> {
         let mut judged = Judged {
             cavities: cavities(&analysis, &measures),
             bytes,
-            dialect: read.dialect,
+            dialect,
             measures,
             changes,
             red_flags,

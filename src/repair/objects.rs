@@ -317,7 +317,7 @@ impl SceneRepair<'_> {
             }
         }
         let Exported { bytes, mesh, .. } = export(&scene, self.format)?;
-        let analysis = Analysis::new(subject(&mesh, input.analysis.subject.unit), verification)?;
+        let analysis = Analysis::new(subject(&mesh, input.analysis.facts.unit), verification)?;
         let (after, _) = inspect_measured(&analysis, context)?;
         let conflicts = self.conflicts(&united, &scene, &analysis, &after)?;
         let changes = input.original.changes(&analysis, &after.measures, None, verification)?;

@@ -58,7 +58,7 @@ fn reasons_of_absence(
     let volumes = volumes_enclosed(input, missed, context)?;
     let enclosed: f64 = result.solids.iter().map(|solid| solid.volume).sum();
     let all = enclosed + volumes.iter().sum::<f64>();
-    let millimetres = input.subject.unit.map_or(1.0, |unit| unit.used.millimetres());
+    let millimetres = input.facts.unit.map_or(1.0, |unit| unit.used.millimetres());
     let small = drops_islands.then(|| options.print.min_island_volume(millimetres, || all));
     let least = (options.min_part_volume_pct / 100.0 * all).max(small.unwrap_or(0.0)) * MARGIN;
     let open = input.parts.open(&input.edges);
@@ -132,7 +132,7 @@ pub(super) fn surviving_input(
     input: &Analysis<'_>,
     part_accounting: &PartAccounting,
 ) -> SurvivingInput {
-    let mut is_left = vec![false; input.subject.soup.faces.len()];
+    let mut is_left = vec![false; input.file_faces().len()];
     for &source in surface.source.iter().filter(|&&source| !is_generated(source)) {
         if let Some(is_left) = is_left.get_mut(source as usize) {
             *is_left = true;

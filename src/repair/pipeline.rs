@@ -2,6 +2,7 @@
 //!
 //! A body is the whole file, or one of its objects if objects are kept separate.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use super::body::repair_body;
@@ -75,15 +76,16 @@ fn repair_in_time(bytes: &[u8], limits: &Limits, request: &RepairRequest<'_>) ->
     let &RepairRequest { options, context, .. } = request;
     let start = context.now();
     context.report(Stage::Read, None, 0);
-    let opened = OpenedFile::read(bytes, options, limits)?;
+    let mut opened = OpenedFile::read(bytes, options, limits)?;
+    let soup = Cow::Owned(std::mem::take(&mut opened.file.mesh.soup));
     context.report(Stage::Inspect, None, 3);
     let file = &opened.file;
     let returnable = opened.may_return_input.then_some(bytes);
-    let source = MeshSource { bytes: returnable, mesh: &file.mesh, unit: file.unit.as_ref() };
-    let (bytes, report) = with_inspected_input(&source, request, |input| {
+    let source = MeshSource { bytes: returnable, soup, mesh: &file.mesh, unit: file.unit.as_ref() };
+    let (bytes, report) = with_inspected_input(source, request, |input| {
         context.log(&format!("read {}: {}", file.mesh.dialect, input.before.measures.in_short()));
         let mut repaired = opened.repair(bytes, &input, request)?;
-        let unit = input.analysis.subject.unit.cloned().unwrap_or_default();
+        let unit = input.analysis.facts.unit.cloned().unwrap_or_default();
         let evidence = FileEvidence::of(input.analysis, &unit, format::program_of(bytes, file.mesh.format));
         let unit_candidates =
             other_units(repaired.draft.after.as_ref().unwrap_or(input.before), &unit, options, &evidence);

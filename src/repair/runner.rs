@@ -159,7 +159,7 @@ impl Runner<'_> {
             return Ok(());
         }
         let kept = Arc::clone(surface);
-        let applied = operator.run(&scope, Arc::make_mut(surface), context);
+        let applied = operator.run(&scope, surface, context);
         let mut applied = applied.inspect_err(|_| surface.clone_from(&kept))?;
         let limits = limits_of(operator, self.options, kept.bounds().diagonal(), scope.max_deviation);
         run.step.options_not_applied = self.limited(std::mem::take(&mut applied.limited).into_iter().chain(limits));

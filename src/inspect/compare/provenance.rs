@@ -93,7 +93,7 @@ impl Original<'_> {
         let mut removed = Vec::new();
         let unit = self.analysis.unit_length();
         let (kinds, shares) = self.trace(after, |piece| removed.push(piece.map(|p| p * unit)), context)?;
-        let mut of_face = vec![None; after.subject.soup.faces.len()];
+        let mut of_face = vec![None; after.file_faces().len()];
         for (&source, kind) in after.surface.source.iter().zip(kinds) {
             of_face[source as usize] = Some(kind);
         }

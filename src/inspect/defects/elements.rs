@@ -16,18 +16,19 @@ const OPPOSED: f64 = -0.01;
 /// Finds faces of the file with a corner that is not finite or names a missing vertex. The place of a face that the
 /// reader rejected is one of the face's other corners.
 pub(super) fn find_corrupt(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
-    let subject = scan.analysis.subject;
-    if scan.analysis.ingest.non_finite_faces > 0 {
-        for (face, index) in subject.soup.faces.iter().zip(0u32..) {
+    let analysis = scan.analysis;
+    if analysis.ingest.non_finite_faces > 0 {
+        let positions = analysis.file_positions();
+        for (face, index) in analysis.file_faces().iter().zip(0u32..) {
             scan.step(index as usize)?;
-            let corners = face.map(|v| subject.soup.positions.get(v as usize).copied().filter(|p| p.is_finite()));
+            let corners = face.map(|v| positions.get(v as usize).copied().filter(|p| p.is_finite()));
             if corners.contains(&None) {
                 let at = corners.into_iter().flatten().next().unwrap_or(DVec3::ZERO);
                 scan.report_in_file(DefectKind::Corrupt, at, vec![index], None);
             }
         }
     }
-    let Some(numbering) = subject.numbering else { return Ok(()) };
+    let Some(numbering) = analysis.facts.numbering else { return Ok(()) };
     for face in &numbering.omitted {
         scan.report_in_file(DefectKind::Corrupt, DVec3::from_array(face.at), Vec::new(), None);
     }
@@ -197,7 +198,7 @@ pub(super) fn find_holes(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
 ///
 /// Ignores flat faces, which have no normal, and stored normals of zero length.
 pub(super) fn find_bad_normals(scan: &mut Scan<'_, '_>, flat: &[bool]) -> Result<(), Cancelled> {
-    let Some(normals) = scan.analysis.subject.normals else { return Ok(()) };
+    let Some(normals) = scan.analysis.facts.normals else { return Ok(()) };
     let mut bad = match normals {
         CornerNormals::OfFaces { opposed } => bad_face_normals(scan, opposed, flat)?,
         _ => bad_corner_normals(scan, normals, flat)?,
@@ -250,12 +251,12 @@ fn bad_corner_normals(
     normals: &CornerNormals,
     flat: &[bool],
 ) -> Result<Vec<BadNormal>, Cancelled> {
-    let (surface, soup) = (&scan.analysis.surface, scan.analysis.subject.soup);
+    let (surface, file_faces) = (&scan.analysis.surface, scan.analysis.file_faces());
     let count = u32::try_from(surface.faces.len()).unwrap_or(u32::MAX);
     let corners = |f: u32| {
         let source = surface.source[f as usize] as usize;
         (0..3).filter_map(move |k| {
-            let normal = normals.at(source, soup.faces[source], k)?;
+            let normal = normals.at(source, file_faces[source], k)?;
             let cosine = cosine(scan, f, normal)?;
             Some((surface.faces[f as usize][k], normal.map(|x| (x + 0.0).to_bits()), f, cosine))
         })

@@ -90,7 +90,7 @@ pub fn print_measures(
     context: &Context<'_>,
 ) -> Result<Option<PrintMeasures>, Cancelled> {
     let Some(bounds) = measures.bounding_box else { return Ok(None) };
-    let (unit, unit_source) = match (analysis.subject.unit, options.unit) {
+    let (unit, unit_source) = match (analysis.facts.unit, options.unit) {
         (Some(settled), _) => (settled.used, settled.source),
         (None, Some(unit)) => (unit, UnitSource::Declared),
         (None, None) => (Unit::default(), UnitSource::Assumed),

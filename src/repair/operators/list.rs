@@ -2,6 +2,8 @@
 //!
 //! Other operator files do not import this file, so operators cannot depend on one another through the table.
 
+use std::sync::Arc;
+
 use super::operator::{Applied, Counter, Counts, Operation, Scope};
 use super::{
     base, clean_and_patch, cut_non_orientable, debris, degenerate, duplicates, fill_interior, foldovers, holes,
@@ -61,11 +63,11 @@ macro_rules! operations {
             pub(crate) fn run(
                 self,
                 scope: &Scope<'_>,
-                surface: &mut Surface,
+                surface: &mut Arc<Surface>,
                 context: &Context<'_>,
             ) -> Result<Applied, Cancelled> {
                 match self {
-                    $(Self::$name => <$operation>::with_scope(scope, surface).run(surface, context),)*
+                    $(Self::$name => <$operation>::with_scope(scope, surface).run_shared(surface, context),)*
                 }
             }
         }

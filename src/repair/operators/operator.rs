@@ -61,6 +61,14 @@ pub(crate) trait Operation<'a>: Sized {
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface may then be half changed.
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled>;
+
+    /// [`Operation::run`] on a surface that others may share. An operator that makes a new surface need not copy the shared one first.
+    ///
+    /// # Errors
+    /// As [`Operation::run`].
+    fn run_shared(&self, surface: &mut Arc<Surface>, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        self.run(Arc::make_mut(surface), context)
+    }
 }
 
 /// The result of running an operator.

@@ -181,7 +181,7 @@ fn without_slivers(surface: &Surface, kept: &[bool], context: &Context<'_>) -> R
 
 /// The faces that intersect others; none if not all are known.
 fn meeting_faces(surface: &Surface, context: &Context<'_>) -> Result<Option<Vec<u32>>, Cancelled> {
-    let searched = SearchedMesh::search(&surface.to_soup(), None, context)?;
+    let searched = SearchedMesh::search(surface.to_soup(), None, context)?;
     Ok(searched.meeting_pairs().map(|pairs| pairs.iter().flat_map(|pair| pair.faces).collect()))
 }
 

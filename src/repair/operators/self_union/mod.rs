@@ -78,18 +78,24 @@ impl SelfUnionRounds {
         engine: &dyn Arrangement,
         context: &Context<'_>,
     ) -> Result<Resolved, Cancelled> {
-        self.apply_after(None, surface, engine, context)
+        let (resolved, united) = self.united(None, surface, engine, context)?;
+        if let Some(united) = united {
+            *surface = united;
+        }
+        Ok(resolved)
     }
 
-    /// [`Self::apply`] for a surface that has faces of `input`, whose intersections are known.
-    fn apply_after(
+    /// [`Self::apply`] for a surface that has faces of `input`, whose intersections are known. Returns the new surface, or none if the
+    /// surface stays as it is.
+    fn united(
         &self,
         input: Option<&Analysis<'_>>,
-        surface: &mut Surface,
+        surface: &Surface,
         engine: &dyn Arrangement,
         context: &Context<'_>,
-    ) -> Result<Resolved, Cancelled> {
-        let undone = |pairs_left, error| Resolved { pairs_left, error: Some(error), ..Resolved::default() };
+    ) -> Result<(Resolved, Option<Surface>), Cancelled> {
+        let undone = |pairs_left, error| (Resolved { pairs_left, error: Some(error), ..Resolved::default() }, None);
+        let unchanged = || Ok((Resolved::default(), None));
         let edges = Edges::new(&surface.faces);
         let closed = match ClosedSurface::new(surface, &edges) {
             Ok(closed) => closed,
@@ -101,7 +107,7 @@ impl SelfUnionRounds {
         let may_open = self.sheets.is_some() && surface.source.iter().any(|&source| is_generated(source));
         let always = self.always || (before == 0 && searched.has_faces_twice());
         if before == 0 && !may_open && !always {
-            return Ok(Resolved::default());
+            return unchanged();
         }
         let parts = |surface: &Surface, edges: &Edges| Parts::new(surface, edges).count as u64;
         let parts_before = parts(surface, &edges);
@@ -114,20 +120,20 @@ impl SelfUnionRounds {
             };
         let has_cause = before > 0 || done.opened > 0;
         if !has_cause && !always {
-            return Ok(Resolved::default());
+            return unchanged();
         }
         let replaced = ReplacedFaces::between(surface, &best.surface);
         if !has_cause && replaced.are_none() {
-            return Ok(Resolved::default());
+            return unchanged();
         }
         // An incomplete result must at least be closed; intersecting faces are the lesser defect.
         if best.pairs > 0 && !is_manifold_by_position(&best.surface) {
             let error = "rounding left intersecting faces and non-manifold edges";
             return Ok(undone(before, ArrangeError::Failed(error.to_owned())));
         }
-        *surface = best.surface;
+        let united = best.surface;
         let changes = Change::list([
-            (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(surface, &Edges::new(&surface.faces)))),
+            (ChangeKind::PartsUnited, parts_before.saturating_sub(parts(&united, &Edges::new(&united.faces)))),
             (ChangeKind::IntersectingPairsResolved, before.saturating_sub(best.pairs)),
             (ChangeKind::FacesCut, replaced.cut),
             (ChangeKind::FacesRemoved, replaced.removed),
@@ -140,7 +146,8 @@ impl SelfUnionRounds {
             (ChangeKind::FacesAroundOpenRegionsThickened, done.opened),
         ]);
         let searched = Some(searched).filter(|searched| searched.is_mostly_new).map(Arc::new);
-        Ok(Resolved { changes, moved: done.moved + best.perturbed, pairs_left: best.pairs, error: None, searched })
+        let moved = done.moved + best.perturbed;
+        Ok((Resolved { changes, moved, pairs_left: best.pairs, error: None, searched }, Some(united)))
     }
 
     /// Computes the self-union of each part alone. A part whose union would be empty, such as a cavity, stays as it is.
@@ -148,13 +155,13 @@ impl SelfUnionRounds {
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
-    fn apply_to_parts(
+    fn parts_united(
         &self,
         input: &Analysis<'_>,
-        surface: &mut Surface,
+        surface: &Surface,
         engine: &dyn Arrangement,
         context: &Context<'_>,
-    ) -> Result<Resolved, Cancelled> {
+    ) -> Result<(Resolved, Option<Surface>), Cancelled> {
         let parts = Parts::new(surface, &Edges::new(&surface.faces));
         let mut whole = Surface::default();
         let (mut all, mut has_changed) = (Resolved::default(), false);
@@ -179,10 +186,10 @@ impl SelfUnionRounds {
             for &v in faces.iter().flat_map(|&f| &surface.faces[f as usize]) {
                 local[v as usize] = u32::MAX;
             }
-            let done = self.apply_after(Some(input), &mut part, engine, context)?;
+            let (done, united) = self.united(Some(input), &part, engine, context)?;
             all.moved = all.moved.max(done.moved);
             has_changed |= !done.changes.is_empty();
-            whole.append(part);
+            whole.append(united.unwrap_or(part));
         }
         if has_changed {
             let ReplacedFaces { cut, removed, created } = ReplacedFaces::between(surface, &whole);
@@ -191,10 +198,11 @@ impl SelfUnionRounds {
                 (ChangeKind::FacesRemoved, removed),
                 (ChangeKind::FacesCreated, created),
             ]);
-            *surface = whole;
         }
-        all.pairs_left = count(&crossings(surface, input.known_intersections(), context)?.intersections);
-        Ok(all)
+        let whole = Some(whole).filter(|_| has_changed);
+        let result = whole.as_ref().unwrap_or(surface);
+        all.pairs_left = count(&crossings(result, input.known_intersections(), context)?.intersections);
+        Ok((all, whole))
     }
 }
 
@@ -374,13 +382,32 @@ impl<'a> Operation<'a> for SelfUnion<'a> {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let result = match self.overlaps {
-            Overlaps::Union => self.rounds.apply_after(Some(self.input), surface, &Exact, context)?,
-            Overlaps::Keep => self.rounds.apply_to_parts(self.input, surface, &Exact, context)?,
+        let (applied, united) = self.united(surface, context)?;
+        if let Some(united) = united {
+            *surface = united;
+        }
+        Ok(applied)
+    }
+
+    fn run_shared(&self, surface: &mut Arc<Surface>, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let (applied, united) = self.united(surface, context)?;
+        if let Some(united) = united {
+            *surface = Arc::new(united);
+        }
+        Ok(applied)
+    }
+}
+
+impl SelfUnion<'_> {
+    /// What the operator did, and the new surface, or none if the surface stays as it is.
+    fn united(&self, surface: &Surface, context: &Context<'_>) -> Result<(Applied, Option<Surface>), Cancelled> {
+        let (result, united) = match self.overlaps {
+            Overlaps::Union => self.rounds.united(Some(self.input), surface, &Exact, context)?,
+            Overlaps::Keep => self.rounds.parts_united(self.input, surface, &Exact, context)?,
         };
         let left = (result.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", result.pairs_left));
         let failed = result.error.map(Into::into);
         let Resolved { changes, moved, searched, .. } = result;
-        Ok(Applied { changes, moved, left, failed, searched, ..Applied::default() })
+        Ok((Applied { changes, moved, left, failed, searched, ..Applied::default() }, united))
     }
 }

@@ -393,7 +393,7 @@ pub(super) fn crossings(
     earlier: Option<KnownIntersections<'_>>,
     context: &Context<'_>,
 ) -> Result<SearchedMesh, Cancelled> {
-    SearchedMesh::search(&surface.to_soup(), earlier, context)
+    SearchedMesh::search(surface.to_soup(), earlier, context)
 }
 
 /// The number of face pairs that intersect.
