@@ -116,7 +116,7 @@ fn count(analysis: &Analysis<'_>, context: &Context<'_>) -> Result<Measures, Can
     counts.edges = edges.len() as u64;
     counts.parts = parts.count as u64;
     counts.non_manifold_vertices = fans.non_manifold_vertices;
-    counts.boundary_loops = count_boundary_chains(edges, fans);
+    counts.boundary_loops = count_boundary_chains(&surface.faces, edges, fans);
     let count_in_faces = || degenerate_and_duplicate(analysis);
     let count_for_readers = || (unshared_edges(analysis).count() as u64, near_coincident_defects(analysis));
     ((counts.degenerate_faces, counts.duplicate_faces), (counts.unshared_edges, counts.near_coincident_defects)) =

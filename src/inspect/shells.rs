@@ -276,15 +276,12 @@ fn tally(analysis: &Analysis<'_>) -> Vec<Tally> {
         part_tally.nonmanifold |= half_edges.len() > 2;
         part_tally.inconsistent |= forward > 1 || half_edges.len() - forward > 1;
     }
-    for half_edge in boundary_chains(edges, fans) {
+    for half_edge in boundary_chains(&surface.faces, edges, fans) {
         all[part_of(half_edge)].boundaries += 1;
     }
     // Each fan belongs to one part and one vertex. Two fans of one part at a vertex make the vertex non-manifold.
-    let mut fan_at: Vec<(u32, u32)> = (0u32..)
-        .zip(&fans.of_corner)
-        .filter(|&(corner, &fan)| corner == fan)
-        .map(|(corner, _)| (parts.of_face[corner as usize / 3], Edges::ends(&surface.faces, corner)[0]))
-        .collect();
+    let part_and_vertex = |root: u32| (parts.of_face[root as usize / 3], Edges::ends(&surface.faces, root)[0]);
+    let mut fan_at: Vec<(u32, u32)> = fans.roots().map(part_and_vertex).collect();
     fan_at.sort_unstable();
     for same in fan_at.chunk_by(|a, b| a == b) {
         let part_tally = &mut all[same[0].0 as usize];

@@ -137,19 +137,17 @@ fn edge_angles(analysis: &Analysis<'_>, attributes: &Attributes, orientation: &O
     }
     let (unit, faces, edges) = (analysis.unit(), &analysis.surface.faces, &analysis.edges);
     let corners = |face: usize| faces[face].map(|v| unit[v as usize]);
-    // Each face has three edges, so its normal is computed once, before.
-    let normals = threads::map_cheap(faces.len(), |face| Shape::of(corners(face)).normal.unwrap_or(DVec3::ZERO));
+    let normal = |face: usize| Shape::of(corners(face)).normal;
     let has_two_faces = |edge: usize| edges.half_edges(edge).len() == 2;
     let at_edge = |edge: usize| {
         let &[h, g] = edges.half_edges(edge) else { return f64::NAN };
         let (face, other) = (h as usize / 3, g as usize / 3);
         let [low, high] = edges.vertices(edge);
         let opposite = faces[other].iter().find(|&&v| v != low && v != high);
-        let angle = opposite.and_then(|&v| angle(corners(face), [normals[face], normals[other]], unit[v as usize]));
+        let angle = opposite.and_then(|&v| angle(corners(face), [normal(face)?, normal(other)?], unit[v as usize]));
         angle.unwrap_or(f64::NAN)
     };
     let mut angles = threads::map_cheap(edges.len(), at_edge);
-    drop(normals);
     angles.retain(|angle| !angle.is_nan());
     result.edges_without_angle = threads::count(edges.len(), has_two_faces) - angles.len() as u64;
     result.distribution = Distribution::of(angles, Bins::Between(0.0, TAU, ANGLE_BINS));
@@ -193,7 +191,9 @@ impl Shape {
             return Self::DEGENERATE;
         }
         let size = power_of_two(largest);
-        let edges = edges.map(|e| e / size);
+        // As exact as a division.
+        let inverse = 1.0 / size;
+        let edges = edges.map(|e| e * inverse);
         let squares = edges.map(DVec3::length_squared);
         let longest = if squares[0] >= squares[1] && squares[0] >= squares[2] {
             0

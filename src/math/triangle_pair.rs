@@ -68,6 +68,7 @@ pub fn contact(positions: &[DVec3], a: [u32; 3], b: [u32; 3], slow: &mut u64) ->
     let corners = |[a, b, c]: [u32; 3]| [positions[a as usize], positions[b as usize], positions[c as usize]];
     let (p, q) = (corners(a), corners(b));
     match count {
+        0 if are_apart(&p, &q) => Contact::Disjoint,
         0 => with_at_most_one_common_vertex(&p, &q, None, slow),
         1 => with_at_most_one_common_vertex(&p, &q, Some(shared[0]), slow),
         2 => {
@@ -76,6 +77,14 @@ pub fn contact(positions: &[DVec3], a: [u32; 3], b: [u32; 3], slow: &mut u64) ->
         }
         _ => Contact::Same,
     }
+}
+
+/// Whether the bounding boxes of two triangles have no common point. Faster than the signs of determinants where leaves of a tree
+/// have several triangles.
+fn are_apart(p: &[DVec3; 3], q: &[DVec3; 3]) -> bool {
+    let low = |[a, b, c]: &[DVec3; 3]| a.min(*b).min(*c);
+    let high = |[a, b, c]: &[DVec3; 3]| a.max(*b).max(*c);
+    low(p).cmpgt(high(q)).any() || low(q).cmpgt(high(p)).any()
 }
 
 /// Two triangles with a common edge: `p` without its corner `i`, and the same edge with `apex`.

@@ -155,36 +155,72 @@ impl Parts {
 /// A vertex is manifold if its corners form one fan.
 #[derive(Debug, Clone)]
 pub struct Fans {
-    /// For each corner `3 * face + i`, the smallest corner of its fan; `u32::MAX` for a face with a repeated vertex.
-    pub of_corner: Vec<u32>,
+    /// For each vertex, the smallest corner of its first fan; [`NO_FAN`] if it has none.
+    first: Vec<u32>,
+    /// The corners of all further fans, ascending, each with the smallest corner of its fan.
+    others: Vec<(u32, u32)>,
     /// Vertices with more than one fan.
     pub non_manifold_vertices: u64,
 }
+
+/// The fan of a corner of a face with a repeated vertex.
+const NO_FAN: u32 = u32::MAX;
 
 impl Fans {
     /// Joins corners across every edge, whatever its number of faces.
     #[must_use]
     pub fn new(surface: &Surface, edges: &Edges) -> Self {
-        let mut fans = Self { of_corner: fans_at(surface, edges, |_| true), non_manifold_vertices: 0 };
-        fans.non_manifold_vertices = fans.at_vertices(surface).into_iter().filter(|&n| n > 1).count() as u64;
+        let (mut first, mut others) = (vec![NO_FAN; surface.positions.len()], Vec::new());
+        for (root, corner) in fans_at(surface, edges, |_| true).into_iter().zip(0u32..) {
+            let first = &mut first[origin(&surface.faces, corner) as usize];
+            if *first == NO_FAN {
+                *first = root;
+            } else if root != *first && root != NO_FAN {
+                others.push((corner, root));
+            }
+        }
+        let mut fans = Self { first, others, non_manifold_vertices: 0 };
+        let mut at: Vec<u32> = fans.further_fans().map(|root| origin(&surface.faces, root)).collect();
+        at.sort_unstable();
+        at.dedup();
+        fans.non_manifold_vertices = at.len() as u64;
         fans
+    }
+
+    /// The smallest corner of the fan of a corner `3 * face + i` of these faces; none for a face with a repeated vertex.
+    #[must_use]
+    pub fn of_corner(&self, faces: &[[u32; 3]], corner: u32) -> Option<u32> {
+        let [a, b, c] = faces[corner as usize / 3];
+        if a == b || b == c || c == a {
+            return None;
+        }
+        match self.others.binary_search_by_key(&corner, |&(other, _)| other) {
+            Ok(at) => Some(self.others[at].1),
+            Err(_) => Some(self.first[origin(faces, corner) as usize]),
+        }
+    }
+
+    /// The smallest corner of every fan.
+    pub fn roots(&self) -> impl Iterator<Item = u32> {
+        self.first.iter().copied().filter(|&root| root != NO_FAN).chain(self.further_fans())
+    }
+
+    /// The smallest corners of fans that are not the first at their vertex.
+    fn further_fans(&self) -> impl Iterator<Item = u32> {
+        self.others.iter().filter(|(corner, root)| corner == root).map(|&(corner, _)| corner)
     }
 
     /// The number of fans at each vertex.
     #[must_use]
     pub fn at_vertices(&self, surface: &Surface) -> Vec<u32> {
         let mut counts = vec![0; surface.positions.len()];
-        for (&root, corner) in self.of_corner.iter().zip(0u32..) {
-            if root == corner {
-                counts[origin(&surface.faces, corner) as usize] += 1;
-            }
-        }
+        self.roots().for_each(|root| counts[origin(&surface.faces, root) as usize] += 1);
         counts
     }
 }
 
-/// For each corner, the smallest corner of its fan, as in [`Fans::of_corner`]. Corners at vertices for which `is_wanted` returns
-/// false stay alone.
+/// For each corner, the smallest corner of its fan; [`NO_FAN`] for a face with a repeated vertex. Corners at vertices for which
+/// `is_wanted` returns false stay alone.
 pub(super) fn fans_at(surface: &Surface, edges: &Edges, is_wanted: impl Fn(u32) -> bool) -> Vec<u32> {
     let faces = &surface.faces;
     let mut sets = UnionFind::new(faces.len() * 3);
@@ -197,7 +233,7 @@ pub(super) fn fans_at(surface: &Surface, edges: &Edges, is_wanted: impl Fn(u32) 
     let mut of_corner = sets.into_roots();
     for (corners, &[a, b, c]) in of_corner.as_chunks_mut::<3>().0.iter_mut().zip(faces) {
         if a == b || b == c || c == a {
-            *corners = [u32::MAX; 3];
+            *corners = [NO_FAN; 3];
         }
     }
     of_corner
@@ -223,24 +259,36 @@ mod tests {
         assert_eq!(fresh.into_roots(), [0, 1, 2, 1, 1, 2, 2]);
     }
 
-    fn fans(faces: Vec<[u32; 3]>) -> Fans {
+    fn fans(faces: &[[u32; 3]]) -> Fans {
         let n = faces.iter().flatten().max().map_or(0, |m| m + 1);
         let source = vec![0; faces.len()];
-        let surface = Surface { positions: (0..n).map(|i| DVec3::splat(f64::from(i))).collect(), faces, source };
+        let positions = (0..n).map(|i| DVec3::splat(f64::from(i))).collect();
+        let surface = Surface { positions, faces: faces.to_vec(), source };
         Fans::new(&surface, &Edges::new(&surface.faces))
     }
 
     #[test]
     fn two_faces_that_touch_in_a_vertex_are_two_fans() {
-        let found = fans(vec![[0, 1, 2], [0, 3, 4]]);
+        let faces = [[0, 1, 2], [0, 3, 4]];
+        let found = fans(&faces);
         assert_eq!(found.non_manifold_vertices, 1);
-        assert_ne!(found.of_corner[0], found.of_corner[3]);
+        assert_eq!([0, 3].map(|corner| found.of_corner(&faces, corner)), [Some(0), Some(3)]);
+        assert!(found.roots().eq([0, 1, 2, 4, 5, 3]));
     }
 
     #[test]
     fn faces_around_a_vertex_are_one_fan() {
-        let found = fans(vec![[0, 1, 2], [0, 2, 3], [0, 3, 1]]);
+        let faces = [[0, 1, 2], [0, 2, 3], [0, 3, 1]];
+        let found = fans(&faces);
         assert_eq!(found.non_manifold_vertices, 0);
-        assert_eq!(found.of_corner[3], found.of_corner[6]);
+        assert_eq!([3, 6].map(|corner| found.of_corner(&faces, corner)), [Some(0); 2]);
+    }
+
+    #[test]
+    fn a_face_with_a_repeated_vertex_is_in_no_fan() {
+        let faces = [[0, 0, 1], [0, 1, 2], [0, 3, 4]];
+        let found = fans(&faces);
+        assert_eq!([0, 3, 6].map(|corner| found.of_corner(&faces, corner)), [None, Some(3), Some(6)]);
+        assert_eq!(found.non_manifold_vertices, 1);
     }
 }

@@ -114,12 +114,12 @@ fn pop_loop(
 /// One half-edge of each chain of boundary edges, whatever the winding. Boundary edges that bound the same fan are in
 /// one chain.
 #[must_use]
-pub fn boundary_chains(edges: &Edges, fans: &Fans) -> Vec<u32> {
+pub fn boundary_chains(faces: &[[u32; 3]], edges: &Edges, fans: &Fans) -> Vec<u32> {
     let boundary: Vec<u32> = edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
-    let mut ends: Vec<(u32, u32)> = boundary
+    let mut ends: Vec<(Option<u32>, u32)> = boundary
         .iter()
         .zip(0u32..)
-        .flat_map(|(&h, i)| [(fans.of_corner[h as usize], i), (fans.of_corner[Edges::next(h) as usize], i)])
+        .flat_map(|(&h, i)| [h, Edges::next(h)].map(|corner| (fans.of_corner(faces, corner), i)))
         .collect();
     ends.sort_unstable();
     let mut sets = UnionFind::new(boundary.len());
@@ -131,8 +131,8 @@ pub fn boundary_chains(edges: &Edges, fans: &Fans) -> Vec<u32> {
 
 /// The number of chains of boundary edges.
 #[must_use]
-pub fn count_boundary_chains(edges: &Edges, fans: &Fans) -> u64 {
-    boundary_chains(edges, fans).len() as u64
+pub fn count_boundary_chains(faces: &[[u32; 3]], edges: &Edges, fans: &Fans) -> u64 {
+    boundary_chains(faces, edges, fans).len() as u64
 }
 
 #[cfg(test)]
@@ -150,7 +150,7 @@ mod tests {
         let surface = surface(faces);
         let edges = Edges::new(&surface.faces);
         let fans = Fans::new(&surface, &edges);
-        (boundary_loops(&surface, &edges), count_boundary_chains(&edges, &fans))
+        (boundary_loops(&surface, &edges), count_boundary_chains(&surface.faces, &edges, &fans))
     }
 
     #[test]

@@ -237,17 +237,11 @@ fn fix_irregular(mesh: &mut DynamicMesh, welded: &Surface, edges: &Edges) {
         }
     }
     let fans = Fans::new(welded, edges);
-    let mut fans_at = vec![0u8; mesh.at.len()];
-    for (&root, c) in fans.of_corner.iter().zip(0u32..) {
-        let v = mesh.faces[c as usize / 3][c as usize % 3] as usize;
-        if root == c {
-            fans_at[v] = fans_at[v].saturating_add(1);
-        }
-        // A face with a repeated vertex is in no fan.
-        mesh.fixed[v] |= root == u32::MAX;
-    }
-    for (fixed, fans) in mesh.fixed.iter_mut().zip(fans_at) {
+    for (fixed, fans) in mesh.fixed.iter_mut().zip(fans.at_vertices(welded)) {
         *fixed |= fans != 1;
+    }
+    for face in welded.faces.iter().filter(|[a, b, c]| a == b || b == c || c == a) {
+        face.iter().for_each(|&v| mesh.fixed[v as usize] = true);
     }
 }
 

@@ -235,12 +235,9 @@ pub fn offenders(file: &Inspected, analysis: &Analysis<'_>, thresholds: Option<&
 fn non_manifold_vertices(analysis: &Analysis<'_>, number: impl Fn(u32) -> u32) -> Vec<String> {
     let mut fans: BTreeMap<u32, (u32, bool)> = BTreeMap::new();
     let mut vertices = Vec::new();
-    let faces = analysis.surface.faces.as_flattened();
-    for ((corner, &v), &fan) in (0u32..).zip(faces).zip(&analysis.fans.of_corner) {
-        let [a, b, c] = analysis.surface.faces[corner as usize / 3];
-        if a == b || b == c || c == a {
-            continue;
-        }
+    let faces = &analysis.surface.faces;
+    for (corner, &v) in (0u32..).zip(faces.as_flattened()) {
+        let Some(fan) = analysis.fans.of_corner(faces, corner) else { continue };
         let (first, listed) = fans.entry(v).or_insert((fan, false));
         if *first != fan && !*listed {
             *listed = true;

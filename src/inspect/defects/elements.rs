@@ -153,12 +153,10 @@ pub(super) fn find_vertices(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
         return Ok(());
     }
     let faces = &analysis.surface.faces;
-    let fan_of = |corner: u32| analysis.fans.of_corner[corner as usize];
-    let vertex_of = |corner: u32| faces[corner as usize / 3][corner as usize % 3];
-    let corners = || (0u32..).zip(faces.iter().flatten()).filter(|&(corner, _)| fan_of(corner) != u32::MAX);
     let fans = analysis.fans.at_vertices(&analysis.surface);
-    let mut around: Vec<(u32, u32)> =
-        corners().filter(|&(_, &v)| fans[v as usize] > 1).map(|(corner, _)| (vertex_of(corner), corner)).collect();
+    let corners = (0u32..).zip(faces.iter().flatten()).filter(|&(_, &v)| fans[v as usize] > 1);
+    let in_fans = corners.filter(|&(corner, _)| analysis.fans.of_corner(faces, corner).is_some());
+    let mut around: Vec<(u32, u32)> = in_fans.map(|(corner, &v)| (v, corner)).collect();
     around.sort_unstable();
     for (number, of_vertex) in around.chunk_by(|x, y| x.0 == y.0).enumerate() {
         scan.step(number)?;
@@ -179,7 +177,8 @@ pub(super) fn find_holes(scan: &mut Scan<'_, '_>) -> Result<(), Cancelled> {
     let mut boundary: Vec<u32> = analysis.edges.iter().filter(|h| h.len() == 1).map(|h| h[0]).collect();
     boundary.sort_unstable();
     // Nodes are fans rather than vertices, so that holes touching in a vertex stay separate.
-    let fan = |corner: u32| analysis.fans.of_corner[corner as usize];
+    // Faces with edges have no repeated vertex, so their corners are in fans.
+    let fan = |corner: u32| analysis.fans.of_corner(faces, corner).unwrap_or(corner);
     let edges: Vec<[u32; 2]> = boundary.iter().map(|&h| [fan(Edges::next(h)), fan(h)]).collect();
     for (number, hole) in chains(&edges, &[]).into_iter().enumerate() {
         scan.step(number)?;
