@@ -29,6 +29,9 @@ impl Prepared<'_> {
         if u.dot(self.normal(f)) > 0.0 || u.dot(self.normal(h)) < 0.0 {
             return Least::Nothing;
         }
+        if !self.may_end(f, p, u) || !self.may_end(h, q, -u) {
+            return Least::Nothing;
+        }
         // At the points themselves each face alone allows the least sliding.
         if self.shortens_much(f, p, u) || self.shortens_much(h, q, -u) {
             return Least::Nothing;
@@ -86,6 +89,40 @@ impl Prepared<'_> {
         let facing = |k: u32| -u.dot(self.normal(k));
         let best = self.faces_at(f, p).into_iter().map(facing).fold(0.0, f64::max);
         facing(f) >= 0.5 * best
+    }
+
+    /// Whether [`Prepared::end`] may find an end. This test takes less time, and only needles may fail it wrongly. The chord must be steep on
+    /// the face, or slide little from the middle of an edge through `p` into both of the edge's faces, or from a corner along no edge.
+    fn may_end(&self, f: u32, p: DVec3, u: DVec3) -> bool {
+        let (face, corners) = (self.surface.faces[f as usize], self.corners(f));
+        let most = TILT.sin() * (1.0 + 1e-9);
+        let facing = u.dot(self.normal(f));
+        if 1.0 - facing * facing <= most * most {
+            return true;
+        }
+        let slides = |step: DVec3| {
+            let rate = u.dot(step);
+            rate > 0.0 && rate * rate > most * most * step.length_squared()
+        };
+        let slides_into = |f: u32, along: DVec3| slides(self.normal(f).cross(along));
+        let may_end_on = |i: usize| {
+            let (a, b, along) = (face[i], face[(i + 1) % 3], corners[(i + 1) % 3] - corners[i]);
+            let into_others = || {
+                let others =
+                    self.stars.of(a).iter().filter(|&&g| g != f && self.surface.faces[g as usize].contains(&b));
+                others.copied().any(|g| slides_into(g, -along))
+            };
+            !slides(along) && !slides(-along) && !slides_into(f, along) && !into_others()
+        };
+        let near = TOUCHING * longest_squared(corners).sqrt();
+        if let Some(i) = (0..3).find(|&i| corners[i].distance(p) <= near) {
+            let at = corners[i];
+            let around = || self.stars.of(face[i]).iter().flat_map(|&k| self.surface.faces[k as usize]);
+            return may_end_on(i)
+                || may_end_on((i + 2) % 3)
+                || around().all(|v| !slides(self.surface.positions[v as usize] - at));
+        }
+        (0..3).filter(|&i| is_on_edge(p, corners, i)).any(may_end_on)
     }
 
     /// The end of a chord that leaves the surface at `p` of face `f` in the direction `u`. A point on the face's border
