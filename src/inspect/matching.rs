@@ -285,6 +285,53 @@ impl Common {
 mod tests {
     use super::*;
 
+    /// Faces of a grid of 4 by 4 vertices, of which some coincide.
+    fn faces_on_a_grid(seed: u32, count: u32) -> Surface {
+        let positions = (0..16u32).map(|i| DVec3::new(f64::from(i % 4), f64::from(i / 4), f64::from(i % 3))).collect();
+        let corner = |i: u32| (i * i * 7 + i * seed) % 53 % 16;
+        let faces: Vec<[u32; 3]> = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2].map(corner)).collect();
+        let source = (0..count).collect();
+        Surface { positions, faces, source }
+    }
+
+    #[test]
+    fn faces_match_whatever_their_hashes() {
+        let meshes = [faces_on_a_grid(3, 60), faces_on_a_grid(3, 40), faces_on_a_grid(5, 50)];
+        let with_hashes = |surface: &Surface| FaceHashes::new(surface, &surface.positions, 1.0);
+        // All faces have the hash 0.
+        let without = |surface: &Surface| FaceHashes {
+            sorted: (0..surface.faces.len() as u64).collect(),
+            ..with_hashes(surface)
+        };
+        let mut found = 0;
+        for (a, b) in meshes.iter().flat_map(|a| meshes.iter().map(move |b| (a, b))) {
+            let [with, same] = [&with_hashes as &dyn Fn(&Surface) -> FaceHashes, &without].map(|hashes| {
+                let [a, b] = [a, b].map(|surface| KeyedFaces { surface, hashes: Cow::Owned(hashes(surface)) });
+                let Common { first, second, .. } = Common::new(&a, &b);
+                (matched(&a, &b), first, second)
+            });
+            assert_eq!(with, same);
+            let key = |surface: &Surface, face: u32| {
+                let mut key = surface.corners(face as usize).map(|p| rounded(p, 1.0));
+                key.sort_unstable();
+                key
+            };
+            let keys_of =
+                |surface: &Surface| (0..surface.faces.len() as u32).map(|f| key(surface, f)).collect::<Vec<_>>();
+            let (of_a, of_b) = (keys_of(a), keys_of(b));
+            assert!(with.1.iter().zip(&of_a).all(|(&is_common, key)| is_common == of_b.contains(key)));
+            assert!(with.2.iter().zip(&of_b).all(|(&is_common, key)| is_common == of_a.contains(key)));
+            // The first of several faces at one place match the first ones there.
+            for (face, key) in of_a.iter().enumerate() {
+                let earlier = of_a[..face].iter().filter(|other| *other == key).count();
+                let place = (0..of_b.len()).filter(|&other| of_b[other] == *key).nth(earlier);
+                assert_eq!(with.0[face], place.map_or(NO_FACE, |place| u32::try_from(place).unwrap()));
+            }
+            found += with.0.iter().filter(|&&other| other != NO_FACE).count();
+        }
+        assert!(found > 100, "{found}");
+    }
+
     #[test]
     fn faces_with_the_same_vertices_form_one_group_in_any_vertex_order() {
         let groups = group_faces(&[[2, 1, 0], [0, 1, 3], [0, 1, 2]]);

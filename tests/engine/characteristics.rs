@@ -6,7 +6,7 @@ use std::time::Duration;
 use glam::DVec3;
 use meshmend::format::{Format, Limits, read, write};
 use meshmend::inspect::{
-    Answer, Distribution, InspectOptions, Inspection, Lack, Level, SelfIntersections, Subject, Thresholds,
+    Answer, Distribution, FileFacts, InspectOptions, Inspection, Lack, Level, SelfIntersections, Subject, Thresholds,
     Unmeasurable, goodness, inspect, solids,
 };
 use meshmend::mesh::{Edges, Numbering, Parts, Soup, Surface};
@@ -14,6 +14,10 @@ use meshmend::repair::{Context, NoProgress};
 use proptest::prelude::*;
 
 use crate::meshes::{cube, inside_out, join, sheet, sphere, torus};
+
+fn with_numbering<'a>(soup: &'a Soup, numbering: Option<&'a Numbering>) -> Subject<'a> {
+    Subject { facts: FileFacts { numbering, ..FileFacts::default() }, ..Subject::from(soup) }
+}
 
 fn inspect_subject(subject: Subject<'_>, options: &InspectOptions) -> Inspection {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
@@ -162,7 +166,7 @@ fn elements_distinguish_the_file_s_vertices_from_merged_ones() {
 fn vertex_numbers_of_the_file_are_reported_if_it_has_any() {
     let text = "Vertex 1 0 0 0\nVertex 2 1 0 0\nVertex 5 0 1 0\nFace 1 1 2 5\nFace 2 1 2 7\n";
     let mesh = read(text.as_bytes(), &Limits::default()).unwrap();
-    let subject = Subject { numbering: mesh.numbering.as_ref(), ..Subject::from(&mesh.soup) };
+    let subject = with_numbering(&mesh.soup, mesh.numbering.as_ref());
     let elements = inspect_subject(subject, &InspectOptions::default()).characteristics.elements;
     assert_eq!((elements.missing_vertices, elements.faces_without_vertex), (Some(1), Some(1)));
     assert_eq!((elements.vertices_contiguous, elements.faces_contiguous), (Some(false), Some(true)));
@@ -256,7 +260,7 @@ fn each_thing_that_meshalyzer_asks_of_a_good_mesh_is_asked() {
         faces_without_vertex: 1,
         ..Numbering::default()
     };
-    let subject = Subject { numbering: Some(&numbering), ..Subject::from(&soup) };
+    let subject = with_numbering(&soup, Some(&numbering));
     let mut numbered = inspect_subject(subject, &InspectOptions::default());
     numbered.measures.self_intersections = fine.measures.self_intersections;
     assert_eq!(lacks(&numbered), [Lack::NoMissingVertices, Lack::ContiguousVertices, Lack::ContiguousFaces]);

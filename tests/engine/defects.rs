@@ -9,7 +9,7 @@ use std::time::Duration;
 use glam::DVec3;
 use meshmend::context::{Context, NoProgress};
 use meshmend::inspect::{
-    Defect, DefectKind, Findings, InspectOptions, Inspection, Level, Subject, Tolerance, Tolerances, inspect,
+    Defect, DefectKind, FileFacts, Findings, InspectOptions, Inspection, Level, Subject, Tolerance, Tolerances, inspect,
 };
 use meshmend::mesh::{CornerNormals, Soup};
 use proptest::prelude::*;
@@ -19,6 +19,10 @@ use DefectKind as K;
 use examples::{
     block, cut, damaged, faces_with, first_equal_face, folded, indexed, moved, top, variant, with_t_junction, without,
 };
+
+fn with_normals<'a>(soup: &'a Soup, normals: Option<&'a CornerNormals>) -> Subject<'a> {
+    Subject { facts: FileFacts { normals, ..FileFacts::default() }, ..Subject::from(soup) }
+}
 
 fn look(subject: Subject<'_>, options: &InspectOptions) -> (Inspection, Findings) {
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
@@ -215,7 +219,7 @@ fn vertex_normals_that_point_into_the_mesh_are_found() {
     let soup = indexed(&sphere(DVec3::ZERO, 1.0, 12, 8));
     let mut normals: Vec<[f32; 3]> = soup.positions.iter().map(|p| p.as_vec3().to_array()).collect();
     let look_at = |normals: &CornerNormals| {
-        let subject = Subject { normals: Some(normals), ..Subject::from(&soup) };
+        let subject = with_normals(&soup, Some(normals));
         look(subject, &InspectOptions::default()).1
     };
     assert_eq!(counts(&look_at(&CornerNormals::OfVertices(normals.clone()))), BTreeMap::new());
@@ -254,7 +258,7 @@ fn a_facet_normal_against_its_corners_is_bad_at_all_three() {
         bytes[at..at + 4].copy_from_slice(&(-x).to_le_bytes());
     }
     let read = meshmend::format::read(&bytes, &meshmend::format::Limits::default()).unwrap();
-    let subject = Subject { normals: read.normals.as_ref(), ..Subject::from(&read.soup) };
+    let subject = with_normals(&read.soup, read.normals.as_ref());
     let (inspection, found) = look(subject, &InspectOptions { level: Level::Basic, ..InspectOptions::default() });
     assert_eq!(counts(&found), [(K::BadVertexNormal, 3)].into());
     assert!(found.places(K::BadVertexNormal).iter().all(|bad| bad.faces == [17]));

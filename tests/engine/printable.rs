@@ -4,8 +4,9 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use glam::DVec3;
+use meshmend::analyze::subject;
 use meshmend::format::{self, Format, Limits, ReadOptions};
-use meshmend::inspect::{CheckRule, DefectKind, InspectOptions, Inspection, Subject, Tolerance, Tolerances, inspect};
+use meshmend::inspect::{CheckRule, DefectKind, InspectOptions, Inspection, Tolerance, Tolerances, inspect};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{Context, NoProgress, Options, Outcome, OutputFormat, Repaired};
 use proptest::prelude::*;
@@ -18,18 +19,9 @@ fn inspected(bytes: &[u8]) -> Inspection {
     let mut file = format::read_shape(bytes, &ReadOptions::within(Limits::default())).unwrap();
     let unit = file.settle_unit(None, None);
     let mesh = file.mesh;
-    let subject = Subject {
-        soup: &mesh.soup,
-        normals: mesh.normals.as_ref(),
-        numbering: mesh.numbering.as_ref(),
-        materials: mesh.materials.as_deref(),
-        stored_vertices: mesh.stored_vertices,
-        is_indexed: mesh.format.is_indexed(),
-        unit: Some(&unit),
-    };
     let (cancel, clock) = (AtomicBool::new(false), || Duration::ZERO);
     let context = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
-    inspect(subject, &InspectOptions::default(), &context).unwrap().0
+    inspect(subject(&mesh, Some(&unit)), &InspectOptions::default(), &context).unwrap().0
 }
 
 /// A cube whose faces share their vertices.

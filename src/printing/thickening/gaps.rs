@@ -18,6 +18,8 @@ use super::walls::{noise_of, trusted_normal};
 
 /// The radius of a sample of the surface, as a share of what stays free. Middles are about twice as far apart.
 const SAMPLE: f64 = 0.6;
+/// The side of the cells in which one centre on the way to the middle suffices, as a share of what stays free.
+const CLOSE: f64 = 0.3;
 /// How far outside of balls the surface is sampled, as a share of what stays free.
 const BESIDE: f64 = 1.0;
 /// The largest length of the gradient of the distance to the surface, at the middle of a gap between opposite sides. Between
@@ -68,12 +70,19 @@ impl WideGaps {
         let samples = Samples::new((surface, tree), balls, widths, context);
         let faces = (0u32..).take(surface.faces.len()).map(Sampled::Face);
         let all: Vec<Sampled> = faces.chain(sharp_edges(surface, samples.noise).map(Sampled::Edge)).collect();
-        let found = context.map_in_parallel(&all, |sampled| samples.of(sampled))?;
-        context.check()?;
+        let mut found = context.map_in_parallel(&all, |sampled| samples.of(sampled))?.concat();
+        let mut middles = Vec::new();
+        for _ in 0..MAX_MOVES {
+            let (ended, on_the_way): (Vec<Centre>, Vec<Centre>) =
+                found.into_iter().partition(|centre| centre.is_middle);
+            middles.extend(ended.iter().map(|centre| centre.at));
+            let moved = context.map_in_parallel(&samples.distinct(on_the_way), |centre| samples.moved(centre))?;
+            found = moved.into_iter().flatten().collect();
+        }
+        middles.extend(found.iter().filter(|centre| centre.is_middle).map(|centre| centre.at));
         // Both sides of a gap have the same middles, and faces that are smaller than a sample have more than needed.
         let mut known = FxHashSet::default();
-        let is_new = |middle: &DVec3| known.insert(cell_of(*middle, SAMPLE * widths.free));
-        let middles: Vec<DVec3> = found.into_iter().flatten().filter(is_new).collect();
+        middles.retain(|middle| known.insert(cell_of(*middle, SAMPLE * widths.free)));
         if middles.len() > MAX_BALLS || samples.budget.is_exceeded() {
             return Ok(None);
         }
@@ -119,24 +128,24 @@ impl<'a> Samples<'a> {
         Self { surface, balls, tree_of_balls, tree, noise, widths, budget: TriangleBudget::new(MAX_TRIANGLES, context) }
     }
 
-    /// The middles of wide gaps in front of a face or an edge, near balls.
-    fn of(&self, sampled: &Sampled) -> Vec<DVec3> {
-        let mut middles = Vec::new();
+    /// The centres of balls of air in front of a face or an edge, near balls.
+    fn of(&self, sampled: &Sampled) -> Vec<Centre> {
+        let mut centres = Vec::new();
         match sampled {
             Sampled::Face(face) => {
                 let corners = self.surface.corners(*face as usize);
                 let normal = trusted_normal(corners, self.noise);
                 if normal != DVec3::ZERO {
-                    self.at_points(corners, |point| middles.extend(self.middle_before(point, normal)));
+                    self.at_points(corners, |point| centres.extend(self.centre_before(point, normal)));
                 }
             }
             Sampled::Edge(SharpEdge { ends: [start, end], directions }) => {
                 self.at_points([*start, *end, *end], |point| {
-                    middles.extend(directions.iter().filter_map(|&direction| self.middle_before(point, direction)));
+                    centres.extend(directions.iter().filter_map(|&direction| self.centre_before(point, direction)));
                 })
             }
         }
-        middles
+        centres
     }
 
     /// Visits points of a triangle near balls, one for each small piece of it.
@@ -167,28 +176,41 @@ impl<'a> Samples<'a> {
         is_near
     }
 
-    /// The middle of the wide gap in front of a point, between sides that face each other. None in a corner.
+    /// The centre of the largest ball of air in front of a point. None if it touches nothing, or if it is the middle of a narrow gap.
+    fn centre_before(&self, point: DVec3, direction: DVec3) -> Option<Centre> {
+        let corners = |face: u32| self.surface.corners(face as usize);
+        let ball = self.tree.shrunk_ball([point, direction], self.widths.most / 2.0, &mut STEPS.clone(), corners)?;
+        let (at, touched) = (point + direction * ball.radius, ball.touches?.point);
+        let is_middle = far_from_zero(&[-direction, (touched - at).normalize_or_zero()]).is_none();
+        self.unless_narrow(Centre { at, distance: ball.radius, is_middle })
+    }
+
+    /// Moves a centre away from the nearest sides. It ends in the middle of a gap, between sides that face each other, but not in a
+    /// corner.
     ///
     /// In front of the sides of a polygonal hole the largest ball of air touches the next side, far from the middle. So the
-    /// centre moves away from the surface until there is surface on opposite sides.
-    fn middle_before(&self, point: DVec3, direction: DVec3) -> Option<DVec3> {
+    /// centre moves on until there is surface on opposite sides.
+    fn moved(&self, &Centre { at, distance, .. }: &Centre) -> Option<Centre> {
+        let Some(side) = far_from_zero(&self.sides(at, AS_NEAR * distance)) else {
+            return self.unless_narrow(Centre { at, distance, is_middle: true });
+        };
+        let at = at - side * (MOVE * distance);
         let corners = |face: u32| self.surface.corners(face as usize);
-        let most = self.widths.most / 2.0;
-        let ball = self.tree.shrunk_ball([point, direction], most, &mut STEPS.clone(), corners)?;
-        let touched = ball.touches?.point;
-        let (mut middle, mut distance) = (point + direction * ball.radius, ball.radius);
-        let is_wide = |distance: f64| 2.0 * distance >= self.widths.least;
-        if far_from_zero(&[-direction, (touched - middle).normalize_or_zero()]).is_none() {
-            return is_wide(distance).then_some(middle);
-        }
-        for _ in 0..MAX_MOVES {
-            let Some(side) = far_from_zero(&self.sides(middle, AS_NEAR * distance)) else {
-                return is_wide(distance).then_some(middle);
-            };
-            middle -= side * (MOVE * distance);
-            distance = self.tree.nearest(middle, most, &mut STEPS.clone(), corners)?.distance;
-        }
-        None
+        let distance = self.tree.nearest(at, self.widths.most / 2.0, &mut STEPS.clone(), corners)?.distance;
+        Some(Centre { at, distance, is_middle: false })
+    }
+
+    fn unless_narrow(&self, centre: Centre) -> Option<Centre> {
+        Some(centre).filter(|centre| !centre.is_middle || 2.0 * centre.distance >= self.widths.least)
+    }
+
+    /// The centres without those that are close to another one in the same gap: no surface is between two centres that are farther from
+    /// the surface than from each other.
+    fn distinct(&self, mut centres: Vec<Centre>) -> Vec<Centre> {
+        let cell = CLOSE * self.widths.free;
+        let mut known = FxHashSet::default();
+        centres.retain(|centre| centre.distance < cell * 3f64.sqrt() || known.insert(cell_of(centre.at, cell)));
+        centres
     }
 
     /// The directions from a point to the nearest points of the faces within reach.
@@ -201,6 +223,16 @@ impl<'a> Samples<'a> {
         });
         sides
     }
+}
+
+/// The centre of a ball of air between sides of a gap.
+#[derive(Clone, Copy)]
+struct Centre {
+    at: DVec3,
+    /// The distance to the surface.
+    distance: f64,
+    /// Whether the ball touches the surface on opposite sides. Otherwise its centre moves on.
+    is_middle: bool,
 }
 
 /// Where gaps are searched from.
