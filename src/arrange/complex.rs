@@ -193,7 +193,8 @@ fn vertices_on_grid(surface: &Surface, grid: &Grid) -> (Points, Vec<u32>, Vec<u3
     // Coordinates on the grid are small whole numbers, so f64 holds them exactly.
     let exact = threads::map_cheap(places.len(), |v| DVec3::from_array(places[v].map(|x| x as f64)));
     let (point_of, vertices) = number_by_first(first_equal(&exact));
-    let mut points = Points::with_capacity(vertices.len());
+    let mut points = Points::default();
+    points.reserve_exact(vertices.len());
     for &v in &vertices {
         points.push(places[v as usize]);
     }

@@ -68,16 +68,6 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// No points, with room for this number.
-    pub fn with_capacity(points: usize) -> Self {
-        Self {
-            definitions: Vec::with_capacity(points),
-            places: Vec::with_capacity(points),
-            exact: Vec::with_capacity(points),
-            ..Self::default()
-        }
-    }
-
     /// Makes room for more points.
     pub fn reserve_exact(&mut self, more: usize) {
         self.definitions.reserve_exact(more);

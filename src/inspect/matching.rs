@@ -162,7 +162,9 @@ fn rounded(position: DVec3, scale: f64) -> [u32; 3] {
 /// A mesh prepared for finding its faces in another mesh.
 #[derive(Clone)]
 pub(super) struct KeyedFaces<'a> {
+    /// The mesh.
     pub surface: &'a Surface,
+    /// The hashes of its faces.
     pub hashes: Cow<'a, FaceHashes>,
 }
 

@@ -22,8 +22,9 @@ const CHUNK: [usize; 2] = [1 << 14, 1 << 16];
 const CHUNKS: usize = 16;
 /// Triangles below which the hierarchy is built in one piece.
 const MANY: usize = 2 * CHUNK[0];
-/// Triangles of a leaf, at most, in a hierarchy of chunks, where this halves the memory. A leaf costs as much as its triangles' boxes.
+/// Triangles of a leaf, at most, in a hierarchy of chunks: this halves its memory, and takes no more time.
 const LEAF: u32 = 2;
+/// The traversal cost from which leaves always become one, up to [`LEAF`] triangles.
 const LEAF_COST: f32 = LEAF as f32;
 /// Bits per axis of a cell's number.
 const CELL_BITS: u32 = 5;

@@ -299,7 +299,7 @@ struct Piece {
     path: u16,
 }
 
-const _: () = assert!(2 * MAX_SPLITS <= u16::BITS, "a path has two bits for each split");
+const _: () = assert!(2 * MAX_SPLITS < u16::BITS, "a path has two bits for each split");
 
 impl Piece {
     /// The corners in unit coordinates of the face's mesh.
