@@ -50,7 +50,7 @@ fn turned(mut soup: Soup, turn: DQuat, offset: DVec3) -> Soup {
 /// The pairs of faces that meet, as a search finds them, and the surface of the union of a soup: searched, and with known pairs.
 fn union_of_searched(soup: &Soup) -> (usize, [Surface; 2]) {
     let (surface, _) = Surface::from_soup(soup);
-    let searched = with_context(|c| SearchedMesh::search(&surface.to_soup(), None, c)).unwrap();
+    let searched = with_context(|c| SearchedMesh::search(surface.to_soup(), None, c)).unwrap();
     let met = |pair: &IntersectingPair| MeetingFaces { faces: pair.faces, overlap: pair.meeting == Meeting::Coplanar };
     let known: Vec<MeetingFaces> = searched.meeting_pairs().unwrap().iter().map(met).collect();
     let rule = WindingRule::Positive.into();
