@@ -339,16 +339,17 @@ fn read(bytes: &[u8], options: &AnalyzeOptions, limits: &Limits) -> Result<(Read
 
 /// Collects the parts of a read file that an analysis needs, with its settled unit.
 pub fn subject<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
-    Subject { soup: Cow::Borrowed(&mesh.soup), facts: facts(mesh, unit) }
+    Subject { soup: Cow::Borrowed(&mesh.soup), facts: file_facts(mesh, unit) }
 }
 
 /// Like [`subject`], but takes the mesh's triangles, so that the analysis may drop them.
 pub fn subject_taken<'a>(mesh: &'a mut ReadMesh, unit: Option<&'a LengthUnit>) -> Subject<'a> {
     let soup = Cow::Owned(std::mem::take(&mut mesh.soup));
-    Subject { soup, facts: facts(mesh, unit) }
+    Subject { soup, facts: file_facts(mesh, unit) }
 }
 
-fn facts<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> FileFacts<'a> {
+/// What is known of a read mesh besides its triangles, with its settled unit.
+pub fn file_facts<'a>(mesh: &'a ReadMesh, unit: Option<&'a LengthUnit>) -> FileFacts<'a> {
     FileFacts {
         normals: mesh.normals.as_ref(),
         numbering: mesh.numbering.as_ref(),

@@ -127,16 +127,14 @@ fn extract(complex: Complex, cells: Cells, inside: &[bool], opened: Option<&[boo
     let Complex { grid, points, facets, solid_faces, vertices } = complex;
     drop(solid_faces);
     let is_open = |cell: usize| opened.is_some_and(|opened| opened[cell]);
-    let is_boundary = |facet: usize| {
-        let [in_front, behind] = cells.beside(facet).map(|cell| inside[cell] && !is_open(cell));
-        in_front != behind
-    };
-    let mut boundary = Vec::with_capacity((0..facets.len()).filter(|&facet| is_boundary(facet)).count());
+    let is_solid_beside = |facet: usize| cells.beside(facet).map(|cell| inside[cell] && !is_open(cell));
+    let is_boundary = |&facet: &usize| matches!(is_solid_beside(facet), [in_front, behind] if in_front != behind);
+    let mut boundary = Vec::with_capacity((0..facets.len()).filter(is_boundary).count());
     let (mut zero_thickness, mut skin) = (Vec::new(), Vec::new());
     for (index, facet) in facets.iter().enumerate() {
         let sides = cells.beside(index);
         let was_inside = sides.map(|cell| inside[cell]);
-        let [in_front, behind] = sides.map(|cell| inside[cell] && !is_open(cell));
+        let [in_front, behind] = is_solid_beside(index);
         let [a, b, c] = facet.corners;
         if in_front != behind {
             boundary.push((facet.faces[0], if behind { [a, b, c] } else { [a, c, b] }));

@@ -144,7 +144,9 @@ fn edge_angles(analysis: &Analysis<'_>, attributes: &Attributes, orientation: &O
         let (face, other) = (h as usize / 3, g as usize / 3);
         let [low, high] = edges.vertices(edge);
         let opposite = faces[other].iter().find(|&&v| v != low && v != high);
-        let angle = opposite.and_then(|&v| angle(corners(face), [normal(face)?, normal(other)?], unit[v as usize]));
+        // A degenerate face has no normal.
+        let angle =
+            opposite.and_then(|&v| Some(angle(corners(face), [normal(face)?, normal(other)?], unit[v as usize])));
         angle.unwrap_or(f64::NAN)
     };
     let mut angles = threads::map_cheap(edges.len(), at_edge);
@@ -155,22 +157,17 @@ fn edge_angles(analysis: &Analysis<'_>, attributes: &Attributes, orientation: &O
     result
 }
 
-/// Dihedral angle of two faces that share an edge, of which one has the corners `first`. `normals` are theirs, and
-/// `opposite` is the other face's corner opposite the edge. `None` if a face is degenerate and has no normal. An exact
-/// predicate decides between convex and concave.
-fn angle(first: [DVec3; 3], normals: [DVec3; 2], opposite: DVec3) -> Option<f64> {
-    if normals.contains(&DVec3::ZERO) {
-        return None;
-    }
-    let [n, m] = normals;
+/// Dihedral angle of two faces that share an edge, of which one has the corners `first`. `n` and `m` are their unit normals, and
+/// `opposite` is the other face's corner opposite the edge. An exact predicate decides between convex and concave.
+fn angle(first: [DVec3; 3], [n, m]: [DVec3; 2], opposite: DVec3) -> f64 {
     let bend = n.cross(m).length().atan2(n.dot(m));
     let [a, b, c] = first;
-    Some(match orient3d(a, b, c, opposite) {
+    match orient3d(a, b, c, opposite) {
         Sign::Positive => (PI + bend).min(TAU),
         Sign::Negative => (PI - bend).max(0.0),
         Sign::Zero if n.dot(m) > 0.0 => PI,
         Sign::Zero => 0.0,
-    })
+    }
 }
 
 /// Shape of a triangle, in coordinates of [`Analysis::unit`].

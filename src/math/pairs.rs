@@ -51,12 +51,7 @@ impl ChangedTriangles {
         let of_marked = Tree::new(positions, &marked);
         let is_near = |face: usize| {
             let bounds = Box3::of(faces[face].map(|v| positions[v as usize]));
-            let mut is_near = changed[face];
-            of_marked.overlapping(&bounds, |_| {
-                is_near = true;
-                false
-            });
-            is_near
+            changed[face] || of_marked.any_overlapping(&bounds, |_| true)
         };
         #[expect(clippy::cast_possible_truncation, reason = "triangles are counted in u32")]
         let numbers = threads::filter_map(faces.len(), |f| is_near(f).then_some(f as u32));

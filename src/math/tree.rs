@@ -116,6 +116,17 @@ impl Tree {
         self.between(self.frame.to_tree(bounds.min), self.frame.to_tree(bounds.max), visit);
     }
 
+    /// Whether `is_wanted` holds for a triangle whose box meets `bounds`.
+    #[must_use]
+    pub fn any_overlapping(&self, bounds: &Box3, mut is_wanted: impl FnMut(u32) -> bool) -> bool {
+        let mut is_found = false;
+        self.overlapping(bounds, |triangle| {
+            is_found = is_wanted(triangle);
+            !is_found
+        });
+        is_found
+    }
+
     /// Visits the triangles whose boxes meet a box in the tree's frame. Rounding the query to f32 is monotonic, so no
     /// meeting box of the tree, which is in f32 as well, is missed.
     fn between(&self, low: DVec3, high: DVec3, visit: impl FnMut(u32) -> bool) {

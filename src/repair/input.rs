@@ -15,7 +15,7 @@ use super::red_flags::AddedSurface;
 use super::remesher::Remesher;
 use super::report::OmittedSection;
 use super::time_budget::{TimeBudget, for_details};
-use crate::analyze::{subject, subject_taken};
+use crate::analyze::{file_facts, subject_taken};
 use crate::context::{Cancelled, Context};
 use crate::format::{self, Format, ReadError, ReadMesh, WriteError};
 use crate::inspect::{
@@ -255,7 +255,7 @@ pub(super) fn with_inspected_input<T>(
 ) -> Result<T, RepairError> {
     let began = context.now();
     let MeshSource { bytes, soup, mesh, unit } = source;
-    let subject = Subject { soup, ..subject(mesh, unit) };
+    let subject = Subject { soup, facts: file_facts(mesh, unit) };
     let analysis = &Analysis::new(subject, &context.for_verification())?;
     let (before, time) = &inspect_input(analysis, began, context)?;
     let keeps_whole = !changes_printable(options) && !options.asks_for_fewer_faces_than(before.measures.faces);

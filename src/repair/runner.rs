@@ -165,7 +165,7 @@ impl Runner<'_> {
         run.step.options_not_applied = self.limited(std::mem::take(&mut applied.limited).into_iter().chain(limits));
         let (moved, searched) = (applied.moved, applied.searched.take());
         self.record(applied, surface, run);
-        run.has_changed = *surface != kept;
+        run.has_changed = !Arc::ptr_eq(surface, &kept) && *surface != kept;
         if !run.has_changed {
             surface.clone_from(&kept);
         }

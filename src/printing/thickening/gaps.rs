@@ -167,13 +167,10 @@ impl<'a> Samples<'a> {
     }
 
     fn is_near_ball(&self, corners: [DVec3; 3], (centre, size): (DVec3, f64)) -> bool {
-        let mut is_near = false;
-        self.tree_of_balls.overlapping(&Box3::of(corners), |ball| {
+        self.tree_of_balls.any_overlapping(&Box3::of(corners), |ball| {
             let ball = self.balls[ball as usize];
-            is_near = ball.centre.distance(centre) < ball.radius + BESIDE * self.widths.free + size;
-            !is_near
-        });
-        is_near
+            ball.centre.distance(centre) < ball.radius + BESIDE * self.widths.free + size
+        })
     }
 
     /// The centre of the largest ball of air in front of a point. None if it touches nothing, or if it is the middle of a narrow gap.

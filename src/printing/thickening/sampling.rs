@@ -60,12 +60,7 @@ impl NearThin {
 
     /// Whether points within `size` of a point may be near a thin place.
     pub fn reaches(&self, point: DVec3, size: f64) -> bool {
-        let mut is_near = false;
-        self.places.overlapping(&Box3::of([point]).grown(self.reach + size), |_| {
-            is_near = true;
-            false
-        });
-        is_near
+        self.places.any_overlapping(&Box3::of([point]).grown(self.reach + size), |_| true)
     }
 }
 

@@ -207,12 +207,9 @@ impl Filling<'_> {
         let is_near = |ball: &usize| {
             let ball = change.balls[*ball];
             let reach = ball.radius + state.cells.share * self.settings.min_wall;
-            let mut is_near = false;
-            tree.overlapping(&Box3::of([ball.centre]).grown(reach), |corner| {
-                is_near = corners[corner as usize].distance(ball.centre) < reach;
-                !is_near
-            });
-            is_near
+            tree.any_overlapping(&Box3::of([ball.centre]).grown(reach), |corner| {
+                corners[corner as usize].distance(ball.centre) < reach
+            })
         };
         (change.earlier..change.balls.len()).into_par_iter().filter(is_near).collect()
     }
@@ -243,14 +240,7 @@ impl Filling<'_> {
         let suspects: Vec<usize> = (0..new.len()).filter(of_suspects).collect();
         let bounds = |ball: &Filler| Box3::of([ball.centre]).grown(ball.radius);
         let tree = Tree::of_boxes(&suspects.iter().map(|&ball| bounds(&new[ball])).collect::<Vec<_>>());
-        let touches = |ball: &usize| {
-            let mut touches = false;
-            tree.overlapping(&bounds(&change.balls[*ball]), |_| {
-                touches = true;
-                false
-            });
-            touches
-        };
+        let touches = |ball: &usize| tree.any_overlapping(&bounds(&change.balls[*ball]), |_| true);
         let earlier = (0..change.earlier).filter(touches);
         earlier.chain(suspects.iter().map(|ball| change.earlier + ball)).collect()
     }

@@ -106,16 +106,11 @@ impl Prepared<'_> {
         };
         let slides_into = |f: u32, along: DVec3| slides(self.normal(f).cross(along));
         let may_end_on = |i: usize| {
-            let (a, b, along) = (face[i], face[(i + 1) % 3], corners[(i + 1) % 3] - corners[i]);
-            let into_others = || {
-                let others =
-                    self.stars.of(a).iter().filter(|&&g| g != f && self.surface.faces[g as usize].contains(&b));
-                others.copied().any(|g| slides_into(g, -along))
-            };
+            let along = corners[(i + 1) % 3] - corners[i];
+            let into_others = || self.faces_at_edge(f, i).filter(|&g| g != f).any(|g| slides_into(g, -along));
             !slides(along) && !slides(-along) && !slides_into(f, along) && !into_others()
         };
-        let near = TOUCHING * longest_squared(corners).sqrt();
-        if let Some(i) = (0..3).find(|&i| corners[i].distance(p) <= near) {
+        if let Some(i) = corner_at(corners, p) {
             let at = corners[i];
             let around = || self.stars.of(face[i]).iter().flat_map(|&k| self.surface.faces[k as usize]);
             return may_end_on(i)
@@ -160,15 +155,20 @@ impl Prepared<'_> {
     /// The faces that meet at a point of face `f`.
     fn faces_at(&self, f: u32, p: DVec3) -> Faces {
         let (face, corners) = (self.surface.faces[f as usize], self.corners(f));
-        let near = TOUCHING * longest_squared(corners).sqrt();
-        if let Some(i) = (0..3).find(|&i| corners[i].distance(p) <= near) {
+        if let Some(i) = corner_at(corners, p) {
             self.stars.of(face[i]).iter().copied().collect()
         } else if let Some(i) = (0..3).find(|&i| is_on_edge(p, corners, i)) {
-            let (a, b) = (face[i], face[(i + 1) % 3]);
-            self.stars.of(a).iter().copied().filter(|&k| self.surface.faces[k as usize].contains(&b)).collect()
+            self.faces_at_edge(f, i).collect()
         } else {
             smallvec![f]
         }
+    }
+
+    /// The faces at edge `i` of face `f`.
+    fn faces_at_edge(&self, f: u32, i: usize) -> impl Iterator<Item = u32> {
+        let face = self.surface.faces[f as usize];
+        let [a, b] = [face[i], face[(i + 1) % 3]];
+        self.stars.of(a).iter().copied().filter(move |&k| self.surface.faces[k as usize].contains(&b))
     }
 
     /// Whether a chord in direction `u` shortens by more than the sine of [`TILT`] per length as its end slides from `p` within
@@ -217,6 +217,12 @@ struct End {
     inner: DVec3,
     /// The faces at the end.
     around: Faces,
+}
+
+/// The corner of a triangle at which one of its points lies.
+fn corner_at(corners: [DVec3; 3], p: DVec3) -> Option<usize> {
+    let near = TOUCHING * longest_squared(corners).sqrt();
+    (0..3).find(|&i| corners[i].distance(p) <= near)
 }
 
 /// Whether a point of a triangle lies on its edge `i`.
