@@ -5,6 +5,7 @@ use glam::DVec3;
 use crate::context::Cancelled;
 use crate::math::Precision;
 use crate::mesh::Surface;
+use crate::printing::thickness::OpposedPairs;
 
 /// The sides on which walls grow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -99,8 +100,15 @@ pub struct Thickened {
     pub places: Vec<ThickenedPlace>,
     /// The added faces, as indices into `surface`.
     pub added_faces: Vec<u32>,
-    /// Whether no wall of `surface` is thinner than the limit.
-    pub is_proved: bool,
+    /// What is still thin in `surface`.
+    pub thin: OpposedPairs,
+}
+
+impl Thickened {
+    /// Whether no wall is thinner than the limit.
+    pub fn is_proved(&self) -> bool {
+        self.thin.walls.is_empty()
+    }
 }
 
 /// Why nothing could be thickened.

@@ -157,7 +157,6 @@ impl Results<'_> {
         for source in &mut surface.source {
             *source = self.input.source[*source as usize % count.max(1)];
         }
-        let is_proved = thin.walls().is_empty();
         Thickened {
             surface,
             added_volume,
@@ -166,7 +165,7 @@ impl Results<'_> {
             grew_on_equal_sides,
             places: results,
             added_faces,
-            is_proved,
+            thin: thin.pairs,
         }
     }
 

@@ -25,6 +25,7 @@ pub use places::{
 
 use prepared::{FLAT, Prepared, largest_coordinate};
 use regions::Grouping;
+use search::Thinnest;
 
 /// Finds all places thinner than `below`, and their kinds. Parameters and precondition as in [`opposed_pairs`].
 ///
@@ -36,10 +37,37 @@ pub fn thin_features(
     side: Space,
     context: &Context<'_>,
 ) -> Result<ThinFeatures, Cancelled> {
+    features(&Prepared::new(surface, side), side, &[], below, context)
+}
+
+/// Like [`thin_features`], for a surface that was measured before it was changed in places. Only faces near a
+/// change are measured; the kinds of all places are decided anew.
+///
+/// # Errors
+/// [`Cancelled`] on cancellation or timeout.
+pub fn thin_features_after(
+    earlier: Earlier<'_>,
+    surface: &Surface,
+    below: f64,
+    side: Space,
+    context: &Context<'_>,
+) -> Result<ThinFeatures, Cancelled> {
     let prepared = Prepared::new(surface, side);
+    let known = earlier.known(surface, below, prepared.scale);
+    features(&prepared, side, &known, below, context)
+}
+
+/// The places thinner than `below`, of which some faces' thinnest ones may be `known`.
+fn features(
+    prepared: &Prepared<'_>,
+    side: Space,
+    known: &[Option<Thinnest>],
+    below: f64,
+    context: &Context<'_>,
+) -> Result<ThinFeatures, Cancelled> {
     let limit = below * prepared.scale;
-    let all = prepared.thinnest(limit, context)?;
-    let grouping = Grouping { prepared: &prepared, all: &all, limit, side };
+    let all = prepared.thinnest_of(known, limit, context)?;
+    let grouping = Grouping { prepared, all: &all, limit, side };
     Ok(ThinFeatures { regions: grouping.regions(context)?, pairs: prepared.pairs(&all) })
 }
 

@@ -12,7 +12,7 @@ use crate::printing::thickening::{
     Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason,
 };
 use crate::printing::thickness::{
-    FeatureKind, Space, ThinFeatures, ThinRegion, least_height, rounded_limit, thin_features,
+    Earlier, FeatureKind, Space, ThinFeatures, ThinRegion, least_height, rounded_limit, thin_features_after,
 };
 use crate::repair::options::WallGrowth;
 use crate::repair::{Cancelled, Change, ChangeKind, Context, ThinPlaceLeft, ThinPlaceReason, WallThickening};
@@ -79,7 +79,7 @@ impl Operation<'_> for ThickenWalls {
         };
         let proved = thickened.places.iter().filter(|place| place.result == PlaceResult::Proved).count();
         let thin = if thickened.added_faces.is_empty() {
-            measure(surface, &settings, context)?
+            measure(surface, &thickened, &settings, context)?
         } else {
             let (result, thin) = measured_result(surface, &thickened, &settings, context)?;
             *surface = result;
@@ -110,9 +110,15 @@ impl Operation<'_> for ThickenWalls {
     }
 }
 
-/// The thin places of a result. A measurement that is independent of the thickening decides which walls are still thin.
-fn measure(surface: &Surface, settings: &Thickening, context: &Context<'_>) -> Result<ThinFeatures, Cancelled> {
-    thin_features(surface, rounded_limit(surface, settings.min_wall), Space::Material, context)
+/// The thin places of a surface that differs from the thickened one in places.
+fn measure(
+    surface: &Surface,
+    thickened: &Thickened,
+    settings: &Thickening,
+    context: &Context<'_>,
+) -> Result<ThinFeatures, Cancelled> {
+    let earlier = Earlier { surface: &thickened.surface, pairs: &thickened.thin };
+    thin_features_after(earlier, surface, rounded_limit(surface, settings.min_wall), Space::Material, context)
 }
 
 /// The thin walls. Sharp edges are none; they come last.
@@ -131,7 +137,7 @@ fn measured_result(
     let limited = context.limited_to(context.remaining() / 2);
     match context.unless_late(result_without_slivers(input, thickened, settings, &limited))?.flatten() {
         Some(result) => Ok(result),
-        None => Ok((thickened.surface.clone(), measure(&thickened.surface, settings, context)?)),
+        None => Ok((thickened.surface.clone(), measure(&thickened.surface, thickened, settings, context)?)),
     }
 }
 
@@ -154,8 +160,8 @@ fn result_without_slivers(
             if !is_manifold_by_position(&result) {
                 break;
             }
-            let thin = measure(&result, settings, context)?;
-            if !thickened.is_proved || walls(&thin).next().is_none() {
+            let thin = measure(&result, thickened, settings, context)?;
+            if !thickened.is_proved() || walls(&thin).next().is_none() {
                 return Ok(Some((result, thin)));
             }
             damaged.extend(walls(&thin).flat_map(|region| &region.faces));
@@ -256,6 +262,7 @@ mod tests {
     use crate::context::NoProgress;
     use crate::math::Precision;
     use crate::mesh::Soup;
+    use crate::printing::thickness::OpposedPairs;
     use glam::DVec3;
 
     fn region(kind: FeatureKind) -> ThinRegion {
@@ -277,7 +284,7 @@ mod tests {
             grew_on_equal_sides: false,
             places: Vec::new(),
             added_faces: vec![4, 5],
-            is_proved: false,
+            thin: OpposedPairs::default(),
         }
     }
 

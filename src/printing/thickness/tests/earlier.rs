@@ -20,6 +20,9 @@ fn compare(before: &Surface, after: &Surface) -> usize {
     assert_eq!(places(&found.walls), places(&whole.walls));
     assert_eq!(places(&found.tips), places(&whole.tips));
     assert!(!found.walls.is_empty() && found.is_complete);
+    let after_change = |context: &Context<'_>| thin_features_after(earlier, after, BELOW, Space::Material, context);
+    let regions = with_context(after_change).unwrap().regions;
+    assert_eq!(regions, with_context(|context| thin_features(after, BELOW, Space::Material, context)).unwrap().regions);
     earlier.known(after, BELOW, 1.0).iter().flatten().count()
 }
 

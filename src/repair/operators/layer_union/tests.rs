@@ -83,7 +83,7 @@ fn a_plate_grows_to_the_wall_and_its_sides_stay() {
         let (positions, faces) = plate(0.6);
         let plate = surface(positions, faces, turn);
         let done = thickened(&plate, both(1.0)).unwrap();
-        assert!(done.is_proved, "{:?}", done.places);
+        assert!(done.is_proved(), "{:?}", done.places);
         assert!((done.added_volume - 70.0 * 0.4).abs() < 0.01 * 28.0, "{}", done.added_volume);
         assert!(done.max_deviation < 0.2 * 1.05);
         let kept = done.surface.faces.len() - done.added_faces.len();
@@ -108,7 +108,7 @@ fn pins_tubes_wedges_and_fins_reach_the_wall() {
         for turn in [0.0, 1.0] {
             let solid = surface(shape.0.clone(), shape.1.clone(), turn);
             let done = thickened(&solid, both(1.0)).unwrap();
-            assert!(done.is_proved, "{name} turned by {turn}: {:?}", done.places);
+            assert!(done.is_proved(), "{name} turned by {turn}: {:?}", done.places);
             // Balls have half of the least wall and their margin as radius.
             assert!(done.added_volume > 0.0 && done.max_deviation < 0.7, "{name} {}", done.max_deviation);
         }
@@ -136,13 +136,13 @@ fn outward_growth_keeps_the_inside_of_a_tube() {
     let (positions, faces) = tube(5.0, 4.4, 8.0);
     let solid = surface(positions, faces, 0.0);
     let done = thickened(&solid, Thickening { growth: Growth::Outward, ..both(1.0) }).unwrap();
-    assert!(done.is_proved, "{:?}", done.places);
+    assert!(done.is_proved(), "{:?}", done.places);
     let radius = |p: &DVec3| p.x.hypot(p.y);
     let least = done.surface.positions.iter().map(radius).fold(f64::INFINITY, f64::min);
     assert!((least - 4.4).abs() < 1e-5, "{least}");
     let inward = thickened(&solid, Thickening { growth: Growth::Inward, ..both(1.0) }).unwrap();
     let most = inward.surface.positions.iter().map(radius).fold(0.0, f64::max);
-    assert!(inward.is_proved && (most - 5.0).abs() < 1e-5, "{most}");
+    assert!(inward.is_proved() && (most - 5.0).abs() < 1e-5, "{most}");
 }
 
 #[test]
@@ -153,7 +153,7 @@ fn a_gap_stays_and_the_other_side_grows() {
     faces.extend(more.iter().map(|face| face.map(|v| v + 8)));
     let solid = surface(positions, faces, 0.0);
     let done = thickened(&solid, Thickening { min_gap: 0.3, ..both(1.0) }).unwrap();
-    assert!(done.is_proved, "{:?}", done.places);
+    assert!(done.is_proved(), "{:?}", done.places);
     let heights = done.surface.positions.iter().map(|p| p.z);
     let gap = |z: f64| z > 0.62 && z < 0.98;
     let inner: Vec<f64> = heights.filter(|&z| gap(z)).collect();
@@ -165,7 +165,7 @@ fn a_thick_solid_stays_and_thickening_twice_changes_nothing() {
     let (positions, faces) = plate(2.0);
     let thick = surface(positions, faces, 1.0);
     let done = thickened(&thick, both(1.0)).unwrap();
-    assert_eq!((done.surface, done.places.len(), done.is_proved), (thick, 0, true));
+    assert_eq!((done.is_proved(), done.places.len(), done.surface), (true, 0, thick));
     let (positions, faces) = plate(0.5);
     let once = thickened(&surface(positions, faces, 1.0), both(1.0)).unwrap();
     let twice = thickened(&once.surface, both(1.0)).unwrap();
@@ -272,7 +272,7 @@ fn balls_thicken_a_curved_sheet_of_many_faces() {
     let (positions, faces) = curved_sheet(0.5, 0.0, 0);
     let sheet = surface(positions, faces, 1.0);
     let done = thickened(&sheet, both(1.0)).unwrap();
-    assert!(done.is_proved, "{:?}", done.places);
+    assert!(done.is_proved(), "{:?}", done.places);
     assert!(done.max_deviation < 0.7, "{}", done.max_deviation);
     // The least volume is 16 * 0.5, without the balls' overhang at the rim.
     assert!((7.5..14.0).contains(&done.added_volume), "{}", done.added_volume);
@@ -289,7 +289,7 @@ fn only_a_hole_narrower_than_the_least_gap_is_closed() {
         let done = thickened(&sheet, Thickening { min_gap: 0.5, ..both(1.0) }).unwrap();
         assert_eq!(done.through_holes_closed, closed);
         assert!(done.added_volume > 10.0, "{}", done.added_volume);
-        assert!(done.is_proved, "{:?}", done.places);
+        assert!(done.is_proved(), "{:?}", done.places);
         assert!(closed == 1 || euler(&done.surface) <= 0, "the hole is open");
     }
 }
