@@ -6,7 +6,8 @@
 //! the distances, and `rounds` repeats and checks both. At last balls of the least wall's diameter stand along the middle of
 //! the thin places (`bodies`), in rounds (`fill`), and one closed surface around all balls is built (`spheres`). The exact
 //! union of the solid with the layer or the balls is the result (`unite`), so faces outside the added material keep their
-//! exact corners. Balls that would close a hole or change a cavity are left out (`unions`).
+//! exact corners. Pockets of air between both are filled where they are narrow (`pockets`). Balls that would close a hole or
+//! change a cavity are left out (`unions`).
 //! After each way the walls of the rounded result are measured. The result with the least lack of thickness counts
 //! (`results`).
 
@@ -20,6 +21,7 @@ mod mitre;
 mod moved;
 mod outcome;
 mod places;
+mod pockets;
 mod refine;
 mod regions;
 mod results;
@@ -69,7 +71,8 @@ impl Thickening {
     /// Promises: the input is contained in the result. Faces outside the added material keep their corners and sources, but
     /// beside a moved region their corners move within their plane.
     /// Large cavities stay, only touching or small near solids are joined, and no through hole that is wider than the least
-    /// gap is closed. Where a wall stays thin, a place says why.
+    /// gap is closed. A slit that the growth closes on all sides is filled if it is nowhere wider than the least gap. Where a
+    /// wall stays thin, a place says why.
     ///
     /// # Errors
     /// [`ThickeningError`] for unusable settings or a cancellation.

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::outcome::Thickening;
+use super::pockets;
 
 /// Computes the boundary of the union of the volumes that a closed surface encloses.
 pub trait SelfUnion: Sync {
@@ -92,12 +93,12 @@ impl Topology {
 }
 
 /// The volume below which a solid or a cavity is small.
-fn small(settings: &Thickening) -> f64 {
+pub fn small(settings: &Thickening) -> f64 {
     settings.min_wall.powi(3)
 }
 
 /// Whether a part of a volume is a cavity that is not small.
-fn is_large_cavity(volume: f64, settings: &Thickening) -> bool {
+pub fn is_large_cavity(volume: f64, settings: &Thickening) -> bool {
     volume <= -small(settings)
 }
 
@@ -193,7 +194,7 @@ fn hidden_solids(surface: &Surface, parts: &Parts, volumes: &[f64], settings: &T
 }
 
 /// The enclosed volume of each part; negative for a cavity.
-fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
+pub fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
     let origin = surface.bounds().centre();
     let mut volumes = vec![0.0; parts.count];
     for (face, &part) in parts.of_face.iter().enumerate().filter(|(_, part)| **part != Parts::NONE) {
@@ -222,7 +223,7 @@ pub fn changed_cavities(before: &Surface, after: &Surface, settings: &Thickening
 }
 
 /// The corners and the volume, which is negative, of each cavity that is not small.
-fn large_cavities(surface: &Surface, settings: &Thickening) -> Vec<(Vec<DVec3>, f64)> {
+pub fn large_cavities(surface: &Surface, settings: &Thickening) -> Vec<(Vec<DVec3>, f64)> {
     let parts = Parts::new(surface, &Edges::new(&surface.faces));
     let volumes = volumes(surface, &parts);
     let corners = |faces: &[u32]| faces.iter().flat_map(|&face| surface.corners(face as usize)).collect();
@@ -244,54 +245,21 @@ pub fn united(
 ) -> Result<Option<(Surface, Topology)>, Cancelled> {
     let united = union.unite(surface, MAX_ROUNDING * settings.min_wall, context)?;
     Ok(united.map(|mut united| {
-        fill_bubbles(&mut united, surface, (added, first_added), settings);
+        pockets::fill(&mut united, surface, (added, first_added), settings);
         let topology = Topology::of(&united, settings);
         (united, topology)
     }))
 }
 
-/// Removes the closed parts smaller than the cube of the least wall that the added material creates: bubbles of air, and crumbs
-/// of the material alone. A bubble that held air of the model keeps its faces only if it is larger. Before the union, the
-/// surface was `before`.
-fn fill_bubbles(surface: &mut Surface, before: &Surface, (added, first_added): (Added, u32), settings: &Thickening) {
-    let most = small(settings);
-    let parts = Parts::new(surface, &Edges::new(&surface.faces));
-    let volume = volumes(surface, &parts);
-    let mut has_added = vec![false; parts.count];
-    let mut has_old = vec![false; parts.count];
-    for (face, &part) in parts.of_face.iter().enumerate().filter(|(_, part)| **part != Parts::NONE) {
-        let is_added = surface.source[face] >= first_added;
-        has_added[part as usize] |= is_added;
-        has_old[part as usize] |= !is_added;
-    }
-    let is_bubble = |part: usize| volume[part] <= 0.0 && has_added[part];
-    // A ball alone that is around no point of the model touches the model nowhere.
-    let is_apart = |part: usize| added == Added::Layer || !holds_point(surface, &parts, part, (before, first_added));
-    let is_crumb = |part: usize| volume[part] > 0.0 && !has_old[part] && is_apart(part);
-    let is_removed: Vec<bool> =
-        (0..parts.count).map(|part| volume[part].abs() < most && (is_bubble(part) || is_crumb(part))).collect();
-    if is_removed.contains(&true) {
-        parts.remove(&is_removed, surface);
-    }
-}
-
-/// Whether a corner of a face whose source is less than `first_added` lies in the box of a part.
-fn holds_point(surface: &Surface, parts: &Parts, part: usize, (model, first_added): (&Surface, u32)) -> bool {
-    let of_part = parts.of_face.iter().enumerate().filter(|(_, of_face)| **of_face as usize == part);
-    let bounds = Box3::of(of_part.flat_map(|(face, _)| surface.corners(face)));
-    let faces = model.faces.iter().zip(&model.source).filter(|(_, source)| **source < first_added);
-    faces.flat_map(|(face, _)| face).any(|&v| bounds.holds(model.positions[v as usize]))
-}
-
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
     use crate::math::Precision;
     use crate::mesh::Soup;
     use crate::printing::thickening::Growth;
 
     /// Tetrahedra, each with a corner and a size; a negative size turns it inside out.
-    fn tetrahedra(of: &[(f64, f64)]) -> Surface {
+    pub fn tetrahedra(of: &[(f64, f64)]) -> Surface {
         let mut soup = Soup { positions: Vec::new(), faces: Vec::new() };
         for (&(x, size), k) in of.iter().zip(0u32..) {
             let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * size.abs() + DVec3::splat(x));
@@ -303,7 +271,7 @@ mod tests {
         Surface::from_soup(&soup).0
     }
 
-    fn settings() -> Thickening {
+    pub fn settings() -> Thickening {
         Thickening { min_wall: 0.5, growth: Growth::Both, min_gap: 0.25, precision: Precision::F32 }
     }
 
@@ -345,22 +313,6 @@ mod tests {
         assert_eq!(groups(&[(0.0, 10.0), (1.0, -0.2), (1.02, 0.05)]), None);
         let [large, cavity, small] = [[0; 4], [Parts::NONE; 4], [2; 4]];
         assert_eq!(groups(&[(0.0, 10.0), (1.0, -0.2), (20.0, 0.05)]), Some([large, cavity, small].concat()));
-    }
-
-    #[test]
-    fn a_small_solid_of_added_faces_is_a_crumb_unless_it_is_a_ball_around_a_solid() {
-        let [alone, around] = [&[(0.0, 1.0)][..], &[(0.0, 1.0), (5.01, 0.05)]].map(tetrahedra).map(|mut before| {
-            before.source = (0u32..).take(before.faces.len()).collect();
-            before
-        });
-        for (added, before, faces) in
-            [(Added::Layer, &around, 4), (Added::Balls, &around, 8), (Added::Balls, &alone, 4)]
-        {
-            let mut surface = tetrahedra(&[(0.0, 1.0), (5.0, 0.1)]);
-            surface.source = vec![0, 1, 2, 3, 8, 8, 8, 8];
-            fill_bubbles(&mut surface, before, (added, 8), &settings());
-            assert_eq!(surface.faces.len(), faces);
-        }
     }
 
     #[test]
