@@ -43,6 +43,8 @@ const TIP_REACH: f64 = 0.8;
 /// How far from the thinnest places of faces a later search looks, in least walls. Most long faces that earlier balls cut are
 /// thin in a few places only.
 const NEAR: f64 = 6.0;
+/// How far from the thinnest places of faces walls may be thicker than the least wall by a tolerance, in least walls.
+const BESIDE: f64 = 0.5;
 /// The most balls.
 pub const MAX_BALLS: usize = 4_000_000;
 
@@ -77,6 +79,9 @@ pub struct Search {
     pub margin: f64,
     /// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge.
     pub tip_cover: f64,
+    /// How much thicker than the least wall a wall near a thin place may be, as a share of it, to get balls as well. The border of
+    /// the balls then lies where the wall is surely thick.
+    pub tolerance: f64,
     /// Whether this is the first search. A later one looks only near the thinnest places of faces, but also puts balls around
     /// the middle of each thin pair, in lips, and at wider edges.
     pub is_first: bool,
@@ -146,14 +151,41 @@ impl<'a> Fillers<'a> {
         faces.dedup();
         let near = (!self.search.is_first).then(|| NearThin::new(pairs, NEAR * self.settings.min_wall));
         let mut kept = Kept::default();
+        if !self.of_faces(&faces, (near.as_ref(), 0.0), &mut kept, context)? {
+            return Ok(None);
+        }
+        if !self.search.is_first {
+            let thin = pairs.walls().par_iter().chain(pairs.tips());
+            let found: Vec<Option<Filler>> = thin.map(|pair| self.of_pair(pair)).collect();
+            found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
+        }
+        if self.search.tolerance > 0.0 {
+            let beside = NearThin::new(pairs, BESIDE * self.settings.min_wall);
+            let faces = beside.faces(self.surface);
+            if !self.of_faces(&faces, (Some(&beside), self.search.tolerance), &mut kept, context)? {
+                return Ok(None);
+            }
+        }
+        Ok(Some(kept.fillers))
+    }
+
+    /// Adds the balls of some faces near some places, where walls may exceed the least wall by a share of it. False if there are
+    /// too many.
+    fn of_faces(
+        &self,
+        faces: &[u32],
+        (near, tolerance): (Option<&NearThin>, f64),
+        kept: &mut Kept,
+        context: &Context<'_>,
+    ) -> Result<bool, Cancelled> {
         for batch in faces.chunks(BATCH) {
             let budget = TriangleBudget::new(MAX_TRIANGLES, context);
-            let scope = Scope { budget: &budget, near: near.as_ref() };
+            let scope = Scope { budget: &budget, near, tolerance };
             let of_face = |&face| self.of_face(face, &kept.is_filled, scope);
             let found: Vec<Vec<ThinBall>> = batch.par_iter().map(of_face).collect();
             context.check()?;
             if budget.is_exceeded() {
-                return Ok(None);
+                return Ok(false);
             }
             let (first, others): (Vec<_>, Vec<_>) =
                 found.into_iter().flatten().partition(|ball| kept.is_first(self.cell(ball.middle)));
@@ -166,15 +198,10 @@ impl<'a> Fillers<'a> {
                 }
             }
             if kept.fillers.len() > MAX_BALLS {
-                return Ok(None);
+                return Ok(false);
             }
         }
-        if !self.search.is_first {
-            let pairs = pairs.walls().par_iter().chain(pairs.tips());
-            let found: Vec<Option<Filler>> = pairs.map(|pair| self.of_pair(pair)).collect();
-            found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
-        }
-        Ok(Some(kept.fillers))
+        Ok(true)
     }
 
     /// The ball around the middle of a thin pair.
@@ -204,7 +231,7 @@ impl<'a> Fillers<'a> {
             let corners = self.surface.corners(face as usize);
             self.sample(corners, (face, normal), (0, scope), &mut |contact, opposite| {
                 if !opposite.is_some_and(|opposite| self.is_filled_between(contact, opposite, is_filled)) {
-                    found.extend(self.thin_ball(contact, opposite));
+                    found.extend(self.thin_ball(contact, opposite, scope.tolerance));
                 }
             });
         }
@@ -254,7 +281,7 @@ impl<'a> Fillers<'a> {
 
     /// The largest radius of a ball in a thin wall.
     fn thickest(&self) -> f64 {
-        0.5 * self.settings.min_wall / PERPENDICULAR
+        0.5 * self.settings.min_wall * (1.0 + self.search.tolerance) / PERPENDICULAR
     }
 
     /// Where the perpendicular of at most `longest` from a point of a face leaves the material.
@@ -276,14 +303,14 @@ impl<'a> Fillers<'a> {
     }
 
     /// The ball at a point that is thinner than the least wall; with the point opposite, if the perpendicular meets one.
-    fn thin_ball(&self, contact: Contact, opposite: Option<Nearest>) -> Option<ThinBall> {
-        let chord = || if self.search.is_first { None } else { self.around_chord(contact, opposite?) };
-        self.inscribed(contact, opposite).or_else(chord)
+    fn thin_ball(&self, contact: Contact, opposite: Option<Nearest>, tolerance: f64) -> Option<ThinBall> {
+        let chord = || if self.search.is_first { None } else { self.around_chord(contact, opposite?, tolerance) };
+        self.inscribed(contact, opposite, tolerance).or_else(chord)
     }
 
     /// The inscribed ball at a point, if it is thinner than the least wall. With the point opposite, which is found faster,
     /// the ball starts small and meets few faces.
-    fn inscribed(&self, contact: Contact, opposite: Option<Nearest>) -> Option<ThinBall> {
+    fn inscribed(&self, contact: Contact, opposite: Option<Nearest>, tolerance: f64) -> Option<ThinBall> {
         let Contact { point, normal } = contact;
         let radius = opposite.map_or(f64::INFINITY, |opposite| opposite.distance / 2.0).min(self.thickest());
         let ball = self.ball([point, -normal], radius)?;
@@ -291,7 +318,7 @@ impl<'a> Fillers<'a> {
         let middle = point - normal * ball.radius;
         let outward = (touched.point - middle).normalize_or_zero();
         let cosine = outward.dot(normal);
-        let is_wall = cosine <= OPPOSED && self.is_thin(ball.radius * (1.0 - cosine));
+        let is_wall = cosine <= OPPOSED && self.is_thin(ball.radius * (1.0 - cosine), tolerance);
         // Beside a ball the edge of a solid can become a wall, which the next round would have to thicken.
         let is_edge = !self.search.is_first && cosine <= WIDE && 2.0 * ball.radius < self.settings.min_wall;
         let contacts = [contact, Contact { point: touched.point, normal: outward }];
@@ -300,17 +327,17 @@ impl<'a> Fillers<'a> {
 
     /// The ball around the perpendicular at a point, if it is a thin wall. In a lip that is less high than thick, each
     /// inscribed ball touches the lip's end instead of the other side.
-    fn around_chord(&self, contact: Contact, opposite: Nearest) -> Option<ThinBall> {
+    fn around_chord(&self, contact: Contact, opposite: Nearest, tolerance: f64) -> Option<ThinBall> {
         let normal = self.normal(opposite.face);
         let contacts = [contact, Contact { point: opposite.point, normal }];
         let ball =
             ThinBall { middle: contact.point.midpoint(opposite.point), radius: opposite.distance / 2.0, contacts };
-        (normal.dot(contact.normal) <= OPPOSED && self.is_thin(opposite.distance)).then_some(ball)
+        (normal.dot(contact.normal) <= OPPOSED && self.is_thin(opposite.distance, tolerance)).then_some(ball)
     }
 
-    /// Whether a thickness is less than the least wall.
-    fn is_thin(&self, thickness: f64) -> bool {
-        thickness < self.settings.min_wall * (1.0 - 1e-6)
+    /// Whether a thickness is less than the least wall, or hardly more.
+    fn is_thin(&self, thickness: f64, tolerance: f64) -> bool {
+        thickness < self.settings.min_wall * (1.0 - 1e-6 + tolerance)
     }
 
     /// The ball that replaces a thin one.
@@ -375,51 +402,4 @@ pub fn cell_of(point: DVec3, size: f64) -> Cell {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::ops::Range;
-    use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-    use std::time::Duration;
-
-    use super::*;
-    use crate::context::NoProgress;
-    use crate::math::Precision;
-    use crate::printing::shapes::{Voxels, cuboid, quietly};
-    use crate::printing::thickening::Growth;
-
-    #[test]
-    fn the_search_in_a_face_far_larger_than_its_wall_can_be_stopped() {
-        // Sampling these faces would take 600 million balls.
-        let plate = cuboid(DVec3::ZERO, DVec3::new(1000.0, 1000.0, 0.1));
-        let settings = Thickening { min_wall: 0.2, growth: Growth::Both, min_gap: 0.0, precision: Precision::F32 };
-        let (cancel, checks) = (AtomicBool::new(false), AtomicU64::new(0));
-        let clock = || Duration::from_secs(checks.fetch_add(1, Ordering::Relaxed));
-        let unlimited = Context::new(&NoProgress, &cancel, &clock, Duration::MAX);
-        let thin = Thin::of(&plate, settings.min_wall, &unlimited).expect("no deadline");
-        assert!(!thin.is_empty());
-        let now = checks.load(Ordering::Relaxed);
-        let limited = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(now + 8));
-        let search = Search { spacing: 0.04, margin: 0.08, tip_cover: 0.03, is_first: true };
-        assert!(Fillers::new(&plate, settings, search).of(&thin, &limited).is_err());
-        assert!(checks.load(Ordering::Relaxed) < now + 64, "the search goes on after its end");
-    }
-
-    #[test]
-    fn a_lip_that_is_less_high_than_thick_gets_balls() {
-        let mut cells = Voxels::empty([8, 8, 6]);
-        let fill = |cells: &mut Voxels, x: Range<usize>, z: Range<usize>| {
-            x.for_each(|x| (0..8).for_each(|y| z.clone().for_each(|z| cells.set([x, y, z], true))));
-        };
-        fill(&mut cells, 0..8, 0..5);
-        fill(&mut cells, 3..5, 5..6);
-        let lip = cells.surface();
-        let settings = Thickening { min_wall: 4.0, growth: Growth::Both, min_gap: 0.0, precision: Precision::F32 };
-        quietly(|context| {
-            let thin = Thin::of(&lip, settings.min_wall, context).expect("no deadline");
-            let search = Search { spacing: 0.8, margin: 0.08, tip_cover: 0.09, is_first: false };
-            let balls =
-                Fillers::new(&lip, settings, search).of(&thin, context).expect("no deadline").expect("few balls");
-            let covers = |point: DVec3| balls.iter().any(|ball| ball.centre.distance(point) < ball.radius);
-            assert!((1..8).all(|y| covers(DVec3::new(4.0, f64::from(y), 5.5))), "{balls:?}");
-        });
-    }
-}
+mod tests;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::context::Cancelled;
-use crate::math::Tree;
+use crate::math::{Dipoles, Tree};
 use crate::mesh::{Parts, Surface};
 use crate::remesh::RemeshError;
 use glam::DVec3;
@@ -32,6 +32,11 @@ const CELLS: [Cells; 3] = [
 /// How much more a ball grows in later rounds: this times the square of the number of the round, at most the second value.
 /// What stays thin then is just below the least wall, and the caps of small balls there are finer than the cells.
 const MORE: [f64; 2] = [0.005, 0.2];
+/// How much thicker than the least wall a wall beside a thin place may be to get balls, too: this times the number of the round
+/// after the first rounds, at most the second value.
+const TOLERANCE: [f64; 2] = [0.03, 0.15];
+/// The first rounds, after which [`TOLERANCE`] grows. As a rule they suffice, and balls beside thin places need more material.
+const PATIENCE: usize = 3;
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
 /// rest is what later rounds add beside earlier balls.
@@ -61,6 +66,7 @@ impl Filling<'_> {
             left_out: Vec::new(),
             cells,
             base_tree,
+            dipoles: input_tree.dipoles(|face| self.input.corners(face as usize)),
             input_tree,
             group_of_face: group_of_each_face(self.input, &self.settings),
             first,
@@ -124,7 +130,14 @@ impl Filling<'_> {
     fn fillers(&self, current: &Grown, cells: Cells, round: usize) -> Result<Option<Vec<Filler>>, Cancelled> {
         let margin = cells.margin + (MORE[0] * (round * round) as f64).min(MORE[1]);
         let tip_cover = TIP_COVER[0] + TIP_COVER[1] * round as f64;
-        let search = Search { spacing: cells.share * self.settings.min_wall, margin, tip_cover, is_first: round == 0 };
+        let tolerance = (TOLERANCE[0] * (round + 1).saturating_sub(PATIENCE) as f64).min(TOLERANCE[1]);
+        let search = Search {
+            tolerance,
+            spacing: cells.share * self.settings.min_wall,
+            margin,
+            tip_cover,
+            is_first: round == 0,
+        };
         Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)
     }
 
@@ -177,9 +190,8 @@ impl Filling<'_> {
             state.input_tree.nearest(filler.centre, reach, &mut u64::MAX.clone(), corners)
         };
         let Some(own) = nearest(f64::INFINITY, &|_| true) else { return };
-        let [a, b, c] = self.input.corners(own.face as usize);
-        let is_inside = (b - a).cross(c - a).dot(filler.centre - own.point) < 0.0;
-        let depth = if is_inside { own.distance } else { -own.distance };
+        let input = (self.input, &state.input_tree, &state.dipoles);
+        let depth = depth(input, filler.centre, own.distance);
         let mut allowed = most + depth;
         if let Some(groups) = &state.group_of_face {
             // The ball takes half of what the gap is wider than the least one, since a ball of the other solid may take the rest.
@@ -208,6 +220,14 @@ impl Filling<'_> {
     }
 }
 
+/// The depth inside the input of a point, which has a distance from its surface; negative outside. The nearest face alone does
+/// not tell the side: beyond a sharp edge the point can be behind one of its faces.
+fn depth((input, tree, dipoles): (&Surface, &Tree, &Dipoles), point: DVec3, distance: f64) -> f64 {
+    let corners = |face: u32| input.corners(face as usize);
+    let is_inside = tree.winding(dipoles, point, &mut u64::MAX.clone(), corners) > 0.5;
+    if is_inside { distance } else { -distance }
+}
+
 /// Whether the last two rounds left nearly all thin faces, and nearly all of what they lack.
 fn has_stalled(left: &[(f64, f64)]) -> bool {
     matches!(left, [.., before, _, last] if last.0 > STALLED * before.0 && last.1 > STALLED * before.1)
@@ -223,6 +243,20 @@ fn reason(broken: Broken) -> ThinReason {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::Soup;
+
+    #[test]
+    fn a_point_beyond_a_sharp_edge_is_outside() {
+        // Both faces at the edge have planes that the points lie behind.
+        let corners = [[0.0, 0.0, 0.0], [-10.0, 0.0, 1.0], [-10.0, 0.0, -1.0]];
+        let [front, back] = [0.0, 5.0].map(|y| corners.map(|[x, _, z]| DVec3::new(x, y, z)));
+        let faces = vec![[0, 1, 2], [3, 5, 4], [0, 3, 1], [1, 3, 4], [0, 2, 3], [2, 5, 3], [1, 4, 2], [2, 4, 5]];
+        let wedge = Surface::from_soup(&Soup { positions: [front, back].concat(), faces }).0;
+        let tree = Tree::new(&wedge.positions, &wedge.faces);
+        let dipoles = tree.dipoles(|face| wedge.corners(face as usize));
+        let depth = |x, z| depth((&wedge, &tree, &dipoles), DVec3::new(x, 2.5, z), 0.5);
+        assert_eq!([depth(0.4, 0.3), depth(0.4, -0.3), depth(-8.0, 0.3)], [-0.5, -0.5, 0.5]);
+    }
 
     #[test]
     fn rounds_that_leave_fewer_thin_faces_or_less_lack_go_on() {

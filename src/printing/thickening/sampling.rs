@@ -3,7 +3,8 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::context::Context;
-use crate::math::{Box3, Tree};
+use crate::math::{Box3, Tree, centre_and_radius};
+use crate::mesh::Surface;
 use crate::printing::thickness::OpposedPair;
 use glam::DVec3;
 
@@ -58,6 +59,15 @@ impl NearThin {
         Self { places: Tree::of_boxes(&places), reach }
     }
 
+    /// The faces of a surface that may be near a thin place.
+    pub fn faces(&self, surface: &Surface) -> Vec<u32> {
+        let is_near = |&face: &u32| {
+            let (centre, size) = centre_and_radius(surface.corners(face as usize));
+            self.reaches(centre, size)
+        };
+        (0u32..).take(surface.faces.len()).filter(is_near).collect()
+    }
+
     /// Whether points within `size` of a point may be near a thin place.
     pub fn reaches(&self, point: DVec3, size: f64) -> bool {
         self.places.any_overlapping(&Box3::of([point]).grown(self.reach + size), |_| true)
@@ -71,4 +81,6 @@ pub struct Scope<'a> {
     pub budget: &'a TriangleBudget<'a>,
     /// None for everywhere.
     pub near: Option<&'a NearThin>,
+    /// How much thicker than the least wall a wall may be, as a share of it, to count as thin.
+    pub tolerance: f64,
 }

@@ -5,7 +5,7 @@
 use std::time::Duration;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Tree};
+use crate::math::{Box3, Dipoles, Tree};
 use crate::mesh::Surface;
 use crate::remesh::{BallUnion, RemeshError};
 use glam::DVec3;
@@ -76,6 +76,8 @@ pub struct State<'a> {
     pub base_tree: Tree,
     /// The tree of the input, for the deviation.
     pub input_tree: Tree,
+    /// Its dipoles, which tell whether a point is inside.
+    pub dipoles: Dipoles,
     /// The group of solids of each of the input's faces, if there are several groups.
     pub group_of_face: Option<Vec<u32>>,
     /// The balls of the first round, if they are known.
