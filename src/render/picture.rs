@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::image::{Camera, Canvas, SAMPLES, VIEWS, View, text_width};
 use super::overlay::Overlay;
-use super::palette::{Colour, INSIDE, Paint};
+use super::palette::{Colour, INSIDE, LegendEntry, Paint};
 use super::raster::{Faces, Fragment, Raster};
 use super::scene::{RenderError, Scene, Shows};
 use crate::context::Context;
@@ -18,8 +18,9 @@ const LARGE_PCT: usize = 66;
 /// Heights of the header and of a legend line, in pixels.
 const HEADER: usize = 30;
 const LINE: usize = 20;
-/// Width of a legend column, in pixels.
-const COLUMN: usize = 320;
+/// Most columns of a legend, and width of a text's place for its colour and the space beside it, in pixels.
+const MAX_COLUMNS: usize = 3;
+const SWATCH: usize = 30;
 /// Space between views, and margin around the mesh in a view, in pixels.
 const GAP: usize = 4;
 const MARGIN: usize = 22;
@@ -39,8 +40,7 @@ const FAINT: Colour = Colour([0x6B, 0x75, 0x82]);
 pub fn write_picture(scene: &Scene, title: &str, context: &Context<'_>) -> Result<Vec<u8>, RenderError> {
     context.check()?;
     let points: Vec<Vec3> = scene.surface.positions.iter().map(|&p| scene.frame.to_cube(p).as_vec3()).collect();
-    let legend_lines = (scene.legend.len() + 1).div_ceil(SIZE[0] / COLUMN);
-    let footer = legend_lines * LINE + 8;
+    let footer = (scene.legend.len() + 1).div_ceil(legend_columns(scene)) * LINE + 8;
     let rectangles = layout([SIZE[0], SIZE[1] - HEADER - footer]);
     // Each view is drawn by one thread, so that the picture does not depend on the number of threads.
     let drawn: Vec<RenderedView> =
@@ -155,10 +155,21 @@ fn plural(count: u64) -> &'static str {
     if count == 1 { "" } else { "s" }
 }
 
+/// The text of a legend's entry.
+fn legend_text(entry: &LegendEntry) -> String {
+    format!("{} {}", entry.count, entry.name)
+}
+
+/// The number of legend columns in which each text has enough width.
+fn legend_columns(scene: &Scene) -> usize {
+    let longest = scene.legend.iter().map(|entry| legend_text(entry).chars().count()).max().unwrap_or(0);
+    (SIZE[0] / (SWATCH + text_width(longest))).clamp(1, MAX_COLUMNS)
+}
+
 /// Draws the legend column by column, with further hints for reading the picture.
 fn draw_legend(canvas: &mut Canvas, scene: &Scene, inside: bool, top: usize) {
     let mut lines: Vec<(Option<Colour>, String)> =
-        scene.legend.iter().map(|e| (Some(e.colour), format!("{} {}", e.count, e.name))).collect();
+        scene.legend.iter().map(|entry| (Some(entry.colour), legend_text(entry))).collect();
     if scene.surface.faces.is_empty() {
         lines.push((None, "no faces to draw".to_owned()));
     } else if inside {
@@ -166,10 +177,10 @@ fn draw_legend(canvas: &mut Canvas, scene: &Scene, inside: bool, top: usize) {
     } else if lines.is_empty() {
         lines.push((None, "no defects found".to_owned()));
     }
-    let columns = SIZE[0] / COLUMN;
+    let columns = legend_columns(scene);
     let rows = lines.len().div_ceil(columns);
     for (i, (colour, text)) in lines.iter().enumerate() {
-        let [x, y] = [8 + i / rows * COLUMN, top + i % rows * LINE];
+        let [x, y] = [8 + i / rows * (SIZE[0] / columns), top + i % rows * LINE];
         if let Some(colour) = colour {
             canvas.fill([x, y + 2], [14, 14], INK);
             canvas.fill([x + 1, y + 3], [12, 12], *colour);
@@ -204,6 +215,7 @@ mod tests {
     use crate::context::NoProgress;
     use crate::inspect::{Defect, DefectKind, Findings};
     use crate::mesh::Soup;
+    use crate::render::palette::legend_of_thickness;
 
     const FRONT: usize = 2;
     const ABOVE: usize = 3;
@@ -301,6 +313,16 @@ mod tests {
             findings.push(DefectKind::Disjoint, defect(&[1 - marked], &[]));
             assert!(count(&render_view(&soup, &findings, ABOVE), red) > 400);
         }
+    }
+
+    #[test]
+    fn a_legend_of_long_texts_has_fewer_columns() {
+        let mut scene = with_context(|context| Scene::new(&cube(), &Findings::new(12, 10), context)).unwrap();
+        assert_eq!(legend_columns(&scene), MAX_COLUMNS);
+        scene.legend = legend_of_thickness(&[(1_234_567, 1.0); 8], 100.0);
+        let width = SIZE[0] / legend_columns(&scene);
+        assert!(scene.legend.iter().all(|entry| SWATCH + text_width(legend_text(entry).len()) <= width));
+        assert_eq!(legend_columns(&scene), 2);
     }
 
     #[test]

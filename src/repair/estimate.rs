@@ -24,7 +24,7 @@ const BOUNDARY_MS: f64 = 0.05;
 /// Bytes of memory that any repair takes.
 const BASE_BYTES: f64 = 14e6;
 /// Bytes of memory per face.
-const FACE_BYTES: f64 = 700.0;
+const FACE_BYTES: f64 = 500.0;
 /// Bytes of memory per pair of intersecting faces.
 const PAIR_BYTES: f64 = 3_000.0;
 
