@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::context::Cancelled;
+use crate::context::{Cancelled, Context};
 use crate::math::{Dipoles, Tree};
 use crate::mesh::{Parts, Surface};
 use crate::remesh::RemeshError;
@@ -54,7 +54,9 @@ impl Filling<'_> {
     /// [`Cancelled`] when the work was cancelled.
     pub fn run(&self, base: &Grown) -> Result<Grown, Cancelled> {
         let (mut best, mut current) = (base.clone(), base.clone());
-        let Some((cells, first)) = self.context.unless_late(self.cells_for(base))? else {
+        let limited = self.leaving(self.kept);
+        let first_round = Filling { context: &limited, ..*self };
+        let Some((cells, first)) = self.context.unless_late(first_round.cells_for(base))? else {
             best.reason = Some(ThinReason::Time);
             return Ok(best);
         };
@@ -79,12 +81,15 @@ impl Filling<'_> {
         let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
         let mut left = Vec::new();
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
-            let Some(next) = self.context.unless_late(self.round(&current, &mut state))? else {
+            let kept = if state.round == 0 { self.kept } else { state.slowest_measure * KEPT_MEASUREMENTS };
+            let limited = self.leaving(kept);
+            let round = Filling { context: &limited, ..*self };
+            let Some(next) = self.context.unless_late(round.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
                 break;
             };
             state.round += 1;
-            let is_late = self.context.remaining() + self.kept < state.slowest_measure * KEPT_MEASUREMENTS;
+            let is_late = self.context.remaining() < state.slowest_measure * KEPT_MEASUREMENTS;
             best.reason = next.reason.or(best.reason);
             if next.surface == current.surface {
                 best.limited.extend(next.limited);
@@ -109,6 +114,11 @@ impl Filling<'_> {
             }
         }
         Ok(best)
+    }
+
+    /// The same context, which ends earlier by a time.
+    fn leaving(&self, kept: Duration) -> Context<'_> {
+        self.context.limited_to(self.context.remaining().saturating_sub(kept))
     }
 
     /// The finest cells with which the body of the first round has few enough faces. The number of faces with the coarsest

@@ -50,8 +50,8 @@ pub use unite::SelfUnion;
 
 /// The time that is kept for the last measure and for the checks of the result: the first share of the remaining time, but no
 /// more than these seconds or the second share.
-const KEPT_SHARES: [f64; 2] = [0.4, 0.2];
-const KEPT_S: u64 = 12;
+const KEPT_SHARES: [f64; 2] = [0.3, 0.15];
+const KEPT_S: u64 = 8;
 /// The time that is kept for the end at least, in times that a measurement took.
 const KEPT_MEASUREMENTS: u32 = 3;
 /// Share of the time that is left then for each kind of layer, and the most. Where a layer can help it is quick as a rule.
@@ -115,8 +115,7 @@ impl Thickening {
         }
         if self.growth == Growth::Both {
             let topology = Topology::of(surface, self);
-            let filling =
-                Filling { settings: *self, union, context: &limited, kept, input: surface, before: &before, topology };
+            let filling = Filling { settings: *self, union, context, kept, input: surface, before: &before, topology };
             // A layer can end where balls can't go on, since it moved the surface as far as is allowed.
             let bases: &[&Grown] = if base.surface == start.surface { &[&start] } else { &[&base, &start] };
             for (number, base) in bases.iter().enumerate() {

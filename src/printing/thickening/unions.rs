@@ -49,11 +49,12 @@ pub struct Cells {
 }
 
 /// The settings of the rounds.
+#[derive(Clone, Copy)]
 pub struct Filling<'a> {
     pub settings: Thickening,
     pub union: &'a dyn SelfUnion,
     pub context: &'a Context<'a>,
-    /// The time that is kept for the end, beyond the deadline of `context`.
+    /// The time that the first round leaves for the end. Later rounds leave as much as measurements took.
     pub kept: Duration,
     /// The surface to thicken. Sources from the number of its faces on mean added faces.
     pub input: &'a Surface,
