@@ -9,12 +9,12 @@ use crate::remesh::RemeshError;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::KEPT_MEASUREMENTS;
 use super::bodies::{Filler, Fillers, Search};
 use super::outcome::ThinReason;
 use super::results::{Grown, Thin, deviation_of_added};
 use super::unions::{Cells, Filling, State};
 use super::unite::{Broken, FAR_AWAY, group_of_each_face};
+use super::{KEPT_MEASUREMENTS, LEAST_KEPT};
 
 /// The most rounds.
 const MAX_ROUNDS: usize = 12;
@@ -73,7 +73,7 @@ impl Filling<'_> {
             group_of_face: group_of_each_face(self.input, &self.settings),
             first,
             round: 0,
-            slowest_measure: Duration::ZERO,
+            kept: None,
             topology: self.topology,
             is_limited: false,
         };
@@ -81,15 +81,14 @@ impl Filling<'_> {
         let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
         let mut left = Vec::new();
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
-            let kept = if state.round == 0 { self.kept } else { state.slowest_measure * KEPT_MEASUREMENTS };
-            let limited = self.leaving(kept);
+            let limited = self.leaving(state.kept.unwrap_or(self.kept));
             let round = Filling { context: &limited, ..*self };
             let Some(next) = self.context.unless_late(round.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
                 break;
             };
             state.round += 1;
-            let is_late = self.context.remaining() < state.slowest_measure * KEPT_MEASUREMENTS;
+            let is_late = self.context.remaining() < state.kept.unwrap_or_default();
             best.reason = next.reason.or(best.reason);
             if next.surface == current.surface {
                 best.limited.extend(next.limited);
@@ -180,7 +179,7 @@ impl Filling<'_> {
                 let remaining = self.context.remaining();
                 next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
                 let taken = remaining.saturating_sub(self.context.remaining());
-                state.slowest_measure = state.slowest_measure.max(taken);
+                state.kept = state.kept.max(Some((taken * KEPT_MEASUREMENTS).max(LEAST_KEPT)));
             }
         }
         state.is_limited = limited.len() as f64 > LIMITED * wanted as f64;

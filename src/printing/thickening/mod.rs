@@ -48,12 +48,13 @@ use crate::printing::thickness::{Space, opposed_pairs, rounded_limit};
 pub use outcome::{Growth, PlaceResult, Thickened, ThickenedPlace, Thickening, ThickeningError, ThinReason};
 pub use unite::SelfUnion;
 
-/// The time that is kept for the last measure and for the checks of the result: the first share of the remaining time, but no
-/// more than these seconds or the second share.
+/// The time that is kept for the end, before the time of a measurement of a result is known: for removing slivers, and for checks. The
+/// first share of the remaining time, but no more than these seconds or the second share.
 const KEPT_SHARES: [f64; 2] = [0.3, 0.15];
 const KEPT_S: u64 = 8;
-/// The time that is kept for the end at least, in times that a measurement took.
+/// The time that is kept for the end at least, in times that a measurement took and alone.
 const KEPT_MEASUREMENTS: u32 = 3;
+const LEAST_KEPT: Duration = Duration::from_secs(1);
 /// Share of the time that is left then for each kind of layer, and the most. Where a layer can help it is quick as a rule.
 const LAYER_SHARE: f64 = 0.1;
 const LAYER_S: u64 = 15;

@@ -54,7 +54,7 @@ pub struct Filling<'a> {
     pub settings: Thickening,
     pub union: &'a dyn SelfUnion,
     pub context: &'a Context<'a>,
-    /// The time that the first round leaves for the end. Later rounds leave as much as measurements took.
+    /// The time that is kept for the end as long as no result was measured.
     pub kept: Duration,
     /// The surface to thicken. Sources from the number of its faces on mean added faces.
     pub input: &'a Surface,
@@ -85,8 +85,8 @@ pub struct State<'a> {
     pub first: Option<Vec<Filler>>,
     /// The number of the round.
     pub round: usize,
-    /// The longest time that the measurement of a result took.
-    pub slowest_measure: Duration,
+    /// The time that is kept for the end, by the slowest measurement of a result; none before the first one.
+    pub kept: Option<Duration>,
     /// The topology that the next result must have.
     pub topology: Topology,
     /// Whether gaps limit nearly all new balls.
