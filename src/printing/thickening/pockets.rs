@@ -1,4 +1,5 @@
-//! The closed parts that added material leaves and that are filled or removed: pockets of air, and crumbs of the material alone.
+//! Small parts and cavities, and the closed parts that added material leaves and that are filled or removed: pockets of air, and crumbs
+//! of the material alone.
 
 use crate::math::{Box3, Dipoles, Tree};
 use crate::mesh::{Edges, Parts, Surface, position_key};
@@ -6,16 +7,24 @@ use glam::DVec3;
 use rustc_hash::FxHashSet;
 
 use super::outcome::Thickening;
-use super::unite::{Added, is_large_cavity, large_cavities, small, volumes};
 
 /// The most cubes into which the box of a pocket is divided. A pocket that needs more stays open.
 const MAX_CUBES: usize = 1 << 20;
 /// A cube is not divided further once half of its diagonal is this share of the radius that is looked for.
 const FINEST: f64 = 0.2;
 
+/// What is added to a solid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Added {
+    /// A layer on the faces. A small solid without faces of the input is the rest of a layer, and is removed.
+    Layer,
+    /// Balls. Around a ball there can be a whole small solid of the input.
+    Balls,
+}
+
 /// Removes the closed parts that the added material creates: pockets of air that are smaller than the cube of the least wall, or
-/// nowhere wider than the least gap, and crumbs of the material alone. A pocket that held air of the model keeps its faces only
-/// if it is larger. Before the union, the surface was `before`; faces whose source is at least `first_added` are what was added.
+/// nowhere wider than the least gap, and crumbs of the material alone. Large cavities of the model stay, however narrow they are.
+/// Before the union, the surface was `before`; faces whose source is at least `first_added` are what was added.
 pub fn fill(surface: &mut Surface, before: &Surface, (added, first_added): (Added, u32), settings: &Thickening) {
     let most = small(settings);
     let parts = Parts::new(surface, &Edges::new(&surface.faces));
@@ -47,6 +56,36 @@ pub fn fill(surface: &mut Surface, before: &Surface, (added, first_added): (Adde
     if is_removed.contains(&true) {
         parts.remove(&is_removed, surface);
     }
+}
+
+/// The volume below which a solid or a cavity is small.
+pub fn small(settings: &Thickening) -> f64 {
+    settings.min_wall.powi(3)
+}
+
+/// Whether a part of a volume is a cavity that is not small.
+pub fn is_large_cavity(volume: f64, settings: &Thickening) -> bool {
+    volume <= -small(settings)
+}
+
+/// The enclosed volume of each part; negative for a cavity.
+pub fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
+    let origin = surface.bounds().centre();
+    let mut volumes = vec![0.0; parts.count];
+    for (face, &part) in parts.of_face.iter().enumerate().filter(|(_, part)| **part != Parts::NONE) {
+        let [a, b, c] = surface.corners(face).map(|p| p - origin);
+        volumes[part as usize] += a.dot(b.cross(c)) / 6.0;
+    }
+    volumes
+}
+
+/// The corners and the volume, which is negative, of each cavity that is not small.
+pub fn large_cavities(surface: &Surface, settings: &Thickening) -> Vec<(Vec<DVec3>, f64)> {
+    let parts = Parts::new(surface, &Edges::new(&surface.faces));
+    let volumes = volumes(surface, &parts);
+    let corners = |faces: &[u32]| faces.iter().flat_map(|&face| surface.corners(face as usize)).collect();
+    let large = parts.faces().into_iter().zip(volumes).filter(|(_, volume)| is_large_cavity(*volume, settings));
+    large.map(|(faces, volume)| (corners(&faces), volume)).collect()
 }
 
 /// Whether a corner of a face whose source is less than `first_added` lies in the box of a part.
@@ -110,10 +149,29 @@ impl Pocket {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::unite::tests::{settings, tetrahedra};
+pub mod tests {
     use super::*;
+    use crate::math::Precision;
+    use crate::mesh::Soup;
     use crate::printing::shapes::cuboid;
+    use crate::printing::thickening::Growth;
+
+    /// Tetrahedra, each with a corner and a size; a negative size turns it inside out.
+    pub fn tetrahedra(of: &[(f64, f64)]) -> Surface {
+        let mut soup = Soup { positions: Vec::new(), faces: Vec::new() };
+        for (&(x, size), k) in of.iter().zip(0u32..) {
+            let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * size.abs() + DVec3::splat(x));
+            soup.positions.extend(corners);
+            let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+            let turned = |[a, b, c]: [u32; 3]| if size < 0.0 { [a, c, b] } else { [a, b, c] };
+            soup.faces.extend(faces.map(turned).map(|face| face.map(|v| v + 4 * k)));
+        }
+        Surface::from_soup(&soup).0
+    }
+
+    pub fn settings() -> Thickening {
+        Thickening { min_wall: 0.5, growth: Growth::Both, min_gap: 0.25, precision: Precision::F32 }
+    }
 
     #[test]
     fn a_small_solid_of_added_faces_is_a_crumb_unless_it_is_a_ball_around_a_solid() {

@@ -12,10 +12,11 @@ use super::layer::{Layered, layered};
 use super::moved::moved;
 use super::outcome::{Thickening, ThickeningError};
 use super::places::Places;
+use super::pockets::Added;
 use super::refine::Refined;
 use super::regions::{Pieces, Regions};
 use super::results::{Grown, MAX_THINNER, Thin, deviation_of_added, face_count, with_own_sources};
-use super::unite::{Added, Broken, SelfUnion, Topology, united};
+use super::unite::{Broken, SelfUnion, Topology, united};
 use super::walls::{Opposed, Walls};
 
 /// The most rounds.

@@ -15,9 +15,10 @@ use super::bodies::Filler;
 use super::gaps::{GapWidths, WideGaps};
 use super::handles::{BallGroups, ChangedGroups};
 use super::outcome::Thickening;
+use super::pockets::Added;
 use super::results::{Grown, Thin, face_count};
 use super::spheres::Spheres;
-use super::unite::{Added, Broken, SelfUnion, Topology, changed_cavities, united};
+use super::unite::{Broken, SelfUnion, Topology, changed_cavities, united};
 
 /// How many times the faces of the first round's body a later body may have.
 const MAX_MORE_FACES: u64 = 3;

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::outcome::Thickening;
-use super::pockets;
+use super::pockets::{self, Added, is_large_cavity, large_cavities, small, volumes};
 
 /// Computes the boundary of the union of the volumes that a closed surface encloses.
 pub trait SelfUnion: Sync {
@@ -41,15 +41,6 @@ pub enum Broken {
 const TOUCHING: f64 = 0.02;
 /// A point that is nearest to nothing.
 pub const FAR_AWAY: DVec3 = DVec3::splat(1e100);
-
-/// What is added to a solid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Added {
-    /// A layer on the faces. A small solid without faces of the input is the rest of a layer, and is removed.
-    Layer,
-    /// Balls. Around a ball there can be a whole small solid of the input.
-    Balls,
-}
 
 /// The number of groups of solids, of large cavities, and of handles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,16 +81,6 @@ impl Topology {
     pub fn handles_lost(self, result: Self) -> u64 {
         u64::try_from(self.handles - result.handles).unwrap_or(0)
     }
-}
-
-/// The volume below which a solid or a cavity is small.
-pub fn small(settings: &Thickening) -> f64 {
-    settings.min_wall.powi(3)
-}
-
-/// Whether a part of a volume is a cavity that is not small.
-pub fn is_large_cavity(volume: f64, settings: &Thickening) -> bool {
-    volume <= -small(settings)
 }
 
 /// For each face, the first part of its solid's group; [`Parts::NONE`] for faces of cavities and hidden solids. None if there
@@ -193,17 +174,6 @@ fn hidden_solids(surface: &Surface, parts: &Parts, volumes: &[f64], settings: &T
     (0..parts.count).into_par_iter().map(is_hidden).collect()
 }
 
-/// The enclosed volume of each part; negative for a cavity.
-pub fn volumes(surface: &Surface, parts: &Parts) -> Vec<f64> {
-    let origin = surface.bounds().centre();
-    let mut volumes = vec![0.0; parts.count];
-    for (face, &part) in parts.of_face.iter().enumerate().filter(|(_, part)| **part != Parts::NONE) {
-        let [a, b, c] = surface.corners(face).map(|p| p - origin);
-        volumes[part as usize] += a.dot(b.cross(c)) / 6.0;
-    }
-    volumes
-}
-
 /// The large cavities that only one of two surfaces has, as their corners. Cavities are the same if they share a corner; of
 /// several that share corners with one cavity, the largest is the same.
 pub fn changed_cavities(before: &Surface, after: &Surface, settings: &Thickening) -> Vec<Vec<DVec3>> {
@@ -220,15 +190,6 @@ pub fn changed_cavities(before: &Surface, after: &Surface, settings: &Thickening
     });
     let gone = before.into_iter().zip(is_found).filter(|(_, is_found)| !is_found).map(|(cavity, _)| cavity);
     gone.chain(after).map(|(corners, _)| corners).collect()
-}
-
-/// The corners and the volume, which is negative, of each cavity that is not small.
-pub fn large_cavities(surface: &Surface, settings: &Thickening) -> Vec<(Vec<DVec3>, f64)> {
-    let parts = Parts::new(surface, &Edges::new(&surface.faces));
-    let volumes = volumes(surface, &parts);
-    let corners = |faces: &[u32]| faces.iter().flat_map(|&face| surface.corners(face as usize)).collect();
-    let large = parts.faces().into_iter().zip(volumes).filter(|(_, volume)| is_large_cavity(*volume, settings));
-    large.map(|(faces, volume)| (corners(&faces), volume)).collect()
 }
 
 /// The boundary of the union of a solid and what was added, without small bubbles and crumbs, and its topology. Faces with a
@@ -252,28 +213,9 @@ pub fn united(
 }
 
 #[cfg(test)]
-pub mod tests {
+mod tests {
+    use super::pockets::tests::{settings, tetrahedra};
     use super::*;
-    use crate::math::Precision;
-    use crate::mesh::Soup;
-    use crate::printing::thickening::Growth;
-
-    /// Tetrahedra, each with a corner and a size; a negative size turns it inside out.
-    pub fn tetrahedra(of: &[(f64, f64)]) -> Surface {
-        let mut soup = Soup { positions: Vec::new(), faces: Vec::new() };
-        for (&(x, size), k) in of.iter().zip(0u32..) {
-            let corners = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z].map(|p| p * size.abs() + DVec3::splat(x));
-            soup.positions.extend(corners);
-            let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
-            let turned = |[a, b, c]: [u32; 3]| if size < 0.0 { [a, c, b] } else { [a, b, c] };
-            soup.faces.extend(faces.map(turned).map(|face| face.map(|v| v + 4 * k)));
-        }
-        Surface::from_soup(&soup).0
-    }
-
-    pub fn settings() -> Thickening {
-        Thickening { min_wall: 0.5, growth: Growth::Both, min_gap: 0.25, precision: Precision::F32 }
-    }
 
     fn of(shapes: &[(f64, f64)]) -> Topology {
         Topology::of(&tetrahedra(shapes), &settings())
