@@ -75,6 +75,7 @@ impl Filling<'_> {
             round: 0,
             kept: None,
             topology: self.topology,
+            slits_filled: 0,
             is_limited: false,
         };
         let of_base = deviation_of_added((self.input, &state.input_tree), &base.surface);
@@ -175,6 +176,7 @@ impl Filling<'_> {
             if let Some(surface) = union.surface {
                 state.balls = union.balls;
                 next.through_holes_closed = self.topology.handles_lost(state.topology);
+                next.slits_filled = state.slits_filled;
                 next.surface = self.with_sources(surface, (&state.base.surface, &state.base_tree));
                 let remaining = self.context.remaining();
                 next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;

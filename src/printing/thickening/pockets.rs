@@ -24,8 +24,9 @@ pub enum Added {
 
 /// Removes the closed parts that the added material creates: pockets of air that are smaller than the cube of the least wall, or
 /// nowhere wider than the least gap, and crumbs of the material alone. Large cavities of the model stay, however narrow they are.
-/// Before the union, the surface was `before`; faces whose source is at least `first_added` are what was added.
-pub fn fill(surface: &mut Surface, before: &Surface, (added, first_added): (Added, u32), settings: &Thickening) {
+/// Before the union, the surface was `before`; faces whose source is at least `first_added` are what was added. Returns the number of
+/// large pockets that were filled: slits. Layers leave the gaps in front of them open, so only balls close slits.
+pub fn fill(surface: &mut Surface, before: &Surface, (added, first_added): (Added, u32), settings: &Thickening) -> u64 {
     let most = small(settings);
     let parts = Parts::new(surface, &Edges::new(&surface.faces));
     let volume = volumes(surface, &parts);
@@ -42,8 +43,10 @@ pub fn fill(surface: &mut Surface, before: &Surface, (added, first_added): (Adde
     let mut is_removed: Vec<bool> = (0..parts.count)
         .map(|part| volume[part].abs() < most && (volume[part] <= 0.0 && has_added[part] || is_crumb(part)))
         .collect();
-    let is_large_pocket = |part: &usize| has_added[*part] && is_large_cavity(volume[*part], settings);
+    let is_large_pocket =
+        |part: &usize| added == Added::Balls && has_added[*part] && is_large_cavity(volume[*part], settings);
     let large: Vec<usize> = (0..parts.count).filter(is_large_pocket).collect();
+    let mut slits = 0;
     if !large.is_empty() {
         let of_part = parts.faces();
         let of_cavities = corners_of_cavities(before, first_added, settings);
@@ -51,11 +54,13 @@ pub fn fill(surface: &mut Surface, before: &Surface, (added, first_added): (Adde
             let faces: Vec<[DVec3; 3]> = of_part[part].iter().map(|&face| surface.corners(face as usize)).collect();
             let is_new = faces.iter().flatten().all(|&corner| !of_cavities.contains(&position_key(corner)));
             is_removed[part] = is_new && Pocket::new(faces).is_narrower_than(settings.least_gap());
+            slits += u64::from(is_removed[part]);
         }
     }
     if is_removed.contains(&true) {
         parts.remove(&is_removed, surface);
     }
+    slits
 }
 
 /// The volume below which a solid or a cavity is small.
@@ -205,13 +210,17 @@ pub mod tests {
         let solid = cuboid(DVec3::ZERO, DVec3::splat(10.0));
         let filled = |size: DVec3| {
             let mut surface = with_pocket(size, 1);
-            fill(&mut surface, &solid, (Added::Balls, 8), &settings());
-            surface.faces.len() == solid.faces.len()
+            let slits = fill(&mut surface, &solid, (Added::Balls, 8), &settings());
+            (surface.faces.len() == solid.faces.len(), slits)
         };
-        assert!(filled(DVec3::new(4.0, 4.0, 0.2)), "a slit that is larger than the cube of the least wall");
-        assert!(!filled(DVec3::new(4.0, 4.0, 0.3)), "a wider slit");
-        assert!(!filled(DVec3::new(4.0, 0.3, 0.3)), "a wider channel");
-        assert!(filled(DVec3::new(0.4, 0.4, 0.4)), "smaller than the cube of the least wall");
+        assert_eq!(
+            filled(DVec3::new(4.0, 4.0, 0.2)),
+            (true, 1),
+            "a slit that is larger than the cube of the least wall"
+        );
+        assert_eq!(filled(DVec3::new(4.0, 4.0, 0.3)), (false, 0), "a wider slit");
+        assert_eq!(filled(DVec3::new(4.0, 0.3, 0.3)), (false, 0), "a wider channel");
+        assert_eq!(filled(DVec3::new(0.4, 0.4, 0.4)), (true, 0), "smaller than the cube of the least wall");
     }
 
     #[test]

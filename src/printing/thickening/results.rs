@@ -108,6 +108,8 @@ pub struct Grown {
     pub reason: Option<ThinReason>,
     /// Through holes of the input that were closed.
     pub through_holes_closed: u64,
+    /// Narrow slits that were filled, since added material closed them on all sides.
+    pub slits_filled: u64,
     /// Whether a wall grew on both sides although one side should stay.
     pub grew_on_equal_sides: bool,
 }
@@ -133,7 +135,8 @@ impl Results<'_> {
     /// Assembles the result.
     pub fn finish(&self, grown: Grown) -> Thickened {
         let count = self.input.faces.len();
-        let Grown { mut surface, thin, limited, reason: last, through_holes_closed, grew_on_equal_sides } = grown;
+        let Grown { mut surface, thin, limited, reason: last, through_holes_closed, slits_filled, grew_on_equal_sides } =
+            grown;
         let before = self.before.of_faces(count);
         let places = Places::new(self.input, &before);
         let mut results = self.places_before(&before, &places);
@@ -162,6 +165,7 @@ impl Results<'_> {
             added_volume,
             max_deviation,
             through_holes_closed,
+            slits_filled,
             grew_on_equal_sides,
             places: results,
             added_faces,

@@ -395,8 +395,8 @@ impl Attempt<'_, '_> {
         }
         let added = (Added::Layer, rounds.faces());
         let united = united(&layered.surface, added, &rounds.settings, rounds.union, rounds.context)?;
-        let Some((surface, topology)) = united else { return Ok(Some(Err(Broken::Union))) };
-        Ok(Some(topology.broken_since(rounds.topology).map_or(Ok(surface), Err)))
+        let Some(united) = united else { return Ok(Some(Err(Broken::Union))) };
+        Ok(Some(united.topology.broken_since(rounds.topology).map_or(Ok(united.surface), Err)))
     }
 
     /// The places whose layers can be united together, and those that cannot. By halving.

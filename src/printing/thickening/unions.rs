@@ -18,7 +18,7 @@ use super::outcome::Thickening;
 use super::pockets::Added;
 use super::results::{Grown, Thin, face_count};
 use super::spheres::Spheres;
-use super::unite::{Broken, SelfUnion, Topology, changed_cavities, united};
+use super::unite::{Broken, SelfUnion, Topology, United, changed_cavities, united};
 
 /// How many times the faces of the first round's body a later body may have.
 const MAX_MORE_FACES: u64 = 3;
@@ -90,6 +90,8 @@ pub struct State<'a> {
     pub kept: Option<Duration>,
     /// The topology that the next result must have.
     pub topology: Topology,
+    /// The number of narrow slits that the last union filled.
+    pub slits_filled: u64,
     /// Whether gaps limit nearly all new balls.
     pub is_limited: bool,
 }
@@ -163,8 +165,9 @@ impl Filling<'_> {
             let union = self.union_of(&with, state)?;
             let suspects = self.suspects(&change, union.as_ref(), state);
             if suspects.balls.is_empty() {
-                if let Some((surface, topology)) = union {
+                if let Some(United { surface, topology, slits_filled }) = union {
                     state.topology = state.topology.without_holes_missing_in(topology);
+                    state.slits_filled = slits_filled;
                     tries.earlier.clone_from(&with);
                     (best.surface, best.balls) = (Some(surface), with);
                 }
@@ -184,9 +187,9 @@ impl Filling<'_> {
     }
 
     /// The balls that perhaps break a promise in a union; none if it keeps all.
-    fn suspects(&self, change: &Change<'_>, union: Option<&(Surface, Topology)>, state: &State<'_>) -> Suspects {
+    fn suspects(&self, change: &Change<'_>, union: Option<&United>, state: &State<'_>) -> Suspects {
         let new: Vec<usize> = (change.earlier..change.balls.len()).collect();
-        let Some((after, topology)) = union else {
+        let Some(United { surface: after, topology, .. }) = union else {
             return Suspects { broken: Broken::Union, balls: new, are_guarded: true };
         };
         let is_unguarded = |ball: &usize| !change.balls[*ball].is_guarded;
@@ -303,7 +306,7 @@ impl Filling<'_> {
     }
 
     /// The union of the base and balls, and its topology; none if it fails.
-    fn union_of(&self, balls: &[Filler], state: &State<'_>) -> Result<Option<(Surface, Topology)>, Cancelled> {
+    fn union_of(&self, balls: &[Filler], state: &State<'_>) -> Result<Option<United>, Cancelled> {
         let mut all = state.base.surface.clone();
         match self.body(balls, state.cells.share, MAX_MORE_FACES * state.cells.max_faces) {
             Ok(body) => all.append(Surface { source: vec![self.mark(); body.faces.len()], ..body }),

@@ -192,6 +192,14 @@ pub fn changed_cavities(before: &Surface, after: &Surface, settings: &Thickening
     gone.chain(after).map(|(corners, _)| corners).collect()
 }
 
+/// A union of a solid and what was added.
+pub struct United {
+    pub surface: Surface,
+    pub topology: Topology,
+    /// The number of narrow slits that were filled, since the added material closed them on all sides.
+    pub slits_filled: u64,
+}
+
 /// The boundary of the union of a solid and what was added, without small bubbles and crumbs, and its topology. Faces with a
 /// source of at least `first_added` are what was added. None if there is no such union.
 ///
@@ -203,12 +211,12 @@ pub fn united(
     settings: &Thickening,
     union: &dyn SelfUnion,
     context: &Context<'_>,
-) -> Result<Option<(Surface, Topology)>, Cancelled> {
+) -> Result<Option<United>, Cancelled> {
     let united = union.unite(surface, MAX_ROUNDING * settings.min_wall, context)?;
     Ok(united.map(|mut united| {
-        pockets::fill(&mut united, surface, (added, first_added), settings);
+        let slits_filled = pockets::fill(&mut united, surface, (added, first_added), settings);
         let topology = Topology::of(&united, settings);
-        (united, topology)
+        United { surface: united, topology, slits_filled }
     }))
 }
 

@@ -98,6 +98,9 @@ impl Operation<'_> for ThickenWalls {
         if left > MAX_NAMED {
             named.push(format!("{} more places stay thin", left - MAX_NAMED));
         }
+        if thickened.slits_filled > 0 {
+            named.push(format!("slits that thicker walls closed on all sides were filled: {}", thickened.slits_filled));
+        }
         if !thin.pairs.is_complete {
             named.push("some walls could not be measured: the model needs too many measurements".to_owned());
         }
@@ -281,6 +284,7 @@ mod tests {
             added_volume: 2.0,
             max_deviation: 3.0,
             through_holes_closed: 0,
+            slits_filled: 0,
             grew_on_equal_sides: false,
             places: Vec::new(),
             added_faces: vec![4, 5],
