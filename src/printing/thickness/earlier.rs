@@ -1,5 +1,6 @@
 //! A measurement of a surface that was measured before it was changed in places.
 
+use crate::context::{Cancelled, Context};
 use crate::math::{Tree, centre_and_radius};
 use crate::mesh::Surface;
 use glam::DVec3;
@@ -8,6 +9,7 @@ use rustc_hash::FxHashMap;
 
 use super::facing::Chord;
 use super::places::OpposedPairs;
+use super::prepared::Prepared;
 use super::search::Thinnest;
 
 /// A surface before a change, and what was measured there.
@@ -20,6 +22,20 @@ pub struct Earlier<'a> {
 }
 
 impl Earlier<'_> {
+    /// The thinnest place of each face of the changed surface, if thinner than `below`. Only faces near a change are measured.
+    ///
+    /// # Errors
+    /// [`Cancelled`] on cancellation or timeout.
+    pub(super) fn thinnest_after(
+        &self,
+        (changed, prepared): (&Surface, &Prepared<'_>),
+        below: f64,
+        context: &Context<'_>,
+    ) -> Result<Vec<Thinnest>, Cancelled> {
+        let known = self.known(changed, below, prepared.scale);
+        prepared.thinnest_of(&known, below * prepared.scale, context)
+    }
+
     /// For each face of the changed surface its thinnest place, if the change cannot have changed it: no face within
     /// `reach` of the face is new or gone. Faces at sharp edges have none, because more of the surroundings decides
     /// whether an edge is sharp. Lengths of the results are multiplied by `scale`.

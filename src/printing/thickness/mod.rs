@@ -37,7 +37,9 @@ pub fn thin_features(
     side: Space,
     context: &Context<'_>,
 ) -> Result<ThinFeatures, Cancelled> {
-    features(&Prepared::new(surface, side), side, &[], below, context)
+    let prepared = Prepared::new(surface, side);
+    let all = prepared.thinnest(below * prepared.scale, context)?;
+    features((&prepared, side), &all, below, context)
 }
 
 /// Like [`thin_features`], for a surface that was measured before it was changed in places. Only faces near a
@@ -53,22 +55,19 @@ pub fn thin_features_after(
     context: &Context<'_>,
 ) -> Result<ThinFeatures, Cancelled> {
     let prepared = Prepared::new(surface, side);
-    let known = earlier.known(surface, below, prepared.scale);
-    features(&prepared, side, &known, below, context)
+    let all = earlier.thinnest_after((surface, &prepared), below, context)?;
+    features((&prepared, side), &all, below, context)
 }
 
-/// The places thinner than `below`, of which some faces' thinnest ones may be `known`.
+/// The places thinner than `below` and their kinds, from the thinnest place of each face.
 fn features(
-    prepared: &Prepared<'_>,
-    side: Space,
-    known: &[Option<Thinnest>],
+    (prepared, side): (&Prepared<'_>, Space),
+    all: &[Thinnest],
     below: f64,
     context: &Context<'_>,
 ) -> Result<ThinFeatures, Cancelled> {
-    let limit = below * prepared.scale;
-    let all = prepared.thinnest_of(known, limit, context)?;
-    let grouping = Grouping { prepared, all: &all, limit, side };
-    Ok(ThinFeatures { regions: grouping.regions(context)?, pairs: prepared.pairs(&all) })
+    let grouping = Grouping { prepared, all, limit: below * prepared.scale, side };
+    Ok(ThinFeatures { regions: grouping.regions(context)?, pairs: prepared.pairs(all) })
 }
 
 /// Finds the thinnest place of a surface. Precondition as in [`opposed_pairs`].
@@ -129,8 +128,7 @@ pub fn opposed_pairs_after(
     context: &Context<'_>,
 ) -> Result<OpposedPairs, Cancelled> {
     let prepared = Prepared::new(surface, side);
-    let known = earlier.known(surface, below, prepared.scale);
-    let found = prepared.thinnest_of(&known, below * prepared.scale, context)?;
+    let found = earlier.thinnest_after((surface, &prepared), below, context)?;
     Ok(prepared.pairs(&found))
 }
 
