@@ -1,8 +1,6 @@
 //! Rounds that unite a solid with balls along the middle of its thin places, until nothing is thin.
 
-use std::time::Duration;
-
-use crate::context::{Cancelled, Context};
+use crate::context::Cancelled;
 use crate::math::{Dipoles, Tree};
 use crate::mesh::{Parts, Surface};
 use crate::remesh::RemeshError;
@@ -54,7 +52,7 @@ impl Filling<'_> {
     /// [`Cancelled`] when the work was cancelled.
     pub fn run(&self, base: &Grown) -> Result<Grown, Cancelled> {
         let (mut best, mut current) = (base.clone(), base.clone());
-        let limited = self.leaving(self.kept);
+        let limited = self.context.ending_before(self.kept);
         let first_round = Filling { context: &limited, ..*self };
         let Some((cells, first)) = self.context.unless_late(first_round.cells_for(base))? else {
             best.reason = Some(ThinReason::Time);
@@ -75,14 +73,13 @@ impl Filling<'_> {
             round: 0,
             kept: None,
             topology: self.topology,
-            slits_filled: 0,
             is_limited: false,
         };
         let of_base = deviation_of_added((self.input, &state.input_tree), &base.surface);
         let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
         let mut left = Vec::new();
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
-            let limited = self.leaving(state.kept.unwrap_or(self.kept));
+            let limited = self.context.ending_before(state.kept.unwrap_or(self.kept));
             let round = Filling { context: &limited, ..*self };
             let Some(next) = self.context.unless_late(round.round(&current, &mut state))? else {
                 best.reason = Some(ThinReason::Time);
@@ -114,11 +111,6 @@ impl Filling<'_> {
             }
         }
         Ok(best)
-    }
-
-    /// The same context, which ends earlier by a time.
-    fn leaving(&self, kept: Duration) -> Context<'_> {
-        self.context.limited_to(self.context.remaining().saturating_sub(kept))
     }
 
     /// The finest cells with which the body of the first round has few enough faces. The number of faces with the coarsest
@@ -176,7 +168,7 @@ impl Filling<'_> {
             if let Some(surface) = union.surface {
                 state.balls = union.balls;
                 next.through_holes_closed = self.topology.handles_lost(state.topology);
-                next.slits_filled = state.slits_filled;
+                next.slits_filled = union.slits_filled;
                 next.surface = self.with_sources(surface, (&state.base.surface, &state.base_tree));
                 let remaining = self.context.remaining();
                 next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
@@ -232,7 +224,7 @@ impl Filling<'_> {
 }
 
 /// The depth inside the input of a point, which has a distance from its surface; negative outside. The nearest face alone does
-/// not tell the side: beyond a sharp edge the point can be behind one of its faces.
+/// not decide the side: beyond a sharp edge the point can be behind one of its faces.
 fn depth((input, tree, dipoles): (&Surface, &Tree, &Dipoles), point: DVec3, distance: f64) -> f64 {
     let corners = |face: u32| input.corners(face as usize);
     let is_inside = tree.winding(dipoles, point, &mut u64::MAX.clone(), corners) > 0.5;

@@ -99,7 +99,7 @@ impl Thickening {
         let [short, long] = KEPT_SHARES.map(|share| remaining.mul_f64(share));
         let of_measure = at_start.saturating_sub(remaining) * KEPT_MEASUREMENTS;
         let kept = short.min(long.max(Duration::from_secs(KEPT_S)).max(of_measure));
-        let limited = context.limited_to(remaining - kept);
+        let limited = context.ending_before(kept);
         let (mut grown, mut base) = (start.clone(), start.clone());
         for fit in [Fit::Regions, Fit::Points] {
             let Some(layered) = self.with_layer(fit, (&start, &base), union, (&limited, context))? else { continue };

@@ -10,7 +10,7 @@ use super::outcome::Thickening;
 
 /// The most cubes into which the box of a pocket is divided. A pocket that needs more stays open.
 const MAX_CUBES: usize = 1 << 20;
-/// A cube is not divided further once half of its diagonal is this share of the radius that is looked for.
+/// A cube is not divided further once half of its diagonal is this share of the radius searched for.
 const FINEST: f64 = 0.2;
 
 /// What is added to a solid.
@@ -123,7 +123,7 @@ impl Pocket {
         Self { faces, tree, dipoles }
     }
 
-    /// Whether no ball of the diameter `width` fits into the pocket. Looks for the centre of one in cubes, and divides those that
+    /// Whether no ball of the diameter `width` fits into the pocket. Searches cubes for the centre of one, and divides those that
     /// may hold it. False if that takes too long.
     fn is_narrower_than(&self, width: f64) -> bool {
         let (radius, bounds) = (width / 2.0, Box3::of(self.faces.iter().flatten().copied()));
@@ -137,7 +137,7 @@ impl Pocket {
             if distance + reach < radius {
                 continue;
             }
-            // If the surface does not reach into the cube, its centre tells whether all of it is air.
+            // If the surface does not reach into the cube, its centre decides whether all of it is air.
             let is_air = || self.tree.winding(&self.dipoles, centre, &mut u64::MAX.clone(), corners) < -0.5;
             if distance > reach && !is_air() {
                 continue;

@@ -78,7 +78,7 @@ pub struct State<'a> {
     pub base_tree: Tree,
     /// The tree of the input, for the deviation.
     pub input_tree: Tree,
-    /// Its dipoles, which tell whether a point is inside.
+    /// Its dipoles, for winding numbers.
     pub dipoles: Dipoles,
     /// The group of solids of each of the input's faces, if there are several groups.
     pub group_of_face: Option<Vec<u32>>,
@@ -90,8 +90,6 @@ pub struct State<'a> {
     pub kept: Option<Duration>,
     /// The topology that the next result must have.
     pub topology: Topology,
-    /// The number of narrow slits that the last union filled.
-    pub slits_filled: u64,
     /// Whether gaps limit nearly all new balls.
     pub is_limited: bool,
 }
@@ -119,6 +117,8 @@ struct Suspects {
 pub struct Union {
     /// None if no union kept its promises.
     pub surface: Option<Surface>,
+    /// The number of narrow slits that it filled.
+    pub slits_filled: u64,
     /// The balls that are part of it.
     pub balls: Vec<Filler>,
     /// The centres of new balls that are smaller than wanted, or missing, so that wide gaps stay open.
@@ -155,7 +155,8 @@ impl Filling<'_> {
         current: &Surface,
         state: &mut State<'_>,
     ) -> Result<Union, Cancelled> {
-        let mut best = Union { surface: None, balls: state.balls.clone(), limited: Vec::new(), broken: None };
+        let mut best =
+            Union { surface: None, slits_filled: 0, balls: state.balls.clone(), limited: Vec::new(), broken: None };
         let mut tries = Tries::new(&state.balls, self.guarded_beside_guarded(new, &mut best, state)?);
         for _ in 0..MAX_UNIONS {
             let Some(some) = tries.open.pop() else { break };
@@ -167,9 +168,8 @@ impl Filling<'_> {
             if suspects.balls.is_empty() {
                 if let Some(United { surface, topology, slits_filled }) = union {
                     state.topology = state.topology.without_holes_missing_in(topology);
-                    state.slits_filled = slits_filled;
                     tries.earlier.clone_from(&with);
-                    (best.surface, best.balls) = (Some(surface), with);
+                    (best.surface, best.slits_filled, best.balls) = (Some(surface), slits_filled, with);
                 }
                 continue;
             }
