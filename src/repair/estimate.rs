@@ -1,6 +1,6 @@
 //! The expected effort of a repair, from the counts of the input's inspection.
 //!
-//! The constants are orders of magnitude for one core of a 2025 server, and are not fitted to measurements. Estimates drive the progress
+//! The constants are orders of magnitude for two cores of a 2025 server, from large models with holes. Estimates drive the progress
 //! percentage, and decide which strategies start near the deadline. No estimate decides between results.
 
 use std::time::Duration;
@@ -13,9 +13,9 @@ use crate::inspect::Measures;
 /// Milliseconds that any repair takes.
 const BASE_MS: f64 = 3.0;
 /// Milliseconds per face for reading, inspecting and returning a file.
-const FACE_MS: f64 = 0.003;
+const FACE_MS: f64 = 0.002;
 /// Milliseconds per face for repairing and verifying.
-const REPAIR_MS: f64 = 0.012;
+const REPAIR_MS: f64 = 0.005;
 /// Milliseconds per pair of intersecting faces, for cutting them in the arrangement.
 const PAIR_MS: f64 = 0.4;
 /// Milliseconds per boundary edge, for stitching and for closing holes.

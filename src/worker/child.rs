@@ -5,6 +5,8 @@ use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
+use std::sync::mpsc;
+use std::thread;
 use std::time::Duration;
 
 use rustix::process::{Signal, getpgrp, kill_process_group};
@@ -22,6 +24,9 @@ use crate::repair::{
     self, AlternativeRequest, AlternativeRuns, OfferedFile, Options, Remesher, RepairError, Repaired,
     RepairedAlternative, draw_result, repair,
 };
+
+/// The time between two progress lines that no step of the engine reports.
+const TICK: Duration = Duration::from_secs(1);
 
 /// The entry point of a job's child process: reads its task, enters its sandbox, does the work, and writes its files to
 /// `folder`. A hostile file's memory use, or a crash that it causes, is confined to this process.
@@ -50,7 +55,7 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
     let cancel = AtomicBool::new(false);
     let deadline = task.deadline();
     let context = Context::new(&progress, &cancel, &clock, deadline);
-    match work(folder, &task, &context) {
+    match with_ticks(&progress, || work(folder, &task, &context)) {
         Ok(()) => Ok(ExitCode::SUCCESS),
         Err(Failed::Io(error)) => Err(error),
         Err(Failed::Problem(problem)) => {
@@ -59,6 +64,21 @@ fn try_run(folder: &Path) -> io::Result<ExitCode> {
             Ok(ExitCode::from(Task::EXIT_PROBLEM))
         }
     }
+}
+
+/// Does work, and reports progress by the time meanwhile.
+fn with_ticks<T>(progress: &Reporter<'_>, work: impl FnOnce() -> T) -> T {
+    let (end, ends) = mpsc::channel::<()>();
+    thread::scope(|scope| {
+        scope.spawn(move || {
+            while ends.recv_timeout(TICK) == Err(mpsc::RecvTimeoutError::Timeout) {
+                progress.tick();
+            }
+        });
+        let done = work();
+        drop(end);
+        done
+    })
 }
 
 /// Removes tests' failpoints from this process, except in a first attempt.
@@ -90,7 +110,7 @@ fn read_line<T: DeserializeOwned>() -> io::Result<Option<T>> {
 /// # Errors
 /// When the thread can't be started.
 pub(super) fn end_with_worker() -> io::Result<()> {
-    std::thread::Builder::new().name("lifeline".to_owned()).stack_size(64 << 10).spawn(|| {
+    thread::Builder::new().name("lifeline".to_owned()).stack_size(64 << 10).spawn(|| {
         let mut byte = [0];
         while matches!(io::stdin().read(&mut byte), Ok(n) if n > 0) {}
         let _ = kill_process_group(getpgrp(), Signal::KILL);

@@ -31,6 +31,8 @@ pub(super) struct Reporter<'a> {
 struct Reported {
     stage: Stage,
     tier: Option<u8>,
+    /// The engine's own percentage.
+    engine: u8,
     percent: u8,
     at: Duration,
 }
@@ -52,8 +54,27 @@ impl<'a> Reporter<'a> {
         Ok(Self { clock, last: Mutex::new(None), estimate: OnceLock::new(), log })
     }
 
+    /// Reports progress by the time that passed since the last line, since one step of the engine can take most of the time.
+    pub fn tick(&self) {
+        self.write(self.line_by_time());
+    }
+
+    /// The progress line between two reports of the engine; `None` if it would say the same as the last one.
+    fn line_by_time(&self) -> Option<JobProgress> {
+        let last = (*self.last.lock().ok()?)?;
+        self.line(last.stage, last.tier, last.engine).filter(|line| line.percent > last.percent)
+    }
+
+    fn write(&self, line: Option<JobProgress>) {
+        if let Some(line) = line.and_then(|line| serde_json::to_string(&line).ok()) {
+            // A worker that closed the pipe is about to kill this process.
+            let _ = writeln!(io::stdout(), "{line}");
+            let _ = io::stdout().flush();
+        }
+    }
+
     /// The progress line of a report of the engine; `None` if no line is due.
-    fn line(&self, stage: Stage, tier: Option<u8>, percent: u8) -> Option<JobProgress> {
+    fn line(&self, stage: Stage, tier: Option<u8>, engine: u8) -> Option<JobProgress> {
         let now = (self.clock)();
         let mut last = self.last.lock().ok()?;
         let is_recent = |last: &Reported| (last.stage, last.tier) == (stage, tier) && now < last.at + REPORT_EVERY;
@@ -61,11 +82,11 @@ impl<'a> Reporter<'a> {
             return None;
         }
         let estimate = self.estimate.get();
-        let percent = estimate.map_or(percent, |&(estimate, since)| {
-            timed_percent(percent, now.saturating_sub(since), Duration::from_millis(estimate.milliseconds))
+        let percent = estimate.map_or(engine, |&(estimate, since)| {
+            timed_percent(engine, now.saturating_sub(since), Duration::from_millis(estimate.milliseconds))
         });
         let percent = percent.max(last.map_or(0, |last| last.percent));
-        *last = Some(Reported { stage, tier, percent, at: now });
+        *last = Some(Reported { stage, tier, engine, percent, at: now });
         Some(JobProgress { stage, tier, percent, estimate: estimate.map(|&(estimate, _)| estimate) })
     }
 }
@@ -86,12 +107,7 @@ fn timed_percent(engine: u8, passed: Duration, expected: Duration) -> u8 {
 
 impl Progress for Reporter<'_> {
     fn report(&self, stage: Stage, tier: Option<u8>, percent: u8) {
-        let line = self.line(stage, tier, percent).and_then(|line| serde_json::to_string(&line).ok());
-        if let Some(line) = line {
-            // A worker that closed the pipe is about to kill this process.
-            let _ = writeln!(io::stdout(), "{line}");
-            let _ = io::stdout().flush();
-        }
+        self.write(self.line(stage, tier, percent));
         match (stage, tier) {
             (Stage::Read, _) => pause_at("child-read"),
             (Stage::Inspect, _) => pause_at("child-inspect"),
@@ -174,6 +190,12 @@ mod tests {
         assert_eq!(at(0, 1, 15), Some(15));
         reporter.estimate(Estimate { milliseconds: 10_000, memory_bytes: 0 });
         assert_eq!(at(3000, 2, 20), Some(30));
+        let between = |milliseconds| {
+            now.store(milliseconds, Ordering::Relaxed);
+            reporter.line_by_time().map(|line| (line.stage, line.tier, line.percent))
+        };
+        assert_eq!(between(5000), Some((Stage::Repair, Some(2), 50)));
+        assert_eq!(between(5060), None, "the same percentage");
         assert_eq!(at(8000, 2, 65), Some(80));
         assert_eq!(at(40_000, 2, 66), Some(83), "half of what the engine has left");
         assert_eq!(at(40_100, 2, 10), Some(83));
