@@ -203,6 +203,8 @@ change_kinds! {
     WallsThickened = "walls_thickened",
     /// Through holes narrower than the least gap that thicker walls closed.
     ThroughHolesClosed = "through_holes_closed",
+    /// Gaps narrower than the least gap that were filled, since thicker walls closed them on all sides.
+    NarrowGapsFilled = "narrow_gaps_filled",
     /// Thin regions of walls that stayed thin.
     ThinWallsLeft = "thin_walls_left",
     /// Boundary vertices merged within the weld tolerance.

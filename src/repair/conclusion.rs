@@ -235,7 +235,7 @@ fn assumptions_of(conclusion: &Conclusion, judged: &Judged, input: &Input<'_>, o
     all.extend(cavities(judged, input, options));
     all.extend(interior_filled(&steps, options));
     all.extend(islands_dropped(&steps, options));
-    all.extend(through_holes_closed(&steps));
+    all.extend(gaps_closed(&steps));
     all
 }
 
@@ -266,14 +266,19 @@ fn islands_dropped(steps: &[&Step], options: &Options) -> Option<Assumption> {
     })
 }
 
-/// The assumption that through holes beside thickened walls are too narrow to print.
-fn through_holes_closed(steps: &[&Step]) -> Option<Assumption> {
-    let count = changed(steps, Operator::ThickenWalls, ChangeKind::ThroughHolesClosed);
-    (count > 0).then(|| {
-        let subject = counted(count, "through hole was", "through holes were");
-        let detail = format!("{subject} closed by thicker walls: gaps as narrow as that do not print.");
-        Assumption::new(AssumptionKind::ThroughHolesClosed, count, detail)
-    })
+/// The assumptions that through holes and other gaps beside thickened walls are too narrow to print.
+fn gaps_closed(steps: &[&Step]) -> impl Iterator<Item = Assumption> {
+    let of = |change, kind, texts: [&str; 2], verb: &str| {
+        let count = changed(steps, Operator::ThickenWalls, change);
+        let subject = counted(count, texts[0], texts[1]);
+        let detail = format!("{subject} {verb} by thicker walls: gaps as narrow as that do not print.");
+        (count > 0).then(|| Assumption::new(kind, count, detail))
+    };
+    let holes = ["through hole was", "through holes were"];
+    let gaps = ["narrow gap was", "narrow gaps were"];
+    let closed = of(ChangeKind::ThroughHolesClosed, AssumptionKind::ThroughHolesClosed, holes, "closed");
+    let filled = of(ChangeKind::NarrowGapsFilled, AssumptionKind::NarrowGapsFilled, gaps, "filled");
+    closed.into_iter().chain(filled)
 }
 
 /// The operator's count of one kind of change.

@@ -923,7 +923,7 @@ export interface components {
          * @description The kinds of assumption.
          * @enum {string}
          */
-        AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "interior_filled" | "through_holes_closed" | "methods_agree";
+        AssumptionKind: "unit" | "objects_united" | "overlap_removed" | "sheets_thickened" | "bases_added" | "large_holes_closed" | "parts_joined" | "winding_rule" | "pieces_dropped" | "cavities_kept" | "cavities_filled" | "interior_filled" | "through_holes_closed" | "narrow_gaps_filled" | "methods_agree";
         /** @description The four attributes of a mesh as the tool meshalyzer defines them. Some attributes require preceding ones. */
         Attributes: {
             /** @description Whether every edge is shared by two or more faces. Edges with more than two faces are allowed. */
@@ -4017,6 +4017,11 @@ export interface components {
              * @description Largest distance of the added surface from the input, in millimetres.
              */
             max_deviation_mm: number;
+            /**
+             * Format: int64
+             * @description Number of gaps that were filled, since the added material closed them on all sides. Each was narrower than the least gap.
+             */
+            narrow_gaps_filled?: number;
             /**
              * Format: int64
              * @description Number of through holes that the added material closed. Each was narrower than the least gap.

@@ -5,28 +5,29 @@
 //! least wall's diameter around the same centre replaces it.
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Ball, Nearest, Tree, centre_and_radius, hit, longest_side_first};
+use crate::math::{Ball, Nearest, Tree, centre_and_radius, hit, longest_side_first, nearest_on_segment};
 use crate::mesh::Surface;
 use crate::printing::thickness::OpposedPair;
 use glam::DVec3;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
+use smallvec::SmallVec;
 
+use super::clearance::{Clearances, Contact, OPPOSED, STEPS};
+use super::limits::{Filler, Limits};
 use super::outcome::Thickening;
 use super::results::Thin;
 use super::sampling::{NearThin, Scope, TriangleBudget};
 use super::walls::{noise_of, trusted_normal};
 
-/// The largest dot product of the outward directions at two contacts of a ball in a wall: 36.9 degrees.
-const OPPOSED: f64 = -0.8;
 /// The share of the least wall that the perpendicular through a wall measures of the ball's diameter, at least.
 const PERPENDICULAR: f64 = (1.0 - OPPOSED) / 2.0;
 /// The largest dot product of the normals of two faces between which a perpendicular is as good as a ball.
 const PARALLEL: f64 = -0.99;
+/// The largest cosine between the way through a neck and the normals of the faces at its edges: 25.8 degrees.
+const MAX_ACROSS: f64 = 0.9;
 /// Like [`OPPOSED`] in later rounds, for the edges beside earlier balls: 60 degrees.
 const WIDE: f64 = -0.5;
-/// Steps of one ball.
-pub const STEPS: u64 = 1 << 16;
 /// Faces between two checks for cancellation. A large face has very many samples.
 const BATCH: usize = 1 << 6;
 /// Faces larger than this many least walls are split without a test of their thickness: the ball that would prove it meets
@@ -48,23 +49,11 @@ const BESIDE: f64 = 0.5;
 /// The most balls.
 pub const MAX_BALLS: usize = 4_000_000;
 
-/// A ball that replaces a thin one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Filler {
-    /// The centre.
-    pub centre: DVec3,
-    /// The radius.
-    pub radius: f64,
-    /// Whether a gap in front limits the ball.
-    pub is_limited: bool,
-    /// Whether the ball leaves the middles of all wide gaps free.
-    pub is_guarded: bool,
-}
-
 /// The search for the balls of a surface.
 pub struct Fillers<'a> {
     surface: &'a Surface,
     tree: Tree,
+    limits: &'a Limits<'a>,
     settings: Thickening,
     search: Search,
     noise: f64,
@@ -85,13 +74,6 @@ pub struct Search {
     /// Whether this is the first search. A later one looks only near the thinnest places of faces, but also puts balls around
     /// the middle of each thin pair, in lips, and at wider edges.
     pub is_first: bool,
-}
-
-/// A point of a face with the face's normal.
-#[derive(Clone, Copy)]
-struct Contact {
-    point: DVec3,
-    normal: DVec3,
 }
 
 /// The number of a cell in each direction.
@@ -135,10 +117,10 @@ struct ThinBall {
 }
 
 impl<'a> Fillers<'a> {
-    /// Prepares the search.
-    pub fn new(surface: &'a Surface, settings: Thickening, search: Search) -> Self {
+    /// Prepares the search in a surface that grew from the one with the limits.
+    pub fn new(surface: &'a Surface, limits: &'a Limits<'a>, search: Search) -> Self {
         let tree = Tree::new(&surface.positions, &surface.faces);
-        Self { surface, tree, settings, search, noise: noise_of(&surface.positions) }
+        Self { surface, tree, limits, settings: limits.settings, search, noise: noise_of(&surface.positions) }
     }
 
     /// The balls of all thin faces; none if there are too many.
@@ -156,7 +138,8 @@ impl<'a> Fillers<'a> {
         }
         if !self.search.is_first {
             let thin = pairs.walls().par_iter().chain(pairs.tips());
-            let found: Vec<Option<Filler>> = thin.map(|pair| self.of_pair(pair)).collect();
+            let found: Vec<Vec<Filler>> = thin.map(|pair| self.of_pair(pair)).collect();
+            context.check()?;
             found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
         }
         if self.search.tolerance > 0.0 {
@@ -191,7 +174,7 @@ impl<'a> Fillers<'a> {
                 found.into_iter().flatten().partition(|ball| kept.is_first(self.cell(ball.middle)));
             for balls in [first, others] {
                 let open = balls.par_iter().filter(|ball| !kept.is_filled[&self.cell(ball.middle)]);
-                let found: Vec<_> = open.filter_map(|ball| Some((ball.middle, self.of_ball(ball)?))).collect();
+                let found: Vec<_> = open.map(|ball| (ball.middle, self.of_ball(ball))).collect();
                 for (middle, filler) in found {
                     kept.is_filled.insert(self.cell(middle), !filler.is_limited);
                     kept.take(self.cell(filler.centre), filler);
@@ -204,13 +187,53 @@ impl<'a> Fillers<'a> {
         Ok(true)
     }
 
-    /// The ball around the middle of a thin pair.
-    fn of_pair(&self, pair: &OpposedPair) -> Option<Filler> {
+    /// The ball around the middle of a thin pair, and those along the edge that it begins at. A neck between two concave edges is thin
+    /// all along them, but each face tells one place only.
+    fn of_pair(&self, pair: &OpposedPair) -> Vec<Filler> {
         let [p, q] = pair.points;
         let [normal, opposite] = pair.faces.map(|face| self.normal(face));
         let contacts = [Contact { point: p, normal }, Contact { point: q, normal: opposite }];
         let ball = ThinBall { middle: p.midpoint(q), radius: p.distance(q) / 2.0, contacts };
-        self.of_ball(&ball)
+        let mut found = vec![self.of_ball(&ball)];
+        let way = (q - p).normalize_or_zero();
+        // Where the faces at the edges are across the way, samples of them find the wall.
+        if -normal.dot(way) < MAX_ACROSS && opposite.dot(way) < MAX_ACROSS {
+            let [at_p, at_q] = [0, 1].map(|k| self.edges_at(pair.faces[k], pair.points[k]));
+            let along = |[start, end]: [DVec3; 2]| (end - start).normalize_or_zero();
+            let is_parallel =
+                |edge: &[DVec3; 2]| at_q.iter().any(|other| along(*edge).dot(along(*other)).abs() > -PARALLEL);
+            for edge in at_p.into_iter().filter(is_parallel) {
+                let across = |point: DVec3| self.across(point, way);
+                found.extend(self.points_along(edge, p).filter_map(across).map(|ball| self.of_ball(&ball)));
+            }
+        }
+        found
+    }
+
+    /// The edges of a face at a point.
+    fn edges_at(&self, face: u32, point: DVec3) -> SmallVec<[[DVec3; 2]; 2]> {
+        let corners = self.surface.corners(face as usize);
+        let edges = [0, 1, 2].map(|k| [corners[k], corners[(k + 1) % 3]]);
+        edges.into_iter().filter(|edge| nearest_on_segment(point, *edge).distance(point) <= self.noise).collect()
+    }
+
+    /// Points of an edge near one of them.
+    fn points_along(&self, [start, end]: [DVec3; 2], near: DVec3) -> impl Iterator<Item = DVec3> {
+        let (step, reach) = (self.search.spacing, NEAR * self.settings.min_wall);
+        let way = (end - start).normalize_or_zero();
+        let ends = [(near - start).length().min(reach), (end - near).length().min(reach)];
+        #[expect(clippy::cast_possible_truncation, reason = "at most reach / step, which is small")]
+        let [back, ahead] = ends.map(|length| (length / step) as i32);
+        (-back..=ahead).filter(|&number| number != 0).map(move |number| near + way * (step * f64::from(number)))
+    }
+
+    /// The ball around the way through a wall from a point of an edge, if the wall is thin.
+    fn across(&self, point: DVec3, way: DVec3) -> Option<ThinBall> {
+        let start = point + way * self.noise;
+        let opposite = self.opposite(start, (u32::MAX, -way), self.settings.min_wall)?;
+        let contacts = [Contact { point, normal: -way }, Contact { point: opposite.point, normal: way }];
+        let (middle, distance) = (point.midpoint(opposite.point), point.distance(opposite.point));
+        self.is_thin(distance, self.search.tolerance).then_some(ThinBall { middle, radius: distance / 2.0, contacts })
     }
 
     /// The cell of a point.
@@ -341,8 +364,11 @@ impl<'a> Fillers<'a> {
     }
 
     /// The ball that replaces a thin one.
-    fn of_ball(&self, &ThinBall { middle, radius, contacts }: &ThinBall) -> Option<Filler> {
-        self.filler(middle, radius, contacts).map(|filler| self.retracted(filler, radius, contacts))
+    fn of_ball(&self, &ThinBall { middle, radius, contacts }: &ThinBall) -> Filler {
+        let wanted = radius.max(0.5 * self.settings.min_wall) * (1.0 + self.search.margin) - radius;
+        let current = (self.surface, &self.tree);
+        let filler = Clearances { current, limits: self.limits }.ball((middle, radius), wanted, contacts);
+        self.retracted(filler, radius, contacts)
     }
 
     /// The ball of a wedge that ends in a sharp edge, moved back so that it covers the thin ball of radius `thin` and
@@ -362,36 +388,6 @@ impl<'a> Fillers<'a> {
         });
         let back = filler.radius - thin - self.search.tip_cover * self.settings.min_wall;
         if is_tip && back > 0.0 { Filler { centre: filler.centre - way * back, ..filler } } else { filler }
-    }
-
-    /// The ball that replaces a ball of radius `thin`, within the gaps in front of its contacts.
-    fn filler(&self, centre: DVec3, thin: f64, contacts: [Contact; 2]) -> Option<Filler> {
-        let radius = thin.max(0.5 * self.settings.min_wall) * (1.0 + self.search.margin);
-        let more = radius - thin;
-        let allowed = contacts.map(|contact| self.allowed(contact, 2.0 * more));
-        let lack = allowed.map(|allowed| (more - allowed).max(0.0));
-        if lack[0] + lack[1] <= 0.0 {
-            return Some(Filler { centre, radius, is_limited: false, is_guarded: false });
-        }
-        // The ball moves away from a limit as far as the other side allows.
-        let [p, q] = contacts;
-        let across = (q.point - p.point).normalize_or_zero();
-        let shift = [0, 1].map(|k| lack[k].min((allowed[1 - k] - more).max(0.0)));
-        let radius = radius - (lack[0] - shift[0]).max(lack[1] - shift[1]);
-        let centre = centre + across * (shift[0] - shift[1]);
-        let is_limited = lack[0] > shift[0] || lack[1] > shift[1];
-        // A ball that cannot grow at all has no radius, but says that there is a limit.
-        let radius = if radius > thin { radius } else { 0.0 };
-        Some(Filler { centre, radius, is_limited, is_guarded: false })
-    }
-
-    /// How far the solid may grow at a contact, at most `wanted`.
-    fn allowed(&self, Contact { point, normal }: Contact, wanted: f64) -> f64 {
-        let gap = self.settings.least_gap();
-        let Some(ball) = self.ball([point, normal], wanted + gap / 2.0) else { return wanted };
-        let Some(touched) = ball.touches else { return wanted };
-        let outward = (touched.point - (point + normal * ball.radius)).normalize_or_zero();
-        if outward.dot(normal) < -OPPOSED { wanted } else { (ball.radius - gap / 2.0).clamp(0.0, wanted) }
     }
 }
 

@@ -1,17 +1,18 @@
 //! Rounds that unite a solid with balls along the middle of its thin places, until nothing is thin.
 
 use crate::context::Cancelled;
-use crate::math::{Dipoles, Tree};
-use crate::mesh::{Parts, Surface};
+use crate::math::Tree;
+use crate::mesh::Surface;
 use crate::remesh::RemeshError;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::bodies::{Filler, Fillers, Search};
+use super::bodies::{Fillers, Search};
+use super::limits::{Filler, Limits};
 use super::outcome::ThinReason;
 use super::results::{Grown, Thin, deviation_of_added};
 use super::unions::{Cells, Filling, State};
-use super::unite::{Broken, FAR_AWAY, group_of_each_face};
+use super::unite::Broken;
 use super::{KEPT_MEASUREMENTS, LEAST_KEPT};
 
 /// The most rounds.
@@ -35,11 +36,8 @@ const MORE: [f64; 2] = [0.005, 0.2];
 const TOLERANCE: [f64; 2] = [0.03, 0.15];
 /// The first rounds, after which [`TOLERANCE`] grows. As a rule they suffice, and balls beside thin places need more material.
 const PATIENCE: usize = 3;
-/// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
-/// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
-/// rest is what later rounds add beside earlier balls.
-const MAX_BALL_DEVIATION: f64 = 1.125;
-/// The same for the surface of all balls, which exceeds balls in creases between them by up to half of a cell.
+/// The most that the surface of all balls may be away from the input, as a share of the least wall. It exceeds balls in creases between
+/// them by up to half of a cell.
 const MAX_DEVIATION: f64 = 1.35;
 /// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge: in the
 /// first round, and how much more in each later one.
@@ -54,28 +52,25 @@ impl Filling<'_> {
         let (mut best, mut current) = (base.clone(), base.clone());
         let limited = self.context.ending_before(self.kept);
         let first_round = Filling { context: &limited, ..*self };
-        let Some((cells, first)) = self.context.unless_late(first_round.cells_for(base))? else {
+        let limits = Limits::new(self.input, self.settings);
+        let Some((cells, first)) = self.context.unless_late(first_round.cells_for(base, &limits))? else {
             best.reason = Some(ThinReason::Time);
             return Ok(best);
         };
-        let [base_tree, input_tree] =
-            [&base.surface, self.input].map(|surface| Tree::new(&surface.positions, &surface.faces));
         let mut state = State {
             base,
             balls: Vec::new(),
             left_out: Vec::new(),
             cells,
-            base_tree,
-            dipoles: input_tree.dipoles(|face| self.input.corners(face as usize)),
-            input_tree,
-            group_of_face: group_of_each_face(self.input, &self.settings),
+            base_tree: Tree::new(&base.surface.positions, &base.surface.faces),
+            limits,
             first,
             round: 0,
             kept: None,
             topology: self.topology,
             is_limited: false,
         };
-        let of_base = deviation_of_added((self.input, &state.input_tree), &base.surface);
+        let of_base = deviation_of_added((self.input, &state.limits.tree), &base.surface);
         let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
         let mut left = Vec::new();
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
@@ -97,7 +92,7 @@ impl Filling<'_> {
             } else {
                 current = next;
             }
-            let deviation = || deviation_of_added((self.input, &state.input_tree), &current.surface);
+            let deviation = || deviation_of_added((self.input, &state.limits.tree), &current.surface);
             if current.is_better_than(&best, self.before) && deviation() <= most {
                 best = current.clone();
             }
@@ -115,9 +110,9 @@ impl Filling<'_> {
 
     /// The finest cells with which the body of the first round has few enough faces. The number of faces with the coarsest
     /// cells, which are quick to build, tells it. Also the balls of the first round, if they are known then.
-    fn cells_for(&self, base: &Grown) -> Result<(Cells, Option<Vec<Filler>>), Cancelled> {
+    fn cells_for(&self, base: &Grown, limits: &Limits<'_>) -> Result<(Cells, Option<Vec<Filler>>), Cancelled> {
         let [finer @ .., coarsest] = CELLS;
-        let Some(fillers) = self.fillers(base, coarsest, 0)? else { return Ok((coarsest, None)) };
+        let Some(fillers) = self.fillers((base, limits), coarsest, 0)? else { return Ok((coarsest, None)) };
         let faces = match self.body(&fillers, coarsest.share, u64::MAX) {
             Ok(body) => body.faces.len() as f64,
             Err(RemeshError::Empty) => 0.0,
@@ -129,7 +124,12 @@ impl Filling<'_> {
     }
 
     /// The balls that a result still needs; none if there are too many.
-    fn fillers(&self, current: &Grown, cells: Cells, round: usize) -> Result<Option<Vec<Filler>>, Cancelled> {
+    fn fillers(
+        &self,
+        (current, limits): (&Grown, &Limits<'_>),
+        cells: Cells,
+        round: usize,
+    ) -> Result<Option<Vec<Filler>>, Cancelled> {
         let margin = cells.margin + (MORE[0] * (round * round) as f64).min(MORE[1]);
         let tip_cover = TIP_COVER[0] + TIP_COVER[1] * round as f64;
         let tolerance = (TOLERANCE[0] * (round + 1).saturating_sub(PATIENCE) as f64).min(TOLERANCE[1]);
@@ -140,7 +140,7 @@ impl Filling<'_> {
             tip_cover,
             is_first: round == 0,
         };
-        Fillers::new(&current.surface, self.settings, search).of(&current.thin, self.context)
+        Fillers::new(&current.surface, limits, search).of(&current.thin, self.context)
     }
 
     /// One round. The surface stays the same if nothing can grow.
@@ -148,10 +148,11 @@ impl Filling<'_> {
         let mut next = Grown { reason: Some(ThinReason::Union), ..current.clone() };
         let fillers = match state.first.take() {
             Some(first) => Some(first),
-            None => self.fillers(current, state.cells, state.round)?,
+            None => self.fillers((current, &state.limits), state.cells, state.round)?,
         };
         let Some(mut fillers) = fillers else { return Ok(next) };
-        fillers.par_iter_mut().for_each(|filler| self.limit(filler, state));
+        let cell = state.cells.share * self.settings.min_wall;
+        fillers.par_iter_mut().for_each(|filler| state.limits.apply(filler, cell));
         let wanted = fillers.len();
         let mut limited: Vec<DVec3> =
             fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre).collect();
@@ -168,7 +169,7 @@ impl Filling<'_> {
             if let Some(surface) = union.surface {
                 state.balls = union.balls;
                 next.through_holes_closed = self.topology.handles_lost(state.topology);
-                next.slits_filled = union.slits_filled;
+                next.narrow_gaps_filled = union.slits_filled;
                 next.surface = self.with_sources(surface, (&state.base.surface, &state.base_tree));
                 let remaining = self.context.remaining();
                 next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
@@ -179,35 +180,6 @@ impl Filling<'_> {
         state.is_limited = limited.len() as f64 > LIMITED * wanted as f64;
         next.limited.extend(limited);
         Ok(next)
-    }
-
-    /// Limits the radius of a ball, so that it moves the input's surface by less than [`MAX_BALL_DEVIATION`] and leaves the least
-    /// gap to other solids. Nothing is left of a ball that would have to be smaller than a cell, since its surface can be a
-    /// cell away from it.
-    fn limit(&self, filler: &mut Filler, state: &State<'_>) {
-        let min_wall = self.settings.min_wall;
-        let most = MAX_BALL_DEVIATION * min_wall;
-        let least = filler.radius.min(state.cells.share * min_wall);
-        let nearest = |reach: f64, is_meant: &dyn Fn(u32) -> bool| {
-            let corners = |face: u32| if is_meant(face) { self.input.corners(face as usize) } else { [FAR_AWAY; 3] };
-            state.input_tree.nearest(filler.centre, reach, &mut u64::MAX.clone(), corners)
-        };
-        let Some(own) = nearest(f64::INFINITY, &|_| true) else { return };
-        let input = (self.input, &state.input_tree, &state.dipoles);
-        let depth = depth(input, filler.centre, own.distance);
-        let mut allowed = most + depth;
-        if let Some(groups) = &state.group_of_face {
-            // The ball takes half of what the gap is wider than the least one, since a ball of the other solid may take the rest.
-            let gap = self.settings.least_gap();
-            let of_solid = nearest(f64::INFINITY, &|face| groups[face as usize] != Parts::NONE);
-            let group = of_solid.map_or(Parts::NONE, |nearest| groups[nearest.face as usize]);
-            let is_other = |face: u32| ![group, Parts::NONE].contains(&groups[face as usize]);
-            let other = nearest(2.0 * filler.radius + gap, &is_other);
-            let most = other.map_or(f64::INFINITY, |other| (other.distance + depth.max(0.0) - gap) / 2.0);
-            filler.is_limited |= most < filler.radius;
-            allowed = allowed.min(most);
-        }
-        filler.radius = if allowed < least { 0.0 } else { filler.radius.min(allowed) };
     }
 
     /// Gives the faces of a body the source of the nearest face below.
@@ -221,14 +193,6 @@ impl Filling<'_> {
         united.source = (0..united.faces.len()).into_par_iter().map(source).collect();
         united
     }
-}
-
-/// The depth inside the input of a point, which has a distance from its surface; negative outside. The nearest face alone does
-/// not decide the side: beyond a sharp edge the point can be behind one of its faces.
-fn depth((input, tree, dipoles): (&Surface, &Tree, &Dipoles), point: DVec3, distance: f64) -> f64 {
-    let corners = |face: u32| input.corners(face as usize);
-    let is_inside = tree.winding(dipoles, point, &mut u64::MAX.clone(), corners) > 0.5;
-    if is_inside { distance } else { -distance }
 }
 
 /// Whether the last two rounds left nearly all thin faces, and nearly all of what they lack.
@@ -246,20 +210,6 @@ fn reason(broken: Broken) -> ThinReason {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Soup;
-
-    #[test]
-    fn a_point_beyond_a_sharp_edge_is_outside() {
-        // Both faces at the edge have planes that the points lie behind.
-        let corners = [[0.0, 0.0, 0.0], [-10.0, 0.0, 1.0], [-10.0, 0.0, -1.0]];
-        let [front, back] = [0.0, 5.0].map(|y| corners.map(|[x, _, z]| DVec3::new(x, y, z)));
-        let faces = vec![[0, 1, 2], [3, 5, 4], [0, 3, 1], [1, 3, 4], [0, 2, 3], [2, 5, 3], [1, 4, 2], [2, 4, 5]];
-        let wedge = Surface::from_soup(&Soup { positions: [front, back].concat(), faces }).0;
-        let tree = Tree::new(&wedge.positions, &wedge.faces);
-        let dipoles = tree.dipoles(|face| wedge.corners(face as usize));
-        let depth = |x, z| depth((&wedge, &tree, &dipoles), DVec3::new(x, 2.5, z), 0.5);
-        assert_eq!([depth(0.4, 0.3), depth(0.4, -0.3), depth(-8.0, 0.3)], [-0.5, -0.5, 0.5]);
-    }
 
     #[test]
     fn rounds_that_leave_fewer_thin_faces_or_less_lack_go_on() {

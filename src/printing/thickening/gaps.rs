@@ -12,7 +12,9 @@ use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree, centre_and_radius, longest_side_first, nearest_on_segment, nearest_within};
 use crate::mesh::{Edges, Surface};
 
-use super::bodies::{Filler, MAX_BALLS, STEPS, cell_of};
+use super::bodies::{MAX_BALLS, cell_of};
+use super::clearance::STEPS;
+use super::limits::{Filler, Limits};
 use super::sampling::TriangleBudget;
 use super::walls::{noise_of, trusted_normal};
 
@@ -88,6 +90,45 @@ impl WideGaps {
         }
         let boxes: Vec<Box3> = middles.iter().map(|&middle| Box3::of([middle])).collect();
         Ok(Some(Self { middles, tree: Tree::of_boxes(&boxes), free: widths.free }))
+    }
+
+    /// A ball that leaves the gaps open. It moves away from them if it keeps its size there, since a wall at a wide gap can grow on
+    /// its other side. Otherwise it gets smaller; nothing is left of one smaller than a cell.
+    pub fn left_open_by(&self, ball: Filler, (limits, cell): (&Limits<'_>, f64)) -> Filler {
+        let allowed = self.allowed(ball.centre, ball.radius);
+        if allowed >= ball.radius {
+            return ball;
+        }
+        let moved = self.clear_of(ball).map(|centre| {
+            let mut moved = Filler { centre, ..ball };
+            limits.apply(&mut moved, cell);
+            moved
+        });
+        moved
+            .filter(|moved| moved.radius > allowed)
+            .unwrap_or(Filler { radius: if allowed < cell { 0.0 } else { allowed }, ..ball })
+    }
+
+    /// The nearest centre, by steps away from the nearest middle, at which a ball leaves the gaps open. None if that is too far.
+    fn clear_of(&self, Filler { centre, radius, .. }: Filler) -> Option<DVec3> {
+        let mut at = centre;
+        for _ in 0..MAX_MOVES {
+            let mut nearest = (radius + self.free, None);
+            self.tree.overlapping(&Box3::of([at]).grown(nearest.0), |number| {
+                let middle = self.middles[number as usize];
+                let distance = middle.distance(at);
+                if distance < (1.0 - 1e-9) * nearest.0 {
+                    nearest = (distance, Some(middle));
+                }
+                true
+            });
+            let (distance, Some(middle)) = nearest else { return Some(at) };
+            at += (at - middle).normalize_or_zero() * (radius + self.free - distance);
+            if at.distance(centre) > radius {
+                break;
+            }
+        }
+        None
     }
 
     /// The largest radius, at most `radius`, of a ball that leaves the gaps open; negative if there is none.
@@ -293,7 +334,9 @@ mod tests {
 
     use super::*;
     use crate::context::{NoProgress, monotonic_clock};
+    use crate::math::Precision;
     use crate::printing::shapes::cuboid;
+    use crate::printing::thickening::{Growth, Thickening};
 
     const WIDTHS: GapWidths = GapWidths { least: 0.5, most: 2.5, free: 0.25 };
 
@@ -309,7 +352,7 @@ mod tests {
         let tree = Tree::new(&surface.positions, &surface.faces);
         let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
-        let ball = Filler { centre, radius, is_limited: false, is_guarded: false };
+        let ball = Filler::new(centre, radius);
         let gaps = WideGaps::near((surface, &tree), &[ball], WIDTHS, &context).unwrap().unwrap();
         gaps.allowed(centre, radius)
     }
@@ -321,6 +364,26 @@ mod tests {
         assert!((radius(0.8) - 0.45).abs() < 0.02, "{}", radius(0.8));
         assert_eq!(radius(0.49), 0.9, "a narrow gap");
         assert_eq!(radius(2.4), 0.9, "a gap that the ball does not reach");
+    }
+
+    #[test]
+    fn a_ball_beside_a_wide_gap_moves_to_the_free_side_of_its_wall() {
+        let plates = plates(0.8);
+        let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
+        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
+        let settings = Thickening { min_wall: 1.0, growth: Growth::Both, min_gap: 0.5, precision: Precision::F32 };
+        let limits = Limits::new(&plates, settings);
+        let open = |centre: DVec3| {
+            let ball = Filler::new(centre, 0.6);
+            let gaps = WideGaps::near((&plates, &limits.tree), &[ball], WIDTHS, &context).unwrap().unwrap();
+            gaps.left_open_by(ball, (&limits, 0.2))
+        };
+        // The middle of the gap is at 1, and 0.25 of it stay free.
+        let lower = open(DVec3::new(5.0, 5.0, 0.3));
+        assert!((lower.radius - 0.6).abs() < 0.01 && (lower.centre.z - 0.15).abs() < 0.02, "{lower:?}");
+        // In the gap, there is no side to move to.
+        let between = open(DVec3::new(5.0, 5.0, 1.0));
+        assert_eq!(between.radius, 0.0);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Where a union changed the topology of a surface: the change of its Euler characteristic near each group of balls.
+//! Where a union changed the topology of a surface: the change of its Euler characteristic near each group of balls, and the balls
+//! that join solids.
 //!
 //! By the theorem of Gauss and Bonnet, what the angles at all vertices lack to full turns adds up to 2π times the Euler
 //! characteristic. A vertex lacks the same however the flat faces around it are split. So where no ball changes a surface,
@@ -6,13 +7,13 @@
 
 use std::f64::consts::TAU;
 
-use crate::math::{Box3, Tree};
+use crate::math::{Box3, Tree, nearest_within};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
 use glam::DVec3;
 use rayon::prelude::*;
 use smallvec::SmallVec;
 
-use super::bodies::Filler;
+use super::limits::Filler;
 
 /// How far a change of the Euler characteristic may be from an even number, which it is for closed surfaces: 2 (parts - handles).
 /// Rounding moves a part of what a vertex lacks along slivers.
@@ -150,6 +151,40 @@ impl LocalTopology {
     }
 }
 
+/// The numbers of new balls that join solids of a surface: those within reach of two, and those that touch a ball of another solid.
+pub fn joining_solids(before: &Surface, new: &[Filler], reach: f64) -> Vec<usize> {
+    let parts = Parts::new(before, &Edges::new(&before.faces));
+    let tree = Tree::new(&before.positions, &before.faces);
+    let of_ball = |ball: &Filler| {
+        let (mut nearest, mut is_single) = ((f64::INFINITY, Parts::NONE), true);
+        let reach = ball.radius + reach;
+        tree.overlapping(&Box3::of([ball.centre]).grown(reach), |face| {
+            if let Some(found) = nearest_within(ball.centre, before.corners(face as usize), reach) {
+                let found = (found.distance(ball.centre), parts.of_face[face as usize]);
+                is_single &= [found.1, Parts::NONE].contains(&nearest.1);
+                nearest = if found < nearest { found } else { nearest };
+            }
+            true
+        });
+        is_single.then_some(nearest.1)
+    };
+    let solid: Vec<Option<u32>> = new.par_iter().map(of_ball).collect();
+    let boxes: Vec<Box3> = new.iter().map(|ball| Box3::of([ball.centre]).grown(ball.radius + reach)).collect();
+    let touching = Tree::of_boxes(&boxes);
+    let joins = |ball: &usize| {
+        solid[*ball].is_none_or(|own| {
+            touching.any_overlapping(&boxes[*ball], |other| {
+                let (one, near) = (new[*ball], new[other as usize]);
+                let touches = one.centre.distance(near.centre) < one.radius + near.radius + reach;
+                touches
+                    && solid[other as usize]
+                        .is_some_and(|other| other != own && own != Parts::NONE && other != Parts::NONE)
+            })
+        })
+    };
+    (0..new.len()).into_par_iter().filter(joins).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::AtomicBool;
@@ -158,10 +193,11 @@ mod tests {
     use super::*;
     use crate::context::{Context, NoProgress, monotonic_clock};
     use crate::math::Precision;
+    use crate::printing::shapes::{cuboid, joined};
     use crate::remesh::BallUnion;
 
     fn ball(centre: DVec3, radius: f64) -> Filler {
-        Filler { centre, radius, is_limited: false, is_guarded: false }
+        Filler::new(centre, radius)
     }
 
     /// The balls of a ring with a hole of diameter 1.4.
@@ -217,5 +253,18 @@ mod tests {
         let lost = |before, after| groups.topology(before).handles_lost(&groups.topology(after));
         assert_eq!(lost(&with_crumb, &without), Some(vec![0]));
         assert_eq!(lost(&without, &with_crumb), Some(vec![0]));
+    }
+
+    #[test]
+    fn balls_that_reach_two_solids_or_touch_another_ones_balls_join_them() {
+        // The gap is from 1 to 2.
+        let far = DVec3::new(9.0, 9.0, 1.0);
+        let plates = joined(&[cuboid(DVec3::ZERO, far), cuboid(DVec3::Z * 2.0, far.with_z(3.0))]);
+        let balls =
+            [(1.0, 0.5, 0.4), (1.0, 0.9, 0.4), (1.0, 2.1, 0.4), (4.0, 1.5, 0.6), (7.0, 0.5, 0.4), (7.0, 2.5, 0.4)];
+        let balls = balls.map(|(x, z, radius)| Filler::new(DVec3::new(x, 4.0, z), radius));
+        let joining = |reach| joining_solids(&plates, &balls, reach);
+        assert_eq!(joining(0.05), [3]);
+        assert_eq!(joining(0.45), [1, 2, 3], "their surfaces are at most 0.4 apart");
     }
 }

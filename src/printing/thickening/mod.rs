@@ -12,11 +12,13 @@
 //! (`results`).
 
 mod bodies;
+mod clearance;
 mod fill;
 mod gaps;
 mod growth;
 mod handles;
 mod layer;
+mod limits;
 mod mitre;
 mod moved;
 mod outcome;

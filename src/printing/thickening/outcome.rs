@@ -94,8 +94,8 @@ pub struct Thickened {
     pub max_deviation: f64,
     /// The number of through holes that were closed. Each was narrower than the least gap.
     pub through_holes_closed: u64,
-    /// The number of slits that were filled, since added material closed them on all sides. None was wider than the least gap.
-    pub slits_filled: u64,
+    /// The number of gaps that were filled, since added material closed them on all sides. Each was narrower than the least gap.
+    pub narrow_gaps_filled: u64,
     /// Whether a wall without an inner side, such as a plate, grew on both sides although [`Growth`] names one.
     pub grew_on_equal_sides: bool,
     /// The thin places, largest area first.

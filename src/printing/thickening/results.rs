@@ -26,6 +26,8 @@ pub struct Thin {
     pub lack: f64,
     /// The least thickness that is enough.
     limit: f64,
+    /// The number of faces of the surface.
+    faces: usize,
 }
 
 impl Thin {
@@ -52,7 +54,7 @@ impl Thin {
         let area = |pair: &OpposedPair| surface.area_vector(pair.faces[0] as usize).length() / 2.0;
         let lack = |pair: &OpposedPair| area(pair) * (1.0 - pair.thickness / limit).max(0.0);
         let lack = pairs.walls.iter().chain(&pairs.tips).map(lack).sum();
-        Self { pairs, lack, limit }
+        Self { pairs, lack, limit, faces: surface.faces.len() }
     }
 
     /// The thinnest place of each face in a thin wall.
@@ -108,19 +110,21 @@ pub struct Grown {
     pub reason: Option<ThinReason>,
     /// Through holes of the input that were closed.
     pub through_holes_closed: u64,
-    /// Narrow slits that were filled, since added material closed them on all sides.
-    pub slits_filled: u64,
+    /// Narrow gaps that were filled, since added material closed them on all sides.
+    pub narrow_gaps_filled: u64,
     /// Whether a wall grew on both sides although one side should stay.
     pub grew_on_equal_sides: bool,
 }
 
 impl Grown {
-    /// Whether more is thick than in another result, and no wall is much thinner than the thinnest one `before`, unless that
-    /// had hardly any thickness.
+    /// Whether more is thick than in another result, and no wall with added faces is much thinner than the thinnest one `before`, unless
+    /// that had hardly any thickness. Between two faces of the input no wall got thinner, but a sharp edge can count as a wall now.
     pub fn is_better_than(&self, other: &Self, before: &Thin) -> bool {
         let least = before.least();
         let had_none = least < WITHOUT_THICKNESS * before.limit;
-        self.thin.lack < other.thin.lack && (had_none || self.thin.least() >= MAX_THINNER * least)
+        let is_added = |face: &u32| self.surface.source[*face as usize] as usize >= before.faces;
+        let is_thinner = |wall: &OpposedPair| wall.thickness < MAX_THINNER * least && wall.faces.iter().any(is_added);
+        self.thin.lack < other.thin.lack && (had_none || !self.thin.walls().iter().any(is_thinner))
     }
 }
 
@@ -135,8 +139,8 @@ impl Results<'_> {
     /// Assembles the result.
     pub fn finish(&self, grown: Grown) -> Thickened {
         let count = self.input.faces.len();
-        let Grown { mut surface, thin, limited, reason: last, through_holes_closed, slits_filled, grew_on_equal_sides } =
-            grown;
+        let Grown { mut surface, thin, limited, reason: last, grew_on_equal_sides, .. } = grown;
+        let Grown { through_holes_closed, narrow_gaps_filled, .. } = grown;
         let before = self.before.of_faces(count);
         let places = Places::new(self.input, &before);
         let mut results = self.places_before(&before, &places);
@@ -165,7 +169,7 @@ impl Results<'_> {
             added_volume,
             max_deviation,
             through_holes_closed,
-            slits_filled,
+            narrow_gaps_filled,
             grew_on_equal_sides,
             places: results,
             added_faces,
@@ -245,4 +249,27 @@ fn deviation((from, tree): (&Surface, &Tree), of: &Surface, faces: &[u32]) -> f6
     let corners = of.positions.par_iter().zip(is_corner).filter(|(_, is_corner)| *is_corner).map(|(&p, _)| p);
     let centres = faces.par_iter().map(|&face| of.corners(face as usize).into_iter().sum::<DVec3>() / 3.0);
     corners.chain(centres).map(distance).reduce(|| 0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A result with a lack, and a wall of a thickness between a face that was not added and another one.
+    fn grown(lack: f64, thickness: f64, other: u32) -> Grown {
+        let wall = OpposedPair { faces: [0, other], points: [DVec3::ZERO; 2], distance: thickness, thickness };
+        let pairs = OpposedPairs { walls: vec![wall], ..OpposedPairs::default() };
+        let surface = Surface { source: vec![0, 1, 2, 3], ..Surface::default() };
+        Grown { surface, thin: Thin { pairs, lack, limit: 1.0, faces: 3 }, ..Grown::default() }
+    }
+
+    #[test]
+    fn a_better_result_lacks_less_and_makes_no_wall_thinner_than_any_before() {
+        let before = grown(8.0, 0.5, 1);
+        let is_better = |grown: Grown| grown.is_better_than(&before, &before.thin);
+        assert!(is_better(grown(2.0, 0.5, 3)));
+        assert!(!is_better(grown(8.0, 0.5, 3)), "it lacks as much");
+        assert!(!is_better(grown(2.0, 0.4, 3)), "a wall with an added face is thinner");
+        assert!(is_better(grown(2.0, 0.4, 2)), "a wall of the input, which was a sharp edge");
+    }
 }

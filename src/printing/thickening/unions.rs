@@ -5,15 +5,15 @@
 use std::time::Duration;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Dipoles, Tree};
+use crate::math::{Box3, Tree};
 use crate::mesh::Surface;
 use crate::remesh::{BallUnion, RemeshError};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::bodies::Filler;
 use super::gaps::{GapWidths, WideGaps};
-use super::handles::{BallGroups, ChangedGroups};
+use super::handles::{BallGroups, ChangedGroups, joining_solids};
+use super::limits::{Filler, Limits};
 use super::outcome::Thickening;
 use super::pockets::Added;
 use super::results::{Grown, Thin, face_count};
@@ -76,12 +76,8 @@ pub struct State<'a> {
     pub cells: Cells,
     /// The tree of the base, for the sources.
     pub base_tree: Tree,
-    /// The tree of the input, for the deviation.
-    pub input_tree: Tree,
-    /// Its dipoles, for winding numbers.
-    pub dipoles: Dipoles,
-    /// The group of solids of each of the input's faces, if there are several groups.
-    pub group_of_face: Option<Vec<u32>>,
+    /// The limits of single balls.
+    pub limits: Limits<'a>,
     /// The balls of the first round, if they are known.
     pub first: Option<Vec<Filler>>,
     /// The number of the round.
@@ -144,7 +140,7 @@ impl Filling<'_> {
         let Thickening { min_wall, min_gap, .. } = self.settings;
         let free = (FREE * min_gap / 2.0).max(MAX_EXCESS * state.cells.share * min_wall);
         let widths = GapWidths { least: min_gap, most: WIDEST_BRIDGE * min_wall, free };
-        WideGaps::near((self.input, &state.input_tree), balls, widths, self.context)
+        WideGaps::near((self.input, &state.limits.tree), balls, widths, self.context)
     }
 
     /// The union with the balls of all rounds and as many new ones as possible. Balls that perhaps close a wide gap get smaller.
@@ -164,7 +160,7 @@ impl Filling<'_> {
             let before = best.surface.as_ref().unwrap_or(current);
             let change = Change { balls: &with, earlier: tries.earlier.len(), before };
             let union = self.union_of(&with, state)?;
-            let suspects = self.suspects(&change, union.as_ref(), state);
+            let suspects = self.suspects(&change, union.as_ref(), state)?;
             if suspects.balls.is_empty() {
                 if let Some(United { surface, topology, slits_filled }) = union {
                     state.topology = state.topology.without_holes_missing_in(topology);
@@ -187,24 +183,37 @@ impl Filling<'_> {
     }
 
     /// The balls that perhaps break a promise in a union; none if it keeps all.
-    fn suspects(&self, change: &Change<'_>, union: Option<&United>, state: &State<'_>) -> Suspects {
+    fn suspects(&self, change: &Change<'_>, union: Option<&United>, state: &State<'_>) -> Result<Suspects, Cancelled> {
         let new: Vec<usize> = (change.earlier..change.balls.len()).collect();
         let Some(United { surface: after, topology, .. }) = union else {
-            return Suspects { broken: Broken::Union, balls: new, are_guarded: true };
+            return Ok(Suspects { broken: Broken::Union, balls: new, are_guarded: true });
         };
         let is_unguarded = |ball: &usize| !change.balls[*ball].is_guarded;
         if topology.broken_since(state.topology) == Some(Broken::Parts) {
             let near = self.near_changed_cavities(change, after, state);
             if !near.is_empty() {
-                return Suspects { broken: Broken::Parts, balls: near, are_guarded: true };
+                return Ok(Suspects { broken: Broken::Parts, balls: near, are_guarded: true });
             }
-            let unguarded: Vec<usize> = (0..change.balls.len()).filter(is_unguarded).collect();
+            let cell = state.cells.share * self.settings.min_wall;
+            let joining = joining_solids(change.before, &change.balls[change.earlier..], cell);
+            let joining: Vec<usize> = joining.into_iter().map(|ball| change.earlier + ball).collect();
+            let (new, all) = if joining.is_empty() { (new, 0..change.balls.len()) } else { (joining, 0..0) };
+            let unguarded: Vec<usize> = all.chain(new.iter().copied()).filter(is_unguarded).collect();
             let are_guarded = unguarded.is_empty();
-            return Suspects { broken: Broken::Parts, balls: if are_guarded { new } else { unguarded }, are_guarded };
+            let balls = if are_guarded { new } else { unguarded };
+            return Ok(Suspects { broken: Broken::Parts, balls, are_guarded });
         }
-        let mut balls = self.at_closed_holes(change, (after, *topology), state);
-        balls.retain(is_unguarded);
-        Suspects { broken: Broken::ThroughHole, balls, are_guarded: false }
+        let broken = Broken::ThroughHole;
+        let (new, earlier) = self.at_closed_holes(change, (after, *topology), state);
+        let unguarded: Vec<usize> = new.iter().copied().filter(is_unguarded).collect();
+        if !unguarded.is_empty() {
+            return Ok(Suspects { broken, balls: unguarded, are_guarded: false });
+        }
+        // The new balls leave the wide gaps open. Earlier ones can still be in the way, but stay as they are: what they made thick
+        // is worth more than what the new ones add.
+        let earlier: Vec<usize> = earlier.into_iter().filter(is_unguarded).collect();
+        let are_in_the_way = !self.leave_gaps_open(change.balls, &earlier, state)?;
+        Ok(Suspects { broken, balls: if are_in_the_way { new } else { Vec::new() }, are_guarded: true })
     }
 
     /// The new balls at large cavities that were closed, opened or divided.
@@ -221,19 +230,19 @@ impl Filling<'_> {
         (change.earlier..change.balls.len()).into_par_iter().filter(is_near).collect()
     }
 
-    /// The balls in groups of new balls where a through hole was closed, with the earlier balls that touch them.
+    /// The balls in groups of new balls where a through hole was closed, and the earlier balls that touch them.
     fn at_closed_holes(
         &self,
         change: &Change<'_>,
         (after, topology): (&Surface, Topology),
         state: &State<'_>,
-    ) -> Vec<usize> {
+    ) -> (Vec<usize>, Vec<usize>) {
         let groups = ChangedGroups::new(change.balls, change.earlier, self.group_reach(state));
         let lost = groups.all.topology(&state.base.surface).handles_lost(&groups.all.topology(after));
         let lost = lost.unwrap_or_else(|| vec![0; groups.all.count]);
         let is_lost = topology.broken_since(state.topology).is_some();
         if !is_lost && lost.iter().all(|lost| *lost <= 0) {
-            return Vec::new();
+            return (Vec::new(), Vec::new());
         }
         let has_lost = |group: usize| lost.iter().all(|lost| *lost <= 0) || lost[groups.of_new[group]] > 0;
         let nearby = groups.new.topology(change.before).handles_lost(&groups.new.topology(after));
@@ -248,8 +257,8 @@ impl Filling<'_> {
         let bounds = |ball: &Filler| Box3::of([ball.centre]).grown(ball.radius);
         let tree = Tree::of_boxes(&suspects.iter().map(|&ball| bounds(&new[ball])).collect::<Vec<_>>());
         let touches = |ball: &usize| tree.any_overlapping(&bounds(&change.balls[*ball]), |_| true);
-        let earlier = (0..change.earlier).filter(touches);
-        earlier.chain(suspects.iter().map(|ball| change.earlier + ball)).collect()
+        let earlier = (0..change.earlier).filter(touches).collect();
+        (suspects.iter().map(|ball| change.earlier + ball).collect(), earlier)
     }
 
     /// The distance from balls up to which a surface belongs to their group.
@@ -280,7 +289,8 @@ impl Filling<'_> {
         Ok(guarded.unwrap_or(new))
     }
 
-    /// Balls, of which those with some numbers get so small that they leave the wide gaps open. None if there are too many gaps.
+    /// Balls, of which those with some numbers move away or get smaller, so that they leave the wide gaps open. None if there are too
+    /// many gaps.
     fn guarded(
         &self,
         balls: &[Filler],
@@ -290,19 +300,25 @@ impl Filling<'_> {
     ) -> Result<Option<Vec<Filler>>, Cancelled> {
         let cell = state.cells.share * self.settings.min_wall;
         let some: Vec<Filler> = numbers.iter().map(|&ball| balls[ball]).collect();
-        let gaps = self.wide_gaps(&some, state)?;
-        let Some(gaps) = gaps else { return Ok(None) };
-        let allowed: Vec<f64> = some.par_iter().map(|ball| gaps.allowed(ball.centre, ball.radius)).collect();
+        let Some(gaps) = self.wide_gaps(&some, state)? else { return Ok(None) };
+        let free: Vec<Filler> = some.par_iter().map(|ball| gaps.left_open_by(*ball, (&state.limits, cell))).collect();
         let mut guarded = balls.to_vec();
-        for (&number, allowed) in numbers.iter().zip(allowed) {
+        for (&number, free) in numbers.iter().zip(free) {
             let ball = &mut guarded[number];
-            if allowed < ball.radius {
+            if free.radius < ball.radius {
                 best.limited.push(ball.centre);
-                ball.radius = if allowed < cell { 0.0 } else { allowed };
             }
-            ball.is_guarded = true;
+            *ball = Filler { is_guarded: true, ..free };
         }
         Ok(Some(guarded))
+    }
+
+    /// Whether the balls with some numbers leave the wide gaps open. False if there are too many gaps.
+    fn leave_gaps_open(&self, balls: &[Filler], numbers: &[usize], state: &State<'_>) -> Result<bool, Cancelled> {
+        let some: Vec<Filler> = numbers.iter().map(|&ball| balls[ball]).collect();
+        let is_open =
+            |gaps: WideGaps| some.par_iter().all(|ball| gaps.allowed(ball.centre, ball.radius) >= ball.radius);
+        Ok(self.wide_gaps(&some, state)?.is_some_and(is_open))
     }
 
     /// The union of the base and balls, and its topology; none if it fails.

@@ -89,6 +89,7 @@ impl Operation<'_> for ThickenWalls {
         let changes = Change::list([
             (ChangeKind::WallsThickened, proved as u64),
             (ChangeKind::ThroughHolesClosed, thickened.through_holes_closed),
+            (ChangeKind::NarrowGapsFilled, thickened.narrow_gaps_filled),
             (ChangeKind::ThinWallsLeft, left as u64),
             (ChangeKind::FacesAdded, thickened.added_faces.len() as u64),
         ]);
@@ -97,9 +98,6 @@ impl Operation<'_> for ThickenWalls {
         let mut named: Vec<String> = named.collect();
         if left > MAX_NAMED {
             named.push(format!("{} more places stay thin", left - MAX_NAMED));
-        }
-        if thickened.slits_filled > 0 {
-            named.push(format!("slits that thicker walls closed on all sides were filled: {}", thickened.slits_filled));
         }
         if !thin.pairs.is_complete {
             named.push("some walls could not be measured: the model needs too many measurements".to_owned());
@@ -207,6 +205,7 @@ impl ThickenWalls {
             added_volume_mm3: thickened.added_volume * self.millimetres.powi(3),
             max_deviation_mm: thickened.max_deviation * self.millimetres,
             through_holes_closed: thickened.through_holes_closed,
+            narrow_gaps_filled: thickened.narrow_gaps_filled,
             left_count: regions.len() as u64,
             left: regions.iter().take(MAX_LISTED).map(left).collect(),
         }
@@ -284,7 +283,7 @@ mod tests {
             added_volume: 2.0,
             max_deviation: 3.0,
             through_holes_closed: 0,
-            slits_filled: 0,
+            narrow_gaps_filled: 0,
             grew_on_equal_sides: false,
             places: Vec::new(),
             added_faces: vec![4, 5],

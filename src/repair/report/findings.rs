@@ -133,6 +133,8 @@ pub enum AssumptionKind {
     InteriorFilled,
     /// Through holes narrower than the least gap were closed where walls were thickened.
     ThroughHolesClosed,
+    /// Gaps narrower than the least gap were filled, since thickened walls closed them on all sides.
+    NarrowGapsFilled,
     /// A measure over a red flag's threshold is a property of the input, because independent methods agree on it. The amount is that
     /// measure.
     MethodsAgree,

@@ -42,6 +42,9 @@ pub struct WallThickening {
     /// Number of through holes that the added material closed. Each was narrower than the least gap.
     #[serde(default)]
     pub through_holes_closed: u64,
+    /// Number of gaps that were filled, since the added material closed them on all sides. Each was narrower than the least gap.
+    #[serde(default)]
+    pub narrow_gaps_filled: u64,
     /// Number of places that stay thin, sharp edges included.
     pub left_count: u64,
     /// The places that stay thin: walls first, then sharp edges; at most 100.

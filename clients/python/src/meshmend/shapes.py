@@ -30,7 +30,7 @@ class ArtifactLink(TypedDict):
     """The SHA-256 hash of the file's bytes, in hexadecimal. Omitted for images and coloured meshes."""
 
 
-AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'interior_filled', 'through_holes_closed', 'methods_agree']
+AssumptionKind: TypeAlias = Literal['unit', 'objects_united', 'overlap_removed', 'sheets_thickened', 'bases_added', 'large_holes_closed', 'parts_joined', 'winding_rule', 'pieces_dropped', 'cavities_kept', 'cavities_filled', 'interior_filled', 'through_holes_closed', 'narrow_gaps_filled', 'methods_agree']
 """The kinds of assumption."""
 
 
@@ -1959,6 +1959,8 @@ class WallThickening(TypedDict):
     """Number of places that stay thin, sharp edges included."""
     max_deviation_mm: float
     """Largest distance of the added surface from the input, in millimetres."""
+    narrow_gaps_filled: NotRequired[int]
+    """Number of gaps that were filled, since the added material closed them on all sides. Each was narrower than the least gap."""
     through_holes_closed: NotRequired[int]
     """Number of through holes that the added material closed. Each was narrower than the least gap."""
 

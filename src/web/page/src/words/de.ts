@@ -116,6 +116,7 @@ export const de: Words = {
     cavities_filled: ({ n, k }) => `${n} ${s(k, "geschlossener Hohlraum wurde", "geschlossene Hohlräume wurden")} gefüllt.`,
     interior_filled: () => "Das Modell ist eine doppelte Schale. Ihr Inneres wurde gefüllt, das Modell ist also massiv.",
     through_holes_closed: ({ n, k }) => `${n} ${s(k, "Durchgangsloch", "Durchgangslöcher")}, zu schmal zum Drucken, ${s(k, "wurde", "wurden")} durch dickere Wände geschlossen.`,
+    narrow_gaps_filled: ({ n, k }) => `${n} ${s(k, "Spalt", "Spalte")}, zu schmal zum Drucken, ${s(k, "wurde", "wurden")} durch dickere Wände gefüllt.`,
     methods_agree: () => "Verschiedene Verfahren ergaben dieselbe ungewöhnliche Größe. Sie gehört also zum Modell.",
   },
   decideOtherwise: "Anders wählen",

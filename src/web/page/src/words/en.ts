@@ -132,6 +132,7 @@ export const en = {
     cavities_filled: ({ n, k }) => `${n} sealed ${s(k, "cavity was", "cavities were")} filled.`,
     interior_filled: () => "The model is a double shell. Its inside was filled, so the model is solid.",
     through_holes_closed: ({ n, k }) => `${n} through ${s(k, "hole", "holes")} too narrow to print ${s(k, "was", "were")} closed by thicker walls.`,
+    narrow_gaps_filled: ({ n, k }) => `${n} ${s(k, "gap", "gaps")} too narrow to print ${s(k, "was", "were")} filled by thicker walls.`,
     methods_agree: () => "Different repair methods gave the same unusual size, so the size belongs to the model.",
   } as Record<string, (assumption: AssumptionFigures) => string>,
   decideOtherwise: "Choose differently",

@@ -1,0 +1,153 @@
+//! The limits of single balls: how far they may move the surface, and their distance to other solids.
+
+use crate::math::{Box3, Dipoles, Nearest, Tree, nearest_within};
+use crate::mesh::{Parts, Surface};
+use glam::DVec3;
+
+use super::outcome::Thickening;
+use super::unite::{FAR_AWAY, group_of_each_face};
+
+/// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
+/// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
+/// rest is what later rounds add beside earlier balls.
+const MAX_BALL_DEVIATION: f64 = 1.125;
+
+/// A ball that replaces a thin one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Filler {
+    /// The centre.
+    pub centre: DVec3,
+    /// The radius.
+    pub radius: f64,
+    /// Whether a gap in front limits the ball.
+    pub is_limited: bool,
+    /// Whether the ball leaves the middles of all wide gaps free.
+    pub is_guarded: bool,
+}
+
+impl Filler {
+    /// A ball that nothing limits.
+    pub fn new(centre: DVec3, radius: f64) -> Self {
+        Self { centre, radius, is_limited: false, is_guarded: false }
+    }
+}
+
+/// The limits of balls in a surface to thicken.
+pub struct Limits<'a> {
+    /// The surface.
+    pub input: &'a Surface,
+    /// Its tree.
+    pub tree: Tree,
+    /// Its dipoles, for winding numbers.
+    dipoles: Dipoles,
+    /// The group of solids of each of its faces, if there are several groups.
+    group_of_face: Option<Vec<u32>>,
+    /// The least wall and the least gap.
+    pub settings: Thickening,
+}
+
+impl<'a> Limits<'a> {
+    /// Prepares the limits.
+    pub fn new(input: &'a Surface, settings: Thickening) -> Self {
+        let tree = Tree::new(&input.positions, &input.faces);
+        let dipoles = tree.dipoles(|face| input.corners(face as usize));
+        let group_of_face = group_of_each_face(input, &settings);
+        Self { input, tree, dipoles, group_of_face, settings }
+    }
+
+    /// Limits the radius of a ball, so that it moves the input's surface by less than [`MAX_BALL_DEVIATION`] and leaves the least
+    /// gap to other solids. Nothing is left of a ball that would have to be smaller than a cell of the balls' surface, since that
+    /// can be a cell away from it.
+    pub fn apply(&self, filler: &mut Filler, cell: f64) {
+        let min_wall = self.settings.min_wall;
+        let most = MAX_BALL_DEVIATION * min_wall;
+        let least = filler.radius.min(cell);
+        let Some(own) = self.nearest(filler.centre, f64::INFINITY, |_| true) else { return };
+        let input = (self.input, &self.tree, &self.dipoles);
+        let depth = depth(input, filler.centre, own.distance);
+        let mut allowed = most + depth;
+        if let Some(groups) = &self.group_of_face {
+            let most = self.beside_others((filler.centre, own.distance), filler.radius, groups);
+            filler.is_limited |= most < filler.radius;
+            allowed = allowed.min(most);
+        }
+        filler.radius = if allowed < least { 0.0 } else { filler.radius.min(allowed) };
+    }
+
+    /// The largest radius, at most `radius`, of a ball around a point with a distance from the surface, so that the least gap to other
+    /// solids stays. The ball takes half of what a gap is wider, since a ball of the other solid may take the rest. Where a gap is
+    /// narrower, the ball stays behind its side by half of what it lacks.
+    fn beside_others(&self, (centre, own_distance): (DVec3, f64), radius: f64, groups: &[u32]) -> f64 {
+        let gap = self.settings.least_gap();
+        let group = self.group_at(centre, groups);
+        let reach = 2.0 * radius + own_distance + gap;
+        let mut most = radius;
+        self.tree.overlapping(&Box3::of([centre]).grown(reach), |face| {
+            if ![group, Parts::NONE].contains(&groups[face as usize])
+                && let Some(other) = nearest_within(centre, self.input.corners(face as usize), reach)
+            {
+                let distance = other.distance(centre);
+                // A gap is no wider than this way through the centre.
+                if distance - f64::midpoint(gap, distance + own_distance) < most {
+                    let own = self.nearest(other, f64::INFINITY, |face| groups[face as usize] == group);
+                    let width = own.map_or(gap, |own| own.distance);
+                    most = most.min(distance - f64::midpoint(gap, width));
+                }
+            }
+            true
+        });
+        most
+    }
+
+    /// Whether there are several groups of solids.
+    pub fn has_several_solids(&self) -> bool {
+        self.group_of_face.is_some()
+    }
+
+    /// Whether two points of surfaces that grew from the input belong to different solids.
+    pub fn are_of_two_solids(&self, points: [DVec3; 2]) -> bool {
+        self.group_of_face.as_ref().is_some_and(|groups| {
+            let [one, other] = points.map(|point| self.group_at(point, groups));
+            one != other
+        })
+    }
+
+    /// The group of the nearest solid.
+    fn group_at(&self, point: DVec3, groups: &[u32]) -> u32 {
+        let nearest = self.nearest(point, f64::INFINITY, |face| groups[face as usize] != Parts::NONE);
+        nearest.map_or(Parts::NONE, |nearest| groups[nearest.face as usize])
+    }
+
+    /// The nearest point of some faces, within reach.
+    fn nearest(&self, point: DVec3, reach: f64, is_meant: impl Fn(u32) -> bool) -> Option<Nearest> {
+        let corners = |face: u32| if is_meant(face) { self.input.corners(face as usize) } else { [FAR_AWAY; 3] };
+        self.tree.nearest(point, reach, &mut u64::MAX.clone(), corners)
+    }
+}
+
+/// The depth inside the input of a point, which has a distance from its surface; negative outside. The nearest face alone does
+/// not decide the side: beyond a sharp edge the point can be behind one of its faces.
+fn depth((input, tree, dipoles): (&Surface, &Tree, &Dipoles), point: DVec3, distance: f64) -> f64 {
+    let corners = |face: u32| input.corners(face as usize);
+    let is_inside = tree.winding(dipoles, point, &mut u64::MAX.clone(), corners) > 0.5;
+    if is_inside { distance } else { -distance }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Soup;
+
+    #[test]
+    fn a_point_beyond_a_sharp_edge_is_outside() {
+        // Both faces at the edge have planes that the points lie behind.
+        let corners = [[0.0, 0.0, 0.0], [-10.0, 0.0, 1.0], [-10.0, 0.0, -1.0]];
+        let [front, back] = [0.0, 5.0].map(|y| corners.map(|[x, _, z]| DVec3::new(x, y, z)));
+        let faces = vec![[0, 1, 2], [3, 5, 4], [0, 3, 1], [1, 3, 4], [0, 2, 3], [2, 5, 3], [1, 4, 2], [2, 4, 5]];
+        let wedge = Surface::from_soup(&Soup { positions: [front, back].concat(), faces }).0;
+        let tree = Tree::new(&wedge.positions, &wedge.faces);
+        let dipoles = tree.dipoles(|face| wedge.corners(face as usize));
+        let depth = |x, z| depth((&wedge, &tree, &dipoles), DVec3::new(x, 2.5, z), 0.5);
+        assert_eq!([depth(0.4, 0.3), depth(0.4, -0.3), depth(-8.0, 0.3)], [-0.5, -0.5, 0.5]);
+    }
+}
