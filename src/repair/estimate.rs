@@ -15,7 +15,7 @@ const BASE_MS: f64 = 3.0;
 /// Milliseconds per face for reading, inspecting and returning a file.
 const FACE_MS: f64 = 0.002;
 /// Milliseconds per face for repairing and verifying.
-const REPAIR_MS: f64 = 0.005;
+const REPAIR_MS: f64 = 0.003;
 /// Milliseconds per pair of intersecting faces, for cutting them in the arrangement.
 const PAIR_MS: f64 = 0.4;
 /// Milliseconds per boundary edge, for stitching and for closing holes.
