@@ -197,8 +197,9 @@ impl Filling<'_> {
             let cell = state.cells.share * self.settings.min_wall;
             let joining = joining_solids(change.before, &change.balls[change.earlier..], cell);
             let joining: Vec<usize> = joining.into_iter().map(|ball| change.earlier + ball).collect();
-            let (new, all) = if joining.is_empty() { (new, 0..change.balls.len()) } else { (joining, 0..0) };
-            let unguarded: Vec<usize> = all.chain(new.iter().copied()).filter(is_unguarded).collect();
+            let (new, all) =
+                if joining.is_empty() { (new, (0..change.balls.len()).collect()) } else { (joining.clone(), joining) };
+            let unguarded: Vec<usize> = all.into_iter().filter(is_unguarded).collect();
             let are_guarded = unguarded.is_empty();
             let balls = if are_guarded { new } else { unguarded };
             return Ok(Suspects { broken: Broken::Parts, balls, are_guarded });
@@ -212,7 +213,7 @@ impl Filling<'_> {
         // The new balls leave the wide gaps open. Earlier ones can still be in the way, but stay as they are: what they made thick
         // is worth more than what the new ones add.
         let earlier: Vec<usize> = earlier.into_iter().filter(is_unguarded).collect();
-        let are_in_the_way = !self.leave_gaps_open(change.balls, &earlier, state)?;
+        let are_in_the_way = !earlier.is_empty() && !self.leave_gaps_open(change.balls, &earlier, state)?;
         Ok(Suspects { broken, balls: if are_in_the_way { new } else { Vec::new() }, are_guarded: true })
     }
 
