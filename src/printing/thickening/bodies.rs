@@ -15,7 +15,6 @@ use smallvec::SmallVec;
 
 use super::clearance::{Clearances, Contact, OPPOSED, STEPS};
 use super::limits::{Filler, Limits};
-use super::outcome::Thickening;
 use super::results::Thin;
 use super::sampling::{NearThin, Scope, TriangleBudget};
 use super::walls::{noise_of, trusted_normal};
@@ -54,7 +53,6 @@ pub struct Fillers<'a> {
     surface: &'a Surface,
     tree: Tree,
     limits: &'a Limits<'a>,
-    settings: Thickening,
     search: Search,
     noise: f64,
 }
@@ -120,7 +118,7 @@ impl<'a> Fillers<'a> {
     /// Prepares the search in a surface that grew from the one with the limits.
     pub fn new(surface: &'a Surface, limits: &'a Limits<'a>, search: Search) -> Self {
         let tree = Tree::new(&surface.positions, &surface.faces);
-        Self { surface, tree, limits, settings: limits.settings, search, noise: noise_of(&surface.positions) }
+        Self { surface, tree, limits, search, noise: noise_of(&surface.positions) }
     }
 
     /// The balls of all thin faces; none if there are too many.
@@ -131,7 +129,7 @@ impl<'a> Fillers<'a> {
         let mut faces: Vec<u32> = pairs.walls().iter().chain(pairs.tips()).map(|pair| pair.faces[0]).collect();
         faces.sort_unstable();
         faces.dedup();
-        let near = (!self.search.is_first).then(|| NearThin::new(pairs, NEAR * self.settings.min_wall));
+        let near = (!self.search.is_first).then(|| NearThin::new(pairs, NEAR * self.limits.settings.min_wall));
         let mut kept = Kept::default();
         if !self.of_faces(&faces, (near.as_ref(), 0.0), &mut kept, context)? {
             return Ok(None);
@@ -143,7 +141,7 @@ impl<'a> Fillers<'a> {
             found.into_iter().flatten().for_each(|filler| kept.take(self.cell(filler.centre), filler));
         }
         if self.search.tolerance > 0.0 {
-            let beside = NearThin::new(pairs, BESIDE * self.settings.min_wall);
+            let beside = NearThin::new(pairs, BESIDE * self.limits.settings.min_wall);
             let faces = beside.faces(self.surface);
             if !self.of_faces(&faces, (Some(&beside), self.search.tolerance), &mut kept, context)? {
                 return Ok(None);
@@ -219,7 +217,7 @@ impl<'a> Fillers<'a> {
 
     /// Points of an edge near one of them.
     fn points_along(&self, [start, end]: [DVec3; 2], near: DVec3) -> impl Iterator<Item = DVec3> {
-        let (step, reach) = (self.search.spacing, NEAR * self.settings.min_wall);
+        let (step, reach) = (self.search.spacing, NEAR * self.limits.settings.min_wall);
         let way = (end - start).normalize_or_zero();
         let ends = [(near - start).length().min(reach), (end - near).length().min(reach)];
         #[expect(clippy::cast_possible_truncation, reason = "at most reach / step, which is small")]
@@ -230,7 +228,7 @@ impl<'a> Fillers<'a> {
     /// The ball around the way through a wall from a point of an edge, if the wall is thin.
     fn across(&self, point: DVec3, way: DVec3) -> Option<ThinBall> {
         let start = point + way * self.noise;
-        let opposite = self.opposite(start, (u32::MAX, -way), self.settings.min_wall)?;
+        let opposite = self.opposite(start, (None, -way), self.limits.settings.min_wall)?;
         let contacts = [Contact { point, normal: -way }, Contact { point: opposite.point, normal: way }];
         let (middle, distance) = (point.midpoint(opposite.point), point.distance(opposite.point));
         self.is_thin(distance, self.search.tolerance).then_some(ThinBall { middle, radius: distance / 2.0, contacts })
@@ -252,7 +250,7 @@ impl<'a> Fillers<'a> {
         let mut found = Vec::new();
         if normal != DVec3::ZERO {
             let corners = self.surface.corners(face as usize);
-            self.sample(corners, (face, normal), (0, scope), &mut |contact, opposite| {
+            self.sample(corners, (Some(face), normal), (0, scope), &mut |contact, opposite| {
                 if !opposite.is_some_and(|opposite| self.is_filled_between(contact, opposite, is_filled)) {
                     found.extend(self.thin_ball(contact, opposite, scope.tolerance));
                 }
@@ -271,7 +269,7 @@ impl<'a> Fillers<'a> {
     fn sample(
         &self,
         corners: [DVec3; 3],
-        of: (u32, DVec3),
+        of: (Option<u32>, DVec3),
         (depth, scope): (u32, Scope<'_>),
         visit: &mut impl FnMut(Contact, Option<Nearest>),
     ) {
@@ -292,7 +290,7 @@ impl<'a> Fillers<'a> {
             self.opposite(centre, of, 2.0 * radius).is_some()
                 || self.ball([centre, -normal], radius).is_some_and(|ball| ball.touches.is_some())
         };
-        if size > MAX_TESTED * self.settings.min_wall || may_be_thin() {
+        if size > MAX_TESTED * self.limits.settings.min_wall || may_be_thin() {
             // Across the longest side, so that a long narrow face has few samples.
             let [a, b, c] = longest_side_first(corners);
             let middle = (a + b) / 2.0;
@@ -304,14 +302,14 @@ impl<'a> Fillers<'a> {
 
     /// The largest radius of a ball in a thin wall.
     fn thickest(&self) -> f64 {
-        0.5 * self.settings.min_wall * (1.0 + self.search.tolerance) / PERPENDICULAR
+        0.5 * self.limits.settings.min_wall * (1.0 + self.search.tolerance) / PERPENDICULAR
     }
 
     /// Where the perpendicular of at most `longest` from a point of a face leaves the material.
-    fn opposite(&self, point: DVec3, (own, normal): (u32, DVec3), longest: f64) -> Option<Nearest> {
+    fn opposite(&self, point: DVec3, (own, normal): (Option<u32>, DVec3), longest: f64) -> Option<Nearest> {
         let step = -normal * longest;
         let corners = |face: u32| self.surface.corners(face as usize);
-        let first = self.tree.first_hit([point, step], Some(own), &mut STEPS.clone(), corners);
+        let first = self.tree.first_hit([point, step], own, &mut STEPS.clone(), corners);
         let at = |(fraction, face): (f64, u32)| Nearest {
             face,
             point: point + step * fraction,
@@ -343,7 +341,7 @@ impl<'a> Fillers<'a> {
         let cosine = outward.dot(normal);
         let is_wall = cosine <= OPPOSED && self.is_thin(ball.radius * (1.0 - cosine), tolerance);
         // Beside a ball the edge of a solid can become a wall, which the next round would have to thicken.
-        let is_edge = !self.search.is_first && cosine <= WIDE && 2.0 * ball.radius < self.settings.min_wall;
+        let is_edge = !self.search.is_first && cosine <= WIDE && 2.0 * ball.radius < self.limits.settings.min_wall;
         let contacts = [contact, Contact { point: touched.point, normal: outward }];
         ((is_wall || is_edge) && ball.radius > 0.0).then_some(ThinBall { middle, radius: ball.radius, contacts })
     }
@@ -360,12 +358,12 @@ impl<'a> Fillers<'a> {
 
     /// Whether a thickness is less than the least wall, or hardly more.
     fn is_thin(&self, thickness: f64, tolerance: f64) -> bool {
-        thickness < self.settings.min_wall * (1.0 - 1e-6 + tolerance)
+        thickness < self.limits.settings.min_wall * (1.0 - 1e-6 + tolerance)
     }
 
     /// The ball that replaces a thin one.
     fn of_ball(&self, &ThinBall { middle, radius, contacts }: &ThinBall) -> Filler {
-        let wanted = radius.max(0.5 * self.settings.min_wall) * (1.0 + self.search.margin) - radius;
+        let wanted = radius.max(0.5 * self.limits.settings.min_wall) * (1.0 + self.search.margin) - radius;
         let current = (self.surface, &self.tree);
         let filler = Clearances { current, limits: self.limits }.ball((middle, radius), wanted, contacts);
         self.retracted(filler, radius, contacts)
@@ -386,7 +384,7 @@ impl<'a> Fillers<'a> {
             is_tip = hit(filler.centre, ahead, self.surface.corners(face as usize)).is_none();
             is_tip
         });
-        let back = filler.radius - thin - self.search.tip_cover * self.settings.min_wall;
+        let back = filler.radius - thin - self.search.tip_cover * self.limits.settings.min_wall;
         if is_tip && back > 0.0 { Filler { centre: filler.centre - way * back, ..filler } } else { filler }
     }
 }

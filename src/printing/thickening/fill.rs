@@ -8,7 +8,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::bodies::{Fillers, Search};
-use super::limits::{Filler, Limits};
+use super::limits::Filler;
 use super::outcome::ThinReason;
 use super::results::{Grown, Thin, deviation_of_added};
 use super::unions::{Cells, Filling, State};
@@ -52,8 +52,7 @@ impl Filling<'_> {
         let (mut best, mut current) = (base.clone(), base.clone());
         let limited = self.context.ending_before(self.kept);
         let first_round = Filling { context: &limited, ..*self };
-        let limits = Limits::new(self.input, self.settings);
-        let Some((cells, first)) = self.context.unless_late(first_round.cells_for(base, &limits))? else {
+        let Some((cells, first)) = self.context.unless_late(first_round.cells_for(base))? else {
             best.reason = Some(ThinReason::Time);
             return Ok(best);
         };
@@ -63,14 +62,13 @@ impl Filling<'_> {
             left_out: Vec::new(),
             cells,
             base_tree: Tree::new(&base.surface.positions, &base.surface.faces),
-            limits,
             first,
             round: 0,
             kept: None,
             topology: self.topology,
             is_limited: false,
         };
-        let of_base = deviation_of_added((self.input, &state.limits.tree), &base.surface);
+        let of_base = deviation_of_added((self.limits.input, &self.limits.tree), &base.surface);
         let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
         let mut left = Vec::new();
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
@@ -92,7 +90,7 @@ impl Filling<'_> {
             } else {
                 current = next;
             }
-            let deviation = || deviation_of_added((self.input, &state.limits.tree), &current.surface);
+            let deviation = || deviation_of_added((self.limits.input, &self.limits.tree), &current.surface);
             if current.is_better_than(&best, self.before) && deviation() <= most {
                 best = current.clone();
             }
@@ -110,9 +108,9 @@ impl Filling<'_> {
 
     /// The finest cells with which the body of the first round has few enough faces. The number of faces with the coarsest
     /// cells, which are quick to build, tells it. Also the balls of the first round, if they are known then.
-    fn cells_for(&self, base: &Grown, limits: &Limits<'_>) -> Result<(Cells, Option<Vec<Filler>>), Cancelled> {
+    fn cells_for(&self, base: &Grown) -> Result<(Cells, Option<Vec<Filler>>), Cancelled> {
         let [finer @ .., coarsest] = CELLS;
-        let Some(fillers) = self.fillers((base, limits), coarsest, 0)? else { return Ok((coarsest, None)) };
+        let Some(fillers) = self.fillers(base, coarsest, 0)? else { return Ok((coarsest, None)) };
         let faces = match self.body(&fillers, coarsest.share, u64::MAX) {
             Ok(body) => body.faces.len() as f64,
             Err(RemeshError::Empty) => 0.0,
@@ -124,12 +122,7 @@ impl Filling<'_> {
     }
 
     /// The balls that a result still needs; none if there are too many.
-    fn fillers(
-        &self,
-        (current, limits): (&Grown, &Limits<'_>),
-        cells: Cells,
-        round: usize,
-    ) -> Result<Option<Vec<Filler>>, Cancelled> {
+    fn fillers(&self, current: &Grown, cells: Cells, round: usize) -> Result<Option<Vec<Filler>>, Cancelled> {
         let margin = cells.margin + (MORE[0] * (round * round) as f64).min(MORE[1]);
         let tip_cover = TIP_COVER[0] + TIP_COVER[1] * round as f64;
         let tolerance = (TOLERANCE[0] * (round + 1).saturating_sub(PATIENCE) as f64).min(TOLERANCE[1]);
@@ -140,7 +133,7 @@ impl Filling<'_> {
             tip_cover,
             is_first: round == 0,
         };
-        Fillers::new(&current.surface, limits, search).of(&current.thin, self.context)
+        Fillers::new(&current.surface, self.limits, search).of(&current.thin, self.context)
     }
 
     /// One round. The surface stays the same if nothing can grow.
@@ -148,11 +141,11 @@ impl Filling<'_> {
         let mut next = Grown { reason: Some(ThinReason::Union), ..current.clone() };
         let fillers = match state.first.take() {
             Some(first) => Some(first),
-            None => self.fillers((current, &state.limits), state.cells, state.round)?,
+            None => self.fillers(current, state.cells, state.round)?,
         };
         let Some(mut fillers) = fillers else { return Ok(next) };
         let cell = state.cells.share * self.settings.min_wall;
-        fillers.par_iter_mut().for_each(|filler| state.limits.apply(filler, cell));
+        fillers.par_iter_mut().for_each(|filler| self.limits.apply(filler, cell));
         let wanted = fillers.len();
         let mut limited: Vec<DVec3> =
             fillers.iter().filter(|filler| filler.is_limited).map(|filler| filler.centre).collect();

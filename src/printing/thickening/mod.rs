@@ -38,6 +38,7 @@ mod walls;
 
 use std::time::Duration;
 
+use limits::Limits;
 use results::{Grown, Thin};
 use rounds::{Fit, Rounds};
 use unions::Filling;
@@ -117,8 +118,8 @@ impl Thickening {
             }
         }
         if self.growth == Growth::Both {
-            let topology = Topology::of(surface, self);
-            let filling = Filling { settings: *self, union, context, kept, input: surface, before: &before, topology };
+            let (limits, topology) = (Limits::new(surface, *self), Topology::of(surface, self));
+            let filling = Filling { settings: *self, union, context, kept, limits: &limits, before: &before, topology };
             // A layer can end where balls can't go on, since it moved the surface as far as is allowed.
             let bases: &[&Grown] = if base.surface == start.surface { &[&start] } else { &[&base, &start] };
             for (number, base) in bases.iter().enumerate() {

@@ -2,6 +2,7 @@
 //! wide through hole. Where a hole was closed, balls leave the middles of wide gaps free. Those that still break a promise
 //! are found by halves, and left out.
 
+use std::ops::Range;
 use std::time::Duration;
 
 use crate::context::{Cancelled, Context};
@@ -57,8 +58,8 @@ pub struct Filling<'a> {
     pub context: &'a Context<'a>,
     /// The time that is kept for the end as long as no result was measured.
     pub kept: Duration,
-    /// The surface to thicken. Sources from the number of its faces on mean added faces.
-    pub input: &'a Surface,
+    /// The limits of single balls in the surface to thicken. Sources from the number of its faces on mean added faces.
+    pub limits: &'a Limits<'a>,
     /// Its thin walls.
     pub before: &'a Thin,
     /// Its topology.
@@ -76,8 +77,6 @@ pub struct State<'a> {
     pub cells: Cells,
     /// The tree of the base, for the sources.
     pub base_tree: Tree,
-    /// The limits of single balls.
-    pub limits: Limits<'a>,
     /// The balls of the first round, if they are known.
     pub first: Option<Vec<Filler>>,
     /// The number of the round.
@@ -98,6 +97,18 @@ struct Change<'a> {
     earlier: usize,
     /// The surface without the new balls.
     before: &'a Surface,
+}
+
+impl Change<'_> {
+    /// The numbers of the new balls.
+    fn new_balls(&self) -> Range<usize> {
+        self.earlier..self.balls.len()
+    }
+
+    /// Those of some balls that can still close wide gaps.
+    fn unguarded(&self, numbers: impl Iterator<Item = usize>) -> Vec<usize> {
+        numbers.filter(|&ball| !self.balls[ball].is_guarded).collect()
+    }
 }
 
 /// Balls that perhaps break a promise.
@@ -128,7 +139,7 @@ impl Filling<'_> {
     pub fn body(&self, fillers: &[Filler], share: f64, max_faces: u64) -> Result<Surface, RemeshError> {
         let balls: Vec<_> = fillers.iter().map(|filler| (filler.centre, filler.radius)).filter(|b| b.1 > 0.0).collect();
         let (precision, cell) = (self.settings.precision, share * self.settings.min_wall);
-        let bounds = self.input.bounds().grown(4.0 * self.settings.min_wall);
+        let bounds = self.limits.input.bounds().grown(4.0 * self.settings.min_wall);
         let union = BallUnion { balls: &balls, bounds, cell, max_faces, max_memory: MAX_MEMORY, precision };
         let mut surface = union.surface(self.context)?;
         Spheres::new(&balls, cell, precision).fit(&mut surface);
@@ -140,7 +151,7 @@ impl Filling<'_> {
         let Thickening { min_wall, min_gap, .. } = self.settings;
         let free = (FREE * min_gap / 2.0).max(MAX_EXCESS * state.cells.share * min_wall);
         let widths = GapWidths { least: min_gap, most: WIDEST_BRIDGE * min_wall, free };
-        WideGaps::near((self.input, &state.limits.tree), balls, widths, self.context)
+        WideGaps::near((self.limits.input, &self.limits.tree), balls, widths, self.context)
     }
 
     /// The union with the balls of all rounds and as many new ones as possible. Balls that perhaps close a wide gap get smaller.
@@ -184,37 +195,42 @@ impl Filling<'_> {
 
     /// The balls that perhaps break a promise in a union; none if it keeps all.
     fn suspects(&self, change: &Change<'_>, union: Option<&United>, state: &State<'_>) -> Result<Suspects, Cancelled> {
-        let new: Vec<usize> = (change.earlier..change.balls.len()).collect();
         let Some(United { surface: after, topology, .. }) = union else {
-            return Ok(Suspects { broken: Broken::Union, balls: new, are_guarded: true });
+            return Ok(Suspects { broken: Broken::Union, balls: change.new_balls().collect(), are_guarded: true });
         };
-        let is_unguarded = |ball: &usize| !change.balls[*ball].is_guarded;
         if topology.broken_since(state.topology) == Some(Broken::Parts) {
-            let near = self.near_changed_cavities(change, after, state);
-            if !near.is_empty() {
-                return Ok(Suspects { broken: Broken::Parts, balls: near, are_guarded: true });
-            }
-            let cell = state.cells.share * self.settings.min_wall;
-            let joining = joining_solids(change.before, &change.balls[change.earlier..], cell);
-            let joining: Vec<usize> = joining.into_iter().map(|ball| change.earlier + ball).collect();
-            let (new, all) =
-                if joining.is_empty() { (new, (0..change.balls.len()).collect()) } else { (joining.clone(), joining) };
-            let unguarded: Vec<usize> = all.into_iter().filter(is_unguarded).collect();
-            let are_guarded = unguarded.is_empty();
-            let balls = if are_guarded { new } else { unguarded };
-            return Ok(Suspects { broken: Broken::Parts, balls, are_guarded });
+            return Ok(self.at_changed_parts(change, after, state));
         }
         let broken = Broken::ThroughHole;
         let (new, earlier) = self.at_closed_holes(change, (after, *topology), state);
-        let unguarded: Vec<usize> = new.iter().copied().filter(is_unguarded).collect();
+        let unguarded = change.unguarded(new.iter().copied());
         if !unguarded.is_empty() {
             return Ok(Suspects { broken, balls: unguarded, are_guarded: false });
         }
         // The new balls leave the wide gaps open. Earlier ones can still be in the way, but stay as they are: what they made thick
         // is worth more than what the new ones add.
-        let earlier: Vec<usize> = earlier.into_iter().filter(is_unguarded).collect();
+        let earlier = change.unguarded(earlier.into_iter());
         let are_in_the_way = !earlier.is_empty() && !self.leave_gaps_open(change.balls, &earlier, state)?;
         Ok(Suspects { broken, balls: if are_in_the_way { new } else { Vec::new() }, are_guarded: true })
+    }
+
+    /// The balls that perhaps change the solids or the large cavities.
+    fn at_changed_parts(&self, change: &Change<'_>, after: &Surface, state: &State<'_>) -> Suspects {
+        let broken = Broken::Parts;
+        let near = self.near_changed_cavities(change, after, state);
+        if !near.is_empty() {
+            return Suspects { broken, balls: near, are_guarded: true };
+        }
+        let cell = state.cells.share * self.settings.min_wall;
+        let joining = joining_solids(change.before, &change.balls[change.earlier..], cell);
+        let joining: Vec<usize> = joining.into_iter().map(|ball| change.earlier + ball).collect();
+        let is_known = !joining.is_empty();
+        let unguarded =
+            if is_known { change.unguarded(joining.iter().copied()) } else { change.unguarded(0..change.balls.len()) };
+        if !unguarded.is_empty() {
+            return Suspects { broken, balls: unguarded, are_guarded: false };
+        }
+        Suspects { broken, balls: if is_known { joining } else { change.new_balls().collect() }, are_guarded: true }
     }
 
     /// The new balls at large cavities that were closed, opened or divided.
@@ -228,7 +244,7 @@ impl Filling<'_> {
                 corners[corner as usize].distance(ball.centre) < reach
             })
         };
-        (change.earlier..change.balls.len()).into_par_iter().filter(is_near).collect()
+        change.new_balls().into_par_iter().filter(is_near).collect()
     }
 
     /// The balls in groups of new balls where a through hole was closed, and the earlier balls that touch them.
@@ -302,7 +318,7 @@ impl Filling<'_> {
         let cell = state.cells.share * self.settings.min_wall;
         let some: Vec<Filler> = numbers.iter().map(|&ball| balls[ball]).collect();
         let Some(gaps) = self.wide_gaps(&some, state)? else { return Ok(None) };
-        let free: Vec<Filler> = some.par_iter().map(|ball| gaps.left_open_by(*ball, (&state.limits, cell))).collect();
+        let free: Vec<Filler> = some.par_iter().map(|ball| gaps.left_open_by(*ball, (self.limits, cell))).collect();
         let mut guarded = balls.to_vec();
         for (&number, free) in numbers.iter().zip(free) {
             let ball = &mut guarded[number];
@@ -336,7 +352,7 @@ impl Filling<'_> {
 
     /// The number of the input's faces.
     pub fn faces(&self) -> u32 {
-        face_count(self.input)
+        face_count(self.limits.input)
     }
 
     /// The source of a body's faces.

@@ -8,7 +8,7 @@ use super::*;
 use crate::context::NoProgress;
 use crate::math::Precision;
 use crate::printing::shapes::{Voxels, cuboid, quietly, surface};
-use crate::printing::thickening::Growth;
+use crate::printing::thickening::{Growth, Thickening};
 
 fn limits(surface: &Surface, min_wall: f64) -> Limits<'_> {
     Limits::new(surface, Thickening { min_wall, growth: Growth::Both, min_gap: 0.0, precision: Precision::F32 })
