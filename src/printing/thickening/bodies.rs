@@ -385,7 +385,11 @@ impl<'a> Fillers<'a> {
             is_tip
         });
         let back = filler.radius - thin - self.search.tip_cover * self.limits.settings.min_wall;
-        if is_tip && back > 0.0 { Filler { centre: filler.centre - way * back, ..filler } } else { filler }
+        if is_tip && back > 0.0 {
+            Filler { centre: filler.centre - way * back, slack: (filler.slack - back).max(0.0), ..filler }
+        } else {
+            filler
+        }
     }
 }
 

@@ -66,7 +66,7 @@ fn within_clearances(
 ) -> Filler {
     let lack = clearances.map(|clearance| (wanted - clearance).max(0.0));
     if lack[0] + lack[1] <= 0.0 {
-        return Filler::new(centre, thin + wanted);
+        return Filler { slack: wanted, ..Filler::new(centre, thin + wanted) };
     }
     // The ball moves away from a limit as far as the other side allows.
     let [p, q] = contacts;
@@ -76,7 +76,9 @@ fn within_clearances(
     let is_limited = lack[0] > shift[0] || lack[1] > shift[1];
     // A ball that cannot grow at all has no radius, but says that there is a limit.
     let radius = if radius > thin { radius } else { 0.0 };
-    Filler { is_limited, ..Filler::new(centre + across * (shift[0] - shift[1]), radius) }
+    let moved = shift[0] - shift[1];
+    let slack = (radius - thin - moved.abs()).max(0.0);
+    Filler { is_limited, slack, ..Filler::new(centre + across * moved, radius) }
 }
 
 #[cfg(test)]

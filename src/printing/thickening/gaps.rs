@@ -100,7 +100,7 @@ impl WideGaps {
             return ball;
         }
         let moved = self.clear_of(ball).map(|centre| {
-            let mut moved = Filler { centre, ..ball };
+            let mut moved = Filler { centre, slack: 0.0, ..ball };
             limits.apply(&mut moved, cell);
             moved
         });

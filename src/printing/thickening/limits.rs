@@ -12,6 +12,9 @@ use super::unite::{FAR_AWAY, group_of_each_face};
 /// rest is what later rounds add beside earlier balls.
 const MAX_BALL_DEVIATION: f64 = 1.125;
 
+/// The most moves of a ball away from other solids.
+const MAX_MOVES: usize = 8;
+
 /// A ball that replaces a thin one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Filler {
@@ -19,6 +22,8 @@ pub struct Filler {
     pub centre: DVec3,
     /// The radius.
     pub radius: f64,
+    /// How far the centre may move while the ball still contains the thin one.
+    pub slack: f64,
     /// Whether a gap in front limits the ball.
     pub is_limited: bool,
     /// Whether the ball leaves the middles of all wide gaps free.
@@ -26,9 +31,9 @@ pub struct Filler {
 }
 
 impl Filler {
-    /// A ball that nothing limits.
+    /// A ball that nothing limits, and that does not move.
     pub fn new(centre: DVec3, radius: f64) -> Self {
-        Self { centre, radius, is_limited: false, is_guarded: false }
+        Self { centre, radius, slack: 0.0, is_limited: false, is_guarded: false }
     }
 }
 
@@ -56,47 +61,71 @@ impl<'a> Limits<'a> {
     }
 
     /// Limits the radius of a ball, so that it moves the input's surface by less than [`MAX_BALL_DEVIATION`] and leaves the least
-    /// gap to other solids. Nothing is left of a ball that would have to be smaller than a cell of the balls' surface, since that
-    /// can be a cell away from it.
+    /// gap to other solids. The ball first moves away from other solids, as far as it still contains the thin ball. Nothing is
+    /// left of a ball that would have to be smaller than a cell of the balls' surface, since that can be a cell away from it.
     pub fn apply(&self, filler: &mut Filler, cell: f64) {
-        let min_wall = self.settings.min_wall;
-        let most = MAX_BALL_DEVIATION * min_wall;
-        let least = filler.radius.min(cell);
-        let Some(own) = self.nearest(filler.centre, f64::INFINITY, |_| true) else { return };
-        let input = (self.input, &self.tree, &self.dipoles);
-        let depth = depth(input, filler.centre, own.distance);
-        let mut allowed = most + depth;
-        if let Some(groups) = &self.group_of_face {
-            let most = self.beside_others((filler.centre, own.distance), filler.radius, groups);
-            filler.is_limited |= most < filler.radius;
-            allowed = allowed.min(most);
+        let Filler { centre, radius, slack, .. } = *filler;
+        let group = self.group_of_face.as_ref().map(|groups| self.group_at(centre, groups));
+        let Some(mut best) = self.at(centre, radius, group) else { return };
+        let mut last = best;
+        for _ in 0..MAX_MOVES {
+            let Some(other) = last.other.filter(|_| slack > 0.0) else { break };
+            let away = (last.centre - other).normalize_or_zero() * (radius - last.radius);
+            let moved = centre + (last.centre + away - centre).clamp_length_max(slack);
+            let Some(found) = self.at(moved, radius, group) else { break };
+            last = found;
+            if last.radius > best.radius {
+                best = last;
+            }
         }
-        filler.radius = if allowed < least { 0.0 } else { filler.radius.min(allowed) };
+        filler.is_limited |= best.other.is_some();
+        filler.slack -= best.centre.distance(centre);
+        filler.centre = best.centre;
+        filler.radius = if best.radius < radius.min(cell) { 0.0 } else { radius.min(best.radius) };
+    }
+
+    /// The largest radius, at most `radius`, of a ball around a point that belongs to a group of solids. None without a surface.
+    fn at(&self, centre: DVec3, radius: f64, group: Option<u32>) -> Option<Allowed> {
+        let own = self.nearest(centre, f64::INFINITY, |_| true)?;
+        let found = match (&self.group_of_face, group) {
+            (Some(groups), Some(group)) => self.beside_others((centre, own.distance), radius, (groups, group)),
+            _ => Allowed { centre, radius, other: None },
+        };
+        let depth = depth((self.input, &self.tree, &self.dipoles), centre, own.distance);
+        let most = MAX_BALL_DEVIATION * self.settings.min_wall + depth;
+        Some(Allowed { radius: found.radius.min(most), ..found })
     }
 
     /// The largest radius, at most `radius`, of a ball around a point with a distance from the surface, so that the least gap to other
     /// solids stays. The ball takes half of what a gap is wider, since a ball of the other solid may take the rest. Where a gap is
     /// narrower, the ball stays behind its side by half of what it lacks.
-    fn beside_others(&self, (centre, own_distance): (DVec3, f64), radius: f64, groups: &[u32]) -> f64 {
+    fn beside_others(
+        &self,
+        (centre, own_distance): (DVec3, f64),
+        radius: f64,
+        (groups, group): (&[u32], u32),
+    ) -> Allowed {
         let gap = self.settings.least_gap();
-        let group = self.group_at(centre, groups);
         let reach = 2.0 * radius + own_distance + gap;
-        let mut most = radius;
+        let mut found = Allowed { centre, radius, other: None };
         self.tree.overlapping(&Box3::of([centre]).grown(reach), |face| {
             if ![group, Parts::NONE].contains(&groups[face as usize])
                 && let Some(other) = nearest_within(centre, self.input.corners(face as usize), reach)
             {
                 let distance = other.distance(centre);
                 // A gap is no wider than this way through the centre.
-                if distance - f64::midpoint(gap, distance + own_distance) < most {
+                if distance - f64::midpoint(gap, distance + own_distance) < found.radius {
                     let own = self.nearest(other, f64::INFINITY, |face| groups[face as usize] == group);
                     let width = own.map_or(gap, |own| own.distance);
-                    most = most.min(distance - f64::midpoint(gap, width));
+                    let most = distance - f64::midpoint(gap, width);
+                    if most < found.radius {
+                        found = Allowed { radius: most, other: Some(other), ..found };
+                    }
                 }
             }
             true
         });
-        most
+        found
     }
 
     /// Whether there are several groups of solids.
@@ -125,6 +154,16 @@ impl<'a> Limits<'a> {
     }
 }
 
+/// The largest ball that may be around a point.
+#[derive(Clone, Copy)]
+struct Allowed {
+    centre: DVec3,
+    /// The radius. Negative if there is no such ball.
+    radius: f64,
+    /// The point of another solid that limits it.
+    other: Option<DVec3>,
+}
+
 /// The depth inside the input of a point, which has a distance from its surface; negative outside. The nearest face alone does
 /// not decide the side: beyond a sharp edge the point can be behind one of its faces.
 fn depth((input, tree, dipoles): (&Surface, &Tree, &Dipoles), point: DVec3, distance: f64) -> f64 {
@@ -136,7 +175,32 @@ fn depth((input, tree, dipoles): (&Surface, &Tree, &Dipoles), point: DVec3, dist
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Precision;
     use crate::mesh::Soup;
+    use crate::printing::shapes::{cuboid, joined};
+    use crate::printing::thickening::Growth;
+
+    #[test]
+    fn a_ball_moves_away_from_another_solid_while_it_contains_the_thin_one() {
+        // A cube and a crumb beside it, which is smaller than the least wall.
+        let cube = cuboid(DVec3::ZERO, DVec3::splat(5.0));
+        let crumb = cuboid(DVec3::new(5.6, 2.45, 2.45), DVec3::new(5.7, 2.55, 2.55));
+        let solids = joined(&[cube, crumb]);
+        let settings = Thickening { min_wall: 1.0, growth: Growth::Both, min_gap: 0.4, precision: Precision::F32 };
+        let limits = Limits::new(&solids, settings);
+        let thin = (DVec3::new(5.65, 2.5, 2.5), 0.05);
+        let ball = |slack| {
+            let mut ball = Filler { slack, ..Filler::new(thin.0, 0.55) };
+            limits.apply(&mut ball, 0.2);
+            ball
+        };
+        let moved = ball(0.5);
+        assert_eq!(moved.radius, 0.55);
+        assert!(moved.centre.x - moved.radius - 5.0 >= 0.5 - 1e-9, "{moved:?}");
+        assert!(moved.centre.distance(thin.0) + thin.1 <= moved.radius, "{moved:?}");
+        // Without slack it can only get smaller, and less than a cell would be left.
+        assert_eq!((ball(0.0).radius, ball(0.0).is_limited), (0.0, true));
+    }
 
     #[test]
     fn a_point_beyond_a_sharp_edge_is_outside() {
