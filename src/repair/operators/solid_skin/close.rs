@@ -8,6 +8,7 @@ use crate::math::{Precision, nearest_on_segment};
 use crate::mesh::{ClosedSurface, Edges, NO_SOURCE, Parts, Surface, is_generated};
 use crate::repair::operators::holes::FillHoles;
 use crate::repair::operators::self_union::SelfUnionRounds;
+use crate::repair::operators::split_non_manifold::{Pairing, Pinches, split_non_manifold};
 
 /// A place where the outer surface was closed.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +37,10 @@ pub struct Closed {
 /// Closes the openings of an outer surface. Parts that cannot be closed are dropped and listed.
 pub fn close(mut surface: Surface, precision: Precision, context: &Context<'_>) -> Result<Closed, Cancelled> {
     let before = surface.faces.len();
+    if has_odd_edge(&surface) {
+        // The rim of a hole at an edge of several faces is a closed loop only where these are separate.
+        split_non_manifold(&mut surface, Pairing::Angular, Pinches::KeepAtBoundaries, context)?;
+    }
     FillHoles { precision, ..FillHoles::default() }.apply(&mut surface, context)?;
     let sealed = sealed_places(&surface, before);
     let edges = Edges::new(&surface.faces);
@@ -56,6 +61,11 @@ pub fn close(mut surface: Surface, precision: Precision, context: &Context<'_>) 
     }
     let open_pct = if area > 0.0 { 100.0 * open_area / area } else { 0.0 };
     Ok(Closed { surface, sealed, sheets, open_pct })
+}
+
+/// Whether an edge has three, five or more faces.
+fn has_odd_edge(surface: &Surface) -> bool {
+    Edges::new(&surface.faces).iter().any(|half_edges| half_edges.len() > 2 && !half_edges.len().is_multiple_of(2))
 }
 
 /// For each part whether each of its edges is used equally often in both directions.

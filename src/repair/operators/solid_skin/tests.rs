@@ -7,6 +7,7 @@ use super::*;
 use crate::context::NoProgress;
 use crate::math::Tree;
 use crate::mesh::{ClosedSurface, Edges, Soup};
+use crate::printing::shapes::{cuboid, joined};
 use crate::printing::skin::{DoubleShell, recognise_double_shell};
 
 /// A ball of triangles, as an octahedron whose faces are split `level` times.
@@ -123,6 +124,23 @@ fn pockets_behind_pinholes_in_steps_are_filled() {
     assert!((volume(outcome) / solid - 1.0).abs() < 0.01, "{}", volume(outcome) / solid);
     let kept = outcome.source.iter().filter(|&&source| (source as usize) < outer).count();
     assert!(kept as f64 > 0.98 * outer as f64, "{kept} of {outer}");
+}
+
+#[test]
+fn a_pinhole_at_an_edge_with_four_faces_is_closed() {
+    let cubes = [0.0, 1.0].map(|at| cuboid(DVec3::new(at, at, 0.0), DVec3::new(at + 1.0, at + 1.0, 1.0)));
+    let mut model = joined(&cubes);
+    let at_edge = |face: &[u32; 3]| {
+        let ends = face.iter().filter(|&&v| model.positions[v as usize].truncate() == glam::DVec2::ONE);
+        ends.count() == 2
+    };
+    let pierced = model.faces.iter().position(at_edge).unwrap();
+    model.faces.remove(pierced);
+    model.source.remove(pierced);
+    let Closed { surface, sealed, open_pct, .. } =
+        with_context(|context| close(model, Precision::F32, context)).unwrap();
+    assert_eq!((sealed.len(), open_pct), (1, 0.0));
+    assert!((volume(&surface) - 2.0).abs() < 1e-12, "{}", volume(&surface));
 }
 
 #[test]
