@@ -32,7 +32,7 @@ pub enum Stage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Estimate {
-    /// Expected duration of the whole repair in milliseconds, on one idle core.
+    /// Expected duration of the whole repair in milliseconds, on one idle core. It grows when a step finds out that it takes longer.
     pub milliseconds: u64,
     /// Expected peak memory in bytes.
     pub memory_bytes: u64,
@@ -46,6 +46,8 @@ pub trait Progress: Sync {
     fn log(&self, line: &str);
     /// Receives the expected effort of the repair, once the input is inspected. By default it is ignored.
     fn estimate(&self, _estimate: Estimate) {}
+    /// Receives how much longer than first expected the repair takes from now on, once a step knows it. By default it is ignored.
+    fn expect_more(&self, _more: Duration) {}
 }
 
 /// Discards all progress.
@@ -196,6 +198,11 @@ impl<'a> Context<'a> {
     /// Reports the expected effort of the repair.
     pub fn estimate(&self, estimate: Estimate) {
         self.progress.estimate(estimate);
+    }
+
+    /// Reports that the repair takes longer than first expected, by `more` at most, since the deadline ends it.
+    pub fn expect_more(&self, more: Duration) {
+        self.progress.expect_more(more.min(self.remaining()));
     }
 }
 

@@ -206,6 +206,10 @@ impl Progress for AlternativeLog<'_> {
     fn log(&self, line: &str) {
         self.context.log(&format!("{}: {line}", self.id));
     }
+
+    fn expect_more(&self, more: Duration) {
+        self.context.expect_more(more);
+    }
 }
 
 impl Answer {

@@ -22,6 +22,7 @@ use crate::mesh::{Soup, Surface};
 use crate::printing::skin::recognise_double_shell;
 use crate::scene::Object;
 use std::borrow::Cow;
+use std::time::Duration;
 
 /// Least share of the area in the two largest parts of a double shell: its skins, or both skins joined.
 const MAIN_SHARE: f64 = 0.8;
@@ -285,5 +286,9 @@ impl Progress for ObjectProgress<'_> {
 
     fn log(&self, line: &str) {
         self.context.log(&format!("{}: {line}", self.name));
+    }
+
+    fn expect_more(&self, more: Duration) {
+        self.context.expect_more(more);
     }
 }

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
-use std::sync::{Mutex, OnceLock};
+use std::sync::Mutex;
 use std::time::Duration;
 
 use super::task::{Task, pause_at};
@@ -22,7 +22,7 @@ pub(super) struct Reporter<'a> {
     clock: &'a (dyn Fn() -> Duration + Sync),
     last: Mutex<Option<Reported>>,
     /// The expected effort, and the time on the clock at which it became known.
-    estimate: OnceLock<(Estimate, Duration)>,
+    estimate: Mutex<Option<(Estimate, Duration)>>,
     log: Mutex<Log>,
 }
 
@@ -51,7 +51,7 @@ impl<'a> Reporter<'a> {
     pub fn new(folder: &Path, clock: &'a (dyn Fn() -> Duration + Sync)) -> io::Result<Self> {
         let file = File::options().create(true).append(true).open(folder.join(Task::LOG))?;
         let log = Mutex::new(Log { file, remaining: LOG_BYTES });
-        Ok(Self { clock, last: Mutex::new(None), estimate: OnceLock::new(), log })
+        Ok(Self { clock, last: Mutex::new(None), estimate: Mutex::new(None), log })
     }
 
     /// Reports progress by the time that passed since the last line, since one step of the engine can take most of the time.
@@ -81,13 +81,13 @@ impl<'a> Reporter<'a> {
         if last.as_ref().is_some_and(is_recent) {
             return None;
         }
-        let estimate = self.estimate.get();
-        let percent = estimate.map_or(engine, |&(estimate, since)| {
+        let estimate = *self.estimate.lock().ok()?;
+        let percent = estimate.map_or(engine, |(estimate, since)| {
             timed_percent(engine, now.saturating_sub(since), Duration::from_millis(estimate.milliseconds))
         });
         let percent = percent.max(last.map_or(0, |last| last.percent));
         *last = Some(Reported { stage, tier, engine, percent, at: now });
-        Some(JobProgress { stage, tier, percent, estimate: estimate.map(|&(estimate, _)| estimate) })
+        Some(JobProgress { stage, tier, percent, estimate: estimate.map(|(estimate, _)| estimate) })
     }
 }
 
@@ -135,7 +135,18 @@ impl Progress for Reporter<'_> {
     }
 
     fn estimate(&self, estimate: Estimate) {
-        let _ = self.estimate.set((estimate, (self.clock)()));
+        if let Ok(mut known) = self.estimate.lock() {
+            *known = Some((estimate, (self.clock)()));
+        }
+    }
+
+    fn expect_more(&self, more: Duration) {
+        if let Ok(Some((estimate, since))) = self.estimate.lock().as_deref_mut() {
+            // A first estimate that was too short counts for nothing from now on.
+            let passed = (self.clock)().saturating_sub(*since).as_millis();
+            let until_now = passed.max(u128::from(estimate.milliseconds));
+            estimate.milliseconds = u64::try_from(until_now + more.as_millis()).unwrap_or(u64::MAX);
+        }
     }
 }
 
@@ -175,6 +186,27 @@ mod tests {
         let log = fs::read_to_string(folder.path().join(Task::LOG)).expect("a log");
         assert!(log.len() as u64 <= LOG_BYTES && log.len() > 1_000_000, "{}", log.len());
         assert!(log.ends_with("x\nlog truncated: size limit reached\n"));
+    }
+
+    #[test]
+    fn a_step_that_takes_longer_than_expected_extends_the_estimate() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let now = AtomicU64::new(0);
+        let clock = || Duration::from_millis(now.load(Ordering::Relaxed));
+        let reporter = Reporter::new(folder.path(), &clock).expect("a log");
+        reporter.expect_more(Duration::from_secs(100));
+        reporter.estimate(Estimate { milliseconds: 1_000, memory_bytes: 0 });
+        now.store(400, Ordering::Relaxed);
+        reporter.expect_more(Duration::from_secs(9));
+        let at = |milliseconds| {
+            now.store(milliseconds, Ordering::Relaxed);
+            let line = reporter.line(Stage::Repair, Some(1), 50).expect("a line is due");
+            (line.percent, line.estimate.map(|estimate| estimate.milliseconds))
+        };
+        assert_eq!(at(4000), (40, Some(10_000)));
+        now.store(12_000, Ordering::Relaxed);
+        reporter.expect_more(Duration::from_secs(12));
+        assert_eq!(at(12_100), (50, Some(24_000)));
     }
 
     #[test]

@@ -1396,7 +1396,7 @@ export interface components {
             memory_bytes: number;
             /**
              * Format: int64
-             * @description Expected duration of the whole repair in milliseconds, on one idle core.
+             * @description Expected duration of the whole repair in milliseconds, on one idle core. It grows when a step finds out that it takes longer.
              */
             milliseconds: number;
         };

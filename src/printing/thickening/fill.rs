@@ -6,6 +6,7 @@ use crate::mesh::Surface;
 use crate::remesh::RemeshError;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::time::Duration;
 
 use super::bodies::{Fillers, Search};
 use super::limits::Filler;
@@ -28,6 +29,8 @@ const CELLS: [Cells; 3] = [
     Cells { share: 0.32, margin: 0.12, max_faces: 150_000 },
     Cells { share: 0.45, margin: 0.17, max_faces: 250_000 },
 ];
+/// The expected duration of all rounds for one ball of the first round, on two cores. It grows with the root of their number.
+const EXPECTED: Duration = Duration::from_millis(250);
 /// How much more a ball grows in later rounds: this times the square of the number of the round, at most the second value.
 /// What stays thin then is just below the least wall, and the caps of small balls there are finer than the cells.
 const MORE: [f64; 2] = [0.005, 0.2];
@@ -111,6 +114,7 @@ impl Filling<'_> {
     fn cells_for(&self, base: &Grown) -> Result<(Cells, Option<Vec<Filler>>), Cancelled> {
         let [finer @ .., coarsest] = CELLS;
         let Some(fillers) = self.fillers(base, coarsest, 0)? else { return Ok((coarsest, None)) };
+        self.context.expect_more(EXPECTED.mul_f64((fillers.len() as f64).sqrt()));
         let faces = match self.body(&fillers, coarsest.share, u64::MAX) {
             Ok(body) => body.faces.len() as f64,
             Err(RemeshError::Empty) => 0.0,

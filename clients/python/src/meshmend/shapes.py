@@ -223,7 +223,7 @@ class Estimate(TypedDict):
     memory_bytes: int
     """Expected peak memory in bytes."""
     milliseconds: int
-    """Expected duration of the whole repair in milliseconds, on one idle core."""
+    """Expected duration of the whole repair in milliseconds, on one idle core. It grows when a step finds out that it takes longer."""
 
 
 class FieldError(TypedDict):

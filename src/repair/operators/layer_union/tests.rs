@@ -1,10 +1,10 @@
 //! Shapes with known walls: plates, pins, tubes, wedges, fins, also turned.
 
 use std::f64::consts::TAU;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use crate::context::{Context, NoProgress, monotonic_clock};
+use crate::context::{Context, NoProgress, Progress, Stage, monotonic_clock};
 use crate::math::Precision;
 use crate::mesh::{ClosedSurface, Edges, NotClosed, Soup, Surface, position_key};
 use glam::{DQuat, DVec3};
@@ -13,9 +13,29 @@ use super::LayerUnion;
 use crate::printing::thickening::{Growth, PlaceResult, Thickened, Thickening, ThickeningError, ThinReason};
 
 fn thickened(surface: &Surface, settings: Thickening) -> Result<Thickened, ThickeningError> {
+    thickened_with(&NoProgress, surface, settings)
+}
+
+fn thickened_with(
+    progress: &dyn Progress,
+    surface: &Surface,
+    settings: Thickening,
+) -> Result<Thickened, ThickeningError> {
     let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
     let closed = ClosedSurface::try_from(surface).unwrap();
-    settings.apply(closed, &LayerUnion, &Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60)))
+    settings.apply(closed, &LayerUnion, &Context::new(progress, &cancel, &clock, Duration::from_secs(60)))
+}
+
+/// The milliseconds that a repair is expected to take in addition.
+#[derive(Default)]
+struct ExpectedMore(AtomicU64);
+
+impl Progress for ExpectedMore {
+    fn report(&self, _stage: Stage, _tier: Option<u8>, _percent: u8) {}
+    fn log(&self, _line: &str) {}
+    fn expect_more(&self, more: Duration) {
+        self.0.fetch_add(u64::try_from(more.as_millis()).unwrap(), Ordering::Relaxed);
+    }
 }
 
 fn both(min_wall: f64) -> Thickening {
@@ -268,7 +288,7 @@ fn a_ridge_that_is_sharp_at_one_end_is_thickened() {
 }
 
 #[test]
-fn balls_thicken_a_curved_sheet_of_many_faces() {
+fn a_curved_sheet_of_many_faces_is_thickened() {
     let (positions, faces) = curved_sheet(0.5, 0.0, 0);
     let sheet = surface(positions, faces, 1.0);
     let done = thickened(&sheet, both(1.0)).unwrap();
@@ -276,6 +296,19 @@ fn balls_thicken_a_curved_sheet_of_many_faces() {
     assert!(done.max_deviation < 0.7, "{}", done.max_deviation);
     // The least volume is 16 * 0.5, without the balls' overhang at the rim.
     assert!((7.5..14.0).contains(&done.added_volume), "{}", done.added_volume);
+}
+
+#[test]
+fn only_rounds_of_balls_are_expected_to_take_long() {
+    let (positions, faces) = plate(0.5);
+    let (sheet_positions, sheet_faces) = curved_sheet(0.3, 0.2, 0);
+    let expected = [surface(positions, faces, 0.0), surface(sheet_positions, sheet_faces, 1.0)].map(|solid| {
+        let more = ExpectedMore::default();
+        thickened_with(&more, &solid, both(1.0)).unwrap();
+        more.0.into_inner()
+    });
+    assert_eq!(expected[0], 0);
+    assert!((500..10_000).contains(&expected[1]), "{expected:?}");
 }
 
 #[test]
