@@ -53,6 +53,18 @@ test("an already printable model is reported as unchanged", () => {
   assert.deepEqual(repairSummary(report({ outcome: "already_printable" }), en, figures, "mm"), [en.untouched]);
 });
 
+test("what options asked for is listed, and a vented cavity is no united part", () => {
+  const thickening = { added_volume_mm3: 360.6 };
+  const step = (kind: string, count: number, more = {}): object => ({ status: "done", strategy: 0, changed: [{ kind, count }], ...more });
+  const candidates = [{ chosen: true, strategy: 0 }];
+  const lines = (steps: object[]): string[] => repairSummary(report({ before: { defects: [] }, steps, candidates }), en, figures, "mm");
+  assert.deepEqual(lines([step("walls_thickened", 2, { thickening })]).slice(0, 2), ["2 thin walls thickened with 0.3606 cm³ of material", "2 parts united"]);
+  const vented = lines([step("voids_vented", 1)]);
+  assert.equal(vented[0], "1 sealed cavity opened with vents");
+  assert.ok(!vented.some((line) => line.includes("united")));
+  assert.ok(!lines([{ ...step("voids_vented", 1), status: "reverted" }]).some((line) => line.includes("cavity")));
+});
+
 test("the boundary of a thickened sheet does not count as a closed hole", () => {
   const before = { defects: [{ kind: "hole", count: 62 }], print: { unit: "mm", size: [80, 80, 20] } };
   const step = (kind: string, count: number): object => ({ status: "done", strategy: 1, changed: [{ kind, count }] });

@@ -4,6 +4,7 @@ import type { Words } from "../words/en";
 
 /** The report on one mesh: a whole file, or an object in it. */
 type Account = Report | ObjectReport;
+type Step = Report["steps"][number];
 
 /** Kinds that are remarks, not defects, and so are never reported as repaired. */
 const REMARKS = new Set(["disjoint", "inner_shell", "tiny_part"]);
@@ -31,22 +32,41 @@ export function repairSummary(report: Account, words: Words, figures: Figures, u
     const say = words.fixed[kind];
     if (gone > 0 && say && !REMARKS.has(kind)) lines.push(say(figures.count(gone), gone));
   }
+  lines.push(...requestedLines(report, words, figures, unit));
   const part_accounting = report.part_accounting;
-  if (part_accounting && part_accounting.united > 1) lines.push(words.united(figures.count(part_accounting.united)));
+  // A cavity with a vent is one with the surface around it, but no parts were united.
+  const united = (part_accounting?.united ?? 0) - changed(report, ["voids_vented"]);
+  if (united > 1) lines.push(words.united(figures.count(united)));
   const left = part_accounting ? droppedPieces(part_accounting) : 0;
   if (left > 0) lines.push(words.dropped(figures.count(left), left));
   return [...lines, ...surfaceLines(report, words, figures, unit)];
 }
 
+/** What was done because options asked for it: thicker walls, vented or filled cavities, struts. */
+function requestedLines(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
+  return Object.entries(words.requested).flatMap(([kind, say]) => {
+    const count = changed(report, [kind]);
+    const added = stepsOfResult(report).reduce((sum, step) => sum + (step.thickening?.added_volume_mm3 ?? 0), 0);
+    return count > 0 ? [say(figures.count(count), count, figures.volume(added, unit))] : [];
+  });
+}
+
+/** The steps that made the result. */
+function stepsOfResult(report: Account): Step[] {
+  const accounts: Account[] = "objects" in report && report.objects && report.objects.length > 0 ? report.objects : [report];
+  return accounts.flatMap((account) => account.steps.filter((step) => step.status === "done" && isChosen(account, step.strategy)));
+}
+
+/** How often the steps that made the result changed something in one of some ways. */
+function changed(report: Account, kinds: string[]): number {
+  return stepsOfResult(report)
+    .flatMap((step) => step.changed)
+    .reduce((sum, { kind, count }) => (kinds.includes(kind) ? sum + count : sum), 0);
+}
+
 /** The number of closed holes. Thickening a sheet also removes its boundary, which does not count as a closed hole. */
 function holesClosed(report: Account, gone: number): number {
-  const accounts: Account[] = "objects" in report && report.objects && report.objects.length > 0 ? report.objects : [report];
-  const sum = (names: string[]): number =>
-    accounts
-      .flatMap((account) => account.steps.filter((step) => step.status === "done" && isChosen(account, step.strategy)))
-      .flatMap((step) => step.changed)
-      .reduce((sum, { kind, count }) => (names.includes(kind) ? sum + count : sum), 0);
-  return sum(MADE_SOLID) > 0 ? Math.min(gone, sum(["holes_closed"])) : gone;
+  return changed(report, MADE_SOLID) > 0 ? Math.min(gone, changed(report, ["holes_closed"])) : gone;
 }
 
 /** Whether the result has the same surface as the input. */

@@ -79,6 +79,12 @@ export const de: Words = {
     corrupt: (n, k) => `${n} unbrauchbare ${s(k, "Fläche", "Flächen")} entfernt`,
     tiny_part: (n, k) => `${n} ${s(k, "winziges Teil", "winzige Teile")} entfernt`,
   },
+  requested: {
+    walls_thickened: (n, k, added) => `${n} dünne ${s(k, "Wand", "Wände")} mit ${added} Material verstärkt`,
+    voids_vented: (n, k) => `${n} ${s(k, "geschlossener Hohlraum", "geschlossene Hohlräume")} mit Öffnungen versehen`,
+    voids_filled: (n, k) => `${n} ${s(k, "geschlossener Hohlraum", "geschlossene Hohlräume")} gefüllt`,
+    islands_attached: (n, k) => `${n} ${s(k, "kleines loses Teil", "kleine lose Teile")} mit Stegen befestigt`,
+  },
   united: (n) => `${n} Teile vereinigt`,
   dropped: (n, k) => `${n} ${s(k, "loses oder doppeltes Stück", "lose oder doppelte Stücke")} entfernt`,
   moved: (length) => `nichts wurde um mehr als ${length} bewegt`,

@@ -95,6 +95,12 @@ export const en = {
     corrupt: (n: string, k: number) => `${n} unusable ${s(k, "face", "faces")} removed`,
     tiny_part: (n: string, k: number) => `${n} tiny ${s(k, "part", "parts")} removed`,
   } as Record<string, (n: string, k: number) => string>,
+  requested: {
+    walls_thickened: (n: string, k: number, added: string) => `${n} thin ${s(k, "wall", "walls")} thickened with ${added} of material`,
+    voids_vented: (n: string, k: number) => `${n} sealed ${s(k, "cavity", "cavities")} opened with vents`,
+    voids_filled: (n: string, k: number) => `${n} sealed ${s(k, "cavity", "cavities")} filled`,
+    islands_attached: (n: string, k: number) => `${n} small separate ${s(k, "part", "parts")} attached with struts`,
+  } as Record<string, (n: string, k: number, added: string) => string>,
   united: (n: string) => `${n} parts united`,
   dropped: (n: string, k: number) => `${n} stray or duplicate ${s(k, "piece", "pieces")} removed`,
   moved: (length: string) => `nothing moved more than ${length}`,
