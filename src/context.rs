@@ -32,7 +32,8 @@ pub enum Stage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Estimate {
-    /// Expected duration of the whole repair in milliseconds, on one idle core. It grows when a step finds out that it takes longer.
+    /// Expected duration of the whole repair in milliseconds, on one idle core. It changes when a step that takes most of
+    /// the time knows better.
     pub milliseconds: u64,
     /// Expected peak memory in bytes.
     pub memory_bytes: u64,
@@ -46,8 +47,8 @@ pub trait Progress: Sync {
     fn log(&self, line: &str);
     /// Receives the expected effort of the repair, once the input is inspected. By default it is ignored.
     fn estimate(&self, _estimate: Estimate) {}
-    /// Receives how much longer than first expected the repair takes from now on, once a step knows it. By default it is ignored.
-    fn expect_more(&self, _more: Duration) {}
+    /// Receives how long the repair is expected to go on, from a step that takes most of the time. By default it is ignored.
+    fn expect_remaining(&self, _remaining: Duration) {}
 }
 
 /// Discards all progress.
@@ -200,9 +201,9 @@ impl<'a> Context<'a> {
         self.progress.estimate(estimate);
     }
 
-    /// Reports that the repair takes longer than first expected, by `more` at most, since the deadline ends it.
-    pub fn expect_more(&self, more: Duration) {
-        self.progress.expect_more(more.min(self.remaining()));
+    /// Reports how long the repair is expected to go on, at most until the deadline. Called by steps that take most of the time.
+    pub fn expect_remaining(&self, remaining: Duration) {
+        self.progress.expect_remaining(remaining.min(self.remaining()));
     }
 }
 

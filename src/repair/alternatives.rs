@@ -207,8 +207,8 @@ impl Progress for AlternativeLog<'_> {
         self.context.log(&format!("{}: {line}", self.id));
     }
 
-    fn expect_more(&self, more: Duration) {
-        self.context.expect_more(more);
+    fn expect_remaining(&self, remaining: Duration) {
+        self.context.expect_remaining(remaining);
     }
 }
 

@@ -288,7 +288,7 @@ impl Progress for ObjectProgress<'_> {
         self.context.log(&format!("{}: {line}", self.name));
     }
 
-    fn expect_more(&self, more: Duration) {
-        self.context.expect_more(more);
+    fn expect_remaining(&self, remaining: Duration) {
+        self.context.expect_remaining(remaining);
     }
 }

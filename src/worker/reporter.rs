@@ -16,14 +16,25 @@ const LOG_BYTES: u64 = 1 << 20;
 const REPORT_EVERY: Duration = Duration::from_millis(50);
 /// The share of the estimated time from which progress slows down, in case the estimate is too short.
 const ON_TIME: f64 = 0.8;
+/// The most that time alone makes of the percentage where a step gave the estimate.
+const MOST_OF_STEP: f64 = 95.0;
 
 /// Writes progress as lines on standard output, and the log to a file of bounded size.
 pub(super) struct Reporter<'a> {
     clock: &'a (dyn Fn() -> Duration + Sync),
     last: Mutex<Option<Reported>>,
-    /// The expected effort, and the time on the clock at which it became known.
-    estimate: Mutex<Option<(Estimate, Duration)>>,
+    expected: Mutex<Option<Expected>>,
     log: Mutex<Log>,
+}
+
+/// The expected effort.
+#[derive(Clone, Copy)]
+struct Expected {
+    estimate: Estimate,
+    /// The time on the clock at which the first estimate became known.
+    since: Duration,
+    /// Whether a step said how long it takes. Otherwise the estimate is from the counts of the inspection.
+    is_by_step: bool,
 }
 
 /// The last progress line.
@@ -51,7 +62,7 @@ impl<'a> Reporter<'a> {
     pub fn new(folder: &Path, clock: &'a (dyn Fn() -> Duration + Sync)) -> io::Result<Self> {
         let file = File::options().create(true).append(true).open(folder.join(Task::LOG))?;
         let log = Mutex::new(Log { file, remaining: LOG_BYTES });
-        Ok(Self { clock, last: Mutex::new(None), estimate: Mutex::new(None), log })
+        Ok(Self { clock, last: Mutex::new(None), expected: Mutex::new(None), log })
     }
 
     /// Reports progress by the time that passed since the last line, since one step of the engine can take most of the time.
@@ -81,28 +92,32 @@ impl<'a> Reporter<'a> {
         if last.as_ref().is_some_and(is_recent) {
             return None;
         }
-        let estimate = *self.estimate.lock().ok()?;
-        let percent = estimate.map_or(engine, |(estimate, since)| {
-            timed_percent(engine, now.saturating_sub(since), Duration::from_millis(estimate.milliseconds))
+        let expected = *self.expected.lock().ok()?;
+        let percent = expected.map_or(engine, |Expected { estimate, since, is_by_step }| {
+            let passed = now.saturating_sub(since);
+            timed_percent((engine, is_by_step), passed, Duration::from_millis(estimate.milliseconds))
         });
         let percent = percent.max(last.map_or(0, |last| last.percent));
         *last = Some(Reported { stage, tier, engine, percent, at: now });
-        Some(JobProgress { stage, tier, percent, estimate: estimate.map(|(estimate, _)| estimate) })
+        Some(JobProgress { stage, tier, percent, estimate: expected.map(|expected| expected.estimate) })
     }
 }
 
 /// The percentage of the work that is done, by the engine's own percentage and by the time that passed of an estimated duration.
 ///
 /// The engine counts steps, whose durations differ a thousandfold, so the time decides. The steps limit the error of a wrong
-/// estimate: progress stays between half of the engine's percentage and the middle of what the engine has left.
-fn timed_percent(engine: u8, passed: Duration, expected: Duration) -> u8 {
+/// estimate: progress stays between half of the engine's percentage and the middle of what the engine has left. The estimate of a step
+/// itself is better, so then time may go on further.
+fn timed_percent((engine, is_by_step): (u8, bool), passed: Duration, expected: Duration) -> u8 {
     let engine = f64::from(engine.min(100));
     if engine >= 100.0 {
         return 100;
     }
     let share = passed.as_secs_f64() / expected.as_secs_f64().max(1e-3);
+    let most = f64::midpoint(engine, 100.0);
+    let most = if is_by_step { most.max(MOST_OF_STEP) } else { most };
     let share = if share <= ON_TIME { share } else { 1.0 - ON_TIME * (1.0 - ON_TIME) / share };
-    (100.0 * share).clamp(engine / 2.0, (engine + 100.0) / 2.0) as u8
+    (100.0 * share).clamp(engine / 2.0, most) as u8
 }
 
 impl Progress for Reporter<'_> {
@@ -135,17 +150,16 @@ impl Progress for Reporter<'_> {
     }
 
     fn estimate(&self, estimate: Estimate) {
-        if let Ok(mut known) = self.estimate.lock() {
-            *known = Some((estimate, (self.clock)()));
+        if let Ok(mut expected) = self.expected.lock() {
+            *expected = Some(Expected { estimate, since: (self.clock)(), is_by_step: false });
         }
     }
 
-    fn expect_more(&self, more: Duration) {
-        if let Ok(Some((estimate, since))) = self.estimate.lock().as_deref_mut() {
-            // A first estimate that was too short counts for nothing from now on.
-            let passed = (self.clock)().saturating_sub(*since).as_millis();
-            let until_now = passed.max(u128::from(estimate.milliseconds));
-            estimate.milliseconds = u64::try_from(until_now + more.as_millis()).unwrap_or(u64::MAX);
+    fn expect_remaining(&self, remaining: Duration) {
+        if let Ok(Some(expected)) = self.expected.lock().as_deref_mut() {
+            let end = (self.clock)().saturating_sub(expected.since) + remaining;
+            expected.estimate.milliseconds = u64::try_from(end.as_millis()).unwrap_or(u64::MAX);
+            expected.is_by_step = true;
         }
     }
 }
@@ -189,24 +203,24 @@ mod tests {
     }
 
     #[test]
-    fn a_step_that_takes_longer_than_expected_extends_the_estimate() {
+    fn progress_follows_what_a_step_expects_to_take() {
         let folder = tempfile::tempdir().expect("a folder");
         let now = AtomicU64::new(0);
         let clock = || Duration::from_millis(now.load(Ordering::Relaxed));
         let reporter = Reporter::new(folder.path(), &clock).expect("a log");
-        reporter.expect_more(Duration::from_secs(100));
+        reporter.expect_remaining(Duration::from_secs(100));
         reporter.estimate(Estimate { milliseconds: 1_000, memory_bytes: 0 });
         now.store(400, Ordering::Relaxed);
-        reporter.expect_more(Duration::from_secs(9));
+        reporter.expect_remaining(Duration::from_millis(9_600));
         let at = |milliseconds| {
             now.store(milliseconds, Ordering::Relaxed);
-            let line = reporter.line(Stage::Repair, Some(1), 50).expect("a line is due");
+            let line = reporter.line(Stage::Repair, Some(1), 15).expect("a line is due");
             (line.percent, line.estimate.map(|estimate| estimate.milliseconds))
         };
-        assert_eq!(at(4000), (40, Some(10_000)));
-        now.store(12_000, Ordering::Relaxed);
-        reporter.expect_more(Duration::from_secs(12));
-        assert_eq!(at(12_100), (50, Some(24_000)));
+        assert_eq!(at(4_000), (40, Some(10_000)));
+        assert_eq!(at(7_000), (70, Some(10_000)), "beyond the middle of what the engine has left");
+        reporter.expect_remaining(Duration::from_secs(1));
+        assert_eq!(at(40_000), (95, Some(8_000)));
     }
 
     #[test]
@@ -232,7 +246,7 @@ mod tests {
         assert_eq!(at(40_000, 2, 66), Some(83), "half of what the engine has left");
         assert_eq!(at(40_100, 2, 10), Some(83));
         assert_eq!(at(40_200, 2, 100), Some(100));
-        assert_eq!(timed_percent(90, Duration::from_secs(1), Duration::from_secs(600)), 45);
-        assert_eq!(timed_percent(90, Duration::ZERO, Duration::ZERO), 45);
+        assert_eq!(timed_percent((90, false), Duration::from_secs(1), Duration::from_secs(600)), 45);
+        assert_eq!(timed_percent((90, false), Duration::ZERO, Duration::ZERO), 45);
     }
 }

@@ -1396,7 +1396,8 @@ export interface components {
             memory_bytes: number;
             /**
              * Format: int64
-             * @description Expected duration of the whole repair in milliseconds, on one idle core. It grows when a step finds out that it takes longer.
+             * @description Expected duration of the whole repair in milliseconds, on one idle core. It changes when a step that takes most of
+             *     the time knows better.
              */
             milliseconds: number;
         };

@@ -114,7 +114,7 @@ impl Filling<'_> {
     fn cells_for(&self, base: &Grown) -> Result<(Cells, Option<Vec<Filler>>), Cancelled> {
         let [finer @ .., coarsest] = CELLS;
         let Some(fillers) = self.fillers(base, coarsest, 0)? else { return Ok((coarsest, None)) };
-        self.context.expect_more(EXPECTED.mul_f64((fillers.len() as f64).sqrt()));
+        self.context.expect_remaining(EXPECTED.mul_f64((fillers.len() as f64).sqrt()));
         let faces = match self.body(&fillers, coarsest.share, u64::MAX) {
             Ok(body) => body.faces.len() as f64,
             Err(RemeshError::Empty) => 0.0,

@@ -63,6 +63,9 @@ const LAYER_SHARE: f64 = 0.1;
 const LAYER_S: u64 = 15;
 /// Most thin faces for which prisms are tried: they keep edges sharp, but often fail on many small faces.
 const MAX_PRISMS: usize = 400;
+/// The expected duration of a thickening of many faces, on two cores, if they lack the least wall over a square of it. It grows with the
+/// root of what all lack.
+const EXPECTED: Duration = Duration::from_millis(900);
 /// The share of the least gap to which rounding may narrow a gap.
 const MAX_NARROWER: f64 = 0.98;
 /// The share of the lack of thickness up to which the next way starts from a result with a wall that is thinner than before.
@@ -97,6 +100,9 @@ impl Thickening {
         let start = Grown { surface: results::with_own_sources(surface), thin: before.clone(), ..Grown::default() };
         if before.is_empty() {
             return Ok(results.finish(start));
+        }
+        if before.count() > MAX_PRISMS {
+            context.expect_remaining(EXPECTED.mul_f64((before.lack / (min_wall * min_wall)).sqrt()));
         }
         let remaining = context.remaining();
         let [short, long] = KEPT_SHARES.map(|share| remaining.mul_f64(share));

@@ -223,7 +223,10 @@ class Estimate(TypedDict):
     memory_bytes: int
     """Expected peak memory in bytes."""
     milliseconds: int
-    """Expected duration of the whole repair in milliseconds, on one idle core. It grows when a step finds out that it takes longer."""
+    """
+    Expected duration of the whole repair in milliseconds, on one idle core. It changes when a step that takes most of
+    the time knows better.
+    """
 
 
 class FieldError(TypedDict):

@@ -26,15 +26,15 @@ fn thickened_with(
     settings.apply(closed, &LayerUnion, &Context::new(progress, &cancel, &clock, Duration::from_secs(60)))
 }
 
-/// The milliseconds that a repair is expected to take in addition.
+/// The milliseconds that a thickening last expected to go on.
 #[derive(Default)]
-struct ExpectedMore(AtomicU64);
+struct Remaining(AtomicU64);
 
-impl Progress for ExpectedMore {
+impl Progress for Remaining {
     fn report(&self, _stage: Stage, _tier: Option<u8>, _percent: u8) {}
     fn log(&self, _line: &str) {}
-    fn expect_more(&self, more: Duration) {
-        self.0.fetch_add(u64::try_from(more.as_millis()).unwrap(), Ordering::Relaxed);
+    fn expect_remaining(&self, remaining: Duration) {
+        self.0.store(u64::try_from(remaining.as_millis()).unwrap(), Ordering::Relaxed);
     }
 }
 
@@ -299,13 +299,13 @@ fn a_curved_sheet_of_many_faces_is_thickened() {
 }
 
 #[test]
-fn only_rounds_of_balls_are_expected_to_take_long() {
+fn walls_of_many_faces_are_expected_to_take_long() {
     let (positions, faces) = plate(0.5);
     let (sheet_positions, sheet_faces) = curved_sheet(0.3, 0.2, 0);
     let expected = [surface(positions, faces, 0.0), surface(sheet_positions, sheet_faces, 1.0)].map(|solid| {
-        let more = ExpectedMore::default();
-        thickened_with(&more, &solid, both(1.0)).unwrap();
-        more.0.into_inner()
+        let remaining = Remaining::default();
+        thickened_with(&remaining, &solid, both(1.0)).unwrap();
+        remaining.0.into_inner()
     });
     assert_eq!(expected[0], 0);
     assert!((500..10_000).contains(&expected[1]), "{expected:?}");
