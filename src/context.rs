@@ -32,8 +32,8 @@ pub enum Stage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Estimate {
-    /// Expected duration of the whole repair in milliseconds, on one idle core. It changes when a step that takes most of
-    /// the time knows better.
+    /// Expected duration of the whole repair in milliseconds, on one idle core. A step that takes most of the time may
+    /// correct it.
     pub milliseconds: u64,
     /// Expected peak memory in bytes.
     pub memory_bytes: u64,

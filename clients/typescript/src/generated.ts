@@ -1396,8 +1396,8 @@ export interface components {
             memory_bytes: number;
             /**
              * Format: int64
-             * @description Expected duration of the whole repair in milliseconds, on one idle core. It changes when a step that takes most of
-             *     the time knows better.
+             * @description Expected duration of the whole repair in milliseconds, on one idle core. A step that takes most of the time may
+             *     correct it.
              */
             milliseconds: number;
         };

@@ -224,8 +224,8 @@ class Estimate(TypedDict):
     """Expected peak memory in bytes."""
     milliseconds: int
     """
-    Expected duration of the whole repair in milliseconds, on one idle core. It changes when a step that takes most of
-    the time knows better.
+    Expected duration of the whole repair in milliseconds, on one idle core. A step that takes most of the time may
+    correct it.
     """
 
 
