@@ -171,24 +171,31 @@ mod tests {
 
     use super::*;
 
-    #[test]
-    fn progress_is_due_at_each_new_stage_and_then_at_intervals() {
+    /// Runs a test with a reporter whose clock shows some milliseconds.
+    fn with_reporter(test: impl FnOnce(&Reporter<'_>, &AtomicU64)) {
         let folder = tempfile::tempdir().expect("a folder");
         let now = AtomicU64::new(0);
         let clock = || Duration::from_millis(now.load(Ordering::Relaxed));
         let reporter = Reporter::new(folder.path(), &clock).expect("a log");
-        let at = |milliseconds, stage, tier| {
-            now.store(milliseconds, Ordering::Relaxed);
-            reporter.line(stage, tier, 0).is_some()
-        };
-        assert!(at(0, Stage::Read, None));
-        assert!(at(1, Stage::Repair, Some(1)));
-        assert!(!at(2, Stage::Repair, Some(1)));
-        assert!(at(3, Stage::Repair, Some(2)));
-        assert!(!at(52, Stage::Repair, Some(2)));
-        assert!(at(53, Stage::Repair, Some(2)));
-        assert!(!at(54, Stage::Repair, Some(2)));
-        assert!(at(54, Stage::Verify, None));
+        test(&reporter, &now);
+    }
+
+    #[test]
+    fn progress_is_due_at_each_new_stage_and_then_at_intervals() {
+        with_reporter(|reporter, now| {
+            let at = |milliseconds, stage, tier| {
+                now.store(milliseconds, Ordering::Relaxed);
+                reporter.line(stage, tier, 0).is_some()
+            };
+            assert!(at(0, Stage::Read, None));
+            assert!(at(1, Stage::Repair, Some(1)));
+            assert!(!at(2, Stage::Repair, Some(1)));
+            assert!(at(3, Stage::Repair, Some(2)));
+            assert!(!at(52, Stage::Repair, Some(2)));
+            assert!(at(53, Stage::Repair, Some(2)));
+            assert!(!at(54, Stage::Repair, Some(2)));
+            assert!(at(54, Stage::Verify, None));
+        });
     }
 
     #[test]
@@ -204,49 +211,45 @@ mod tests {
 
     #[test]
     fn progress_follows_what_a_step_expects_to_take() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let now = AtomicU64::new(0);
-        let clock = || Duration::from_millis(now.load(Ordering::Relaxed));
-        let reporter = Reporter::new(folder.path(), &clock).expect("a log");
-        reporter.expect_remaining(Duration::from_secs(100));
-        reporter.estimate(Estimate { milliseconds: 1_000, memory_bytes: 0 });
-        now.store(400, Ordering::Relaxed);
-        reporter.expect_remaining(Duration::from_millis(9_600));
-        let at = |milliseconds| {
-            now.store(milliseconds, Ordering::Relaxed);
-            let line = reporter.line(Stage::Repair, Some(1), 15).expect("a line is due");
-            (line.percent, line.estimate.map(|estimate| estimate.milliseconds))
-        };
-        assert_eq!(at(4_000), (40, Some(10_000)));
-        assert_eq!(at(7_000), (70, Some(10_000)), "beyond the middle of what the engine has left");
-        reporter.expect_remaining(Duration::from_secs(1));
-        assert_eq!(at(40_000), (95, Some(8_000)));
+        with_reporter(|reporter, now| {
+            reporter.expect_remaining(Duration::from_secs(100));
+            reporter.estimate(Estimate { milliseconds: 1_000, memory_bytes: 0 });
+            now.store(400, Ordering::Relaxed);
+            reporter.expect_remaining(Duration::from_millis(9_600));
+            let at = |milliseconds| {
+                now.store(milliseconds, Ordering::Relaxed);
+                let line = reporter.line(Stage::Repair, Some(1), 15).expect("a line is due");
+                (line.percent, line.estimate.map(|estimate| estimate.milliseconds))
+            };
+            assert_eq!(at(4_000), (40, Some(10_000)));
+            assert_eq!(at(7_000), (70, Some(10_000)), "beyond the middle of what the engine has left");
+            reporter.expect_remaining(Duration::from_secs(1));
+            assert_eq!(at(40_000), (95, Some(8_000)));
+        });
     }
 
     #[test]
     fn progress_follows_the_estimate_and_never_decreases() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let now = AtomicU64::new(0);
-        let clock = || Duration::from_millis(now.load(Ordering::Relaxed));
-        let reporter = Reporter::new(folder.path(), &clock).expect("a log");
-        let at = |milliseconds, tier, percent| {
-            now.store(milliseconds, Ordering::Relaxed);
-            reporter.line(Stage::Repair, Some(tier), percent).map(|line| line.percent)
-        };
-        assert_eq!(at(0, 1, 15), Some(15));
-        reporter.estimate(Estimate { milliseconds: 10_000, memory_bytes: 0 });
-        assert_eq!(at(3000, 2, 20), Some(30));
-        let between = |milliseconds| {
-            now.store(milliseconds, Ordering::Relaxed);
-            reporter.line_by_time().map(|line| (line.stage, line.tier, line.percent))
-        };
-        assert_eq!(between(5000), Some((Stage::Repair, Some(2), 50)));
-        assert_eq!(between(5060), None, "the same percentage");
-        assert_eq!(at(8000, 2, 65), Some(80));
-        assert_eq!(at(40_000, 2, 66), Some(83), "half of what the engine has left");
-        assert_eq!(at(40_100, 2, 10), Some(83));
-        assert_eq!(at(40_200, 2, 100), Some(100));
-        assert_eq!(timed_percent((90, false), Duration::from_secs(1), Duration::from_secs(600)), 45);
-        assert_eq!(timed_percent((90, false), Duration::ZERO, Duration::ZERO), 45);
+        with_reporter(|reporter, now| {
+            let at = |milliseconds, tier, percent| {
+                now.store(milliseconds, Ordering::Relaxed);
+                reporter.line(Stage::Repair, Some(tier), percent).map(|line| line.percent)
+            };
+            assert_eq!(at(0, 1, 15), Some(15));
+            reporter.estimate(Estimate { milliseconds: 10_000, memory_bytes: 0 });
+            assert_eq!(at(3000, 2, 20), Some(30));
+            let between = |milliseconds| {
+                now.store(milliseconds, Ordering::Relaxed);
+                reporter.line_by_time().map(|line| (line.stage, line.tier, line.percent))
+            };
+            assert_eq!(between(5000), Some((Stage::Repair, Some(2), 50)));
+            assert_eq!(between(5060), None, "the same percentage");
+            assert_eq!(at(8000, 2, 65), Some(80));
+            assert_eq!(at(40_000, 2, 66), Some(83), "half of what the engine has left");
+            assert_eq!(at(40_100, 2, 10), Some(83));
+            assert_eq!(at(40_200, 2, 100), Some(100));
+            assert_eq!(timed_percent((90, false), Duration::from_secs(1), Duration::from_secs(600)), 45);
+            assert_eq!(timed_percent((90, false), Duration::ZERO, Duration::ZERO), 45);
+        });
     }
 }

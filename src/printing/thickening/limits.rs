@@ -11,7 +11,6 @@ use super::unite::{FAR_AWAY, group_of_each_face};
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
 /// rest is what later rounds add beside earlier balls.
 const MAX_BALL_DEVIATION: f64 = 1.125;
-
 /// The most moves of a ball away from other solids.
 const MAX_MOVES: usize = 8;
 
@@ -65,13 +64,16 @@ impl<'a> Limits<'a> {
     /// left of a ball that would have to be smaller than a cell of the balls' surface, since that can be a cell away from it.
     pub fn apply(&self, filler: &mut Filler, cell: f64) {
         let Filler { centre, radius, slack, .. } = *filler;
-        let group = self.group_of_face.as_ref().map(|groups| self.group_at(centre, groups));
+        let group = self.group_of_face.as_ref().map(|groups| (&groups[..], self.group_at(centre, groups)));
         let Some(mut best) = self.at(centre, radius, group) else { return };
         let mut last = best;
         for _ in 0..MAX_MOVES {
             let Some(other) = last.other.filter(|_| slack > 0.0) else { break };
             let away = (last.centre - other).normalize_or_zero() * (radius - last.radius);
             let moved = centre + (last.centre + away - centre).clamp_length_max(slack);
+            if moved == last.centre {
+                break;
+            }
             let Some(found) = self.at(moved, radius, group) else { break };
             last = found;
             if last.radius > best.radius {
@@ -81,16 +83,15 @@ impl<'a> Limits<'a> {
         filler.is_limited |= best.other.is_some();
         filler.slack -= best.centre.distance(centre);
         filler.centre = best.centre;
-        filler.radius = if best.radius < radius.min(cell) { 0.0 } else { radius.min(best.radius) };
+        filler.radius = if best.radius < radius.min(cell) { 0.0 } else { best.radius };
     }
 
-    /// The largest radius, at most `radius`, of a ball around a point that belongs to a group of solids. None without a surface.
-    fn at(&self, centre: DVec3, radius: f64, group: Option<u32>) -> Option<Allowed> {
+    /// The largest radius, at most `radius`, of a ball around a point, which belongs to one of several groups of solids. None without
+    /// a surface.
+    fn at(&self, centre: DVec3, radius: f64, group: Option<(&[u32], u32)>) -> Option<Allowed> {
         let own = self.nearest(centre, f64::INFINITY, |_| true)?;
-        let found = match (&self.group_of_face, group) {
-            (Some(groups), Some(group)) => self.beside_others((centre, own.distance), radius, (groups, group)),
-            _ => Allowed { centre, radius, other: None },
-        };
+        let alone = Allowed { centre, radius, other: None };
+        let found = group.map_or(alone, |group| self.beside_others((centre, own.distance), radius, group));
         let depth = depth((self.input, &self.tree, &self.dipoles), centre, own.distance);
         let most = MAX_BALL_DEVIATION * self.settings.min_wall + depth;
         Some(Allowed { radius: found.radius.min(most), ..found })

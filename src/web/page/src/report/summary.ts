@@ -44,9 +44,9 @@ export function repairSummary(report: Account, words: Words, figures: Figures, u
 
 /** What was done because options asked for it: thicker walls, vented or filled cavities, struts. */
 function requestedLines(report: Account, words: Words, figures: Figures, unit: Unit): string[] {
+  const added = stepsOfResult(report).reduce((sum, step) => sum + (step.thickening?.added_volume_mm3 ?? 0), 0);
   return Object.entries(words.requested).flatMap(([kind, say]) => {
     const count = changed(report, [kind]);
-    const added = stepsOfResult(report).reduce((sum, step) => sum + (step.thickening?.added_volume_mm3 ?? 0), 0);
     return count > 0 ? [say(figures.count(count), count, figures.volume(added, unit))] : [];
   });
 }
