@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use super::analysis::{KnownPairs, flat_faces, get_or_try_init};
+use super::unfolded_stars::unfolded_stars;
 use super::{Analysis, Defect, DefectKind, Findings, IntersectingPair, Intersections, Meeting, SelfIntersections};
 use crate::context::{Cancelled, Context};
 use crate::math::{
@@ -80,13 +81,20 @@ fn intersections_within(
 ) -> Result<Intersections, Cancelled> {
     let (unit, faces) = (analysis.unit(), &analysis.surface.faces);
     let flat = analysis.flat();
-    let meeting = |f: u32, g: u32, steps: &mut u64| face_meeting(unit, [faces, faces], [flat, flat], [f, g], steps);
     context.check()?;
     let tree = analysis.tree();
     context.check()?;
     let hubs = Hubs::find(unit, faces);
     let hubs = hubs.as_ref();
+    // Not worth the time where only pairs with a changed face are tested.
+    let is_unfolded = if analysis.known_pairs.is_some() { Vec::new() } else { unfolded_stars(unit, faces) };
     context.check()?;
+    let meeting = |f: u32, g: u32, steps: &mut u64| {
+        let other = faces[g as usize];
+        let is_apart =
+            faces[f as usize].iter().any(|v| other.contains(v) && is_unfolded.get(*v as usize) == Some(&true));
+        if is_apart { None } else { face_meeting(unit, [faces, faces], [flat, flat], [f, g], steps) }
+    };
     let mut collector = Collector::new([analysis, analysis]);
     let complete = if let Some(known) = &analysis.known_pairs {
         collector.add(known.hits.clone(), context)?;

@@ -23,6 +23,7 @@ mod set;
 mod shells;
 mod solids;
 mod statistics;
+mod unfolded_stars;
 
 pub use analysis::{Analysis, FileFacts, Subject};
 pub use check::{CheckRule, CheckVerdict};
