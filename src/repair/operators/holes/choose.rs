@@ -4,11 +4,12 @@ use std::collections::{HashMap, HashSet};
 
 use glam::DVec3;
 
+use super::clearance::Clearance;
 use super::group::{Hole, newell};
-use super::patch::{Clearance, Faults, Patch};
+use super::patch::{Faults, Patch};
 use super::triangulate::{Criterion, grow_from_sharp_corners, least_weight, shortest_cut};
 use crate::math::{Precision, Sign, collinear, orient3d, triangulated_area};
-use crate::mesh::Edges;
+use crate::mesh::{Edges, Surface};
 use crate::repair::options::HoleFilling;
 use crate::repair::{Cancelled, Context};
 
@@ -115,12 +116,12 @@ impl<'a> Filler<'a> {
     /// Prepares to fill the holes of a surface.
     pub fn new(
         params: &'a FillHoles,
-        positions: Vec<DVec3>,
-        faces: &'a [[u32; 3]],
+        surface: &'a Surface,
         edges: &'a Edges,
+        clearance: Clearance<'a>,
         context: &'a Context<'a>,
     ) -> Self {
-        let clearance = Clearance::new(&positions, faces);
+        let (positions, faces) = (surface.positions.clone(), surface.faces.as_slice());
         let neighbours = if params.refine || params.fair { boundary_neighbours(edges) } else { HashMap::new() };
         let new_edges = HashSet::new();
         Self { params, positions, faces, edges, clearance, new_edges, neighbours, context, cubic_budget: CUBIC_BUDGET }
@@ -131,6 +132,7 @@ impl<'a> Filler<'a> {
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn choose(&mut self, hole: &Hole) -> Result<Option<PatchCandidate>, Cancelled> {
+        self.clearance.enter(hole);
         let vertices = hole.loops.concat();
         let points: Vec<DVec3> = vertices.iter().map(|&v| self.clearance.unit()[v as usize]).collect();
         let ends: Vec<usize> = hole

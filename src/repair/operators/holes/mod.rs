@@ -1,9 +1,10 @@
 //! Fills holes: closes boundary loops with patches of triangles.
 //!
 //! `group.rs` finds the loops that bound one hole, `triangulate.rs` computes triangulations, `choose.rs` chooses among them,
-//! and `patch.rs` refines patches and finds intersections.
+//! `patch.rs` refines patches, and `clearance.rs` finds their intersections.
 
 mod choose;
+mod clearance;
 mod group;
 mod patch;
 mod triangulate;
@@ -16,6 +17,7 @@ use crate::repair::operators::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 pub use choose::FillHoles;
 use choose::{Filler, PatchCandidate, face_normal};
+use clearance::Clearance;
 pub(super) use group::newell;
 use group::{Hole, group_loops};
 
@@ -106,7 +108,10 @@ impl FillHoles {
         let is_within_limits = self.within_limits(surface, &holes);
         let (bodies, by_body) = merge_into_bodies(&parts, &holes);
         let solids = solids(surface, &edges, &bodies);
-        let mut filler = Filler::new(self, surface.positions.clone(), &surface.faces, &edges, context);
+        let filled_holes =
+            holes.iter().zip(&is_within_limits).filter(|(_, is_filled)| **is_filled).map(|(hole, _)| hole);
+        let clearance = Clearance::new(&surface.positions, &surface.faces, filled_holes);
+        let mut filler = Filler::new(self, surface, &edges, clearance, context);
         let (mut closed, mut joined) = (0u64, 0u64);
         for of_body in by_body.chunk_by(|a, b| a.0 == b.0) {
             let solid = &solids[of_body[0].0 as usize];

@@ -1,11 +1,11 @@
-//! Refines and smooths patches, and tests exactly whether a patch intersects the surface, other patches or itself.
+//! Refines and smooths patches.
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, SQRT_2};
 
 use glam::DVec3;
 
-use crate::math::{Box3, Frame, Tree, collinear, contact, to_unit_range, unit_scale};
+use crate::math::Box3;
 
 /// The most rounds of splitting, and of flipping within each round. Only crafted input reaches these limits.
 const ROUNDS: usize = 24;
@@ -21,14 +21,6 @@ const PLATE_SWEEPS: usize = 400;
 const MAX_MOVES: usize = 4_000_000;
 /// The sweeps end when no point moves by more than this share of the patch's size.
 const STILL_SHARE: f64 = 1e-7;
-
-/// The steps that all queries together may take: pairs of triangles tested, plus a surcharge for slow exact predicates. A
-/// constant plus a number for each face: holes in a surface that does not intersect itself take less than a tenth of that.
-const STEP_BUDGET: u64 = 5_000_000;
-const STEPS_PER_FACE: u64 = 50;
-const STEPS_PER_SLOW_PREDICATE: u64 = 8;
-/// The number of patch faces that are tested one by one before they get a tree.
-const BLOCK_SIZE: usize = 64;
 
 /// A patch over points, of which the first `fixed` are on its border.
 #[derive(Debug, Clone)]
@@ -208,160 +200,6 @@ impl Faults {
     /// Whether there are no faults.
     pub fn is_empty(self) -> bool {
         self == Self::default()
-    }
-}
-
-/// The surface around the holes and the patches so far, in search trees for intersection tests.
-///
-/// The surface gets its tree once. Patches arrive one after another: each tree holds a block of patch faces, and two blocks of
-/// similar size are merged (Bentley and Saxe 1980), so that a query visits logarithmically many trees.
-pub(super) struct Clearance<'a> {
-    unit: Vec<DVec3>,
-    scale: f64,
-    faces: &'a [[u32; 3]],
-    frame: Frame,
-    tree: Tree,
-    patches: Vec<[u32; 3]>,
-    blocks: Vec<(usize, Tree)>,
-    steps: u64,
-}
-
-impl<'a> Clearance<'a> {
-    /// Builds the search tree of the surface.
-    pub fn new(positions: &[DVec3], faces: &'a [[u32; 3]]) -> Self {
-        let unit = to_unit_range(positions);
-        let frame = Frame::around(&unit, faces);
-        let tree = Tree::in_frame(frame, &unit, faces);
-        let scale = unit_scale(positions);
-        let steps = STEP_BUDGET + STEPS_PER_FACE * faces.len() as u64;
-        Self { unit, scale, faces, frame, tree, patches: Vec::new(), blocks: Vec::new(), steps }
-    }
-
-    /// The positions in the range of the exact predicates.
-    pub fn unit(&self) -> &[DVec3] {
-        &self.unit
-    }
-
-    /// The steps that queries may still take.
-    pub fn steps(&self) -> u64 {
-        self.steps
-    }
-
-    /// Appends vertices at `positions`, in the model's unit.
-    pub fn add_vertices(&mut self, positions: &[DVec3]) {
-        self.unit.extend(positions.iter().map(|&p| p * self.scale));
-    }
-
-    /// Removes the vertices from index `from` on; no patch may use them.
-    pub fn drop_vertices(&mut self, from: usize) {
-        self.unit.truncate(from);
-    }
-
-    /// The patch faces so far.
-    pub fn patches(&self) -> &[[u32; 3]] {
-        &self.patches
-    }
-
-    /// Adds the faces of a patch.
-    pub fn add(&mut self, patch: &[[u32; 3]]) {
-        self.patches.extend_from_slice(patch);
-        let covered = self.covered();
-        if self.patches.len() - covered < BLOCK_SIZE {
-            return;
-        }
-        let mut start = covered;
-        while let Some(&(end, _)) = self.blocks.last() {
-            let begin = self.blocks.len().checked_sub(2).map_or(0, |i| self.blocks[i].0);
-            if end - begin > self.patches.len() - start {
-                break;
-            }
-            start = begin;
-            self.blocks.pop();
-        }
-        let tree = Tree::in_frame(self.frame, &self.unit, &self.patches[start..]);
-        self.blocks.push((self.patches.len(), tree));
-    }
-
-    /// Removes the patch faces from index `from` on.
-    pub fn truncate_patches(&mut self, from: usize) {
-        self.patches.truncate(from);
-        while self.covered() > from {
-            self.blocks.pop();
-        }
-    }
-
-    /// The number of patch faces in blocks.
-    fn covered(&self) -> usize {
-        self.blocks.last().map_or(0, |b| b.0)
-    }
-
-    /// Counts the faults of a patch, and stops above `max_crossings` pairs. With `is_simple` the patch is known not to
-    /// intersect itself. `None` where the budget is spent.
-    pub fn faults(&mut self, patch: &[[u32; 3]], is_simple: bool, max_crossings: u64) -> Option<Faults> {
-        let mut faults = Faults::default();
-        let own = (!is_simple && patch.len() > BLOCK_SIZE).then(|| Tree::in_frame(self.frame, &self.unit, patch));
-        for (i, &face) in patch.iter().enumerate() {
-            let corners = face.map(|v| self.unit[v as usize]);
-            if collinear(corners[0], corners[1], corners[2]) {
-                faults.degenerate += 1;
-                continue;
-            }
-            let mut tested = 0;
-            let bounds = Box3::of(corners);
-            let mut test_face = |other: [u32; 3]| {
-                tested += 1;
-                faults.crossings += u64::from(self.intersects(&corners, &bounds, other, &mut tested));
-                faults.crossings <= max_crossings && tested < self.steps
-            };
-            self.tree.overlapping(&bounds, |f| test_face(self.faces[f as usize]));
-            let mut start = 0;
-            for (end, tree) in &self.blocks {
-                tree.overlapping(&bounds, |f| test_face(self.patches[start + f as usize]));
-                start = *end;
-            }
-            for &other in &self.patches[start..] {
-                test_face(other);
-            }
-            match &own {
-                // Each pair is tested from its second face.
-                Some(tree) => tree.overlapping(&bounds, |f| (f as usize) >= i || test_face(patch[f as usize])),
-                None if is_simple => {}
-                None => patch[..i].iter().for_each(|&other| {
-                    test_face(other);
-                }),
-            }
-            self.steps = self.steps.saturating_sub(tested);
-            if self.steps == 0 {
-                return None;
-            }
-            if faults.crossings > max_crossings {
-                break;
-            }
-        }
-        Some(faults)
-    }
-
-    /// Whether a triangle and a face have more in common than a shared vertex or edge. Vertices at one position count as one,
-    /// since a position-based file will merge them.
-    fn intersects(&self, corners: &[DVec3; 3], bounds: &Box3, face: [u32; 3], steps: &mut u64) -> bool {
-        let other = face.map(|v| self.unit[v as usize]);
-        let face_bounds = Box3::of(other);
-        if face_bounds.min.cmpgt(bounds.max).any() || face_bounds.max.cmplt(bounds.min).any() {
-            return false;
-        }
-        let [a, b, c] = *corners;
-        let [d, e, f] = other;
-        // A face with a repeated position, as in closed cracks, has no defined contact.
-        if d == e || e == f || f == d {
-            return false;
-        }
-        let number = |q: DVec3, own: u32| (0u32..).zip(corners).find(|(_, p)| **p == q).map_or(own, |(i, _)| i);
-        let numbers = [number(d, 3), number(e, 4), number(f, 5)];
-        let mut slow = 0;
-        let result = contact(&[a, b, c, d, e, f], [0, 1, 2], numbers, &mut slow);
-        *steps += slow * STEPS_PER_SLOW_PREDICATE;
-        // For a collinear face the result is meaningless. Testing that first would be the most expensive step.
-        !result.is_apart() && !collinear(d, e, f)
     }
 }
 
