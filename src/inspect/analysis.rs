@@ -256,6 +256,17 @@ impl<'a> Analysis<'a> {
         get_or_init(&self.tree, || Tree::new(self.unit(), &self.surface.faces))
     }
 
+    /// [`Analysis::tree`], if it has been built, and `surface` has the same triangles in the same order, whatever their winding.
+    pub(crate) fn tree_of(&self, surface: &Surface) -> Option<&Tree> {
+        let tree = self.tree.get()?;
+        let (faces, others) = (&self.surface.faces, &surface.faces);
+        if faces.len() != others.len() || self.surface.positions != surface.positions {
+            return None;
+        }
+        let is_other = |face: usize| !faces[face].iter().all(|v| others[face].contains(v));
+        (threads::count(faces.len(), is_other) == 0).then_some(tree)
+    }
+
     /// Dipole moments of the tree's nodes, for fast winding numbers. O(n) on first use.
     pub(super) fn dipoles(&self) -> &Dipoles {
         get_or_init(&self.dipoles, || self.tree().dipoles(|f| self.unit_corners(f)))

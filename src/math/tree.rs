@@ -23,6 +23,7 @@ pub(super) const FAR: f64 = 1.152_921_504_606_847e18; // 2^60
 /// A bounding volume hierarchy over triangles, which finds the few that a segment may meet or that lie near a point.
 ///
 /// Queries return candidates, not hits: boxes are in f32 and rounded outward, and the exact predicates decide.
+#[derive(Clone)]
 pub struct Tree {
     /// The hierarchy; none without triangles.
     pub(crate) bvh: Option<Bvh2>,

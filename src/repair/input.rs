@@ -312,7 +312,8 @@ fn settle_orientation(
     let mut surface = analysis.surface.clone();
     // Duplicate faces enclose nothing and block each other's view of the outside.
     remove_duplicates(&mut surface);
-    let oriented = Orient { nested: options.nested }.apply(&mut surface, &context.for_verification());
+    let oriented =
+        Orient { nested: options.nested }.apply_knowing(Some(analysis), &mut surface, &context.for_verification());
     if context.unless_late(oriented)?.is_none() {
         return Ok(None);
     }

@@ -118,14 +118,14 @@ fn fins(surface: &Surface, edges: &Edges, parts: &Parts, solids: &[Solid]) -> Ve
 }
 
 /// Prepares ray queries against the faces of the closed parts.
-fn closed_parts(surface: &Surface, parts: &Parts, solids: &[Solid]) -> RayCaster {
+fn closed_parts(surface: &Surface, parts: &Parts, solids: &[Solid]) -> RayCaster<'static> {
     let closed = |p: u32| p != Parts::NONE && solids[p as usize].closed;
     let of_closed = surface.faces.iter().zip(&parts.of_face).filter(|&(_, &p)| closed(p));
     RayCaster::new(surface, of_closed.map(|(&face, _)| face).collect(), BUDGET)
 }
 
 /// Whether the centroids of all sampled faces lie inside closed parts.
-fn is_enclosed(closed: &mut RayCaster, surface: &Surface, faces: &[u32]) -> bool {
+fn is_enclosed(closed: &mut RayCaster<'_>, surface: &Surface, faces: &[u32]) -> bool {
     let stride = faces.len().div_ceil(MAX_SAMPLES);
     faces.iter().step_by(stride).all(|&f| {
         let from = closed.centroid(surface.faces[f as usize]);

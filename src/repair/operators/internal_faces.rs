@@ -3,6 +3,7 @@
 use super::face_pairs::{AroundEdge, around_edge, without_inner_sheets};
 use super::operator::{Applied, Counter, Operation, Scope};
 use super::ray_caster::RayCaster;
+use crate::inspect::Analysis;
 use crate::math::{ray_direction, to_unit_range};
 use crate::mesh::{Edges, Parts, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -115,6 +116,15 @@ impl Operation<'_> for RemoveInternalFaces {
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface is then unchanged.
 pub fn remove_internal_sheets(surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+    remove_sheets(surface, None, context)
+}
+
+/// [`remove_internal_sheets`], faster if the surface has the triangles of a `known` mesh.
+fn remove_sheets(
+    surface: &mut Surface,
+    known: Option<&Analysis<'_>>,
+    context: &Context<'_>,
+) -> Result<Applied, Cancelled> {
     let edges = Edges::new(&surface.faces);
     if !edges.iter().any(|h| h.len() == 1) {
         return Ok(Applied::default());
@@ -127,7 +137,7 @@ pub fn remove_internal_sheets(surface: &mut Surface, context: &Context<'_>) -> R
     if !is_candidate.contains(&true) {
         return Ok(Applied::default());
     }
-    let mut caster = RayCaster::new(surface, surface.faces.clone(), BUDGET);
+    let mut caster = RayCaster::of_whole(surface, known, BUDGET);
     for (is_candidate, faces) in is_candidate.iter_mut().zip(patches.faces()).filter(|(is_candidate, _)| **is_candidate)
     {
         context.check()?;
@@ -168,7 +178,7 @@ fn surplus_patches(edges: &Edges, patches: &Parts, is_removed: Option<&[bool]>) 
 
 /// Whether a patch lies inside other surface. Nearly all rays from the patch, and most from each sample, must cross an odd
 /// number of other faces. Hardly any may cross an odd number of the patch's own faces.
-fn is_inside(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: &[u32]) -> bool {
+fn is_inside(caster: &mut RayCaster<'_>, surface: &Surface, of_face: &[u32], faces: &[u32]) -> bool {
     let samples: Vec<u32> = faces.iter().step_by(faces.len().div_ceil(MAX_SAMPLES)).copied().collect();
     let rays = (TOTAL_RAYS / samples.len()).max(MIN_RAYS);
     let (mut missed, mut own) = (0, 0);
@@ -200,20 +210,21 @@ fn is_inside(caster: &mut RayCaster, surface: &Surface, of_face: &[u32], faces: 
 }
 
 /// Removes open internal sheets from solids.
-#[derive(Debug, Clone, Copy)]
-pub struct RemoveInternalSheets;
+pub(super) struct RemoveInternalSheets<'a> {
+    input: &'a Analysis<'a>,
+}
 
-impl Operation<'_> for RemoveInternalSheets {
+impl<'a> Operation<'a> for RemoveInternalSheets<'a> {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
     // Faces that the sheet separated may wind inconsistently.
     const MAY_RAISE: &'static [Counter] = &[Counter::MisorientedEdges, Counter::PinchedVertices];
     const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
 
-    fn with_scope(_scope: &Scope<'_>, _surface: &Surface) -> Self {
-        Self
+    fn with_scope(scope: &Scope<'a>, _surface: &Surface) -> Self {
+        Self { input: scope.input }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        remove_internal_sheets(surface, context)
+        remove_sheets(surface, Some(self.input), context)
     }
 }

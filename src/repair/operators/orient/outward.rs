@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use crate::inspect::Solid;
+use crate::inspect::{Analysis, Solid};
 use crate::math::{Box3, ray_direction};
 use crate::mesh::{Edges, Parts, Surface, UnionFind};
 use crate::repair::operators::ray_caster::RayCaster;
@@ -54,6 +54,8 @@ pub(super) struct PatchFacing<'a> {
     pub closed: &'a [bool],
     /// Twice the area of each face.
     pub areas: &'a [f64],
+    /// A mesh that may have the same triangles.
+    pub known: Option<&'a Analysis<'a>>,
 }
 
 /// The hits of the two rays from one face.
@@ -64,11 +66,11 @@ struct RayHits {
     hits: [usize; 2],
 }
 
-impl PatchFacing<'_> {
+impl<'a> PatchFacing<'a> {
     /// Prepares ray queries against the faces of all patches.
-    pub fn rays(&self) -> RayCaster {
-        let faces = &self.surface.faces;
-        RayCaster::new(self.surface, faces.clone(), BUDGET + BUDGET_PER_FACE * faces.len() as u64)
+    pub fn rays(&self) -> RayCaster<'a> {
+        let budget = BUDGET + BUDGET_PER_FACE * self.surface.faces.len() as u64;
+        RayCaster::of_whole(self.surface, self.known, budget)
     }
 
     /// The facing of each selected patch, by vote.
@@ -80,7 +82,7 @@ impl PatchFacing<'_> {
     pub fn facings(
         &self,
         nested: Nested,
-        rays: &mut RayCaster,
+        rays: &mut RayCaster<'_>,
         context: &Context<'_>,
     ) -> Result<Vec<Facing>, Cancelled> {
         let mut voters = self.voters(self.selected);
@@ -150,7 +152,7 @@ impl PatchFacing<'_> {
     }
 
     /// The ray hits of a face, in the first round along its normal; `None` where a ray gives no answer.
-    fn cast_rays(&self, rays: &mut RayCaster, f: u32, round: u32) -> Option<RayHits> {
+    fn cast_rays(&self, rays: &mut RayCaster<'_>, f: u32, round: u32) -> Option<RayHits> {
         let [a, b, c] = self.surface.faces[f as usize].map(|v| rays.unit[v as usize]);
         // The smallest cross product of numbers around 1 may underflow; such a face has no vote.
         let normal = (b - a).cross(c - a).try_normalize()?;
@@ -259,7 +261,7 @@ struct Surrounding {
 /// winding. Exception: if most rays hit outer patches that are flipped, the patch was a cavity of an inverted solid and flips too.
 pub(super) fn keep_surrounded_patches(
     facing: &PatchFacing<'_>,
-    rays: &mut RayCaster,
+    rays: &mut RayCaster<'_>,
     nesting: Nesting<'_>,
     layers: &mut Layers,
     context: &Context<'_>,
@@ -313,7 +315,7 @@ pub(super) fn keep_surrounded_patches(
 }
 
 /// The other patches that surround a patch, by rays from its `voters`; `None` unless nearly all rays cross some.
-fn surrounding_patches(facing: &PatchFacing<'_>, rays: &mut RayCaster, voters: &[u32]) -> Option<Vec<u32>> {
+fn surrounding_patches(facing: &PatchFacing<'_>, rays: &mut RayCaster<'_>, voters: &[u32]) -> Option<Vec<u32>> {
     let of_face = &facing.patches.of_face;
     let (mut hits, mut missed) = (Vec::new(), 0);
     for (ray, &f) in (0..SURROUND_RAYS).zip(voters.iter().cycle()) {
