@@ -50,34 +50,66 @@ fn find(complex: &Complex, context: &Context<'_>) -> Result<(Vec<u32>, Vec<u32>)
     let corners: Vec<[u32; 3]> = facets.iter().map(|facet| facet.corners).collect();
     let edges = Edges::new(&corners);
     context.check()?;
-    let mut sides = UnionFind::new(2 * facets.len());
-    let mut pieces = UnionFind::new(facets.len());
     // Only edges of several facets need the exact order, which takes time.
     let order = |edge: usize| order_around(complex, edges.half_edges(edge), &corners);
     let is_crowded = |edge: usize| edges.half_edges(edge).len() > 2;
     let crowded = threads::filter_map(edges.len(), |edge| is_crowded(edge).then(|| order(edge)));
-    let mut crowded = crowded.into_iter();
-    for edge in 0..edges.len() {
-        let around = if is_crowded(edge) { crowded.next().unwrap_or_default() } else { order(edge) };
-        for (k, &(facet, forward)) in around.iter().enumerate() {
-            let (next, next_forward) = around[(k + 1) % around.len()];
+    let sides = || {
+        let mut sides = UnionFind::new(2 * facets.len());
+        for_each_neighbours(&edges, &corners, &crowded, |(facet, forward), (next, next_forward)| {
             // The cell counter-clockwise of a forward facet is in front of it.
             sides.unite(2 * facet + u32::from(!forward), 2 * next + u32::from(next_forward));
-            pieces.unite(facet, next);
+        });
+        sides.into_roots()
+    };
+    let pieces = || {
+        let mut pieces = UnionFind::new(facets.len());
+        for_each_neighbours(&edges, &corners, &crowded, |(facet, _), (next, _)| pieces.unite(facet, next));
+        pieces.into_roots()
+    };
+    let found = threads::join(facets.len(), sides, pieces);
+    context.check()?;
+    Ok(found)
+}
+
+/// The facets around an edge, see [`order_around`].
+type Around = SmallVec<[(u32, bool); 4]>;
+
+/// Calls `visit` with each facet at each edge and the next facet around the edge. `crowded` has the facets around each edge with more
+/// than two facets.
+fn for_each_neighbours(
+    edges: &Edges,
+    corners: &[[u32; 3]],
+    crowded: &[Around],
+    mut visit: impl FnMut((u32, bool), (u32, bool)),
+) {
+    let mut crowded = crowded.iter();
+    for half_edges in edges.iter() {
+        let directed = |half_edge: u32| (half_edge / 3, Edges::is_forward(corners, half_edge));
+        match *half_edges {
+            [only] => visit(directed(only), directed(only)),
+            [first, second] => {
+                let (first, second) = (directed(first), directed(second));
+                visit(first, second);
+                visit(second, first);
+            }
+            _ => {
+                let around = crowded.next().map_or(&[][..], |around| around);
+                let nexts = around.iter().cycle().skip(1);
+                around.iter().zip(nexts).for_each(|(&facet, &next)| visit(facet, next));
+            }
         }
     }
-    context.check()?;
-    Ok((sides.into_roots(), pieces.into_roots()))
 }
 
 /// The facets around an edge, counter-clockwise seen from its larger vertex. The flag tells whether a facet's half-edge
 /// runs forward, from the smaller vertex to the larger.
-pub(super) fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> SmallVec<[(u32, bool); 4]> {
+pub(super) fn order_around(complex: &Complex, half_edges: &[u32], corners: &[[u32; 3]]) -> Around {
     let directed = half_edges.iter().map(|&h| (h, Edges::is_forward(corners, h)));
     if half_edges.len() <= 2 {
         return directed.map(|(h, forward)| (h / 3, forward)).collect();
     }
-    let directed: SmallVec<[(u32, bool); 4]> = directed.collect();
+    let directed: Around = directed.collect();
     let planes: SmallVec<[Plane; 4]> =
         directed.iter().map(|&(h, _)| complex.plane(&complex.facets[h as usize / 3])).collect();
     // Positive if `j` is less than half a turn ahead of `i`.
@@ -108,17 +140,18 @@ fn winding_numbers(
 ) -> Result<Vec<i32>, ArrangeError> {
     let facets = &complex.facets;
     // The largest facet of each piece.
-    let area = |facet: usize| {
+    let areas = threads::map_cheap(facets.len(), |facet| {
         let [a, b, c] = facets[facet].corners.map(|p| complex.points.place(p));
         (b - a).cross(c - a).length_squared()
-    };
+    });
     let mut largest: Vec<u32> = (0..facets.len() as u32).collect();
     for facet in 0..facets.len() {
         let best = &mut largest[piece_of[facet] as usize];
-        if area(facet) > area(*best as usize) {
+        if areas[facet] > areas[*best as usize] {
             *best = facet as u32;
         }
     }
+    drop(areas);
     // The facets of each cell.
     let mut first = vec![0u32; cell_of.len() + 1];
     cell_of.iter().for_each(|&cell| first[cell as usize + 1] += 1);
