@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::input::Input;
+use super::operators::Counts;
 use super::operators::sheets::{SHEET_SHARE, open_sheet_share};
 use super::options::Preset;
 use super::presets::{planned, tier_of};
@@ -33,6 +34,7 @@ impl CommonStart {
         let actions = COMMON_ACTIONS.map(|action| planned(action, runner.options)).to_vec();
         let strategy = &Strategy { when: When::NothingAcceptable, tier: 1, preset: Preset::BasicCleanup, actions };
         let mut state = SurfaceState::new(input.analysis.surface.clone());
+        state.counts = Some(Counts::of_analysis(input.analysis));
         let (mut end, mut steps) = (TaskEnd::Finished, Vec::new());
         let tasks = Task::of(strategy, 0);
         for (at, &task) in tasks.iter().enumerate() {

@@ -178,11 +178,6 @@ impl Counts {
     pub fn of(surface: &Surface) -> Self {
         let faces = &surface.faces;
         let edges = Edges::new(faces);
-        let EdgeCounts { boundary, misoriented, non_manifold, .. } = EdgeCounts::of(surface, &edges);
-        let mut counts = Self::default();
-        counts.0[Counter::BoundaryEdges as usize] = boundary;
-        counts.0[Counter::MisorientedEdges as usize] = misoriented;
-        counts.0[Counter::NonManifoldEdges as usize] = non_manifold;
         let unit = to_unit_range(&surface.positions);
         let is_degenerate = |face: usize| {
             let [a, b, c] = faces[face].map(|v| unit[v as usize]);
@@ -191,10 +186,36 @@ impl Counts {
         let of_faces = || (threads::count(faces.len(), is_degenerate), duplicate_faces(faces, &edges));
         let pinched = || Fans::new(surface, &edges).non_manifold_vertices;
         let (pinched, (degenerate, duplicate)) = threads::join(faces.len(), pinched, of_faces);
-        counts.0[Counter::PinchedVertices as usize] = pinched;
-        counts.0[Counter::DegenerateFaces as usize] = degenerate;
-        counts.0[Counter::DuplicateFaces as usize] = duplicate;
-        counts
+        Self::at_edges(surface, &edges).with([
+            (Counter::PinchedVertices, pinched),
+            (Counter::DegenerateFaces, degenerate),
+            (Counter::DuplicateFaces, duplicate),
+        ])
+    }
+
+    /// [`Counts::of`] an analysed surface, of which most is known.
+    #[must_use]
+    pub fn of_analysis(analysis: &Analysis<'_>) -> Self {
+        let (surface, edges) = (&analysis.surface, &analysis.edges);
+        Self::at_edges(surface, edges).with([
+            (Counter::PinchedVertices, analysis.fans.non_manifold_vertices),
+            (Counter::DegenerateFaces, analysis.flat().iter().filter(|is_flat| **is_flat).count() as u64),
+            (Counter::DuplicateFaces, duplicate_faces(&surface.faces, edges)),
+        ])
+    }
+
+    fn at_edges(surface: &Surface, edges: &Edges) -> Self {
+        let EdgeCounts { boundary, misoriented, non_manifold, .. } = EdgeCounts::of(surface, edges);
+        Self::default().with([
+            (Counter::BoundaryEdges, boundary),
+            (Counter::MisorientedEdges, misoriented),
+            (Counter::NonManifoldEdges, non_manifold),
+        ])
+    }
+
+    fn with(mut self, counts: impl IntoIterator<Item = (Counter, u64)>) -> Self {
+        counts.into_iter().for_each(|(counter, count)| self.0[counter as usize] = count);
+        self
     }
 
     /// Whether any counter is higher than in `before`.
