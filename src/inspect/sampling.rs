@@ -14,9 +14,11 @@ use crate::math::{Dipoles, hit, r2, ray_direction, threads};
 pub(super) const QUERY_BUDGET_DIVISOR: u64 = 16;
 /// Number of queries in the first block, and the minimum and maximum for later blocks.
 const BLOCK: [usize; 3] = [64, 16, 4096];
+/// Number of queries that one thread runs first, to learn how long queries take.
+const FIRST: usize = 4;
 /// Minimum number of queries per thread.
 const MIN_PER_THREAD: usize = 16;
-/// Expected number of steps of a block below which one thread runs the block: to wake others would take longer.
+/// Expected number of steps of queries below which one thread runs them: to wake others would take longer.
 const SERIAL_STEPS: u64 = 20_000;
 /// Number of ray directions in which visibility from outside is tested.
 const DIRECTIONS: u32 = 32;
@@ -59,14 +61,20 @@ pub(super) fn run_queries<T: Send>(
             break;
         }
         let end = count.min(done + block);
-        let is_small = done == 0 || spent / done as u64 * ((end - done) as u64) < SERIAL_STEPS;
-        let task = if is_small { end - done } else { MIN_PER_THREAD };
-        for (number, answer, left) in run_each(order, done..end, (task, most), &query) {
-            answers.values[number] = answer;
-            answers.complete &= left > 0;
-            spent += most - left;
+        let first = if done == 0 { FIRST.min(end) } else { end };
+        for end in [first, end] {
+            if end == done {
+                break;
+            }
+            let is_small = done == 0 || spent / done as u64 * ((end - done) as u64) < SERIAL_STEPS;
+            let task = if is_small { end - done } else { MIN_PER_THREAD };
+            for (number, answer, left) in run_each(order, done..end, (task, most), &query) {
+                answers.values[number] = answer;
+                answers.complete &= left > 0;
+                spent += most - left;
+            }
+            done = end;
         }
-        done = end;
         let mean = (spent / done as u64).max(1);
         block = usize::try_from((budget.saturating_sub(spent) / mean / 2).max(1)).unwrap_or(BLOCK[2]);
         block = block.clamp(BLOCK[1], BLOCK[2]);
@@ -195,14 +203,16 @@ pub(crate) fn spread_by_area(
     let areas = threads::map_cheap(listed.len(), |at| area(listed[at]));
     let total: f64 = areas.iter().sum();
     let mut points = Vec::with_capacity(count as usize);
-    let (mut passed, mut number) = (0.0, 0);
+    let area_before = |number: u32| (f64::from(number) + 0.5) / f64::from(count) * total;
+    let (mut passed, mut number, mut next) = (0.0, 0, area_before(0));
     for (&face, area) in listed.iter().zip(areas) {
         passed += area;
-        while number < count && (f64::from(number) + 0.5) / f64::from(count) * total < passed {
+        while number < count && next < passed {
             let [u, v] = r2(f64::from(number));
             let (u, [a, b, c]) = (u.sqrt(), corners(face));
             points.push((face, a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v)));
             number += 1;
+            next = area_before(number);
         }
     }
     points

@@ -137,7 +137,7 @@ fn edge_angles(analysis: &Analysis<'_>, attributes: &Attributes, orientation: &O
     }
     let (unit, faces, edges) = (analysis.unit(), &analysis.surface.faces, &analysis.edges);
     let corners = |face: usize| faces[face].map(|v| unit[v as usize]);
-    let normal = |face: usize| Shape::of(corners(face)).normal;
+    let normal = |face: usize| Normal::of(corners(face)).along();
     let has_two_faces = |edge: usize| edges.half_edges(edge).len() == 2;
     let at_edge = |edge: usize| {
         let &[h, g] = edges.half_edges(edge) else { return f64::NAN };
@@ -157,7 +157,7 @@ fn edge_angles(analysis: &Analysis<'_>, attributes: &Attributes, orientation: &O
     result
 }
 
-/// Dihedral angle of two faces that share an edge, of which one has the corners `first`. `n` and `m` are their unit normals, and
+/// Dihedral angle of two faces that share an edge, of which one has the corners `first`. `n` and `m` are along their normals, and
 /// `opposite` is the other face's corner opposite the edge. An exact predicate decides between convex and concave.
 fn angle(first: [DVec3; 3], [n, m]: [DVec3; 2], opposite: DVec3) -> f64 {
     let bend = n.cross(m).length().atan2(n.dot(m));
@@ -174,18 +174,37 @@ fn angle(first: [DVec3; 3], [n, m]: [DVec3; 2], opposite: DVec3) -> f64 {
 struct Shape {
     area: f64,
     aspect_ratio: Option<f64>,
-    normal: Option<DVec3>,
 }
 
 impl Shape {
-    const DEGENERATE: Self = Self { area: 0.0, aspect_ratio: None, normal: None };
+    fn of(corners: [DVec3; 3]) -> Self {
+        let Normal { doubled, longest_squared, size } = Normal::of(corners);
+        let doubled_area = doubled.length();
+        let is_known = doubled_area > 0.0;
+        Self {
+            area: doubled_area / 2.0 * size * size,
+            aspect_ratio: is_known.then(|| longest_squared / doubled_area).filter(|ratio| ratio.is_finite()),
+        }
+    }
+}
 
-    /// Computes the area from the two shorter edges, which loses least precision.
+/// The normal of a triangle that is divided by a power of two near its longest edge.
+struct Normal {
+    /// A vector along the normal, twice as long as the area; zero for a degenerate triangle.
+    doubled: DVec3,
+    /// The square of the longest edge.
+    longest_squared: f64,
+    /// The power of two.
+    size: f64,
+}
+
+impl Normal {
+    /// Computes the normal from the two shorter edges, which loses least precision.
     fn of([a, b, c]: [DVec3; 3]) -> Self {
         let edges = [b - a, c - b, a - c];
         let largest = edges.iter().fold(0.0f64, |m, e| m.max(e.abs().max_element()));
         if largest == 0.0 {
-            return Self::DEGENERATE;
+            return Self { doubled: DVec3::ZERO, longest_squared: 0.0, size: 0.0 };
         }
         let size = power_of_two(largest);
         // As exact as a division.
@@ -200,17 +219,16 @@ impl Shape {
             2
         };
         let doubled = edges[(longest + 1) % 3].cross(edges[(longest + 2) % 3]);
-        let doubled_area = doubled.length();
         // Below this ratio, only an exact predicate distinguishes a thin face from a degenerate one.
-        if doubled_area <= 1e-12 * squares[longest] && collinear(a, b, c) {
-            return Self::DEGENERATE;
-        }
-        let known = doubled_area > 0.0;
-        Self {
-            area: doubled_area / 2.0 * size * size,
-            aspect_ratio: known.then(|| squares[longest] / doubled_area).filter(|ratio| ratio.is_finite()),
-            normal: known.then(|| doubled / doubled_area),
-        }
+        let is_thin = doubled.length_squared() <= (1e-12 * squares[longest]).powi(2);
+        let is_degenerate = is_thin && collinear(a, b, c);
+        Self { doubled: if is_degenerate { DVec3::ZERO } else { doubled }, longest_squared: squares[longest], size }
+    }
+
+    /// A vector along the normal that is neither very long nor very short; `None` for a face without a normal.
+    fn along(&self) -> Option<DVec3> {
+        let largest = self.doubled.abs().max_element();
+        (largest > 0.0).then(|| self.doubled / power_of_two(largest))
     }
 }
 

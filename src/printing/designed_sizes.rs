@@ -57,22 +57,26 @@ pub fn designed_sizes(surface: &Surface, edges: &Edges) -> DesignedSizes {
     let mut sets = UnionFind::new(surface.faces.len());
     joined.into_iter().for_each(|[a, b]| sets.unite(a, b));
     let patch_of = sets.into_roots();
-    let total: f64 = (0..surface.faces.len()).map(|face| surface.area_vector(face).length()).sum();
-    let planes = large_planes(surface, &patch_of, total);
+    let areas = threads::map_cheap(surface.faces.len(), |face| surface.area_vector(face).length());
+    let total: f64 = areas.iter().sum();
+    let planes = large_planes(surface, &patch_of, &areas, total);
     let mut sizes = DesignedSizes { lengths: distances(surface, &planes, total), holes: Vec::new() };
     add_circles(surface, edges, (&planes, &patch_of), &mut sizes);
     sizes
 }
 
 /// The flat patches with enough area, the largest first.
-fn large_planes(surface: &Surface, patch_of: &[u32], total: f64) -> Vec<Plane> {
-    let mut sums = vec![DVec3::ZERO; patch_of.len()];
-    for (face, &patch) in patch_of.iter().enumerate() {
-        sums[patch as usize] += surface.area_vector(face);
-    }
+fn large_planes(surface: &Surface, patch_of: &[u32], areas: &[f64], total: f64) -> Vec<Plane> {
+    let mut area_of = vec![0.0; patch_of.len()];
+    patch_of.iter().zip(areas).for_each(|(&patch, area)| area_of[patch as usize] += area);
     let least = PLANE_SHARE * total;
-    let mut planes: Vec<Plane> = (0u32..)
-        .zip(sums)
+    // Only patches of that area can have an area vector of that length, up to rounding.
+    let mut sums: FxHashMap<u32, DVec3> = FxHashMap::default();
+    for (face, &patch) in patch_of.iter().enumerate().filter(|&(_, &patch)| area_of[patch as usize] >= 0.99 * least) {
+        *sums.entry(patch).or_default() += surface.area_vector(face);
+    }
+    let mut planes: Vec<Plane> = sums
+        .into_iter()
         .filter(|(_, sum)| sum.length() > 0.0 && sum.length() >= least)
         .map(|(patch, sum)| {
             let at = surface.corners(patch as usize)[0];

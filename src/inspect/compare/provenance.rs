@@ -8,7 +8,7 @@ use crate::context::{Cancelled, Context};
 use crate::inspect::analysis::Pair;
 use crate::inspect::sampling::run_coherent_queries;
 use crate::inspect::{Analysis, finite};
-use crate::math::Tree;
+use crate::math::{Tree, threads};
 
 /// Up to this number of faces without an identical counterpart, each is sampled at four points; above, at its centre
 /// only.
@@ -138,8 +138,8 @@ impl Original<'_> {
         let is_kept = |face: u32| common.first[face as usize] || kept_balance[face as usize] > 0;
         let (of_face, complete) = of_result(before, after, &common.second, is_kept, context)?;
         let mut shares = SurfaceShares { complete: nearby.complete && complete, ..SurfaceShares::default() };
-        for (f, &kind) in (0u32..).zip(&of_face) {
-            shares.add(kind, 1, area(after.unit_corners(f)) * after.unit_length().powi(2));
+        for (&kind, area) in of_face.iter().zip(areas_of(after)) {
+            shares.add(kind, 1, area * after.unit_length().powi(2));
         }
         let unit = before.unit_length();
         let mut last = None;
@@ -313,7 +313,10 @@ impl Piece {
 
 /// The pieces of the input's faces without an identical face in the result. Large faces are split.
 fn pieces_of(analysis: &Analysis<'_>, kept: &[bool]) -> Vec<Piece> {
-    let total: f64 = analysis.surface.faces.iter().zip(0u32..).map(|(_, f)| area(analysis.unit_corners(f))).sum();
+    if !kept.contains(&false) {
+        return Vec::new();
+    }
+    let total: f64 = areas_of(analysis).iter().sum();
     let lost = (0u32..).zip(kept).filter(|&(_, &kept)| !kept).map(|(face, _)| face);
     let pieces_of_face = |face: u32| {
         let (mut splits, mut left) = (0, area(analysis.unit_corners(face)));
@@ -327,6 +330,12 @@ fn pieces_of(analysis: &Analysis<'_>, kept: &[bool]) -> Vec<Piece> {
 
 fn centre([a, b, c]: [DVec3; 3]) -> DVec3 {
     (a + b + c) / 3.0
+}
+
+/// The area of each face, in square unit coordinates.
+fn areas_of(analysis: &Analysis<'_>) -> Vec<f64> {
+    #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
+    threads::map_cheap(analysis.surface.faces.len(), |face| area(analysis.unit_corners(face as u32)))
 }
 
 fn area([a, b, c]: [DVec3; 3]) -> f64 {

@@ -10,7 +10,7 @@ use super::distribution::percentile;
 use super::sampling::{Sample, run_queries, samples};
 use super::{Analysis, InspectOptions, Measures, Solid, finite};
 use crate::context::{Cancelled, Context};
-use crate::math::Box3;
+use crate::math::{Box3, threads};
 use crate::scene::{Unit, UnitSource};
 use wall_probe::{Probe, Wall, WallProber};
 use wall_search::WallSearch;
@@ -123,13 +123,18 @@ pub fn print_measures(
 fn centre_of_mass(analysis: &Analysis<'_>) -> Option<[f64; 3]> {
     let unit = analysis.unit();
     let about = Box3::of(unit.iter().copied()).centre();
-    let (mut volume, mut moment) = (0.0, DVec3::ZERO);
-    for face in &analysis.surface.faces {
-        let [a, b, c] = face.map(|v| unit[v as usize] - about);
-        let part = a.dot(b.cross(c));
-        volume += part;
-        moment += (a + b + c) * (part / 4.0);
-    }
+    let of_chunks = threads::map_chunks(analysis.surface.faces.len(), |faces| {
+        let (mut volume, mut moment) = (0.0, DVec3::ZERO);
+        for face in &analysis.surface.faces[faces] {
+            let [a, b, c] = face.map(|v| unit[v as usize] - about);
+            let part = a.dot(b.cross(c));
+            volume += part;
+            moment += (a + b + c) * (part / 4.0);
+        }
+        (volume, moment)
+    });
+    let (volume, moment) =
+        of_chunks.into_iter().fold((0.0, DVec3::ZERO), |(v, m), (volume, moment)| (v + volume, m + moment));
     let centre = (about + moment / volume) / analysis.scale();
     (volume != 0.0 && centre.is_finite()).then(|| centre.to_array())
 }
@@ -187,19 +192,27 @@ fn overhang(analysis: &Analysis<'_>, up: [f64; 3], degrees: f64) -> Overhang {
     let unit = analysis.unit();
     let lowest = unit.iter().map(|p| p.dot(up)).fold(f64::INFINITY, f64::min);
     let plate = lowest + PLATE * analysis.unit_diagonal();
-    let (mut total, mut areas) = (0.0, vec![0.0; limits.len()]);
     let sines: Vec<f64> = limits.iter().map(|degrees| degrees.to_radians().sin() + SINE_MARGIN).collect();
-    for face in &analysis.surface.faces {
-        let [a, b, c] = face.map(|v| unit[v as usize]);
-        let area = (b - a).cross(c - a) * 0.5;
-        let size = area.length();
-        total += size;
-        if size > 0.0 && [a, b, c].iter().any(|p| p.dot(up) > plate) {
-            let down = -area.dot(up) / size;
-            for (sum, _) in areas.iter_mut().zip(&sines).filter(|(_, sine)| down > **sine) {
-                *sum += size;
+    let of_chunks = threads::map_chunks(analysis.surface.faces.len(), |faces| {
+        let (mut total, mut areas) = (0.0, vec![0.0; limits.len()]);
+        for face in &analysis.surface.faces[faces] {
+            let [a, b, c] = face.map(|v| unit[v as usize]);
+            let area = (b - a).cross(c - a) * 0.5;
+            let size = area.length();
+            total += size;
+            if size > 0.0 && [a, b, c].iter().any(|p| p.dot(up) > plate) {
+                let down = -area.dot(up) / size;
+                for (sum, _) in areas.iter_mut().zip(&sines).filter(|(_, sine)| down > **sine) {
+                    *sum += size;
+                }
             }
         }
+        (total, areas)
+    });
+    let (mut total, mut areas) = (0.0, vec![0.0; limits.len()]);
+    for (of_chunk, areas_of_chunk) in of_chunks {
+        total += of_chunk;
+        areas.iter_mut().zip(areas_of_chunk).for_each(|(sum, area)| *sum += area);
     }
     let scale = analysis.scale();
     let areas = limits.into_iter().zip(areas).map(|(degrees, area)| OverhangArea {
