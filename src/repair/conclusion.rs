@@ -257,10 +257,10 @@ fn interior_filled(steps: &[&Step], options: &Options) -> Option<Assumption> {
     })
 }
 
-/// The assumption that small separate solids do not belong to a filled model, unless the options ask to remove them.
+/// The assumption that small separate solids do not belong to the model, unless the options ask to remove just them.
 fn islands_dropped(steps: &[&Step], options: &Options) -> Option<Assumption> {
     let count = changed(steps, Operator::TreatIslands, ChangeKind::IslandsDropped);
-    (count > 0 && options.print.islands == Islands::Auto).then(|| {
+    (count > 0 && options.print.islands != Islands::Drop).then(|| {
         let detail = format!("{} removed.", counted(count, "small separate solid was", "small separate solids were"));
         Assumption::new(AssumptionKind::PiecesDropped, count, detail).unless(Islands::KEEP_SETTING)
     })

@@ -306,4 +306,18 @@ fn a_separate_solid_is_attached_with_a_strut_on_request() {
     assert_eq!(measured_file(&attached.bytes).parts, 1);
     let added = volume(&attached) - (8000.0 + 64.0);
     assert!((1.0..10.0).contains(&added), "a strut of 2 mm across 1 mm, not {added} mm³");
+    assert_eq!(attached.report.assumptions, []);
+}
+
+#[test]
+fn a_small_solid_that_is_removed_where_others_are_attached_is_an_assumption() {
+    let crumb = cube(DVec3::new(30.0, 0.0, 0.0), 0.5, 1);
+    let soup = join(&cube(DVec3::ZERO, 20.0, 2), &join(&crumb, &cube(DVec3::new(21.0, 5.0, 5.0), 4.0, 2)));
+    let assumptions = |islands: Islands| {
+        let repaired = run(&soup, PrintOptions { islands, ..PrintOptions::default() });
+        assert_outcome(&repaired, Outcome::Repaired);
+        repaired.report.assumptions.iter().map(|assumed| (assumed.kind, assumed.count)).collect::<Vec<_>>()
+    };
+    assert_eq!(assumptions(Islands::Attach), [(AssumptionKind::PiecesDropped, 1)]);
+    assert_eq!(assumptions(Islands::Drop), []);
 }
