@@ -1,7 +1,7 @@
 //! Structure of a mesh shared by all measurements and searches: connectivity, parts, fans, and cached spatial data.
 
 use std::borrow::Cow;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
@@ -66,7 +66,7 @@ pub struct Analysis<'a> {
     /// Counts of merged and omitted elements.
     pub ingest: Ingest,
     /// Edges of `surface`.
-    pub edges: Edges,
+    pub edges: Arc<Edges>,
     /// Edge-connected parts of `surface`, before any processing.
     pub parts: Parts,
     /// Fans of `surface`: for each vertex, its faces grouped by shared edges.
@@ -130,7 +130,7 @@ impl<'a> Analysis<'a> {
             soup,
             surface,
             ingest,
-            edges,
+            edges: Arc::new(edges),
             parts,
             fans,
             solids,
@@ -256,15 +256,19 @@ impl<'a> Analysis<'a> {
         get_or_init(&self.tree, || Tree::new(self.unit(), &self.surface.faces))
     }
 
-    /// [`Analysis::tree`], if it has been built, and `surface` has the same triangles in the same order, whatever their winding.
+    /// [`Analysis::tree`], if it has been built, and `surface` has the same triangles in the same order, whatever their winding and the
+    /// numbers of their vertices.
     pub(crate) fn tree_of(&self, surface: &Surface) -> Option<&Tree> {
         let tree = self.tree.get()?;
-        let (faces, others) = (&self.surface.faces, &surface.faces);
-        if faces.len() != others.len() || self.surface.positions != surface.positions {
+        let count = self.surface.faces.len();
+        if count != surface.faces.len() || self.scale() != unit_scale(&surface.positions) {
             return None;
         }
-        let is_other = |face: usize| !faces[face].iter().all(|v| others[face].contains(v));
-        (threads::count(faces.len(), is_other) == 0).then_some(tree)
+        let is_other = |face: usize| {
+            let others = surface.corners(face);
+            !self.surface.corners(face).iter().all(|corner| others.contains(corner))
+        };
+        (threads::count(count, is_other) == 0).then_some(tree)
     }
 
     /// Dipole moments of the tree's nodes, for fast winding numbers. O(n) on first use.

@@ -1,10 +1,11 @@
 //! The common start: the actions that every strategy begins with run once, and every strategy continues from their surface.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::input::Input;
 use super::operators::Counts;
-use super::operators::sheets::{SHEET_SHARE, open_sheet_share};
+use super::operators::sheets::SHEET_SHARE;
 use super::options::Preset;
 use super::presets::{planned, tier_of};
 use super::report::{Action, Step, Strategy, When};
@@ -35,6 +36,7 @@ impl CommonStart {
         let strategy = &Strategy { when: When::NothingAcceptable, tier: 1, preset: Preset::BasicCleanup, actions };
         let mut state = SurfaceState::new(input.analysis.surface.clone());
         state.counts = Some(Counts::of_analysis(input.analysis));
+        state.edges = Some(Arc::clone(&input.analysis.edges));
         let (mut end, mut steps) = (TaskEnd::Finished, Vec::new());
         let tasks = Task::of(strategy, 0);
         for (at, &task) in tasks.iter().enumerate() {
@@ -55,7 +57,7 @@ impl CommonStart {
     /// # Errors
     /// [`Cancelled`] if the job was canceled.
     pub fn sheet_share(&self, runner: &Runner<'_>) -> Result<f64, Cancelled> {
-        let share = open_sheet_share(&self.state.surface);
+        let share = self.state.open_sheet_share();
         if share < SHEET_SHARE || runner.options.max_tier < tier_of(Action::Stitch) {
             return Ok(share);
         }
@@ -67,7 +69,7 @@ impl CommonStart {
                 return Ok(share);
             }
         }
-        Ok(open_sheet_share(&state.surface))
+        Ok(state.open_sheet_share())
     }
 }
 

@@ -206,6 +206,8 @@ impl<'a> Escalation<'a> {
         let mut end = self.common_start.end;
         let mut state = self.cache.kept(number).unwrap_or(&self.common_start.state).clone();
         self.cache.drop_before(index as usize);
+        // Edges take much memory while a result is judged. The first strategy has a use for those of the common start.
+        self.common_start.state.edges = None;
         let mut intersections = Intersections::Unknown;
         // Known steps are not run again, but their findings about intersections and open holes still apply.
         for KnownResult { step, failure, .. } in prefix.iter().filter_map(|known_task| known_task.known.as_ref()) {
@@ -255,6 +257,7 @@ impl<'a> Escalation<'a> {
                 self.cache.keep(number, at + 1, &state, sharing);
             }
         }
+        state.edges = None;
         let is_nothing = end == TaskEnd::Nothing || state.surface.faces.is_empty();
         Ok(if is_nothing { StrategyResult::Nothing } else { StrategyResult::New(number, Box::new(state)) })
     }

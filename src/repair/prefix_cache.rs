@@ -134,7 +134,11 @@ impl PrefixCache {
         }
         match self.kept.iter_mut().find(|kept| kept.number == number) {
             Some(kept) => kept.strategies.extend(strategies),
-            None => self.kept.push(KeptSurface { number, tasks, state: state.clone(), strategies }),
+            None => {
+                let mut state = state.clone();
+                state.edges = None;
+                self.kept.push(KeptSurface { number, tasks, state, strategies });
+            }
         }
         self.kept.retain(|kept| !kept.strategies.is_empty());
         if self.kept.len() > MAX_KEPT

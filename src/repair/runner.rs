@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use super::change::{Change, ChangeKind};
 use super::operators::remesh::reduce_remeshed;
-use super::operators::{Applied, Counts, Failure, Scope};
+use super::operators::{Applied, Failure, Scope};
 use super::options::{Operator, Options};
 use super::presets::{remesh_action, tier_of};
 use super::red_flags::AddedSurface;
@@ -151,15 +151,20 @@ impl Runner<'_> {
             run.fail(why, TaskEnd::Nothing);
             return Ok(());
         }
-        let SurfaceState { surface, counts, .. } = state;
-        let before = counts.get_or_insert_with(|| Counts::of(surface)).to_owned();
+        let before = state.counts();
+        let surface = &mut state.surface;
         if operator.is_needless(&before) && !surface.faces.is_empty() {
             let limits = limits_of(operator, self.options, surface.bounds().diagonal(), scope.max_deviation);
             run.step.options_not_applied = self.limited(limits);
             return Ok(());
         }
         let kept = Arc::clone(surface);
-        let applied = operator.run(&scope, surface, context);
+        let edges = state.edges();
+        if operator.is_heavy() {
+            state.edges = None;
+        }
+        let surface = &mut state.surface;
+        let applied = operator.run(&scope, surface, edges, context);
         let mut applied = applied.inspect_err(|_| surface.clone_from(&kept))?;
         let limits = limits_of(operator, self.options, kept.bounds().diagonal(), scope.max_deviation);
         run.step.options_not_applied = self.limited(std::mem::take(&mut applied.limited).into_iter().chain(limits));
@@ -172,35 +177,21 @@ impl Runner<'_> {
         if operator == Operator::Remesh && run.has_changed {
             state.added_surface = Some(AddedSurface::of(&kept));
         }
-        if run.has_changed {
-            let changed = Arc::make_mut(surface);
-            changed.drop_unreferenced();
-            changed.shrink_to_fit();
-            let after = Counts::of(changed);
-            if let Some((counter, was, is)) = operator.broken_claim(&before, &after) {
-                run.step.status = StepStatus::Reverted;
-                run.step.note = Some(format!(
-                    "undone because the count of {} would have grown from {was} to {is}",
-                    counter.in_words()
-                ));
-                *surface = kept;
-                run.has_changed = false;
-            } else {
-                *counts = Some(after);
-                state.moved += moved;
-                state.searched = searched.or(state.searched.take());
-                state.intended.is_interior_filled |= operator == Operator::FillInterior;
-                state.intended.are_islands_treated |= operator == Operator::TreatIslands;
-                if operator.changes_sound_model() && state.before_requests.is_none() {
-                    state.before_requests = Some(kept);
-                }
-            }
+        if run.has_changed
+            && let Some(note) = state.complete_change(operator, &before, kept)
+        {
+            run.step.status = StepStatus::Reverted;
+            run.step.note = Some(note);
+            run.has_changed = false;
+        } else if run.has_changed {
+            state.moved += moved;
+            state.searched = searched.or(state.searched.take());
         }
         if let Some(why) = &run.failure {
             run.step.status = StepStatus::Failed;
             run.step.note = Some(why.to_string());
         }
-        if surface.faces.is_empty() {
+        if state.surface.faces.is_empty() {
             run.fail("no face is left", TaskEnd::Nothing);
         }
         Ok(())
@@ -251,7 +242,7 @@ impl Runner<'_> {
         state: &mut SurfaceState,
         run: &mut TaskRun,
     ) -> Result<(), Cancelled> {
-        state.counts = None;
+        (state.counts, state.edges) = (None, None);
         let context = self.time.for_operators(state.surface.faces.len(), self.context);
         if let Some(why) = state.why_no_remesh() {
             run.fail(why, TaskEnd::Nothing);

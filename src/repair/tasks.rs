@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::change::ChangeKind;
+use super::operators::sheets::{open_sheet_share, open_sheet_share_with};
 use super::operators::split_non_manifold::Pairing;
 use super::operators::{Counts, Failure};
 use super::options::{Operator, Options, WindingRuleChoice};
@@ -12,7 +13,7 @@ use super::red_flags::AddedSurface;
 use super::report::{Action, Step, StepStatus, Strategy};
 use crate::arrange::{ArrangeError, WindingRule};
 use crate::inspect::SearchedMesh;
-use crate::mesh::Surface;
+use crate::mesh::{Edges, Surface};
 
 /// A strategy with its index in the plan.
 #[derive(Debug, Clone, Copy)]
@@ -39,6 +40,8 @@ pub(super) struct SurfaceState {
     pub surface: Arc<Surface>,
     /// The counts of the surface's defects; none if unknown.
     pub counts: Option<Counts>,
+    /// The edges of the surface; none if unknown.
+    pub edges: Option<Arc<Edges>>,
     /// Upper bound on the distance that any vertex has moved from the input, in the model's unit.
     pub moved: f64,
     /// Number of holes of solids that stay open because they exceed the options' limits.
@@ -59,12 +62,62 @@ impl SurfaceState {
         Self {
             surface: Arc::new(surface),
             counts: None,
+            edges: None,
             moved: 0.0,
             over_limit: 0,
             intended: IntendedChanges::default(),
             before_requests: None,
             searched: None,
             added_surface: None,
+        }
+    }
+
+    /// The edges of the surface.
+    pub fn edges(&mut self) -> Arc<Edges> {
+        Arc::clone(self.edges.get_or_insert_with(|| Arc::new(Edges::new(&self.surface.faces))))
+    }
+
+    /// The counts of the surface's defects.
+    pub fn counts(&mut self) -> Counts {
+        match self.counts {
+            Some(counts) => counts,
+            None => {
+                let edges = self.edges();
+                let counts = Counts::with_edges(&self.surface, &edges);
+                *self.counts.insert(counts)
+            }
+        }
+    }
+
+    /// Completes a change of the surface by an operator: counts the defects, and restores the surface that was `kept` if a count has risen
+    /// that the operator promises not to raise. Returns why it was restored.
+    pub fn complete_change(&mut self, operator: Operator, before: &Counts, kept: Arc<Surface>) -> Option<String> {
+        let changed = Arc::make_mut(&mut self.surface);
+        changed.drop_unreferenced();
+        changed.shrink_to_fit();
+        // The old edges are dropped before the new ones need memory.
+        self.edges = None;
+        let edges = Edges::new(&changed.faces);
+        let after = Counts::with_edges(changed, &edges);
+        if let Some((counter, was, is)) = operator.broken_claim(before, &after) {
+            self.surface = kept;
+            let counter = counter.in_words();
+            return Some(format!("undone because the count of {counter} would have grown from {was} to {is}"));
+        }
+        (self.counts, self.edges) = (Some(after), Some(Arc::new(edges)));
+        self.intended.is_interior_filled |= operator == Operator::FillInterior;
+        self.intended.are_islands_treated |= operator == Operator::TreatIslands;
+        if operator.changes_sound_model() && self.before_requests.is_none() {
+            self.before_requests = Some(kept);
+        }
+        None
+    }
+
+    /// Share of the area in open sheets, from 0 to 1.
+    pub fn open_sheet_share(&self) -> f64 {
+        match &self.edges {
+            Some(edges) => open_sheet_share_with(&self.surface, edges),
+            None => open_sheet_share(&self.surface),
         }
     }
 

@@ -38,6 +38,7 @@ impl Operation<'_> for FillInterior {
         Counter::DuplicateFaces,
     ];
     const MAY_RAISE: &'static [Counter] = &[Counter::DegenerateFaces];
+    const IS_HEAVY: bool = true;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let seal = scope.options.print.seal_mm.map(|seal| seal / scope.millimetres);

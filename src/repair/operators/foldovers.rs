@@ -1,9 +1,10 @@
 //! Removes neighbouring faces that overlap: surface that folds back onto its neighbours.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use super::local_edits::{Hinge, LocalEdits, Shape};
-use super::operator::{Applied, Counter, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope, as_shared};
 use crate::inspect::Tolerances;
 use crate::math::{Box3, nearest_on_triangle, threads, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface};
@@ -47,6 +48,17 @@ impl UnfoldFoldovers {
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then half changed.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let edges = Edges::new(&surface.faces);
+        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
+    }
+
+    /// [`UnfoldFoldovers::apply`] to a surface with these `edges`.
+    fn apply_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: &Edges,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
         let unit = to_unit_range(&surface.positions);
         let scale = unit_scale(&surface.positions);
         let height = (self.height * Box3::of(unit.iter().copied()).diagonal()).min(self.max_deviation * scale);
@@ -54,7 +66,6 @@ impl UnfoldFoldovers {
             return Ok(Applied::default());
         }
         let limits = FoldLimits { angle: self.angle, height };
-        let edges = Edges::new(&surface.faces);
         let fold_at = |e: usize| {
             let &[x, y] = edges.half_edges(e) else { return None };
             let ([a, b], apex) = (edges.vertices(e), [x, y].map(|h| Edges::opposite(&surface.faces, h)));
@@ -66,6 +77,7 @@ impl UnfoldFoldovers {
         if queue.is_empty() {
             return Ok(Applied::default());
         }
+        let surface = Arc::make_mut(surface);
         let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
         let mut local = LocalEdits::new(surface);
         let (mut flipped, mut moved, mut steps) = (0u64, 0.0f64, 0u32);
@@ -171,6 +183,15 @@ impl Operation<'_> for UnfoldFoldovers {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         self.apply(surface, context)
+    }
+
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        self.apply_shared(surface, &edges, context)
     }
 }
 

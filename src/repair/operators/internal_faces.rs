@@ -1,7 +1,9 @@
 //! Removes surface inside solids that bounds no volume: internal faces and open internal sheets.
 
+use std::sync::Arc;
+
 use super::face_pairs::{AroundEdge, around_edge, without_inner_sheets};
-use super::operator::{Applied, Counter, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope, as_shared};
 use super::ray_caster::RayCaster;
 use crate::inspect::Analysis;
 use crate::math::{ray_direction, to_unit_range};
@@ -116,24 +118,25 @@ impl Operation<'_> for RemoveInternalFaces {
 /// # Errors
 /// [`Cancelled`] when the work should stop; the surface is then unchanged.
 pub fn remove_internal_sheets(surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-    remove_sheets(surface, None, context)
+    let edges = Edges::new(&surface.faces);
+    as_shared(surface, |surface| remove_sheets(surface, &edges, None, context))
 }
 
-/// [`remove_internal_sheets`], faster if the surface has the triangles of a `known` mesh.
+/// [`remove_internal_sheets`] from a surface with these `edges`, faster if it has the triangles of a `known` mesh.
 fn remove_sheets(
-    surface: &mut Surface,
+    surface: &mut Arc<Surface>,
+    edges: &Edges,
     known: Option<&Analysis<'_>>,
     context: &Context<'_>,
 ) -> Result<Applied, Cancelled> {
-    let edges = Edges::new(&surface.faces);
     if !edges.iter().any(|h| h.len() == 1) {
         return Ok(Applied::default());
     }
-    let patches = Parts::patches(surface, &edges);
+    let patches = Parts::patches(surface, edges);
     if patches.count < 2 {
         return Ok(Applied::default());
     }
-    let mut is_candidate = surplus_patches(&edges, &patches, None);
+    let mut is_candidate = surplus_patches(edges, &patches, None);
     if !is_candidate.contains(&true) {
         return Ok(Applied::default());
     }
@@ -144,12 +147,12 @@ fn remove_sheets(
         *is_candidate = is_inside(&mut caster, surface, &patches.of_face, &faces);
     }
     // Where several sheets share an edge, they must be removed together.
-    let is_removed = surplus_patches(&edges, &patches, Some(&is_candidate));
+    let is_removed = surplus_patches(edges, &patches, Some(&is_candidate));
     let count = is_removed.iter().filter(|&&is_removed| is_removed).count() as u64;
     if count == 0 {
         return Ok(Applied::default());
     }
-    let faces = patches.remove(&is_removed, surface);
+    let faces = patches.remove(&is_removed, Arc::make_mut(surface));
     Ok(Change::list([(ChangeKind::InternalSheetsRemoved, count), (ChangeKind::SheetFacesRemoved, faces)]).into())
 }
 
@@ -225,6 +228,15 @@ impl<'a> Operation<'a> for RemoveInternalSheets<'a> {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        remove_sheets(surface, Some(self.input), context)
+        remove_internal_sheets(surface, context)
+    }
+
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        remove_sheets(surface, &edges, Some(self.input), context)
     }
 }

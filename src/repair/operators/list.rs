@@ -10,7 +10,7 @@ use super::{
     internal_faces, islands, join, orient, perturb, remesh, rounding, self_union, slivers, split_non_manifold, stitch,
     t_junctions, thicken, thicken_walls, voids, weld,
 };
-use crate::mesh::Surface;
+use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Context, Operator};
 
 /// Forwards [`Operator`]'s methods to the implementing types.
@@ -56,7 +56,14 @@ macro_rules! operations {
                 }
             }
 
-            /// Runs the operator on `surface`.
+            /// Whether the operator takes so much memory that the edges of the surface are better not kept meanwhile.
+            pub(crate) fn is_heavy(self) -> bool {
+                match self {
+                    $(Self::$name => <$operation>::IS_HEAVY,)*
+                }
+            }
+
+            /// Runs the operator on `surface`, which has these `edges`.
             ///
             /// # Errors
             /// [`Cancelled`] when the work should stop; the surface may then be half changed.
@@ -64,10 +71,11 @@ macro_rules! operations {
                 self,
                 scope: &Scope<'_>,
                 surface: &mut Arc<Surface>,
+                edges: Arc<Edges>,
                 context: &Context<'_>,
             ) -> Result<Applied, Cancelled> {
                 match self {
-                    $(Self::$name => <$operation>::with_scope(scope, surface).run_shared(surface, context),)*
+                    $(Self::$name => <$operation>::with_scope(scope, surface).run_shared(surface, edges, context),)*
                 }
             }
         }

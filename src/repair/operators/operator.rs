@@ -53,6 +53,9 @@ pub(crate) trait Operation<'a>: Sized {
     /// surface before the change.
     const CHANGES_SOUND_MODEL: bool = false;
 
+    /// Whether the operator takes so much memory that the edges of the surface are better not kept meanwhile.
+    const IS_HEAVY: bool = false;
+
     /// Creates the operator for `surface` with parameters derived from `scope`.
     fn with_scope(scope: &Scope<'a>, surface: &Surface) -> Self;
 
@@ -62,11 +65,18 @@ pub(crate) trait Operation<'a>: Sized {
     /// [`Cancelled`] when the work should stop; the surface may then be half changed.
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled>;
 
-    /// [`Operation::run`] on a surface that others may share. An operator that makes a new surface need not copy the shared one first.
+    /// [`Operation::run`] on a surface that others may share, and whose `edges` are known. An operator that changes nothing, or makes a
+    /// new surface, need not copy the shared one first.
     ///
     /// # Errors
     /// As [`Operation::run`].
-    fn run_shared(&self, surface: &mut Arc<Surface>, context: &Context<'_>) -> Result<Applied, Cancelled> {
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        drop(edges);
         self.run(Arc::make_mut(surface), context)
     }
 }
@@ -126,6 +136,14 @@ impl From<Vec<Change>> for Applied {
     }
 }
 
+/// Runs `act` on a surface as if others shared it.
+pub(super) fn as_shared<T>(surface: &mut Surface, act: impl FnOnce(&mut Arc<Surface>) -> T) -> T {
+    let mut shared = Arc::new(std::mem::take(surface));
+    let result = act(&mut shared);
+    *surface = Arc::unwrap_or_clone(shared);
+    result
+}
+
 /// A topological or geometric defect that is counted from the faces' vertex indices and positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Counter {
@@ -176,17 +194,22 @@ impl Counts {
     /// Counts the defects by vertex index: vertices at one position with separate indices are distinct. O(n log n) time.
     #[must_use]
     pub fn of(surface: &Surface) -> Self {
+        Self::with_edges(surface, &Edges::new(&surface.faces))
+    }
+
+    /// [`Counts::of`] a surface whose edges are known.
+    #[must_use]
+    pub fn with_edges(surface: &Surface, edges: &Edges) -> Self {
         let faces = &surface.faces;
-        let edges = Edges::new(faces);
         let unit = to_unit_range(&surface.positions);
         let is_degenerate = |face: usize| {
             let [a, b, c] = faces[face].map(|v| unit[v as usize]);
             collinear(a, b, c)
         };
-        let of_faces = || (threads::count(faces.len(), is_degenerate), duplicate_faces(faces, &edges));
-        let pinched = || Fans::new(surface, &edges).non_manifold_vertices;
+        let of_faces = || (threads::count(faces.len(), is_degenerate), duplicate_faces(faces, edges));
+        let pinched = || Fans::new(surface, edges).non_manifold_vertices;
         let (pinched, (degenerate, duplicate)) = threads::join(faces.len(), pinched, of_faces);
-        Self::at_edges(surface, &edges).with([
+        Self::at_edges(surface, edges).with([
             (Counter::PinchedVertices, pinched),
             (Counter::DegenerateFaces, degenerate),
             (Counter::DuplicateFaces, duplicate),

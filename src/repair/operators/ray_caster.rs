@@ -11,7 +11,7 @@ use crate::mesh::Surface;
 /// A set of faces and a search tree for segment queries with a common budget.
 pub(super) struct RayCaster<'a> {
     /// The surface's positions in the range of [`to_unit_range`], in which segments are given.
-    pub unit: Cow<'a, [DVec3]>,
+    pub unit: Vec<DVec3>,
     faces: Cow<'a, [[u32; 3]]>,
     tree: Cow<'a, Tree>,
     spent: u64,
@@ -22,19 +22,17 @@ impl<'a> RayCaster<'a> {
     /// Prepares queries against `faces` of `surface`. All queries together may test `budget` faces.
     pub fn new(surface: &Surface, faces: Vec<[u32; 3]>, budget: u64) -> Self {
         let unit = to_unit_range(&surface.positions);
-        let tree = Cow::Owned(Tree::new(&unit, &faces));
-        Self { tree, unit: unit.into(), faces: faces.into(), spent: 0, budget }
+        Self { tree: Cow::Owned(Tree::new(&unit, &faces)), unit, faces: faces.into(), spent: 0, budget }
     }
 
-    /// Prepares queries against all faces of `surface`. Uses the tree of `known`, if it has the same triangles, whatever their winding.
+    /// Prepares queries against all faces of `surface`. Uses the tree of `known`, if it has the same triangles.
     pub fn of_whole(surface: &'a Surface, known: Option<&'a Analysis<'_>>, budget: u64) -> Self {
-        match known.and_then(|known| Some((known.unit(), known.tree_of(surface)?))) {
-            Some((unit, tree)) => {
-                let (unit, faces, tree) = (unit.into(), surface.faces.as_slice().into(), Cow::Borrowed(tree));
-                Self { unit, faces, tree, spent: 0, budget }
-            }
-            None => Self::new(surface, surface.faces.clone(), budget),
-        }
+        let (unit, faces) = (to_unit_range(&surface.positions), surface.faces.as_slice());
+        let tree = match known.and_then(|known| known.tree_of(surface)) {
+            Some(tree) => Cow::Borrowed(tree),
+            None => Cow::Owned(Tree::new(&unit, faces)),
+        };
+        Self { unit, faces: faces.into(), tree, spent: 0, budget }
     }
 
     /// The centroid of a face, from which segments start.

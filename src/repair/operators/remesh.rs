@@ -116,6 +116,7 @@ impl RemeshInside {
 impl Operation<'_> for RemeshInside {
     const FIXES: &'static [Counter] = &Counter::ALL;
     const MAY_RAISE: &'static [Counter] = &[];
+    const IS_HEAVY: bool = true;
 
     fn with_scope(scope: &Scope<'_>, surface: &Surface) -> Self {
         Self::for_scope(scope, surface)
@@ -207,6 +208,7 @@ impl ReduceFaces {
 impl Operation<'_> for ReduceFaces {
     const FIXES: &'static [Counter] = &Counter::ALL;
     const MAY_RAISE: &'static [Counter] = &[];
+    const IS_HEAVY: bool = true;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let Options { max_faces, max_error, .. } = *scope.options;

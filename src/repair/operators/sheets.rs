@@ -42,11 +42,15 @@ pub fn encloses(area: f64, patch_area: f64, volume: Option<f64>) -> bool {
 /// The surface should be oriented and welded. Linear time except for sorting.
 #[must_use]
 pub fn open_sheet_share(surface: &Surface) -> f64 {
-    let edges = Edges::new(&surface.faces);
-    let parts = Parts::new(surface, &edges);
-    let solids = solids(surface, &edges, &parts);
+    open_sheet_share_with(surface, &Edges::new(&surface.faces))
+}
+
+/// [`open_sheet_share`] of a surface with these `edges`.
+pub(in crate::repair) fn open_sheet_share_with(surface: &Surface, edges: &Edges) -> f64 {
+    let parts = Parts::new(surface, edges);
+    let solids = solids(surface, edges, &parts);
     let total: f64 = solids.iter().map(|s| s.area).sum();
-    let sheets = open_sheets(surface, &edges, &parts, &solids);
+    let sheets = open_sheets(surface, edges, &parts, &solids);
     let sheets: f64 = solids.iter().zip(sheets).filter(|(_, sheet)| *sheet).map(|(s, _)| s.area).sum();
     if total > 0.0 { sheets / total } else { 0.0 }
 }

@@ -2,14 +2,15 @@
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use std::sync::Arc;
 
 use glam::DVec3;
 
 use super::border::{Border, MergePosition, NearbyEdge};
 use super::holes::newell;
-use super::operator::{Applied, Counter, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope, as_shared};
 use crate::math::Precision;
-use crate::mesh::{HalfEdge, Surface};
+use crate::mesh::{Edges, HalfEdge, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 pub use crate::repair::options::StitchPosition;
@@ -99,8 +100,21 @@ impl Stitch {
     /// # Errors
     /// [`Cancelled`] when the work should stop; finished joins stay.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let edges = Edges::new(&surface.faces);
+        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
+    }
+
+    /// [`Stitch::apply`] to a surface with these `edges`.
+    fn apply_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: &Edges,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
         let limit = self.distance.unwrap_or(self.threshold * surface.bounds().diagonal()).min(self.max_deviation);
-        let Some(mut border) = Border::new(surface).filter(|_| limit > 0.0) else { return Ok(Applied::default()) };
+        let Some(mut border) = Border::new(surface, edges).filter(|_| limit > 0.0) else {
+            return Ok(Applied::default());
+        };
         if self.position == StitchPosition::Average {
             border.merge_position =
                 if self.precision == Precision::F32 { MergePosition::MidpointF32 } else { MergePosition::Midpoint };
@@ -153,7 +167,7 @@ impl Stitch {
         let left = border.exhausted_note();
         let moved = border.max_displacement().max(bent);
         if merged > 0 {
-            surface.drop_unreferenced();
+            Arc::make_mut(surface).drop_unreferenced();
         }
         let changes = Change::list([(ChangeKind::CrackVerticesMerged, merged), (ChangeKind::CrackEdgesSplit, split)]);
         Ok(Applied { changes, moved, left, limited, ..Applied::default() })
@@ -189,6 +203,15 @@ impl Operation<'_> for Stitch {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         self.apply(surface, context)
+    }
+
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        self.apply_shared(surface, &edges, context)
     }
 }
 

@@ -1,10 +1,12 @@
 //! Splits boundary edges at vertices that lie on them (T-junctions).
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::border::{Border, NearbyEdge};
-use super::operator::{Applied, Counter, Operation, Scope};
-use crate::mesh::Surface;
+use super::operator::{Applied, Counter, Operation, Scope, as_shared};
+use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
 /// The f32 rounding error of a coordinate, relative to the coordinate; a vertex placed on an edge may add up a few of them.
@@ -44,10 +46,21 @@ impl SplitTJunctions {
     /// # Errors
     /// [`Cancelled`] when the work should stop; finished splits stay.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let edges = Edges::new(&surface.faces);
+        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
+    }
+
+    /// [`SplitTJunctions::apply`] to a surface with these `edges`.
+    fn apply_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: &Edges,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
         let bounds = surface.bounds();
         let rounding = ROUNDING * bounds.min.abs().max(bounds.max.abs()).max_element();
         let reach = (self.tolerance * bounds.diagonal()).max(rounding).min(self.max_deviation.max(f64::MIN_POSITIVE));
-        let Some(mut border) = Border::new(surface) else { return Ok(Applied::default()) };
+        let Some(mut border) = Border::new(surface, edges) else { return Ok(Applied::default()) };
         let mut on_edges = vertices_on_edges(&mut border, reach, context)?;
         // By edge, and in order along each edge.
         on_edges.sort_unstable_by(|x, y| {
@@ -115,5 +128,14 @@ impl Operation<'_> for SplitTJunctions {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         self.apply(surface, context)
+    }
+
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        self.apply_shared(surface, &edges, context)
     }
 }

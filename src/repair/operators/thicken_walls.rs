@@ -46,6 +46,7 @@ pub struct ThickenWalls {
 impl Operation<'_> for ThickenWalls {
     const FIXES: &'static [Counter] = &[];
     const MAY_RAISE: &'static [Counter] = &[];
+    const IS_HEAVY: bool = true;
     const CHANGES_SOUND_MODEL: bool = true;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {

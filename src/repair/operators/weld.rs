@@ -3,12 +3,14 @@
 //! [`MergeVertices`] merges any vertices, [`Weld`] merges almost coincident boundary vertices, and [`Sew`] merges boundary
 //! vertices that are close relative to the length of their edges.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
 use super::border::{Border, NearbyEdge};
 use super::degenerate::remove_collapsed;
-use super::operator::{Applied, Counter, Operation, Scope};
+use super::operator::{Applied, Counter, Operation, Scope, as_shared};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
 
@@ -296,8 +298,19 @@ impl Sew {
     /// # Errors
     /// [`Cancelled`] when the work should stop; finished merges stay.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let edges = Edges::new(&surface.faces);
+        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
+    }
+
+    /// [`Sew::apply`] to a surface with these `edges`.
+    fn apply_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: &Edges,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
         let cap = (self.tolerance * surface.bounds().diagonal()).min(self.max_deviation);
-        let Some(mut border) = Border::new(surface).filter(|_| cap > 0.0) else { return Ok(Applied::default()) };
+        let Some(mut border) = Border::new(surface, edges).filter(|_| cap > 0.0) else { return Ok(Applied::default()) };
         let mut reach = vec![cap; border.vertices.len()];
         for ([a, b], length) in border.edge_lengths().collect::<Vec<_>>() {
             for v in [a, b] {
@@ -324,7 +337,7 @@ impl Sew {
         let left = border.exhausted_note();
         let moved = border.max_displacement();
         if merged > 0 {
-            surface.drop_unreferenced();
+            Arc::make_mut(surface).drop_unreferenced();
         }
         Ok(Applied {
             changes: Change::list([(ChangeKind::BoundaryVerticesSewn, merged)]),
@@ -373,5 +386,14 @@ impl Operation<'_> for Sew {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         self.apply(surface, context)
+    }
+
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        self.apply_shared(surface, &edges, context)
     }
 }

@@ -1,5 +1,7 @@
 //! The two edits of a border: merging two vertices, and splitting an edge at a vertex.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::{Border, MergePosition, NONE, Spoke};
@@ -33,13 +35,14 @@ impl Border<'_> {
         }
         let [from_index, to_index] = [self.boundary_index(from), self.boundary_index(to)];
         let faces = std::mem::take(&mut self.faces_at[from_index]);
+        let surface = Arc::make_mut(self.surface);
         for &f in &faces {
-            for v in self.surface.faces[f as usize].iter_mut().filter(|v| **v == from) {
+            for v in surface.faces[f as usize].iter_mut().filter(|v| **v == from) {
                 *v = to;
             }
         }
+        surface.positions[to as usize] = target;
         self.faces_at[to_index].extend(faces);
-        self.surface.positions[to as usize] = target;
         self.merged_into[from_index] = to;
         self.displacement[to_index] = self.displacement[to_index].max(displacement);
         self.max_displacement = self.max_displacement.max(displacement);
@@ -138,9 +141,10 @@ impl Border<'_> {
         let mut face = [o; 3];
         face[corner as usize] = vertex;
         face[(corner as usize + 1) % 3] = b;
-        self.surface.faces.push(face);
-        self.surface.source.push(self.surface.source[f as usize]);
-        self.surface.faces[f as usize][(corner as usize + 1) % 3] = vertex;
+        let surface = Arc::make_mut(self.surface);
+        surface.faces.push(face);
+        surface.source.push(surface.source[f as usize]);
+        surface.faces[f as usize][(corner as usize + 1) % 3] = vertex;
         self.edge_of.extend([NONE; 3]);
         // The half-edge from b to o now belongs to the new face.
         let beyond = HalfEdge(3 * new + corner);

@@ -7,6 +7,8 @@
 
 mod edits;
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use crate::math::{Tree, nearest_on_segment, unit_scale};
@@ -21,7 +23,7 @@ const MIN_COSINE: f64 = 0.5;
 /// The boundary edges, with a search tree and the adjacency that merging and splitting need.
 pub(super) struct Border<'a> {
     /// The surface under edit.
-    pub surface: &'a mut Surface,
+    pub surface: &'a mut Arc<Surface>,
     /// The original boundary vertices, ascending.
     pub vertices: Vec<u32>,
     /// For each vertex its index in `vertices`, or [`NONE`].
@@ -94,9 +96,9 @@ pub(super) struct NearbyEdge {
 }
 
 impl<'a> Border<'a> {
-    /// Collects the boundary; `None` where the surface has none. O(n) time, and O(n log n) for the tree over boundary edges.
-    pub fn new(surface: &'a mut Surface) -> Option<Self> {
-        let all = Edges::new(&surface.faces);
+    /// Collects the boundary of a surface with the edges `all`; `None` where it has none. O(n) time, and O(n log n) for the tree over
+    /// boundary edges. The surface is copied before the first change, if others share it.
+    pub fn new(surface: &'a mut Arc<Surface>, all: &Edges) -> Option<Self> {
         let open: Vec<(usize, u32)> =
             all.iter().enumerate().filter(|(_, h)| h.len() == 1).map(|(e, h)| (e, h[0])).collect();
         if open.is_empty() {

@@ -151,6 +151,7 @@ impl CleanAndPatch {
 impl Operation<'_> for CleanAndPatch {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges, Counter::NonManifoldEdges];
     const MAY_RAISE: &'static [Counter] = &[];
+    const IS_HEAVY: bool = true;
 
     fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
         let options = scope.options;

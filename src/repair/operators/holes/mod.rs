@@ -9,10 +9,12 @@ mod group;
 mod patch;
 mod triangulate;
 
+use std::sync::Arc;
+
 use crate::inspect::{Solid, solids};
 use crate::math::Box3;
 use crate::mesh::{Edges, Parts, Surface, UnionFind, boundary_loops};
-use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
+use crate::repair::operators::operator::{Applied, Counter, Operation, Scope, as_shared};
 use crate::repair::operators::sheets::encloses;
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 pub use choose::FillHoles;
@@ -96,22 +98,32 @@ impl FillHoles {
     /// [`Cancelled`] when the work should stop; the surface is then unchanged.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Filled, Cancelled> {
         let edges = Edges::new(&surface.faces);
+        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
+    }
+
+    /// [`FillHoles::apply`] to a surface with these `edges`.
+    fn apply_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: &Edges,
+        context: &Context<'_>,
+    ) -> Result<Filled, Cancelled> {
         if edges.iter().all(|h| h.len() != 1) {
             return Ok(Filled::default());
         }
-        let parts = Parts::new(surface, &edges);
-        let loops = boundary_loops(surface, &edges);
+        let parts = Parts::new(surface, edges);
+        let loops = boundary_loops(surface, edges);
         let mut filled = Filled { unwalked_edges: loops.left, ..Filled::default() };
-        let of_edge = |a, b| face_normal(&surface.positions, &surface.faces, &edges, a, b);
+        let of_edge = |a, b| face_normal(&surface.positions, &surface.faces, edges, a, b);
         let holes = group_loops(&surface.positions, loops, &parts, of_edge);
         context.check()?;
         let is_within_limits = self.within_limits(surface, &holes);
         let (bodies, by_body) = merge_into_bodies(&parts, &holes);
-        let solids = solids(surface, &edges, &bodies);
+        let solids = solids(surface, edges, &bodies);
         let filled_holes =
             holes.iter().zip(&is_within_limits).filter(|(_, is_filled)| **is_filled).map(|(hole, _)| hole);
         let clearance = Clearance::new(&surface.positions, &surface.faces, filled_holes);
-        let mut filler = Filler::new(self, surface, &edges, clearance, context);
+        let mut filler = Filler::new(self, surface, edges, clearance, context);
         let (mut closed, mut joined) = (0u64, 0u64);
         for of_body in by_body.chunk_by(|a, b| a.0 == b.0) {
             let solid = &solids[of_body[0].0 as usize];
@@ -150,6 +162,7 @@ impl FillHoles {
             (ChangeKind::HolesOverLimit, filled.over_limit),
             (ChangeKind::OpenSheetsLeft, filled.open_sheets),
         ]);
+        let surface = Arc::make_mut(surface);
         surface.positions = positions;
         for face in patches {
             surface.push_patch(face);
@@ -269,6 +282,12 @@ fn with_patches(body: &Solid, filler: &Filler<'_>, start: usize) -> (f64, f64) {
     (patch_area, volume)
 }
 
+impl From<Filled> for Applied {
+    fn from(filled: Filled) -> Self {
+        Self { left: filled.unfixed_note(), changes: filled.changes, ..Self::default() }
+    }
+}
+
 impl Operation<'_> for FillHoles {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     // A crack whose border is collinear is closed with faces without area.
@@ -289,7 +308,15 @@ impl Operation<'_> for FillHoles {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let filled = self.apply(surface, context)?;
-        Ok(Applied { left: filled.unfixed_note(), changes: filled.changes, ..Applied::default() })
+        Ok(self.apply(surface, context)?.into())
+    }
+
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        Ok(self.apply_shared(surface, &edges, context)?.into())
     }
 }

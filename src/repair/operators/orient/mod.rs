@@ -4,12 +4,14 @@
 
 mod outward;
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use crate::inspect::{Analysis, doubled_areas, nesting, solids};
 use crate::math::threads;
 use crate::mesh::{Edges, Parts, Surface};
-use crate::repair::operators::operator::{Applied, Counter, Operation, Scope};
+use crate::repair::operators::operator::{Applied, Counter, Operation, Scope, as_shared};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 use outward::{Facing, Layers, Nesting, PatchFacing, keep_balanced_patches, keep_surrounded_patches};
 
@@ -75,11 +77,22 @@ impl Orient {
         surface: &mut Surface,
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
-        let edges = Edges::new(&surface.faces);
+        let edges = Arc::new(Edges::new(&surface.faces));
+        as_shared(surface, |surface| self.apply_shared(surface, edges, known, context))
+    }
+
+    /// [`Orient::apply_knowing`] to a surface with these `edges`.
+    fn apply_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        known: Option<&Analysis<'_>>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
         let areas = doubled_areas(surface);
         let winding = consistent_winding(surface, &edges, &areas, context)?;
-        let flipped = flip_faces(surface, &winding.flip);
-        let edges = if flipped > 0 { Edges::new(&surface.faces) } else { edges };
+        let flipped = flip_marked(surface, &winding.flip);
+        let edges = if flipped > 0 { Arc::new(Edges::new(&surface.faces)) } else { edges };
         let patches = Parts::patches(surface, &edges);
         let solids = solids(surface, &edges, &patches);
         let all = vec![true; solids.len()];
@@ -112,7 +125,7 @@ impl Orient {
         let (closed_flipped, open_flipped) = (count(true), count(false));
         let of_patch = |&p: &u32| p != Parts::NONE && flip[p as usize];
         let flip: Vec<bool> = patches.of_face.iter().map(of_patch).collect();
-        flip_faces(surface, &flip);
+        flip_marked(surface, &flip);
         let mut unfixed: Vec<u32> = (0u32..)
             .zip(&patches.of_face)
             .filter(|&(_, &patch)| patch != Parts::NONE && is_undecided[patch as usize])
@@ -176,6 +189,15 @@ impl<'a> Operation<'a> for OrientInRepair<'a> {
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
         self.orient.apply_knowing(Some(self.input), surface, context)
+    }
+
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        self.orient.apply_shared(surface, edges, Some(self.input), context)
     }
 }
 
@@ -320,6 +342,11 @@ impl FaceNeighbours {
         };
         Ok(patch.iter().map(|&f| left(f)).sum())
     }
+}
+
+/// [`flip_faces`] of a surface that others may share, which is copied only if a face is marked.
+fn flip_marked(surface: &mut Arc<Surface>, flip: &[bool]) -> u64 {
+    if flip.contains(&true) { flip_faces(Arc::make_mut(surface), flip) } else { 0 }
 }
 
 /// Flips the marked faces. Returns their number.

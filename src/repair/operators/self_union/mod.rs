@@ -78,7 +78,7 @@ impl SelfUnionRounds {
         engine: &dyn Arrangement,
         context: &Context<'_>,
     ) -> Result<Resolved, Cancelled> {
-        let (resolved, united) = self.united(None, surface, engine, context)?;
+        let (resolved, united) = self.united(None, with_edges(surface), engine, context)?;
         if let Some(united) = united {
             *surface = united;
         }
@@ -90,13 +90,12 @@ impl SelfUnionRounds {
     fn united(
         &self,
         input: Option<&Analysis<'_>>,
-        surface: &Surface,
+        (surface, edges): (&Surface, Arc<Edges>),
         engine: &dyn Arrangement,
         context: &Context<'_>,
     ) -> Result<(Resolved, Option<Surface>), Cancelled> {
         let undone = |pairs_left, error| (Resolved { pairs_left, error: Some(error), ..Resolved::default() }, None);
         let unchanged = || Ok((Resolved::default(), None));
-        let edges = Edges::new(&surface.faces);
         let closed = match ClosedSurface::new(surface, &edges) {
             Ok(closed) => closed,
             Err(open) => return Ok(undone(0, open.into())),
@@ -186,7 +185,7 @@ impl SelfUnionRounds {
             for &v in faces.iter().flat_map(|&f| &surface.faces[f as usize]) {
                 local[v as usize] = u32::MAX;
             }
-            let (done, united) = self.united(Some(input), &part, engine, context)?;
+            let (done, united) = self.united(Some(input), with_edges(&part), engine, context)?;
             all.moved = all.moved.max(done.moved);
             has_changed |= !done.changes.is_empty();
             whole.append(united.unwrap_or(part));
@@ -367,6 +366,7 @@ impl<'a> Operation<'a> for SelfUnion<'a> {
         Counter::DegenerateFaces,
         Counter::DuplicateFaces,
     ];
+    const IS_HEAVY: bool = true;
 
     fn with_scope(scope: &Scope<'a>, surface: &Surface) -> Self {
         let options = scope.options;
@@ -382,15 +382,20 @@ impl<'a> Operation<'a> for SelfUnion<'a> {
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let (applied, united) = self.united(surface, context)?;
+        let (applied, united) = self.united(with_edges(surface), context)?;
         if let Some(united) = united {
             *surface = united;
         }
         Ok(applied)
     }
 
-    fn run_shared(&self, surface: &mut Arc<Surface>, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let (applied, united) = self.united(surface, context)?;
+    fn run_shared(
+        &self,
+        surface: &mut Arc<Surface>,
+        edges: Arc<Edges>,
+        context: &Context<'_>,
+    ) -> Result<Applied, Cancelled> {
+        let (applied, united) = self.united((surface, edges), context)?;
         if let Some(united) = united {
             *surface = Arc::new(united);
         }
@@ -398,11 +403,20 @@ impl<'a> Operation<'a> for SelfUnion<'a> {
     }
 }
 
+/// A surface and its edges.
+fn with_edges(surface: &Surface) -> (&Surface, Arc<Edges>) {
+    (surface, Arc::new(Edges::new(&surface.faces)))
+}
+
 impl SelfUnion<'_> {
     /// What the operator did, and the new surface, or none if the surface stays as it is.
-    fn united(&self, surface: &Surface, context: &Context<'_>) -> Result<(Applied, Option<Surface>), Cancelled> {
+    fn united(
+        &self,
+        (surface, edges): (&Surface, Arc<Edges>),
+        context: &Context<'_>,
+    ) -> Result<(Applied, Option<Surface>), Cancelled> {
         let (result, united) = match self.overlaps {
-            Overlaps::Union => self.rounds.united(Some(self.input), surface, &Exact, context)?,
+            Overlaps::Union => self.rounds.united(Some(self.input), (surface, edges), &Exact, context)?,
             Overlaps::Keep => self.rounds.parts_united(self.input, surface, &Exact, context)?,
         };
         let left = (result.pairs_left > 0).then(|| format!("{} pairs of faces still intersect", result.pairs_left));
