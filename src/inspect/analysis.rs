@@ -265,8 +265,8 @@ impl<'a> Analysis<'a> {
             return None;
         }
         let is_other = |face: usize| {
-            let others = surface.corners(face);
-            !self.surface.corners(face).iter().all(|corner| others.contains(corner))
+            let [own, other] = [self.surface.corners(face), surface.corners(face)];
+            !own.iter().all(|corner| other.contains(corner)) || !other.iter().all(|corner| own.contains(corner))
         };
         (threads::count(count, is_other) == 0).then_some(tree)
     }

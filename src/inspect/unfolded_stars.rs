@@ -122,7 +122,7 @@ mod tests {
         assert!(!unfolded_stars(&both, &all)[0], "two fans");
     }
 
-    /// A closed grid around a torus with its vertices moved by up to `noise` cells, in an order that depends on `seed`.
+    /// A closed grid around a torus whose vertices are moved at random by up to a tenth of `noise` along each axis.
     fn crumpled_torus(noise: f64, seed: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
         let side = 12u32;
         let number =

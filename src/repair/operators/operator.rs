@@ -136,7 +136,7 @@ impl From<Vec<Change>> for Applied {
     }
 }
 
-/// Runs `act` on a surface as if others shared it.
+/// Runs `act` on a surface in an `Arc`, for operators that take one.
 pub(super) fn as_shared<T>(surface: &mut Surface, act: impl FnOnce(&mut Arc<Surface>) -> T) -> T {
     let mut shared = Arc::new(std::mem::take(surface));
     let result = act(&mut shared);

@@ -162,10 +162,10 @@ impl FillHoles {
             (ChangeKind::HolesOverLimit, filled.over_limit),
             (ChangeKind::OpenSheetsLeft, filled.open_sheets),
         ]);
-        let surface = Arc::make_mut(surface);
-        surface.positions = positions;
-        for face in patches {
-            surface.push_patch(face);
+        if !patches.is_empty() {
+            let surface = Arc::make_mut(surface);
+            surface.positions = positions;
+            patches.into_iter().for_each(|face| surface.push_patch(face));
         }
         Ok(filled)
     }
