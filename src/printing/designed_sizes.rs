@@ -3,6 +3,7 @@
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
+use crate::inspect::doubled_areas;
 use crate::math::threads;
 use crate::mesh::{Edges, Surface, UnionFind};
 
@@ -57,7 +58,7 @@ pub fn designed_sizes(surface: &Surface, edges: &Edges) -> DesignedSizes {
     let mut sets = UnionFind::new(surface.faces.len());
     joined.into_iter().for_each(|[a, b]| sets.unite(a, b));
     let patch_of = sets.into_roots();
-    let areas = threads::map_cheap(surface.faces.len(), |face| surface.area_vector(face).length());
+    let areas = doubled_areas(surface);
     let total: f64 = areas.iter().sum();
     let planes = large_planes(surface, &patch_of, &areas, total);
     let mut sizes = DesignedSizes { lengths: distances(surface, &planes, total), holes: Vec::new() };

@@ -35,7 +35,7 @@ impl CommonStart {
         let actions = COMMON_ACTIONS.map(|action| planned(action, runner.options)).to_vec();
         let strategy = &Strategy { when: When::NothingAcceptable, tier: 1, preset: Preset::BasicCleanup, actions };
         let mut state = SurfaceState::new(input.analysis.surface.clone());
-        state.counts = Some(Counts::of_analysis(input.analysis));
+        state.counts = Some(Counts::of_measured(input.analysis, &input.before.measures));
         state.edges = Some(Arc::clone(&input.analysis.edges));
         let (mut end, mut steps) = (TaskEnd::Finished, Vec::new());
         let tasks = Task::of(strategy, 0);

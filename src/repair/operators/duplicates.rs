@@ -125,7 +125,7 @@ fn is_union_of_solids(surface: &Surface, pairs: &Pairs) -> bool {
     }
     let is_one = pairs.faces.iter().zip(&pairs.have_one_winding).filter(|(_, is_one)| **is_one);
     let sheets: Vec<u32> = is_one.map(|(&f, _)| f).chain(pairs.repeated.iter().copied()).collect();
-    let mut rays = RayCaster::new(surface, surface.faces.clone(), BUDGET);
+    let mut rays = RayCaster::of_whole(surface, None, BUDGET);
     let stride = sheets.len().div_ceil(MAX_SAMPLES);
     let mut decided = 0;
     for &f in sheets.iter().step_by(stride) {

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use super::local_edits::{Hinge, LocalEdits, Shape};
-use super::operator::{Applied, Counter, Operation, Scope, as_shared};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Tolerances;
 use crate::math::{Box3, nearest_on_triangle, threads, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface};
@@ -48,58 +48,7 @@ impl UnfoldFoldovers {
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface is then half changed.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let edges = Edges::new(&surface.faces);
-        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
-    }
-
-    /// [`UnfoldFoldovers::apply`] to a surface with these `edges`.
-    fn apply_shared(
-        &self,
-        surface: &mut Arc<Surface>,
-        edges: &Edges,
-        context: &Context<'_>,
-    ) -> Result<Applied, Cancelled> {
-        let unit = to_unit_range(&surface.positions);
-        let scale = unit_scale(&surface.positions);
-        let height = (self.height * Box3::of(unit.iter().copied()).diagonal()).min(self.max_deviation * scale);
-        if !(height > 0.0 && height.is_finite()) {
-            return Ok(Applied::default());
-        }
-        let limits = FoldLimits { angle: self.angle, height };
-        let fold_at = |e: usize| {
-            let &[x, y] = edges.half_edges(e) else { return None };
-            let ([a, b], apex) = (edges.vertices(e), [x, y].map(|h| Edges::opposite(&surface.faces, h)));
-            let at = [a, b, apex[0], apex[1]].map(|v| unit[v as usize]);
-            (apex[0] != apex[1] && limits.fold(at).is_some()).then_some([a, b])
-        };
-        context.check()?;
-        let mut queue = VecDeque::from(threads::filter_map(edges.len(), fold_at));
-        if queue.is_empty() {
-            return Ok(Applied::default());
-        }
-        let surface = Arc::make_mut(surface);
-        let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
-        let mut local = LocalEdits::new(surface);
-        let (mut flipped, mut moved, mut steps) = (0u64, 0.0f64, 0u32);
-        while let Some([a, b]) = queue.pop_front() {
-            steps = steps.wrapping_add(1);
-            if steps.is_multiple_of(1024) {
-                context.check()?;
-            }
-            if local.spent > budget {
-                break;
-            }
-            let Some((hinge, clearance)) = limits.fold_at_edge(&mut local, a, b) else { continue };
-            if limits.flip(&mut local, hinge) {
-                flipped += 1;
-                moved = moved.max(clearance);
-                queue.extend(surrounding_edges(hinge));
-            }
-        }
-        let left = (local.spent > budget).then(|| "some folds were skipped: too many of them are connected".to_owned());
-        local.finish();
-        let changes = Change::list([(ChangeKind::FoldsFlipped, flipped)]);
-        Ok(Applied { changes, moved: moved / scale, left, ..Applied::default() })
+        self.run(surface, context)
     }
 }
 
@@ -181,17 +130,53 @@ impl Operation<'_> for UnfoldFoldovers {
         Self { angle, height: scope.options.degenerate_tolerance, max_deviation: scope.max_deviation }
     }
 
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        self.apply(surface, context)
-    }
-
     fn run_shared(
         &self,
         surface: &mut Arc<Surface>,
         edges: Arc<Edges>,
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
-        self.apply_shared(surface, &edges, context)
+        let unit = to_unit_range(&surface.positions);
+        let scale = unit_scale(&surface.positions);
+        let height = (self.height * Box3::of(unit.iter().copied()).diagonal()).min(self.max_deviation * scale);
+        if !(height > 0.0 && height.is_finite()) {
+            return Ok(Applied::default());
+        }
+        let limits = FoldLimits { angle: self.angle, height };
+        let fold_at = |e: usize| {
+            let &[x, y] = edges.half_edges(e) else { return None };
+            let ([a, b], apex) = (edges.vertices(e), [x, y].map(|h| Edges::opposite(&surface.faces, h)));
+            let at = [a, b, apex[0], apex[1]].map(|v| unit[v as usize]);
+            (apex[0] != apex[1] && limits.fold(at).is_some()).then_some([a, b])
+        };
+        context.check()?;
+        let mut queue = VecDeque::from(threads::filter_map(edges.len(), fold_at));
+        if queue.is_empty() {
+            return Ok(Applied::default());
+        }
+        let surface = Arc::make_mut(surface);
+        let budget = WORK + WORK_PER_FACE * surface.faces.len() as u64;
+        let mut local = LocalEdits::new(surface);
+        let (mut flipped, mut moved, mut steps) = (0u64, 0.0f64, 0u32);
+        while let Some([a, b]) = queue.pop_front() {
+            steps = steps.wrapping_add(1);
+            if steps.is_multiple_of(1024) {
+                context.check()?;
+            }
+            if local.spent > budget {
+                break;
+            }
+            let Some((hinge, clearance)) = limits.fold_at_edge(&mut local, a, b) else { continue };
+            if limits.flip(&mut local, hinge) {
+                flipped += 1;
+                moved = moved.max(clearance);
+                queue.extend(surrounding_edges(hinge));
+            }
+        }
+        let left = (local.spent > budget).then(|| "some folds were skipped: too many of them are connected".to_owned());
+        local.finish();
+        let changes = Change::list([(ChangeKind::FoldsFlipped, flipped)]);
+        Ok(Applied { changes, moved: moved / scale, left, ..Applied::default() })
     }
 }
 

@@ -227,10 +227,6 @@ impl<'a> Operation<'a> for RemoveInternalSheets<'a> {
         Self { input: scope.input }
     }
 
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        remove_internal_sheets(surface, context)
-    }
-
     fn run_shared(
         &self,
         surface: &mut Arc<Surface>,

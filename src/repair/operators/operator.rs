@@ -9,7 +9,7 @@ use glam::DVec3;
 use super::face_pairs::Pairing;
 use crate::arrange::{ArrangeError, WindingRule};
 use crate::format::Format;
-use crate::inspect::{Analysis, EdgeCounts, SearchedMesh, duplicate_faces};
+use crate::inspect::{Analysis, EdgeCounts, Measures, SearchedMesh, duplicate_faces};
 use crate::math::{collinear, threads, to_unit_range};
 use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
@@ -59,11 +59,14 @@ pub(crate) trait Operation<'a>: Sized {
     /// Creates the operator for `surface` with parameters derived from `scope`.
     fn with_scope(scope: &Scope<'a>, surface: &Surface) -> Self;
 
-    /// Runs the operator on `surface`.
+    /// Runs the operator on `surface`. Every operator implements this method or [`Operation::run_shared`]; each defaults to the other.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop; the surface may then be half changed.
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled>;
+    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
+        let edges = Arc::new(Edges::new(&surface.faces));
+        as_shared(surface, |surface| self.run_shared(surface, edges, context))
+    }
 
     /// [`Operation::run`] on a surface that others may share, and whose `edges` are known. An operator that changes nothing, or makes a
     /// new surface, need not copy the shared one first.
@@ -209,30 +212,28 @@ impl Counts {
         let of_faces = || (threads::count(faces.len(), is_degenerate), duplicate_faces(faces, edges));
         let pinched = || Fans::new(surface, edges).non_manifold_vertices;
         let (pinched, (degenerate, duplicate)) = threads::join(faces.len(), pinched, of_faces);
-        Self::at_edges(surface, edges).with([
+        let EdgeCounts { boundary, misoriented, non_manifold, .. } = EdgeCounts::of(surface, edges);
+        Self::default().with([
+            (Counter::BoundaryEdges, boundary),
+            (Counter::MisorientedEdges, misoriented),
+            (Counter::NonManifoldEdges, non_manifold),
             (Counter::PinchedVertices, pinched),
             (Counter::DegenerateFaces, degenerate),
             (Counter::DuplicateFaces, duplicate),
         ])
     }
 
-    /// [`Counts::of`] an analysed surface, of which most is known.
+    /// [`Counts::of`] the surface of an analysis with these measures.
     #[must_use]
-    pub fn of_analysis(analysis: &Analysis<'_>) -> Self {
-        let (surface, edges) = (&analysis.surface, &analysis.edges);
-        Self::at_edges(surface, edges).with([
-            (Counter::PinchedVertices, analysis.fans.non_manifold_vertices),
-            (Counter::DegenerateFaces, analysis.flat().iter().filter(|is_flat| **is_flat).count() as u64),
-            (Counter::DuplicateFaces, duplicate_faces(&surface.faces, edges)),
-        ])
-    }
-
-    fn at_edges(surface: &Surface, edges: &Edges) -> Self {
-        let EdgeCounts { boundary, misoriented, non_manifold, .. } = EdgeCounts::of(surface, edges);
+    pub fn of_measured(analysis: &Analysis<'_>, measures: &Measures) -> Self {
         Self::default().with([
-            (Counter::BoundaryEdges, boundary),
-            (Counter::MisorientedEdges, misoriented),
-            (Counter::NonManifoldEdges, non_manifold),
+            (Counter::BoundaryEdges, measures.boundary_edges),
+            (Counter::MisorientedEdges, measures.misoriented_edges),
+            (Counter::NonManifoldEdges, measures.non_manifold_edges),
+            (Counter::PinchedVertices, measures.non_manifold_vertices),
+            // The measures also count faces whose area vanishes in f64.
+            (Counter::DegenerateFaces, analysis.flat().iter().filter(|is_flat| **is_flat).count() as u64),
+            (Counter::DuplicateFaces, measures.duplicate_faces),
         ])
     }
 

@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::border::{Border, MergePosition, NearbyEdge};
 use super::holes::newell;
-use super::operator::{Applied, Counter, Operation, Scope, as_shared};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::math::Precision;
 use crate::mesh::{Edges, HalfEdge, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
@@ -100,19 +100,45 @@ impl Stitch {
     /// # Errors
     /// [`Cancelled`] when the work should stop; finished joins stay.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let edges = Edges::new(&surface.faces);
-        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
+        self.run(surface, context)
+    }
+}
+
+/// The note on cracks that are within the limit but too wide for their edges.
+fn too_wide_note(too_wide: u64) -> String {
+    format!(
+        "{too_wide} boundary vertices have a gap within the limit that is wider than half of the adjacent edges; such a \
+         gap counts as a hole"
+    )
+}
+
+impl Operation<'_> for Stitch {
+    const FIXES: &'static [Counter] =
+        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
+    const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
+    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
+
+    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
+        let (default, options) = (Self::default(), scope.options);
+        Self {
+            threshold: options.stitch_threshold.unwrap_or(default.threshold),
+            distance: options.stitch_distance,
+            position: options.stitch_position,
+            precision: scope.format.precision(),
+            counts_left: options.stitch_threshold.is_some() || options.stitch_distance.is_some(),
+            snap: options.stitch_epsilon,
+            max_deviation: scope.max_deviation,
+        }
     }
 
-    /// [`Stitch::apply`] to a surface with these `edges`.
-    fn apply_shared(
+    fn run_shared(
         &self,
         surface: &mut Arc<Surface>,
-        edges: &Edges,
+        edges: Arc<Edges>,
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
         let limit = self.distance.unwrap_or(self.threshold * surface.bounds().diagonal()).min(self.max_deviation);
-        let Some(mut border) = Border::new(surface, edges).filter(|_| limit > 0.0) else {
+        let Some(mut border) = Border::new(surface, &edges).filter(|_| limit > 0.0) else {
             return Ok(Applied::default());
         };
         if self.position == StitchPosition::Average {
@@ -171,47 +197,6 @@ impl Stitch {
         }
         let changes = Change::list([(ChangeKind::CrackVerticesMerged, merged), (ChangeKind::CrackEdgesSplit, split)]);
         Ok(Applied { changes, moved, left, limited, ..Applied::default() })
-    }
-}
-
-/// The note on cracks that are within the limit but too wide for their edges.
-fn too_wide_note(too_wide: u64) -> String {
-    format!(
-        "{too_wide} boundary vertices have a gap within the limit that is wider than half of the adjacent edges; such a \
-         gap counts as a hole"
-    )
-}
-
-impl Operation<'_> for Stitch {
-    const FIXES: &'static [Counter] =
-        &[Counter::BoundaryEdges, Counter::MisorientedEdges, Counter::NonManifoldEdges, Counter::DuplicateFaces];
-    const MAY_RAISE: &'static [Counter] = &[Counter::PinchedVertices];
-    const ACTS_ON: &'static [Counter] = &[Counter::BoundaryEdges];
-
-    fn with_scope(scope: &Scope<'_>, _surface: &Surface) -> Self {
-        let (default, options) = (Self::default(), scope.options);
-        Self {
-            threshold: options.stitch_threshold.unwrap_or(default.threshold),
-            distance: options.stitch_distance,
-            position: options.stitch_position,
-            precision: scope.format.precision(),
-            counts_left: options.stitch_threshold.is_some() || options.stitch_distance.is_some(),
-            snap: options.stitch_epsilon,
-            max_deviation: scope.max_deviation,
-        }
-    }
-
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        self.apply(surface, context)
-    }
-
-    fn run_shared(
-        &self,
-        surface: &mut Arc<Surface>,
-        edges: Arc<Edges>,
-        context: &Context<'_>,
-    ) -> Result<Applied, Cancelled> {
-        self.apply_shared(surface, &edges, context)
     }
 }
 

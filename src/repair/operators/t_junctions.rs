@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use super::border::{Border, NearbyEdge};
-use super::operator::{Applied, Counter, Operation, Scope, as_shared};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -46,40 +46,7 @@ impl SplitTJunctions {
     /// # Errors
     /// [`Cancelled`] when the work should stop; finished splits stay.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let edges = Edges::new(&surface.faces);
-        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
-    }
-
-    /// [`SplitTJunctions::apply`] to a surface with these `edges`.
-    fn apply_shared(
-        &self,
-        surface: &mut Arc<Surface>,
-        edges: &Edges,
-        context: &Context<'_>,
-    ) -> Result<Applied, Cancelled> {
-        let bounds = surface.bounds();
-        let rounding = ROUNDING * bounds.min.abs().max(bounds.max.abs()).max_element();
-        let reach = (self.tolerance * bounds.diagonal()).max(rounding).min(self.max_deviation.max(f64::MIN_POSITIVE));
-        let Some(mut border) = Border::new(surface, edges) else { return Ok(Applied::default()) };
-        let mut on_edges = vertices_on_edges(&mut border, reach, context)?;
-        // By edge, and in order along each edge.
-        on_edges.sort_unstable_by(|x, y| {
-            x.edge.cmp(&y.edge).then(x.ratio.total_cmp(&y.ratio)).then(x.vertex.cmp(&y.vertex))
-        });
-        let (mut split, mut moved) = (0, 0.0f64);
-        for (count, junction) in on_edges.iter().enumerate() {
-            if count % 4096 == 0 {
-                context.check()?;
-            }
-            if let Some(rest) = border.last_piece(junction.edge)
-                && border.split_edge(rest, junction.vertex).is_some()
-            {
-                split += 1;
-                moved = moved.max(junction.distance);
-            }
-        }
-        let left = border.exhausted_note();
-        Ok(Applied { changes: Change::list([(ChangeKind::TJunctionsSplit, split)]), moved, left, ..Applied::default() })
+        self.run(surface, context)
     }
 }
 
@@ -126,16 +93,34 @@ impl Operation<'_> for SplitTJunctions {
         Self { max_deviation: scope.max_deviation, ..Self::default() }
     }
 
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        self.apply(surface, context)
-    }
-
     fn run_shared(
         &self,
         surface: &mut Arc<Surface>,
         edges: Arc<Edges>,
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
-        self.apply_shared(surface, &edges, context)
+        let bounds = surface.bounds();
+        let rounding = ROUNDING * bounds.min.abs().max(bounds.max.abs()).max_element();
+        let reach = (self.tolerance * bounds.diagonal()).max(rounding).min(self.max_deviation.max(f64::MIN_POSITIVE));
+        let Some(mut border) = Border::new(surface, &edges) else { return Ok(Applied::default()) };
+        let mut on_edges = vertices_on_edges(&mut border, reach, context)?;
+        // By edge, and in order along each edge.
+        on_edges.sort_unstable_by(|x, y| {
+            x.edge.cmp(&y.edge).then(x.ratio.total_cmp(&y.ratio)).then(x.vertex.cmp(&y.vertex))
+        });
+        let (mut split, mut moved) = (0, 0.0f64);
+        for (count, junction) in on_edges.iter().enumerate() {
+            if count % 4096 == 0 {
+                context.check()?;
+            }
+            if let Some(rest) = border.last_piece(junction.edge)
+                && border.split_edge(rest, junction.vertex).is_some()
+            {
+                split += 1;
+                moved = moved.max(junction.distance);
+            }
+        }
+        let left = border.exhausted_note();
+        Ok(Applied { changes: Change::list([(ChangeKind::TJunctionsSplit, split)]), moved, left, ..Applied::default() })
     }
 }

@@ -10,7 +10,7 @@ use rustc_hash::FxHashMap;
 
 use super::border::{Border, NearbyEdge};
 use super::degenerate::remove_collapsed;
-use super::operator::{Applied, Counter, Operation, Scope, as_shared};
+use super::operator::{Applied, Counter, Operation, Scope};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context, Options};
 
@@ -298,53 +298,7 @@ impl Sew {
     /// # Errors
     /// [`Cancelled`] when the work should stop; finished merges stay.
     pub fn apply(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let edges = Edges::new(&surface.faces);
-        as_shared(surface, |surface| self.apply_shared(surface, &edges, context))
-    }
-
-    /// [`Sew::apply`] to a surface with these `edges`.
-    fn apply_shared(
-        &self,
-        surface: &mut Arc<Surface>,
-        edges: &Edges,
-        context: &Context<'_>,
-    ) -> Result<Applied, Cancelled> {
-        let cap = (self.tolerance * surface.bounds().diagonal()).min(self.max_deviation);
-        let Some(mut border) = Border::new(surface, edges).filter(|_| cap > 0.0) else { return Ok(Applied::default()) };
-        let mut reach = vec![cap; border.vertices.len()];
-        for ([a, b], length) in border.edge_lengths().collect::<Vec<_>>() {
-            for v in [a, b] {
-                let reach = &mut reach[border.boundary_index(v)];
-                *reach = reach.min(self.ratio * length);
-            }
-        }
-        let pairs = pairs(&mut border, &reach, context)?;
-        let mut merged = 0;
-        for (count, &(_, a, b)) in pairs.iter().enumerate() {
-            if count % 4096 == 0 {
-                context.check()?;
-            }
-            let (a, b) = (border.current_vertex(a), border.current_vertex(b));
-            let most = reach[border.boundary_index(a)].min(reach[border.boundary_index(b)]);
-            if a == b || border.position(a).distance(border.position(b)) >= most {
-                continue;
-            }
-            let [one, other] = [a, b].map(|v| border.boundary_directions(v));
-            if Border::are_opposed(&one, &other) && (border.merge(b, a, cap) || border.merge(a, b, cap)) {
-                merged += 1;
-            }
-        }
-        let left = border.exhausted_note();
-        let moved = border.max_displacement();
-        if merged > 0 {
-            Arc::make_mut(surface).drop_unreferenced();
-        }
-        Ok(Applied {
-            changes: Change::list([(ChangeKind::BoundaryVerticesSewn, merged)]),
-            moved,
-            left,
-            ..Applied::default()
-        })
+        self.run(surface, context)
     }
 }
 
@@ -384,16 +338,49 @@ impl Operation<'_> for Sew {
         Self { ratio: requested.unwrap_or(default.ratio), tolerance, max_deviation: scope.max_deviation }
     }
 
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        self.apply(surface, context)
-    }
-
     fn run_shared(
         &self,
         surface: &mut Arc<Surface>,
         edges: Arc<Edges>,
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
-        self.apply_shared(surface, &edges, context)
+        let cap = (self.tolerance * surface.bounds().diagonal()).min(self.max_deviation);
+        let Some(mut border) = Border::new(surface, &edges).filter(|_| cap > 0.0) else {
+            return Ok(Applied::default());
+        };
+        let mut reach = vec![cap; border.vertices.len()];
+        for ([a, b], length) in border.edge_lengths().collect::<Vec<_>>() {
+            for v in [a, b] {
+                let reach = &mut reach[border.boundary_index(v)];
+                *reach = reach.min(self.ratio * length);
+            }
+        }
+        let pairs = pairs(&mut border, &reach, context)?;
+        let mut merged = 0;
+        for (count, &(_, a, b)) in pairs.iter().enumerate() {
+            if count % 4096 == 0 {
+                context.check()?;
+            }
+            let (a, b) = (border.current_vertex(a), border.current_vertex(b));
+            let most = reach[border.boundary_index(a)].min(reach[border.boundary_index(b)]);
+            if a == b || border.position(a).distance(border.position(b)) >= most {
+                continue;
+            }
+            let [one, other] = [a, b].map(|v| border.boundary_directions(v));
+            if Border::are_opposed(&one, &other) && (border.merge(b, a, cap) || border.merge(a, b, cap)) {
+                merged += 1;
+            }
+        }
+        let left = border.exhausted_note();
+        let moved = border.max_displacement();
+        if merged > 0 {
+            Arc::make_mut(surface).drop_unreferenced();
+        }
+        Ok(Applied {
+            changes: Change::list([(ChangeKind::BoundaryVerticesSewn, merged)]),
+            moved,
+            left,
+            ..Applied::default()
+        })
     }
 }

@@ -282,12 +282,6 @@ fn with_patches(body: &Solid, filler: &Filler<'_>, start: usize) -> (f64, f64) {
     (patch_area, volume)
 }
 
-impl From<Filled> for Applied {
-    fn from(filled: Filled) -> Self {
-        Self { left: filled.unfixed_note(), changes: filled.changes, ..Self::default() }
-    }
-}
-
 impl Operation<'_> for FillHoles {
     const FIXES: &'static [Counter] = &[Counter::BoundaryEdges];
     // A crack whose border is collinear is closed with faces without area.
@@ -307,16 +301,13 @@ impl Operation<'_> for FillHoles {
         }
     }
 
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        Ok(self.apply(surface, context)?.into())
-    }
-
     fn run_shared(
         &self,
         surface: &mut Arc<Surface>,
         edges: Arc<Edges>,
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
-        Ok(self.apply_shared(surface, &edges, context)?.into())
+        let filled = self.apply_shared(surface, &edges, context)?;
+        Ok(Applied { left: filled.unfixed_note(), changes: filled.changes, ..Applied::default() })
     }
 }

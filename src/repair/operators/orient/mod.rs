@@ -187,10 +187,6 @@ impl<'a> Operation<'a> for OrientInRepair<'a> {
         Self { orient: Orient { nested: scope.options.nested }, input: scope.input }
     }
 
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        self.orient.apply_knowing(Some(self.input), surface, context)
-    }
-
     fn run_shared(
         &self,
         surface: &mut Arc<Surface>,

@@ -381,21 +381,13 @@ impl<'a> Operation<'a> for SelfUnion<'a> {
         Self { input: scope.input, rounds, overlaps: options.overlaps }
     }
 
-    fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
-        let (applied, united) = self.united(with_edges(surface), context)?;
-        if let Some(united) = united {
-            *surface = united;
-        }
-        Ok(applied)
-    }
-
     fn run_shared(
         &self,
         surface: &mut Arc<Surface>,
         edges: Arc<Edges>,
         context: &Context<'_>,
     ) -> Result<Applied, Cancelled> {
-        let (applied, united) = self.united((surface, edges), context)?;
+        let (applied, united) = self.united(surface, edges, context)?;
         if let Some(united) = united {
             *surface = Arc::new(united);
         }
@@ -412,7 +404,8 @@ impl SelfUnion<'_> {
     /// What the operator did, and the new surface, or none if the surface stays as it is.
     fn united(
         &self,
-        (surface, edges): (&Surface, Arc<Edges>),
+        surface: &Surface,
+        edges: Arc<Edges>,
         context: &Context<'_>,
     ) -> Result<(Applied, Option<Surface>), Cancelled> {
         let (result, united) = match self.overlaps {
