@@ -59,17 +59,18 @@ pub struct WideGaps {
 }
 
 impl WideGaps {
-    /// The wide gaps of a surface near some balls. None if there are too many samples.
+    /// The wide gaps of the surface to thicken near some balls. None if there are too many samples.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn near(
-        (surface, tree): (&Surface, &Tree),
+        limits: &Limits<'_>,
         balls: &[Filler],
         widths: GapWidths,
         context: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
-        let samples = Samples::new((surface, tree), balls, widths, context);
+        let surface = limits.input;
+        let samples = Samples::new(limits, balls, widths, context);
         let faces = (0u32..).take(surface.faces.len()).map(Sampled::Face);
         let all: Vec<Sampled> = faces.chain(sharp_edges(surface, samples.noise).map(Sampled::Edge)).collect();
         let mut found = context.map_in_parallel(&all, |sampled| samples.of(sampled))?.concat();
@@ -88,6 +89,9 @@ impl WideGaps {
         if middles.len() > MAX_BALLS || samples.budget.is_exceeded() {
             return Ok(None);
         }
+        // Where two sides touch except for rounding, a ball of air grows through both, to the middle of a wall.
+        let in_air = |&middle: &DVec3| (!limits.is_inside(middle)).then_some(middle);
+        let middles: Vec<DVec3> = context.map_in_parallel(&middles, in_air)?.into_iter().flatten().collect();
         let boxes: Vec<Box3> = middles.iter().map(|&middle| Box3::of([middle])).collect();
         Ok(Some(Self { middles, tree: Tree::of_boxes(&boxes), free: widths.free }))
     }
@@ -157,12 +161,8 @@ struct Samples<'a> {
 }
 
 impl<'a> Samples<'a> {
-    fn new(
-        (surface, tree): (&'a Surface, &'a Tree),
-        balls: &'a [Filler],
-        widths: GapWidths,
-        context: &'a Context<'a>,
-    ) -> Self {
+    fn new(limits: &'a Limits<'_>, balls: &'a [Filler], widths: GapWidths, context: &'a Context<'a>) -> Self {
+        let (surface, tree) = (limits.input, &limits.tree);
         let reach = |ball: &Filler| ball.radius + BESIDE * widths.free;
         let boxes: Vec<Box3> = balls.iter().map(|ball| Box3::of([ball.centre]).grown(reach(ball))).collect();
         let (tree_of_balls, noise) = (Tree::of_boxes(&boxes), noise_of(&surface.positions));
@@ -339,6 +339,8 @@ mod tests {
     use crate::printing::thickening::{Growth, Thickening};
 
     const WIDTHS: GapWidths = GapWidths { least: 0.5, most: 2.5, free: 0.25 };
+    const SETTINGS: Thickening =
+        Thickening { min_wall: 1.0, growth: Growth::Both, min_gap: 0.5, precision: Precision::F32 };
 
     /// Two plates of 10 by 10 with the thickness 0.6 and a gap, the lower one on the ground.
     fn plates(gap: f64) -> Surface {
@@ -347,14 +349,16 @@ mod tests {
         surface
     }
 
-    /// The radius that is left of a ball near the gaps of a surface.
-    fn left(surface: &Surface, centre: DVec3, radius: f64) -> f64 {
-        let tree = Tree::new(&surface.positions, &surface.faces);
+    /// The gaps near a ball.
+    fn near(limits: &Limits<'_>, ball: Filler) -> WideGaps {
         let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
         let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
-        let ball = Filler::new(centre, radius);
-        let gaps = WideGaps::near((surface, &tree), &[ball], WIDTHS, &context).unwrap().unwrap();
-        gaps.allowed(centre, radius)
+        WideGaps::near(limits, &[ball], WIDTHS, &context).unwrap().unwrap()
+    }
+
+    /// The radius that is left of a ball near the gaps of a surface.
+    fn left(surface: &Surface, centre: DVec3, radius: f64) -> f64 {
+        near(&Limits::new(surface, SETTINGS), Filler::new(centre, radius)).allowed(centre, radius)
     }
 
     #[test]
@@ -369,14 +373,10 @@ mod tests {
     #[test]
     fn a_ball_beside_a_wide_gap_moves_to_the_free_side_of_its_wall() {
         let plates = plates(0.8);
-        let (clock, cancel) = (monotonic_clock(), AtomicBool::new(false));
-        let context = Context::new(&NoProgress, &cancel, &clock, Duration::from_secs(60));
-        let settings = Thickening { min_wall: 1.0, growth: Growth::Both, min_gap: 0.5, precision: Precision::F32 };
-        let limits = Limits::new(&plates, settings);
+        let limits = Limits::new(&plates, SETTINGS);
         let open = |centre: DVec3| {
             let ball = Filler::new(centre, 0.6);
-            let gaps = WideGaps::near((&plates, &limits.tree), &[ball], WIDTHS, &context).unwrap().unwrap();
-            gaps.left_open_by(ball, (&limits, 0.2))
+            near(&limits, ball).left_open_by(ball, (&limits, 0.2))
         };
         // The middle of the gap is at 1, and 0.25 of it stay free.
         let lower = open(DVec3::new(5.0, 5.0, 0.3));
@@ -384,6 +384,13 @@ mod tests {
         // In the gap, there is no side to move to.
         let between = open(DVec3::new(5.0, 5.0, 1.0));
         assert_eq!(between.radius, 0.0);
+    }
+
+    #[test]
+    fn plates_that_touch_except_for_rounding_have_no_wide_gap_between_them() {
+        for gap in [1e-9, 1e-7, 1e-5] {
+            assert_eq!(left(&plates(gap), DVec3::new(5.0, 5.0, 0.3), 0.55), 0.55, "{gap}");
+        }
     }
 
     #[test]

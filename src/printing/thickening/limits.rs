@@ -92,7 +92,7 @@ impl<'a> Limits<'a> {
         let own = self.nearest(centre, f64::INFINITY, |_| true)?;
         let alone = Allowed { centre, radius, other: None };
         let found = group.map_or(alone, |group| self.beside_others((centre, own.distance), radius, group));
-        let depth = depth((self.input, &self.tree, &self.dipoles), centre, own.distance);
+        let depth = if self.is_inside(centre) { own.distance } else { -own.distance };
         let most = MAX_BALL_DEVIATION * self.settings.min_wall + depth;
         Some(Allowed { radius: found.radius.min(most), ..found })
     }
@@ -142,6 +142,13 @@ impl<'a> Limits<'a> {
         })
     }
 
+    /// Whether a point is inside the surface to thicken. The nearest face alone does not decide that: beyond a sharp edge the point can
+    /// be behind one of its faces.
+    pub fn is_inside(&self, point: DVec3) -> bool {
+        let corners = |face: u32| self.input.corners(face as usize);
+        self.tree.winding(&self.dipoles, point, &mut u64::MAX.clone(), corners) > 0.5
+    }
+
     /// The group of the nearest solid.
     fn group_at(&self, point: DVec3, groups: &[u32]) -> u32 {
         let nearest = self.nearest(point, f64::INFINITY, |face| groups[face as usize] != Parts::NONE);
@@ -165,14 +172,6 @@ struct Allowed {
     other: Option<DVec3>,
 }
 
-/// The depth inside the input of a point, which has a distance from its surface; negative outside. The nearest face alone does
-/// not decide the side: beyond a sharp edge the point can be behind one of its faces.
-fn depth((input, tree, dipoles): (&Surface, &Tree, &Dipoles), point: DVec3, distance: f64) -> f64 {
-    let corners = |face: u32| input.corners(face as usize);
-    let is_inside = tree.winding(dipoles, point, &mut u64::MAX.clone(), corners) > 0.5;
-    if is_inside { distance } else { -distance }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,14 +180,17 @@ mod tests {
     use crate::printing::shapes::{cuboid, joined};
     use crate::printing::thickening::Growth;
 
+    fn settings(min_gap: f64) -> Thickening {
+        Thickening { min_wall: 1.0, growth: Growth::Both, min_gap, precision: Precision::F32 }
+    }
+
     #[test]
     fn a_ball_moves_away_from_another_solid_while_it_contains_the_thin_one() {
         // A cube and a crumb beside it, which is smaller than the least wall.
         let cube = cuboid(DVec3::ZERO, DVec3::splat(5.0));
         let crumb = cuboid(DVec3::new(5.6, 2.45, 2.45), DVec3::new(5.7, 2.55, 2.55));
         let solids = joined(&[cube, crumb]);
-        let settings = Thickening { min_wall: 1.0, growth: Growth::Both, min_gap: 0.4, precision: Precision::F32 };
-        let limits = Limits::new(&solids, settings);
+        let limits = Limits::new(&solids, settings(0.4));
         let thin = (DVec3::new(5.65, 2.5, 2.5), 0.05);
         let ball = |slack| {
             let mut ball = Filler { slack, ..Filler::new(thin.0, 0.55) };
@@ -210,9 +212,8 @@ mod tests {
         let [front, back] = [0.0, 5.0].map(|y| corners.map(|[x, _, z]| DVec3::new(x, y, z)));
         let faces = vec![[0, 1, 2], [3, 5, 4], [0, 3, 1], [1, 3, 4], [0, 2, 3], [2, 5, 3], [1, 4, 2], [2, 4, 5]];
         let wedge = Surface::from_soup(&Soup { positions: [front, back].concat(), faces }).0;
-        let tree = Tree::new(&wedge.positions, &wedge.faces);
-        let dipoles = tree.dipoles(|face| wedge.corners(face as usize));
-        let depth = |x, z| depth((&wedge, &tree, &dipoles), DVec3::new(x, 2.5, z), 0.5);
-        assert_eq!([depth(0.4, 0.3), depth(0.4, -0.3), depth(-8.0, 0.3)], [-0.5, -0.5, 0.5]);
+        let limits = Limits::new(&wedge, settings(0.4));
+        let is_inside = |x, z| limits.is_inside(DVec3::new(x, 2.5, z));
+        assert_eq!([is_inside(0.4, 0.3), is_inside(0.4, -0.3), is_inside(-8.0, 0.3)], [false, false, true]);
     }
 }

@@ -151,7 +151,7 @@ impl Filling<'_> {
         let Thickening { min_wall, min_gap, .. } = self.settings;
         let free = (FREE * min_gap / 2.0).max(MAX_EXCESS * state.cells.share * min_wall);
         let widths = GapWidths { least: min_gap, most: WIDEST_BRIDGE * min_wall, free };
-        WideGaps::near((self.limits.input, &self.limits.tree), balls, widths, self.context)
+        WideGaps::near(self.limits, balls, widths, self.context)
     }
 
     /// The union with the balls of all rounds and as many new ones as possible. Balls that perhaps close a wide gap get smaller.
