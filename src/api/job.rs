@@ -343,7 +343,8 @@ impl JobView {
 
 /// Whether an artifact is an image or a coloured mesh.
 fn is_rendered(name: &str) -> bool {
-    !matches!(name, "model" | "original") && !name.ends_with(".json") && !name.ends_with(".txt")
+    let is_model = matches!(name, "model" | "original") || name.starts_with("model-");
+    !is_model && !name.ends_with(".json") && !name.ends_with(".txt")
 }
 
 /// Responds with a job. `Retry-After` is set while the job has not ended.

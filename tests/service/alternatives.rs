@@ -1,6 +1,7 @@
 //! Jobs with alternatives: how they are listed, and how one is taken without repairing again.
 
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 
 use crate::files;
 use crate::server::{Api, Start, stored_files};
@@ -27,6 +28,9 @@ async fn an_alternative_is_listed_and_taken_by_its_id_as_often_as_asked() {
     let default = api.artifact(&id, "model").await;
     let filled = api.artifact(&id, "model-voids-fill").await;
     assert_ne!(default, filled);
+    for (name, bytes) in [("model", &default), ("model-voids-fill", &filled)] {
+        assert_eq!(job["artifacts"][name]["sha256"], hex::encode(Sha256::digest(bytes)), "{name}");
+    }
     for _ in 0..2 {
         assert_eq!(api.artifact(&id, "model?choice=voids-fill").await, filled);
         assert_eq!(api.artifact(&id, "model?choice=default").await, default);
