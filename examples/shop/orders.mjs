@@ -2,7 +2,7 @@
 import { randomUUID } from "node:crypto";
 import { basename, join } from "node:path";
 import * as meshmend from "./meshmend.mjs";
-import { priceOf } from "./prices.mjs";
+import { DEFAULT, modelOf, priceOf } from "./prices.mjs";
 import { settings } from "./settings.mjs";
 
 const quotes = new Map();
@@ -12,12 +12,12 @@ const ended = new Map();
 /** Webhooks that were or are being handled, by webhook-id. The same webhook may arrive twice. */
 const messages = new Map();
 
-/** Quotes a job's result for a customer. */
-export async function quote(customer, jobId) {
-  const { refusal, ...price } = priceOf(await meshmend.job(jobId));
+/** Quotes one of a job's results for a customer. */
+export async function quote(customer, jobId, choice = DEFAULT) {
+  const { refusal, ...price } = priceOf(await meshmend.job(jobId), choice);
   if (refusal) return { refusal };
   const id = randomUUID();
-  quotes.set(id, { id, customer, jobId, ...price });
+  quotes.set(id, { id, customer, jobId, choice, ...price });
   return { id, ...price };
 }
 
@@ -26,7 +26,8 @@ export async function order(customer, quoteId) {
   const found = quotes.get(quoteId);
   if (found?.customer !== customer) return null;
   quotes.delete(quoteId);
-  const made = { id: randomUUID(), customer, jobId: found.jobId, cents: found.cents, status: "received", file: null };
+  const { jobId, choice, cents } = found;
+  const made = { id: randomUUID(), customer, jobId, choice, cents, status: "received", file: null };
   orders.set(made.id, made);
   if (ended.has(made.jobId)) await produce(made, ended.get(made.jobId)).catch((error) => console.error(`order ${made.id}:`, error));
   return view(made);
@@ -58,11 +59,11 @@ async function handle({ type, data }) {
   for (const it of orders.values()) if (it.jobId === data.id) await produce(it, data);
 }
 
-/** Downloads the model of an order for the workshop. */
+/** Downloads the model of an order for the workshop. The webhook has the SHA-256 of the default result only. */
 async function produce(it, { id, artifacts }) {
   if (it.status !== "received") return;
-  const { filename } = (await meshmend.job(id)).artifacts.model;
-  const file = join(settings.folder, it.id, basename(filename));
-  await meshmend.download(artifacts.model, file);
+  const model = modelOf(await meshmend.job(id), it.choice);
+  const file = join(settings.folder, it.id, basename(model.filename));
+  await meshmend.download(it.choice === DEFAULT ? { ...model, ...artifacts.model } : model, file);
   Object.assign(it, { status: "in production", file });
 }

@@ -48,8 +48,8 @@ const routes = {
   async "POST /meshmend-token"() {
     return [201, await meshmend.browserToken()];
   },
-  async "POST /quotes"(customer, { jobId }) {
-    const quote = await orders.quote(customer, String(jobId));
+  async "POST /quotes"(customer, { jobId, choice }) {
+    const quote = await orders.quote(customer, String(jobId), choice && String(choice));
     return quote.refusal ? [422, { message: quote.refusal }] : [201, quote];
   },
   async "POST /orders"(customer, { quoteId }) {

@@ -7,7 +7,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 import { LOOKS, PAINTS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
 import { colouredGlb } from "./support/coloured.mjs";
-import { brokenRing, sheet, soundBox } from "./support/models.mjs";
+import { brokenRing, hollowBox, plate, sheet, soundBox } from "./support/models.mjs";
 import { run } from "./support/service.mjs";
 import { BOX, CUT, browser, eventDetails, jobOf, shop, visit, widget } from "./support/shop-and-browser.mjs";
 
@@ -40,6 +40,36 @@ test("a customer uploads, sees the result and orders it, and the shop has the mo
   assert.equal(createHash("sha256").update(bytes).digest("hex"), job.artifacts.model.sha256);
   assert.deepEqual(faults, []);
   await close();
+});
+
+test("a customer takes another result, and the shop prices and fetches that one", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await widget(page).evaluate((element) => element.setAttribute("options", JSON.stringify({ alternatives: true })));
+  await drop(page, [["hollow.stl", hollowBox()]], BOX);
+  await page.getByText(/^22\.0 cm³ cost/).waitFor();
+  await page.locator(".choice").nth(1).getByRole("radio").check();
+  await page.getByText(/^24\.0 cm³ cost[\s\S]*Assumed: Sealed cavities/).waitFor();
+  await page.getByRole("button", { name: "Order" }).click();
+  await page.getByText("Your order is in production").waitFor();
+  const orders = readdirSync(shop.folder).flatMap((folder) => readdirSync(join(shop.folder, folder)).map((file) => join(shop.folder, folder, file)));
+  const ordered = orders.find((file) => file.includes("hollow"));
+  assert.equal(readFileSync(ordered).readUInt32LE(80), 12, "the faces of the box without its cavity");
+  assert.deepEqual(faults, []);
+  await close();
+});
+
+test("a customer reads the rules of the process without scrolling sideways", { timeout: 120_000 }, async () => {
+  for (const width of [1200, 700, 360]) {
+    const { page, close } = await visit({ viewport: { width, height: 900 } });
+    await widget(page).evaluate((element) => element.setAttribute("options", JSON.stringify({ unit: "mm", process: "fdm-0.4" })));
+    await drop(page, [["plate.stl", plate()]], BOX);
+    const rule = page.locator("table.rules tr", { hasText: "Volume of each solid" });
+    await rule.waitFor();
+    assert.match(await rule.innerText(), /broken[\s\S]*27 mm³[\s\S]*7\.2 mm³[\s\S]*Remove the small solids/);
+    const hidden = (element) => element.scrollWidth - element.clientWidth;
+    assert.deepEqual(await Promise.all([".told", ".print-ready .table"].map((part) => page.locator(part).evaluate(hidden))), [0, 0], `${width} px`);
+    await close();
+  }
 });
 
 test("the numbers of the events are those of the job's report", { timeout: 120_000 }, async () => {

@@ -4,6 +4,7 @@ const offer = document.getElementById("offer");
 const button = document.getElementById("order");
 const euros = new Intl.NumberFormat("en-IE", { style: "currency", currency: "EUR" });
 let quote = null;
+let requests = 0;
 
 function say(text, quoted = null) {
   offer.textContent = text;
@@ -21,16 +22,19 @@ async function ask(path, body) {
 
 widget.addEventListener("uploaded", () => say("Your model is being checked."));
 widget.addEventListener("failed", ({ detail }) => say(detail.code === "canceled" ? "Upload a model to see its price." : detail.message));
-widget.addEventListener("repaired", async ({ detail }) => {
-  if (!detail.metrics.printable) return say("This model can't be printed yet. The upload says what you can do.");
-  try {
-    const made = await ask("/quotes", { jobId: detail.jobId });
-    const price = `${made.volumeCm3.toFixed(1)} cm³ cost ${euros.format(made.cents / 100)}.`;
-    say([price, ...made.assumptions.map((it) => `Assumed: ${it}`)].join("\n"), made.id);
-  } catch (error) {
-    say(error.message);
-  }
-});
+widget.addEventListener("repaired", ({ detail }) => offerResult(detail.jobId, detail.metrics.printable));
+widget.addEventListener("chosen", ({ detail }) => offerResult(detail.jobId, detail.printable, detail.choice));
+
+/** Shows the price of a job's result. Only the last request counts: the customer may choose another result meanwhile. */
+async function offerResult(jobId, printable, choice = "default") {
+  const number = ++requests;
+  if (!printable) return say("This model can't be printed yet. The upload says what you can do.");
+  const [text, quoted] = await ask("/quotes", { jobId, choice }).then(
+    (made) => [[`${made.volumeCm3.toFixed(1)} cm³ cost ${euros.format(made.cents / 100)}.`, ...made.assumptions.map((it) => `Assumed: ${it}`)].join("\n"), made.id],
+    (error) => [error.message],
+  );
+  if (number === requests) say(text, quoted);
+}
 
 button.addEventListener("click", async () => {
   try {
