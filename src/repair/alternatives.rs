@@ -170,7 +170,8 @@ fn with_answer(options: &Options, answer: &Answer) -> Option<Options> {
 
 /// The summary of one result; `None` if the repair wrote no file.
 fn summary_of(answer: Option<&Answer>, detail: String, report: &Report) -> Option<Alternative> {
-    let (file, measures) = (report.output.clone()?, &report.after.as_ref()?.measures);
+    let (file, after) = (report.output.clone()?, report.after.as_ref()?);
+    let measures = &after.measures;
     let mm = report.unit.used.millimetres();
     let density =
         report.options.print.profile().and_then(|profile| profile.material_density).map(|density| density.g_cm3);
@@ -188,6 +189,11 @@ fn summary_of(answer: Option<&Answer>, detail: String, report: &Report) -> Optio
         size_mm: measures.bounding_box.as_ref().map(|bounds| [0, 1, 2].map(|k| (bounds.max[k] - bounds.min[k]) * mm)),
         volume_mm3,
         area_mm2: measures.area * mm * mm,
+        thinnest_wall_mm: after
+            .print
+            .as_ref()
+            .and_then(|print| print.thinnest_wall.as_ref())
+            .map(|wall| wall.thickness * mm),
         weight_g: volume_mm3.zip(density).map(|(volume, density)| volume / 1e3 * density),
         faces: measures.faces,
         parts: measures.parts,

@@ -49,6 +49,7 @@ fn a_hollow_solid_may_be_taken_with_its_cavity_filled() {
     let volumes = [hollow, filled].map(|offered| offered.volume_mm3.expect("a volume").round());
     assert_eq!((volumes, [hollow.parts, filled.parts]), ([7000.0, 8000.0], [2, 1]));
     assert_eq!(filled.size_mm, Some([20.0; 3]));
+    assert_eq!([hollow, filled].map(|offered| offered.thinnest_wall_mm.map(f64::round)), [Some(5.0), Some(20.0)]);
     assert!(filled.printable && (filled.area_mm2 - 2400.0).abs() < 1e-6);
     let [RepairedAlternative { id, repaired }] = &made[..] else { panic!("one alternative") };
     assert_eq!((id.as_str(), repaired.bytes.len() as u64), ("voids-fill", filled.file.bytes));

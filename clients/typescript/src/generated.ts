@@ -738,6 +738,11 @@ export interface components {
             size_mm: number[] | null;
             /**
              * Format: double
+             * @description Thinnest wall found, in mm. Null if none was measured.
+             */
+            thinnest_wall_mm: number | null;
+            /**
+             * Format: double
              * @description Enclosed volume, in mm³. Null if the mesh encloses no reliable volume.
              */
             volume_mm3: number | null;

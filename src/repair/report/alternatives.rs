@@ -48,6 +48,10 @@ pub struct Alternative {
     pub volume_mm3: Option<f64>,
     /// Surface area, in mm².
     pub area_mm2: f64,
+    /// Thinnest wall found, in mm. Null if none was measured.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub thinnest_wall_mm: Option<f64>,
     /// Weight in grams: the volume times the density of the process's material. Null if either is unknown.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub weight_g: Option<f64>,

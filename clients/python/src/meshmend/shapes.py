@@ -2044,6 +2044,8 @@ class Alternative(TypedDict):
     question: NotRequired[OpenQuestion | None]
     size_mm: list[float] | None
     """Side lengths of the bounding box, in mm."""
+    thinnest_wall_mm: float | None
+    """Thinnest wall found, in mm. Null if none was measured."""
     volume_mm3: float | None
     """Enclosed volume, in mm³. Null if the mesh encloses no reliable volume."""
     weight_g: float | None

@@ -7,7 +7,7 @@ import { unitChoices } from "../src/report/settings";
 import { THICK_BAND, bandOf, leastWallOf } from "../src/report/wall-thickness";
 import { sendChosen } from "../src/widget/events";
 
-const figures = { printable: true, size_mm: [1, 2, 3], volume_mm3: 6, area_mm2: 22, weight_g: null, parts: 1 };
+const figures = { printable: true, size_mm: [1, 2, 3], volume_mm3: 6, area_mm2: 22, thinnest_wall_mm: 0.5, weight_g: null, parts: 1 };
 const offered = [
   { id: "default", is_default: true, ...figures },
   { id: "interior-keep", is_default: false, option: "interior=keep", ...figures, volume_mm3: 2 },
@@ -33,7 +33,7 @@ test("the shop's page learns which result the customer chose", () => {
   const sink = { send: (type: string, detail: unknown) => sent.push([type, detail]), explain: () => "" };
   sendChosen(sink, job, "interior-keep");
   sendChosen(sink, job, "other");
-  const detail = { jobId: "job_1", choice: "interior-keep", option: "interior=keep", printable: true, sizeMm: [1, 2, 3], volumeMm3: 2, areaMm2: 22, weightG: null, parts: 1 };
+  const detail = { jobId: "job_1", choice: "interior-keep", option: "interior=keep", printable: true, sizeMm: [1, 2, 3], volumeMm3: 2, areaMm2: 22, thinnestWallMm: 0.5, weightG: null, parts: 1 };
   assert.deepEqual(sent, [["chosen", detail]]);
 });
 

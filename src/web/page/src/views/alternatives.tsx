@@ -40,12 +40,13 @@ export function Alternatives({ job, server, unit, choice, choose, heading: Headi
 /** Volume, weight, size and parts of one result. */
 function Figures({ alternative, unit }: { alternative: Alternative; unit: Unit }) {
   const { words, figures } = useWords();
-  const { volume_mm3: volume, weight_g: weight, size_mm: size, parts, printable } = alternative;
+  const { volume_mm3: volume, thinnest_wall_mm: wall, weight_g: weight, size_mm: size, parts, printable } = alternative;
   return (
     <span class="aside">
       {volume != null && <span>{figures.volume(volume, unit)}</span>}
       {weight != null && <span>{figures.number(weight, 3)} g</span>}
       {size && <span>{figures.box(size, unit)}</span>}
+      {wall != null && <span>{words.measures.thinnest}: {figures.length(wall, unit, 3)}</span>}
       <span>{words.partCount(parts)}</span>
       {!printable && <span class="wrong">{words.choiceNotPrintable}</span>}
     </span>

@@ -32,7 +32,7 @@ export function PrintReady({ job, readiness, heading: Heading = "h2", name, retr
         <Icon name={readiness.ready ? "check" : "warn"} size={18} /> {readiness.ready && words.readyFor(readiness.title)}
         {failed > 0 && words.notReadyFor(readiness.title, failed)} {undecided > 0 && words.undecidedRules(undecided)}
       </p>
-      <div class="scroll">
+      <div class="table">
         <table class="rules">
           <thead>
             <tr>
@@ -100,8 +100,8 @@ function Row({ rule: { rule, result, severity, limit, measured, count, remedy },
         </span>{" "}
         {count > 1 && words.rulePlaces(figures.count(count))} {places}
       </td>
-      <td>{ruleValue(rule, limit, figures)}</td>
-      <td>{ruleValue(rule, measured, figures)}</td>
+      <td data-name={words.limit}>{ruleValue(rule, limit, figures)}</td>
+      <td data-name={words.measured}>{ruleValue(rule, measured, figures)}</td>
       <td>
         {result === "fail" && (tell ? tell(ruleValue(rule, limit, figures)) : <span lang="en">{remedy}</span>)}{" "}
         {options && retry && (

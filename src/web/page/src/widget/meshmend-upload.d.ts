@@ -70,6 +70,7 @@ export interface ChosenDetail {
   sizeMm: Point | null;
   volumeMm3: number | null;
   areaMm2: number;
+  thinnestWallMm: number | null;
   /** Null if the density of the process's material is unknown. */
   weightG: number | null;
   parts: number;
