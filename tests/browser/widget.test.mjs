@@ -7,7 +7,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 import { LOOKS, PAINTS, drop, open, pixels, settled, shown } from "./support/browser.mjs";
 import { colouredGlb } from "./support/coloured.mjs";
-import { brokenRing, hollowBox, plate, sheet, soundBox } from "./support/models.mjs";
+import { brokenRing, hollowBox, plate, sheet, soundBox, thinWall } from "./support/models.mjs";
 import { run } from "./support/service.mjs";
 import { BOX, CUT, browser, eventDetails, jobOf, shop, visit, widget } from "./support/shop-and-browser.mjs";
 
@@ -68,6 +68,25 @@ test("a customer reads the rules of the process without scrolling sideways", { t
     assert.match(await rule.innerText(), /broken[\s\S]*27 mm³[\s\S]*7\.2 mm³[\s\S]*Remove the small solids/);
     const hidden = (element) => element.scrollWidth - element.clientWidth;
     assert.deepEqual(await Promise.all([".told", ".print-ready .table"].map((part) => page.locator(part).evaluate(hidden))), [0, 0], `${width} px`);
+    await close();
+  }
+});
+
+test("a customer thickens a wall that breaks a rule of the shop's process, unless the shop sets the thickness", { timeout: 120_000 }, async () => {
+  for (const [options, remedies] of [[{}, 1], [{ min_wall: 0.4 }, 0]]) {
+    const { page, faults, close } = await visit();
+    await widget(page).evaluate((element, text) => element.setAttribute("options", text), JSON.stringify({ unit: "mm", process: "fdm-0.4", ...options }));
+    await drop(page, [["wall.stl", thinWall()]], BOX);
+    const rule = page.locator("table.rules tr.fail", { hasText: "Free walls" });
+    await rule.waitFor();
+    const remedy = rule.getByRole("button", { name: "Run again with this remedy" });
+    assert.equal(await remedy.count(), remedies);
+    if (remedies > 0) {
+      await remedy.click();
+      await page.getByText("The model meets every rule of FDM").waitFor();
+      assert.deepEqual((await eventDetails(page, "repaired")).map(({ metrics }) => metrics.printReady), [false, true]);
+    }
+    assert.deepEqual(faults, []);
     await close();
   }
 });

@@ -43,6 +43,9 @@ test("a broken rule offers the options that mend it and keeps the others", () =>
   assert.deepEqual(mended("part_volume", 27), { process: "fdm-0.4", max_tier: 2, islands: "drop" });
   assert.equal(mended("clearance", 0.5), null);
   assert.equal(mendingOptions(it, rule("free_wall", "pass", { limit: 1 })), null);
+  const maySet = (option: string): boolean => option !== "voids";
+  assert.equal(mendingOptions(it, rule("escape_holes", "fail"), maySet), null, "a shop may keep an option to itself");
+  assert.notEqual(mendingOptions(it, rule("part_volume", "fail"), maySet), null);
 });
 
 test("another process replaces the limits of the process before", () => {

@@ -47,11 +47,11 @@ export function withProcess(options: Options, process: string): Options {
   return free["require"] === "print_ready" ? { ...free, require: "printable" } : free;
 }
 
-/** The options that mend a failed rule; null if no option does. */
-export function mendingOptions(job: Job, { rule, result, limit }: RuleResult): Options | null {
+/** The options that mend a failed rule; null if no option does that the user may set. */
+export function mendingOptions(job: Job, { rule, result, limit }: RuleResult, maySet: (option: string) => boolean = () => true): Options | null {
   if (job.report?.mode !== "repair" || result !== "fail") return null;
   const change = changeFor(rule, limit ?? null);
-  return change && { ...optionsOf(job), ...change };
+  return change && Object.keys(change).every(maySet) ? { ...optionsOf(job), ...change } : null;
 }
 
 function changeFor(rule: RuleResult["rule"], limit: number | null): Options | null {

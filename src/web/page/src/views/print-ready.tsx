@@ -15,12 +15,14 @@ interface Props {
   name?: string | undefined;
   /** Submits another job with other options, if the user may. */
   retry?: ((options: Options) => void) | undefined;
+  /** Whether the user may set an option; without it, all. */
+  maySet?: ((option: string) => boolean) | undefined;
   /** Shows places in the viewer, where there is one. */
   goTo?: GoTo | undefined;
 }
 
 /** Whether the file meets each rule of the process: limit, measured value, and what to do. */
-export function PrintReady({ job, readiness, heading: Heading = "h2", name, retry, goTo }: Props) {
+export function PrintReady({ job, readiness, heading: Heading = "h2", name, retry, maySet, goTo }: Props) {
   const { words, figures } = useWords();
   const rules = sortedRules(readiness);
   const count = (result: RuleResult["result"]): number => rules.filter((rule) => rule.result === result).length;
@@ -45,7 +47,7 @@ export function PrintReady({ job, readiness, heading: Heading = "h2", name, retr
           </thead>
           <tbody>
             {rules.map((rule) => (
-              <Row key={rule.rule} rule={rule} options={mendingOptions(job, rule)} retry={retry} places={goTo?.(words.rules[rule.rule] ?? rule.rule, (rule.places ?? []).map(({ at }) => at))} />
+              <Row key={rule.rule} rule={rule} options={mendingOptions(job, rule, maySet)} retry={retry} places={goTo?.(words.rules[rule.rule] ?? rule.rule, (rule.places ?? []).map(({ at }) => at))} />
             ))}
           </tbody>
         </table>

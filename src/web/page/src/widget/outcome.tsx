@@ -41,7 +41,7 @@ export function Outcome({ session, job, can, unit, choice }: { session: Session;
           {job.problem && <ProblemNote problem={job.problem} />}
           {report && session.isFree("unit") && session.isFree("scale_to") && <UnitQuestion job={job} report={report} retry={retry} heading="h3" />}
           {server && <Alternatives job={job} server={server} unit={unit} choice={choice} choose={(id) => session.choose(id)} heading="h3" />}
-          {readiness && <PrintReady job={job} readiness={readiness} heading="h3" retry={session.isFree("process") ? retry : undefined} />}
+          {readiness && <PrintReady job={job} readiness={readiness} heading="h3" retry={retry} maySet={(option) => session.isFree(option)} />}
           {hasThickness && <Thickness job={job} report={report} viewer={viewer} retry={retry} heading="h3" />}
           <WhatToDo job={job} can={can} retry={retry} />
           {report && session.isFree("unit") && session.isFree("scale_to") && (
