@@ -1,10 +1,11 @@
-//! The files of `meshmend repair --alternatives`: each further result is written beside the output file.
+//! The files of `--alternatives`: each further result is written beside the output file.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use meshmend::repair::{
-    Alternative, AlternativeRequest, AlternativeRuns, RepairError, Repaired, RepairedAlternative, draw_result,
+    Alternative, AlternativeRequest, AlternativeRuns, Alternatives, RepairError, Repaired, RepairedAlternative,
+    draw_result,
 };
 
 use super::engine::write_file;
@@ -38,19 +39,18 @@ pub fn write_alternatives(
 }
 
 /// The path of an alternative: the path of the output file, with the id before the extension.
-fn path_of(output: &Path, id: &str) -> PathBuf {
+pub fn path_of(output: &Path, id: &str) -> PathBuf {
     let extension = output.extension().unwrap_or_default().to_string_lossy();
     output.with_extension(format!("{id}.{extension}"))
 }
 
-/// The lines of the summary about alternatives: those that were written, and those that are not offered.
-pub fn alternative_lines(repaired: &Repaired, output: &Path) -> Vec<String> {
-    let Some(alternatives) = &repaired.report.alternatives else { return Vec::new() };
+/// The lines of the summary about alternatives: those that are offered, with the path of each that was written, and those that are not.
+pub fn alternative_lines(alternatives: &Alternatives, path: impl Fn(&str) -> Option<PathBuf>) -> Vec<String> {
     let offered = alternatives.offered.iter().filter(|offered| !offered.is_default);
     let mut lines: Vec<String> = offered
         .map(|offered| {
-            let path = path_of(output, &offered.id);
-            format!("  alternative: {}: {} {}", path.display(), offered.detail, figures(offered))
+            let name = path(&offered.id).map_or_else(|| offered.id.clone(), |path| path.display().to_string());
+            format!("  alternative: {name}: {} {}", offered.detail, figures(offered))
         })
         .collect();
     if lines.is_empty() {

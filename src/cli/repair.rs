@@ -24,7 +24,7 @@ use meshmend::repair::{
 use meshmend::scene::Unit;
 use serde::Serialize;
 
-use super::alternatives::{alternative_lines, write_alternatives};
+use super::alternatives::{alternative_lines, path_of, write_alternatives};
 #[cfg(target_os = "linux")]
 use super::engine::BlenderArgs;
 use super::engine::{LimitArgs, ProgressReporter, read_file, remark_lines, write_file};
@@ -157,7 +157,8 @@ fn print_summary(repaired: &Repaired, path: &Path) {
     let assumptions =
         report.assumptions.iter().map(|assumption| (assumption.detail.as_str(), assumption.option.as_deref()));
     lines.extend(remark_lines(flags, assumptions, &report.warnings));
-    lines.extend(alternative_lines(repaired, path));
+    let alternatives = report.alternatives.iter();
+    lines.extend(alternatives.flat_map(|them| alternative_lines(them, |id| Some(path_of(path, id)))));
     if report.refusal().is_some() {
         lines.push(format!(
             "meshmend: {output} was not written: the result does not meet `--require {}`",

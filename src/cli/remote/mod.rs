@@ -1,6 +1,7 @@
 //! Shared by `submit` and `watch`: following jobs of a service, downloading their files, and printing results.
 
 mod error;
+mod job;
 mod service;
 mod show;
 
@@ -20,10 +21,12 @@ use sha2::{Digest, Sha256};
 use sse_stream::SseStream;
 
 pub use self::error::RemoteError;
-pub use self::service::{REPORT, RemoteJob, Service, ServiceArgs, Submission};
+pub use self::job::{REPORT, RemoteJob};
+pub use self::service::{Service, ServiceArgs, Submission};
 pub use self::show::{Console, Row};
 
-use self::service::{RemoteFile, RemoteProgress};
+use self::job::{MODEL_OF_ALTERNATIVE, RemoteFile, RemoteProgress};
+use super::alternatives::{alternative_lines, path_of};
 use super::engine::temporary_file_next_to;
 use super::exit;
 
@@ -47,7 +50,7 @@ pub struct DisplayArgs {
 /// The files to download, and where to.
 #[derive(Debug, Default)]
 pub struct Downloads {
-    /// The repaired model, or the report of an analysis.
+    /// The repaired model, with alternatives beside it, or the report of an analysis.
     pub result: Option<Target>,
     /// The full report.
     pub report: Option<Target>,
@@ -135,7 +138,9 @@ impl<'a> Session<'a> {
             Err(error) => return self.failed(row, name, Some(job.id), &error),
         };
         self.open_jobs.lock().unwrap_or_else(PoisonError::into_inner).remove(&job.id);
-        let (code, summary) = (job.code(), job.summary_lines());
+        let (code, mut summary) = (job.code(), job.summary_lines());
+        let path = |id: &str| files.get(&format!("{MODEL_OF_ALTERNATIVE}{id}")).cloned();
+        summary.extend(job.alternatives.iter().flat_map(|alternatives| alternative_lines(alternatives, path)));
         let has_failed = matches!(code, exit::BAD_INPUT | exit::INTERNAL | exit::NOT_PRINTABLE);
         row.finish(&summary, self.args.quiet && !has_failed);
         let line = ResultLine {
@@ -177,13 +182,14 @@ impl<'a> Session<'a> {
         let pictures = pictures.as_ref().map(|folder| Target::Folder(folder.clone()));
         let is_picture = |name: &str| PICTURE_EXTENSIONS.iter().any(|extension| name.ends_with(extension));
         let drawings = job.artifacts.keys().map(String::as_str).filter(|name| is_picture(name));
-        let requested = job.result().into_iter().map(|name| (name, result.as_ref()));
-        let requested =
-            requested.chain([(REPORT, report.as_ref())]).chain(drawings.map(|name| (name, pictures.as_ref())));
+        let requested = job.result().into_iter().map(|name| (name, result.clone()));
+        let others =
+            job.alternative_models().map(|(name, id)| (name, result.as_ref().map(|target| target.of_alternative(id))));
+        let requested = requested.chain(others).chain([(REPORT, report.clone())]);
         let mut files = BTreeMap::new();
-        for (name, target) in requested {
+        for (name, target) in requested.chain(drawings.map(|name| (name, pictures.clone()))) {
             let Some(target) = target else { continue };
-            if let Some(path) = self.download(job, name, target, row).await? {
+            if let Some(path) = self.download(job, name, &target, row).await? {
                 files.insert(name.to_owned(), path);
             }
         }
@@ -325,6 +331,14 @@ impl Target {
         };
         temporary_file_next_to(&probe).map_err(|error| RemoteError::local(probe.display(), error))?;
         Ok(())
+    }
+
+    /// The target of an alternative's model.
+    fn of_alternative(&self, id: &str) -> Self {
+        match self {
+            Self::File(path) => Self::File(path_of(path, id)),
+            Self::Folder(folder) => Self::Folder(folder.clone()),
+        }
     }
 
     /// The path of a downloaded file.

@@ -9,7 +9,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use meshmend::jobs::Status;
 
 use super::error::RemoteError;
-use super::service::RemoteProgress;
+use super::job::RemoteProgress;
 use crate::cli::engine::stage_description;
 
 /// Row templates: while bytes are transferred, while nothing is measurable, and while the job runs. File names come last because they

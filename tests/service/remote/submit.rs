@@ -32,6 +32,24 @@ async fn submit_writes_a_printable_model_the_report_and_pictures_and_prints_wher
 }
 
 #[tokio::test]
+async fn alternatives_are_listed_and_written_beside_the_result() {
+    let data = tempfile::tempdir().expect("a folder");
+    let program = Start::serve(data.path()).start();
+    let client = Client::of(&program.url);
+    client.put("in.stl", &files::hollow_box());
+    let finished = client.run(&["submit", "in.stl", "-o", "out.stl", "--max-tier", "2", "--alternatives"]).await;
+    finished.ended_with(0).prints("alternative: out.voids-fill.stl: Sealed cavities are solid. (");
+    assert_eq!(finished.out, "out.stl\n");
+    assert_eq!([client.faces("out.stl"), client.faces("out.voids-fill.stl")], [24, 12]);
+    let finished = client.run(&["submit", "in.stl", "--output-dir", "made", "--max-tier", "2", "--alternatives"]).await;
+    finished.ended_with(0).prints("alternative: made/in-voids-fill.stl: ");
+    assert_eq!(client.faces("made/in-voids-fill.stl"), 12);
+    let finished = client.run(&["submit", "in.stl", "-o", "alone.stl", "--max-tier", "2"]).await;
+    finished.ended_with(0);
+    assert!(!finished.err.contains("alternative"), "{}", finished.err);
+}
+
+#[tokio::test]
 async fn without_a_model_nothing_is_written_and_the_exit_code_says_why() {
     let data = tempfile::tempdir().expect("a folder");
     let program = Start::serve(data.path()).start();
