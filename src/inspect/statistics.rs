@@ -137,17 +137,19 @@ fn edge_angles(analysis: &Analysis<'_>, attributes: &Attributes, orientation: &O
     }
     let (unit, faces, edges) = (analysis.unit(), &analysis.surface.faces, &analysis.edges);
     let corners = |face: usize| faces[face].map(|v| unit[v as usize]);
-    let normal = |face: usize| Normal::of(corners(face)).along();
+    // Each normal serves three edges. Zero for a degenerate face, which has no normal.
+    let normals = threads::map_cheap(faces.len(), |face| Normal::of(corners(face)).along().unwrap_or(DVec3::ZERO));
     let has_two_faces = |edge: usize| edges.half_edges(edge).len() == 2;
     let at_edge = |edge: usize| {
         let &[h, g] = edges.half_edges(edge) else { return f64::NAN };
         let (face, other) = (h as usize / 3, g as usize / 3);
         let [low, high] = edges.vertices(edge);
+        let [n, m] = [normals[face], normals[other]];
+        if n == DVec3::ZERO || m == DVec3::ZERO {
+            return f64::NAN;
+        }
         let opposite = faces[other].iter().find(|&&v| v != low && v != high);
-        // A degenerate face has no normal.
-        let angle =
-            opposite.and_then(|&v| Some(angle(corners(face), [normal(face)?, normal(other)?], unit[v as usize])));
-        angle.unwrap_or(f64::NAN)
+        opposite.map_or(f64::NAN, |&v| angle(corners(face), [n, m], unit[v as usize]))
     };
     let mut angles = threads::map_cheap(edges.len(), at_edge);
     angles.retain(|angle| !angle.is_nan());
