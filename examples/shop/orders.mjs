@@ -59,11 +59,11 @@ async function handle({ type, data }) {
   for (const it of orders.values()) if (it.jobId === data.id) await produce(it, data);
 }
 
-/** Downloads the model of an order for the workshop. The webhook has the SHA-256 of the default result only. */
+/** Downloads the model of an order for the workshop. */
 async function produce(it, { id, artifacts }) {
   if (it.status !== "received") return;
-  const model = modelOf(await meshmend.job(id), it.choice);
-  const file = join(settings.folder, it.id, basename(model.filename));
-  await meshmend.download(it.choice === DEFAULT ? { ...model, ...artifacts.model } : model, file);
+  const { filename } = modelOf(await meshmend.job(id), it.choice);
+  const file = join(settings.folder, it.id, basename(filename));
+  await meshmend.download(modelOf({ artifacts }, it.choice), file);
   Object.assign(it, { status: "in production", file });
 }

@@ -127,9 +127,12 @@ impl RemoteJob {
         self.artifacts.contains_key(name).then_some(name)
     }
 
-    /// The names of the alternatives' models among the files, each with the alternative's id.
+    /// The names of the alternatives' models among the files, each with the alternative's id. An id becomes part of a path, so a name
+    /// of a hostile service that could lead elsewhere does not count.
     pub fn alternative_models(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.artifacts.keys().filter_map(|name| Some((name.as_str(), name.strip_prefix(MODEL_OF_ALTERNATIVE)?)))
+        let is_plain = |id: &str| id.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
+        let ids = self.artifacts.keys().map(|name| (name.as_str(), name.strip_prefix(MODEL_OF_ALTERNATIVE)));
+        ids.filter_map(move |(name, id)| Some((name, id.filter(|id| is_plain(id))?)))
     }
 
     /// The outcome, then the remarks below it.
@@ -182,3 +185,21 @@ pub const MODEL_OF_ALTERNATIVE: &str = "model-";
 const ORIGINAL: &str = "original";
 /// The name of the full report among the files of a job.
 pub const REPORT: &str = "report-full.json";
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn only_plain_ids_of_alternatives_become_part_of_a_path() {
+        let file = json!({"filename": "a.stl"});
+        let job = json!({
+            "id": "job_019a3c5e7b1f7c3e8d2a4b6c8d0e2f4a", "status": "succeeded", "outcome": "repaired", "input": {"name": "a.stl"},
+            "artifacts": {"model": file, "model-voids-fill": file, "model-../../x": file, "model-a.b": file},
+        });
+        let job: RemoteJob = serde_json::from_value(job).expect("a job");
+        assert_eq!(job.alternative_models().collect::<Vec<_>>(), [("model-voids-fill", "voids-fill")]);
+    }
+}
