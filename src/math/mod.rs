@@ -36,7 +36,7 @@ pub use sequence::{r2, r3, ray_direction};
 pub use tree::{Frame, GrowingTree, Tree};
 pub(crate) use tree::{triangles_of, vec3a};
 pub use triangle::{
-    Crossing, centre_and_radius, crossing, hit, longest_side_first, longest_squared, nearest_on_segment,
+    Crossing, SharpFold, centre_and_radius, crossing, hit, longest_side_first, longest_squared, nearest_on_segment,
     nearest_on_triangle, nearest_within, within,
 };
 pub use triangle_pair::{Contact, common_point, contact, intersection};

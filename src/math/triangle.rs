@@ -9,6 +9,9 @@ use super::predicates::{Sign, orient3d};
 /// At this angle they err by less than 1e-12 of the distance to that corner.
 const NEEDLE_SINE_SQUARED: f64 = 1e-8;
 
+/// A difference of dot products far above its rounding error, as a share of the lengths.
+const FAR_FROM_RIGHT: f64 = 1e-9;
+
 /// Tolerance of [`hit`] beside a triangle, in barycentric weight: larger than their rounding error.
 const WEIGHT_TOLERANCE: f64 = 1e-12;
 
@@ -158,6 +161,39 @@ pub fn hit(origin: DVec3, step: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     (v >= -WEIGHT_TOLERANCE && u + v <= 1.0 + WEIGHT_TOLERANCE && (0.0..=1.0).contains(&t)).then_some(t)
 }
 
+/// Two triangles at an edge that enclose less than a right angle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SharpFold {
+    /// The angle, in radians. Close to zero, rounding decides it.
+    pub angle: f64,
+    /// The distance from the edge of the opposite corner that is nearer to it.
+    pub width: f64,
+}
+
+impl SharpFold {
+    /// The fold at an edge, given the corners opposite it. None if the triangles enclose a right angle or more.
+    #[must_use]
+    pub fn of([a, b]: [DVec3; 2], apexes: [DVec3; 2]) -> Option<Self> {
+        let (edge, [to_p, to_q]) = (b - a, apexes.map(|apex| apex - a));
+        // Most edges are flat or obtuse. Without square roots this is decided wherever rounding cannot change the answer.
+        let dot = to_p.dot(to_q) * edge.length_squared() - to_p.dot(edge) * to_q.dot(edge);
+        let most = edge.length_squared() * (to_p.length_squared() + to_q.length_squared());
+        if dot < -FAR_FROM_RIGHT * most {
+            return None;
+        }
+        let along = edge.normalize_or_zero();
+        // The components perpendicular to the edge, from the edge to the opposite corners.
+        let [p, q] = [to_p, to_q].map(|to| to - along * to.dot(along));
+        (p.dot(q) > 0.0).then(|| Self { angle: p.cross(q).length().atan2(p.dot(q)), width: p.length().min(q.length()) })
+    }
+
+    /// The distance of the triangles from each other if they enclose this angle.
+    #[must_use]
+    pub fn height(&self, angle: f64) -> f64 {
+        self.width * angle.sin()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -262,5 +298,22 @@ mod tests {
         for miss in [DVec3::NEG_Z * 0.5, DVec3::Z, DVec3::X, DVec3::new(1.0, 1.0, -1.0)] {
             assert_eq!(hit(above, miss, FACE), None, "{miss}");
         }
+    }
+
+    #[test]
+    fn a_fold_has_the_angle_of_its_triangles_and_is_none_from_a_right_angle_on() {
+        let edge = [DVec3::ZERO, DVec3::X * 2.0];
+        let fold = |angle: f64| {
+            let (sin, cos) = angle.sin_cos();
+            SharpFold::of(edge, [DVec3::new(5.0, 3.0, 0.0), DVec3::new(-1.0, 2.0 * cos, 2.0 * sin)])
+        };
+        for angle in [1e-12, 1e-6, 0.3, 1.57] {
+            let found = fold(angle).unwrap();
+            assert!((found.angle - angle).abs() < 1e-12 && (found.width - 2.0).abs() < 1e-12, "{angle} {found:?}");
+        }
+        for angle in [1.571, 1.6, 2.5, std::f64::consts::PI] {
+            assert_eq!(fold(angle), None, "{angle}");
+        }
+        assert_eq!(SharpFold::of([DVec3::X; 2], [DVec3::X; 2]), None, "no triangles");
     }
 }

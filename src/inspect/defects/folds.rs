@@ -2,20 +2,16 @@
 
 use std::collections::VecDeque;
 
-use glam::DVec3;
-
 use super::super::options::ToleranceLengths;
 use super::super::{Analysis, DefectKind};
 use super::chains::chains;
 use super::scan::{Location, Scan};
 use crate::context::Cancelled;
-use crate::math::{Sign, orient3d, threads};
+use crate::math::{SharpFold, Sign, orient3d, threads};
 use crate::mesh::{Edges, UnionFind};
 
 /// Angles in radians below this may result from rounding alone.
 const ROUNDING: f64 = 1e-6;
-/// Far more than the relative error of a dot product.
-const FAR_APART: f64 = 1e-9;
 
 /// An edge whose two faces lie on each other.
 struct Fold {
@@ -119,32 +115,15 @@ impl FoldSearch<'_, '_> {
         }
         let [a, b] = ends.map(|v| unit[v as usize]);
         let [apex_x, apex_y] = [x, y].map(|h| unit[apex(h) as usize]);
-        if are_far_apart(b - a, [apex_x - a, apex_y - a]) {
-            return None;
-        }
-        let along = (b - a).normalize_or_zero();
-        // The component perpendicular to the edge, from the edge to the opposite corner.
-        let [p, q] = [apex_x, apex_y].map(|apex| (apex - a) - along * (apex - a).dot(along));
-        if p.dot(q) <= 0.0 {
-            return None;
-        }
-        let measured = p.cross(q).length().atan2(p.dot(q));
+        let fold = SharpFold::of([a, b], [apex_x, apex_y])?;
         // An exact predicate decides a fold of height 0, so that a tolerance of 0 finds it and rounding adds no
         // height.
-        let in_plane = measured <= ROUNDING && orient3d(a, b, apex_x, apex_y) == Sign::Zero;
-        let angle = if in_plane { 0.0 } else { measured };
-        let height = p.length().min(q.length()) * angle.sin();
+        let in_plane = fold.angle <= ROUNDING && orient3d(a, b, apex_x, apex_y) == Sign::Zero;
+        let angle = if in_plane { 0.0 } else { fold.angle };
+        let height = fold.height(angle);
         let is_fold = angle <= self.lengths.foldover_angle && height <= self.lengths.foldover_height;
         is_fold.then_some(Fold { ends, faces: sides, height })
     }
-}
-
-/// Whether two faces at an edge certainly enclose more than a right angle, given the edge and their opposite corners from its start.
-/// Quicker than the angle, and true at most edges.
-fn are_far_apart(edge: DVec3, [p, q]: [DVec3; 2]) -> bool {
-    let dot = p.dot(q) * edge.length_squared() - p.dot(edge) * q.dot(edge);
-    let most = edge.length_squared() * (p.length_squared() + q.length_squared());
-    dot < -FAR_APART * most
 }
 
 /// Regions at an odd number of folds from the largest region connected with them, given as set roots in ascending

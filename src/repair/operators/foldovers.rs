@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::local_edits::{Hinge, LocalEdits, Shape};
 use super::operator::{Applied, Counter, Operation, Scope};
 use crate::inspect::Tolerances;
-use crate::math::{Box3, nearest_on_triangle, threads, to_unit_range, unit_scale};
+use crate::math::{Box3, SharpFold, nearest_on_triangle, threads, to_unit_range, unit_scale};
 use crate::mesh::{Edges, Surface};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -61,15 +61,10 @@ struct FoldLimits {
 impl FoldLimits {
     /// The distance of the lower of the two faces at edge `a`, `b` from the other face, where the edge is a fold.
     fn fold(&self, [a, b, m, d]: [glam::DVec3; 4]) -> Option<f64> {
-        let along = (b - a).normalize_or_zero();
-        let [p, q] = [m - a, d - a].map(|to| to - along * to.dot(along));
-        if p.dot(q) <= 0.0 {
-            return None;
-        }
-        let angle = p.cross(q).length().atan2(p.dot(q));
-        let clearance = p.length().min(q.length()) * angle.sin();
+        let fold = SharpFold::of([a, b], [m, d])?;
+        let clearance = fold.height(fold.angle);
         let low = [[a, b, m], [a, b, d]].into_iter().any(|face| Shape::of(face).height < self.height);
-        (angle <= self.angle && clearance <= self.height && !low).then_some(clearance)
+        (fold.angle <= self.angle && clearance <= self.height && !low).then_some(clearance)
     }
 
     /// The edge from `a` to `b` and the distance of its faces, where the edge is a fold.
