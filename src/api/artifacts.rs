@@ -167,9 +167,9 @@ pub(super) async fn get_artifact(
 /// The name of the artifact that holds an alternative's file.
 fn name_of_alternative(job: &Job, name: &str, choice: &str) -> Result<String, Problem> {
     let artifact = match name {
-        "model" | "original" => format!("model-{choice}"),
-        "report.json" | "report-full.json" => format!("report-{choice}.json"),
-        "after.png" => format!("after-{choice}.png"),
+        "model" | "original" => Artifact::model_of(choice),
+        "report.json" | "report-full.json" => Artifact::report_of(choice),
+        "after.png" => Artifact::picture_of(choice),
         _ => {
             let detail = format!(
                 "An alternative has no artifact '{}'. Its artifacts are: model, report-full.json, after.png.",
@@ -181,7 +181,7 @@ fn name_of_alternative(job: &Job, name: &str, choice: &str) -> Result<String, Pr
     if job.artifacts.contains_key(&artifact) || !job.status.is_final() {
         return Ok(artifact);
     }
-    let choices: Vec<&str> = job.artifacts.keys().filter_map(|name| name.strip_prefix("model-")).collect();
+    let choices: Vec<&str> = job.artifacts.keys().filter_map(|name| Artifact::choice_of_model(name)).collect();
     let choices = if choices.is_empty() { String::new() } else { format!(", {}", choices.join(", ")) };
     let detail = format!("The job has no alternative '{}'. Its choices are: default{choices}.", truncated(choice));
     Err(Problem::new(ProblemCode::ArtifactNotFound, detail))

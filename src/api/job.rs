@@ -23,7 +23,7 @@ use super::state::ApiState;
 use crate::context::{Estimate, Stage};
 use crate::format::{FileLocation, Format};
 use crate::jobs::{
-    Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoreError,
+    Artifact, Input, Job, JobId, JobOptions, JobOutcome, JobReport, Metadata, ProblemKind, Quote, Status, StoreError,
     StoredReport,
 };
 use crate::repair::Alternatives;
@@ -291,9 +291,9 @@ impl JobView {
             estimate: job.progress.and_then(|p| p.estimate),
             queue_position,
         });
-        let link = |(name, artifact): (String, crate::jobs::Artifact)| {
+        let link = |(name, artifact): (String, Artifact)| {
             let href = format!("/v1/jobs/{}/artifacts/{name}", job.id);
-            let crate::jobs::Artifact { filename, media_type, file } = artifact;
+            let Artifact { filename, media_type, file } = artifact;
             let bytes = file.as_ref().map(|file| file.bytes);
             let sha256 = file.map(|file| file.sha256).filter(|_| !is_rendered(&name));
             (name, ArtifactView { href, filename, media_type, bytes, sha256 })
@@ -343,7 +343,7 @@ impl JobView {
 
 /// Whether an artifact is an image or a coloured mesh.
 fn is_rendered(name: &str) -> bool {
-    let is_model = matches!(name, "model" | "original") || name.starts_with("model-");
+    let is_model = matches!(name, "model" | "original") || Artifact::choice_of_model(name).is_some();
     !is_model && !name.ends_with(".json") && !name.ends_with(".txt")
 }
 

@@ -123,6 +123,37 @@ pub struct Artifact {
     pub file: Option<StoredFile>,
 }
 
+impl Artifact {
+    /// The name of the repaired model.
+    pub const MODEL: &str = "model";
+    /// What the names of the alternatives' models begin with. The rest is the value of `choice` that selects the alternative.
+    const MODEL_OF: &str = "model-";
+
+    /// The name of an alternative's model.
+    #[must_use]
+    pub fn model_of(choice: &str) -> String {
+        format!("{}{choice}", Self::MODEL_OF)
+    }
+
+    /// The name of an alternative's full report.
+    #[must_use]
+    pub fn report_of(choice: &str) -> String {
+        format!("report-{choice}.json")
+    }
+
+    /// The name of an alternative's picture.
+    #[must_use]
+    pub fn picture_of(choice: &str) -> String {
+        format!("after-{choice}.png")
+    }
+
+    /// The value of `choice` that selects the alternative whose model has this name; `None` for any other name.
+    #[must_use]
+    pub fn choice_of_model(name: &str) -> Option<&str> {
+        name.strip_prefix(Self::MODEL_OF)
+    }
+}
+
 /// A file in the blob store.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoredFile {

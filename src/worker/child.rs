@@ -18,7 +18,7 @@ use crate::analyze::{self, Analyst, AnalyzeError, AnalyzeOptions};
 use crate::blender::{BlenderConfig, BlenderRemesher};
 use crate::context::{Context, monotonic_clock};
 use crate::format::{ReadError, ReadErrorKind};
-use crate::jobs::{JobOptions, JobProblem, JobReport, ProblemKind};
+use crate::jobs::{Artifact, JobOptions, JobProblem, JobReport, ProblemKind};
 use crate::render::Drawing;
 use crate::repair::{
     self, AlternativeRequest, AlternativeRuns, OfferedFile, Options, Remesher, RepairError, Repaired,
@@ -163,14 +163,14 @@ fn write_alternatives(folder: &Path, request: AlternativeRequest<'_>, default: &
     write_report(folder, Task::FULL_REPORT, &JobReport::Repair(Box::new(default.report.clone())))?;
     while let Some(RepairedAlternative { id, repaired }) = runs.make_next()? {
         pause_at("child-alternative");
-        write_whole(folder, &Task::model_of(&id), &repaired.bytes)?;
+        write_whole(folder, &Artifact::model_of(&id), &repaired.bytes)?;
         if request.options.pictures {
             match draw_result(&repaired.bytes, &repaired.report, request.context) {
-                Ok(drawing) => write_whole(folder, &Task::picture_of(&id), &drawing.bytes)?,
+                Ok(drawing) => write_whole(folder, &Artifact::picture_of(&id), &drawing.bytes)?,
                 Err(error) => request.context.log(&format!("{id}: no picture was drawn: {error}")),
             }
         }
-        write_report(folder, &Task::report_of(&id), &JobReport::Repair(Box::new(repaired.report)))?;
+        write_report(folder, &Artifact::report_of(&id), &JobReport::Repair(Box::new(repaired.report)))?;
     }
     default.report.alternatives = Some(runs.summary());
     Ok(())

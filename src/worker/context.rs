@@ -320,9 +320,9 @@ pub(super) fn result_files(inputs: &[Input], report: Option<&JobReport>) -> Vec<
     let alternatives = report.into_iter().flat_map(JobReport::alternatives).flat_map(|(id, format)| {
         let file = |name: String, filename, media_type| ArtifactSource::new(name, filename, media_type);
         [
-            file(Task::model_of(id), format!("{first}-{id}.{}", format.extension()), media_type(format)),
-            file(Task::report_of(id), format!("{first}-report-{id}.json"), "application/json"),
-            file(Task::picture_of(id), format!("{first}-after-{id}.png"), "image/png"),
+            file(Artifact::model_of(id), format!("{first}-{id}.{}", format.extension()), media_type(format)),
+            file(Artifact::report_of(id), format!("{first}-report-{id}.json"), "application/json"),
+            file(Artifact::picture_of(id), format!("{first}-after-{id}.png"), "image/png"),
         ]
     });
     once.chain(offered_file).chain(alternatives).collect()

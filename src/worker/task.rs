@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::blender::BlenderConfig;
 use crate::format::Limits;
-use crate::jobs::{Input, JobOptions, JobProgress};
+use crate::jobs::{Artifact, Input, JobOptions, JobProgress};
 use crate::repair::{OfferedFile, RemesherInfo};
 use crate::sandbox::Sandbox;
 
@@ -92,7 +92,7 @@ pub(super) type ProgressLine = JobProgress;
 
 impl Task {
     /// The name of the repaired model's file.
-    pub const MODEL: &str = "model";
+    pub const MODEL: &str = Artifact::MODEL;
     /// The name of the artifact with the uploaded file, offered if no repair improved the model.
     pub const ORIGINAL: &str = "original";
     /// The name of the full report, which the child writes.
@@ -118,21 +118,6 @@ impl Task {
     /// The name of uploaded file `number`, counted from 0, in the folder.
     pub fn input(number: usize) -> String {
         format!("input-{number}")
-    }
-
-    /// The name of an alternative's model.
-    pub fn model_of(choice: &str) -> String {
-        format!("{}-{choice}", Self::MODEL)
-    }
-
-    /// The name of an alternative's full report.
-    pub fn report_of(choice: &str) -> String {
-        format!("report-{choice}.json")
-    }
-
-    /// The name of an alternative's picture.
-    pub fn picture_of(choice: &str) -> String {
-        format!("after-{choice}.png")
     }
 
     /// The name of a drawing of the job's file `number`, counted from 0. The first file's drawing keeps `name`; the others get a

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use meshmend::context::Stage;
-use meshmend::jobs::{JobId, JobOutcome, Mode, ProblemKind, Status};
+use meshmend::jobs::{Artifact, JobId, JobOutcome, Mode, ProblemKind, Status};
 use meshmend::printing::readiness::PrintReadiness;
 use meshmend::repair::Alternatives;
 use serde::Deserialize;
@@ -121,7 +121,7 @@ impl RemoteJob {
     /// The name of the main file: the model, or the report of an analysis. `None` if the repair gave no model.
     pub fn result(&self) -> Option<&'static str> {
         let name = match self.report.as_ref()?.mode {
-            Mode::Repair => MODEL,
+            Mode::Repair => Artifact::MODEL,
             Mode::Analyze => REPORT,
         };
         self.artifacts.contains_key(name).then_some(name)
@@ -131,7 +131,7 @@ impl RemoteJob {
     /// of a hostile service that could lead elsewhere does not count.
     pub fn alternative_models(&self) -> impl Iterator<Item = (&str, &str)> {
         let is_plain = |id: &str| id.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_".contains(&byte));
-        let ids = self.artifacts.keys().map(|name| (name.as_str(), name.strip_prefix(MODEL_OF_ALTERNATIVE)));
+        let ids = self.artifacts.keys().map(|name| (name.as_str(), Artifact::choice_of_model(name)));
         ids.filter_map(move |(name, id)| Some((name, id.filter(|id| is_plain(id))?)))
     }
 
@@ -177,10 +177,6 @@ impl RemoteJob {
     }
 }
 
-/// The name of a repair's result among the files of a job.
-const MODEL: &str = "model";
-/// The name of an alternative's model among the files of a job begins like this; the id follows.
-pub const MODEL_OF_ALTERNATIVE: &str = "model-";
 /// The name of the uploaded file among the files of a job, if the repair gave nothing better.
 const ORIGINAL: &str = "original";
 /// The name of the full report among the files of a job.

@@ -15,7 +15,7 @@ use std::sync::{Mutex, PoisonError};
 use clap::Args;
 use futures::{Stream, StreamExt};
 use meshmend::api::Problem;
-use meshmend::jobs::{JobId, JobOutcome, Status};
+use meshmend::jobs::{Artifact, JobId, JobOutcome, Status};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use sse_stream::SseStream;
@@ -25,7 +25,7 @@ pub use self::job::{REPORT, RemoteJob};
 pub use self::service::{Service, ServiceArgs, Submission};
 pub use self::show::{Console, Row};
 
-use self::job::{MODEL_OF_ALTERNATIVE, RemoteFile, RemoteProgress};
+use self::job::{RemoteFile, RemoteProgress};
 use super::alternatives::{alternative_lines, path_of};
 use super::engine::temporary_file_next_to;
 use super::exit;
@@ -139,7 +139,7 @@ impl<'a> Session<'a> {
         };
         self.open_jobs.lock().unwrap_or_else(PoisonError::into_inner).remove(&job.id);
         let (code, mut summary) = (job.code(), job.summary_lines());
-        let path = |id: &str| files.get(&format!("{MODEL_OF_ALTERNATIVE}{id}")).cloned();
+        let path = |id: &str| files.get(&Artifact::model_of(id)).cloned();
         summary.extend(job.alternatives.iter().flat_map(|alternatives| alternative_lines(alternatives, path)));
         let has_failed = matches!(code, exit::BAD_INPUT | exit::INTERNAL | exit::NOT_PRINTABLE);
         row.finish(&summary, self.args.quiet && !has_failed);
