@@ -9,7 +9,7 @@ import { LOOKS, PAINTS, drop, open, pixels, settled, shown } from "./support/bro
 import { colouredGlb } from "./support/coloured.mjs";
 import { brokenRing, hollowBox, plate, sheet, soundBox, thinWall } from "./support/models.mjs";
 import { run } from "./support/service.mjs";
-import { BOX, CUT, browser, eventDetails, jobOf, shop, visit, widget } from "./support/shop-and-browser.mjs";
+import { BOX, CUT, browser, eventDetails, jobOf, setOptions, shop, visit, widget } from "./support/shop-and-browser.mjs";
 
 /** A token of meshmend for pages of an origin, as a shop's backend requests it. */
 async function tokenFor(origin) {
@@ -44,7 +44,7 @@ test("a customer uploads, sees the result and orders it, and the shop has the mo
 
 test("a customer takes another result, and the shop prices and fetches that one", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
-  await widget(page).evaluate((element) => element.setAttribute("options", JSON.stringify({ alternatives: true })));
+  await setOptions(page, { alternatives: true });
   await drop(page, [["hollow.stl", hollowBox()]], BOX);
   await page.getByText(/^22\.0 cm³ cost/).waitFor();
   await page.locator(".choice").nth(1).getByRole("radio").check();
@@ -61,7 +61,7 @@ test("a customer takes another result, and the shop prices and fetches that one"
 test("a customer reads the rules of the process without scrolling sideways", { timeout: 120_000 }, async () => {
   for (const width of [1200, 700, 360]) {
     const { page, close } = await visit({ viewport: { width, height: 900 } });
-    await widget(page).evaluate((element) => element.setAttribute("options", JSON.stringify({ unit: "mm", process: "fdm-0.4" })));
+    await setOptions(page, { unit: "mm", process: "fdm-0.4" });
     await drop(page, [["plate.stl", plate()]], BOX);
     const rule = page.locator("table.rules tr", { hasText: "Volume of each solid" });
     await rule.waitFor();
@@ -75,7 +75,7 @@ test("a customer reads the rules of the process without scrolling sideways", { t
 test("a customer thickens a wall that breaks a rule of the shop's process, unless the shop sets the thickness", { timeout: 120_000 }, async () => {
   for (const [options, remedies] of [[{}, 1], [{ min_wall: 0.4 }, 0]]) {
     const { page, faults, close } = await visit();
-    await widget(page).evaluate((element, text) => element.setAttribute("options", text), JSON.stringify({ unit: "mm", process: "fdm-0.4", ...options }));
+    await setOptions(page, { unit: "mm", process: "fdm-0.4", ...options });
     await drop(page, [["wall.stl", thinWall()]], BOX);
     const rule = page.locator("table.rules tr.fail", { hasText: "Free walls" });
     await rule.waitFor();

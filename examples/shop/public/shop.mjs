@@ -4,9 +4,11 @@ const offer = document.getElementById("offer");
 const button = document.getElementById("order");
 const euros = new Intl.NumberFormat("en-IE", { style: "currency", currency: "EUR" });
 let quote = null;
-let requests = 0;
+/** Counts what was said, so that a late price does not replace what was said after its request. */
+let said = 0;
 
 function say(text, quoted = null) {
+  said += 1;
   offer.textContent = text;
   quote = quoted;
   button.disabled = quoted === null;
@@ -15,9 +17,9 @@ function say(text, quoted = null) {
 async function ask(path, body) {
   const init = body && { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
   const answer = await fetch(path, init);
-  const said = await answer.json();
-  if (!answer.ok) throw new Error(said.message);
-  return said;
+  const result = await answer.json();
+  if (!answer.ok) throw new Error(result.message);
+  return result;
 }
 
 widget.addEventListener("uploaded", () => say("Your model is being checked."));
@@ -25,15 +27,19 @@ widget.addEventListener("failed", ({ detail }) => say(detail.code === "canceled"
 widget.addEventListener("repaired", ({ detail }) => offerResult(detail.jobId, detail.metrics.printable));
 widget.addEventListener("chosen", ({ detail }) => offerResult(detail.jobId, detail.printable, detail.choice));
 
-/** Shows the price of a job's result. Only the last request counts: the customer may choose another result meanwhile. */
+/** Shows the price of a job's result, unless something else was said meanwhile. Until then nothing can be ordered. */
 async function offerResult(jobId, printable, choice = "default") {
-  const number = ++requests;
   if (!printable) return say("This model can't be printed yet. The upload says what you can do.");
-  const [text, quoted] = await ask("/quotes", { jobId, choice }).then(
-    (made) => [[`${made.volumeCm3.toFixed(1)} cm³ cost ${euros.format(made.cents / 100)}.`, ...made.assumptions.map((it) => `Assumed: ${it}`)].join("\n"), made.id],
-    (error) => [error.message],
-  );
-  if (number === requests) say(text, quoted);
+  say("Your price is being calculated.");
+  const asked = said;
+  const answer = (text, quoted) => said === asked && say(text, quoted);
+  try {
+    const made = await ask("/quotes", { jobId, choice });
+    const price = `${made.volumeCm3.toFixed(1)} cm³ cost ${euros.format(made.cents / 100)}.`;
+    answer([price, ...made.assumptions.map((it) => `Assumed: ${it}`)].join("\n"), made.id);
+  } catch (error) {
+    answer(error.message);
+  }
 }
 
 button.addEventListener("click", async () => {

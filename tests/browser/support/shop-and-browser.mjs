@@ -25,6 +25,11 @@ export async function visit({ url = shop.url, ...options } = {}) {
   return opened;
 }
 
+/** Sets the widget's options, as a shop's page does. */
+export function setOptions(page, options) {
+  return widget(page).evaluate((element, text) => element.setAttribute("options", text), JSON.stringify(options));
+}
+
 /** The details of all events with a name; waits for the first. */
 export async function eventDetails(page, name) {
   await page.waitForFunction((name) => events.some(([other]) => other === name), name, { timeout: 60_000 });
