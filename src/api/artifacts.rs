@@ -66,8 +66,8 @@ impl FromRequestParts<ApiState> for ArtifactAddress {
 /// `thickness.glb` and `thickness.ply`, which show its wall thickness in colours.
 ///
 /// If the job has the option `alternatives`, the job's `alternatives` list further results. Each has the artifacts `model-ID`,
-/// `report-ID.json` and, unless `pictures` is false, `after-ID.png`. With the query parameter `choice=ID`, the names `model`,
-/// `report-full.json` and `after.png` return these files.
+/// `report-ID.json` and, unless `pictures` is false, `after-ID.png` and `change-ID.glb`, which is coarse for models of more than 400,000
+/// faces. With the query parameter `choice=ID`, the names `model`, `report-full.json`, `after.png` and `change.glb` return these files.
 ///
 /// Single ranges, `If-Range` and `If-None-Match` are supported. The entity tag is the file's SHA-256 hash.
 #[utoipa::path(
@@ -169,10 +169,10 @@ fn name_of_alternative(job: &Job, name: &str, choice: &str) -> Result<String, Pr
     let artifact = match name {
         "model" | "original" => Artifact::model_of(choice),
         "report.json" | "report-full.json" => Artifact::report_of(choice),
-        "after.png" => Artifact::picture_of(choice),
+        "after.png" | "change.glb" => Artifact::drawing_of(choice, name),
         _ => {
             let detail = format!(
-                "An alternative has no artifact '{}'. Its artifacts are: model, report-full.json, after.png.",
+                "An alternative has no artifact '{}'. Its artifacts are: model, report-full.json, after.png, change.glb.",
                 truncated(name)
             );
             return Err(Problem::new(ProblemCode::ArtifactNotFound, detail));

@@ -180,7 +180,8 @@ pub(super) struct JobView {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quote: Option<Quote>,
     /// The results to choose from, where the file leaves the model's intent open. Present if the job has the option `alternatives`, once it
-    /// has a report; omitted in lists. The artifacts `model-ID`, `report-ID.json` and `after-ID.png` are the files of an alternative.
+    /// has a report; omitted in lists. The artifacts `model-ID`, `report-ID.json`, `after-ID.png` and `change-ID.glb` are the files of an
+    /// alternative.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alternatives: Option<Alternatives>,
     /// The report, if requested with `include=report`. Its lists are shortened as in the artifact `report.json`. The artifact

@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 
 use meshmend::repair::{
     Alternative, AlternativeRequest, AlternativeRuns, Alternatives, RepairError, Repaired, RepairedAlternative,
-    draw_result,
+    draw_alternative,
 };
 
 use super::engine::write_file;
 
 /// Makes the alternatives of a repair, and writes each one beside `output`, as `OUT.ID.ext`. Adds the list of alternatives to the report
-/// of `default`. With `pictures`, the picture of each alternative is written to that folder, as `after-ID.png`.
+/// of `default`. With `pictures`, the drawings of each alternative are written to that folder, as `after-ID.png` and `change-ID.glb`.
 ///
 /// # Errors
 /// The message for the first file that cannot be written, or for a canceled repair.
@@ -26,10 +26,12 @@ pub fn write_alternatives(
     while let Some(RepairedAlternative { id, repaired }) = runs.make_next().map_err(text)? {
         write_file(&path_of(output, &id), &repaired.bytes)?;
         if let Some(folder) = pictures {
-            let path = folder.join(format!("after-{id}.png"));
             std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
-            match draw_result(&repaired.bytes, &repaired.report, request.context) {
-                Ok(drawing) => write_file(&path, &drawing.bytes)?,
+            let AlternativeRequest { input, limits, context, .. } = request;
+            match draw_alternative(input, &repaired.bytes, &repaired.report, limits, context) {
+                Ok(drawings) => drawings.iter().try_for_each(|drawing| {
+                    write_file(&folder.join(drawing.name.replace('.', &format!("-{id}."))), &drawing.bytes)
+                })?,
                 Err(error) => drop(writeln!(std::io::stderr(), "  note: {id}: no picture was drawn: {error}")),
             }
         }

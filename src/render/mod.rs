@@ -71,11 +71,27 @@ pub fn draw_repaired(
     Ok(drawings)
 }
 
-/// Draws the result of a repair: `after.png`.
+/// Draws the result of an alternative: `after.png`, and `change.glb`, which is coarse for a large mesh. `provenance` belongs to the
+/// comparison with the input.
 ///
 /// # Errors
-/// [`RenderError`].
-pub fn draw_result(after: Marked<'_>, context: &Context<'_>) -> Result<Drawing, RenderError> {
+/// The first [`RenderError`].
+pub fn draw_alternative(
+    after: Marked<'_>,
+    provenance: &SurfaceProvenance,
+    context: &Context<'_>,
+) -> Result<Vec<Drawing>, RenderError> {
+    let scene = Scene::of_change(after.soup, provenance, context)?;
+    let change = if is_large(after.soup.faces.len() as u64) {
+        preview("change.glb", &scene, context)?
+    } else {
+        Drawing { name: "change.glb", bytes: write_glb(&scene, context)? }
+    };
+    Ok(vec![draw_result(after, context)?, change])
+}
+
+/// Draws the result of a repair: `after.png`.
+fn draw_result(after: Marked<'_>, context: &Context<'_>) -> Result<Drawing, RenderError> {
     let scene = Scene::new(after.soup, after.findings, context)?;
     Ok(Drawing { name: "after.png", bytes: write_picture(&scene, "after", context)? })
 }

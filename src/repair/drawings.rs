@@ -13,7 +13,6 @@ use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::mesh::Soup;
 use crate::printing::thickness::{Space, thickness_field};
 use crate::render::{self, Drawing, Marked, draw_change, draw_remaining, draw_repaired, draw_thickness};
-use crate::scene::LengthUnit;
 
 impl Report {
     /// The names of the drawings that [`draw`] makes of the input and of the returned file.
@@ -80,16 +79,30 @@ pub fn draw(
     }
 }
 
-/// Draws a returned file alone, with its remaining defects: `after.png`. `report` is the report of its repair.
+/// Draws the result of an alternative: `after.png`, and `change.glb`, which is coarse for a large model. `report` is the report of the
+/// alternative, and `limits` are those of its repair.
 ///
 /// # Errors
-/// [`DrawError`] if the file cannot be read, the drawing fails, or the time is over.
-pub fn draw_result(repaired: &[u8], report: &Report, context: &Context<'_>) -> Result<Drawing, DrawError> {
-    let LengthUnit { used, up, .. } = report.unit;
-    let mesh = format::read_shape(repaired, &ReadOptions::within(Limits::NONE))?.mesh_in(used, up);
-    let analysis = Analysis::new(subject(&mesh, Some(&report.unit)), context)?;
-    let (_, findings) = inspect_measured(&analysis, context)?;
-    Ok(render::draw_result(Marked { soup: &mesh.soup, findings: &findings }, context)?)
+/// [`DrawError`] if a file cannot be read, a drawing fails, or the time is over.
+pub fn draw_alternative(
+    input: &[u8],
+    repaired: &[u8],
+    report: &Report,
+    limits: &Limits,
+    context: &Context<'_>,
+) -> Result<Vec<Drawing>, DrawError> {
+    let options = &report.options;
+    let reading = |limits| ReadOptions { limits, twist_angle_deg: options.twist_angle_deg };
+    let mut file = format::read_shape(input, &reading(*limits))?;
+    let (unit, _) = settle_size(&mut file, options).unwrap_or_default();
+    let analysis = Analysis::new(subject(&file.mesh, Some(&unit)), context)?;
+    let (inspection, _) = inspect_measured(&analysis, context)?;
+    let original = Original::new(&analysis, &inspection.measures, CompareOptions::BRIEF);
+    let mesh = format::read_shape(repaired, &reading(Limits::NONE))?.mesh_in(unit.used, unit.up);
+    let after = Analysis::new(subject(&mesh, Some(&unit)), context)?;
+    let (_, findings) = inspect_measured(&after, context)?;
+    let marked = Marked { soup: &mesh.soup, findings: &findings };
+    Ok(render::draw_alternative(marked, &original.provenance(&after, context)?, context)?)
 }
 
 /// Draws the wall thickness of a printable result. `soup` has the faces of its file.

@@ -41,7 +41,7 @@ pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monoto
 pub use crate::inspect::{AccountedPart, Changes, LostPart, OptionsError, PartAccounting, PartReason};
 pub use alternatives::{AlternativeRequest, AlternativeRuns, DEFAULT_CHOICE, RepairedAlternative};
 pub use change::{Change, ChangeKind};
-pub use drawings::{draw, draw_result};
+pub use drawings::{draw, draw_alternative};
 pub use input::RepairError;
 pub use operators::{sheets, solid_skin};
 pub use options::{

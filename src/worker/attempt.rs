@@ -16,7 +16,8 @@ use tokio_util::codec::{FramedRead, LinesCodec, LinesCodecError};
 use tokio_util::sync::CancellationToken;
 use tracing::{Instrument, Span};
 
-use super::context::{AttemptError, Shutdown, WorkerContext, pictures, result_files, retry_with_backoff};
+use super::context::{AttemptError, Shutdown, WorkerContext, retry_with_backoff};
+use super::files::{pictures, result_files};
 use super::prepared::PreparedChild;
 use super::process::{Excess, JobProcess, explain_excess, explain_exit};
 use super::scratch::sanitize;
@@ -196,8 +197,7 @@ impl<'a> Attempt<'a> {
         }
     }
 
-    /// Extends the lease from the claim to the end of the attempt. When the lease is lost, this future cancels `lost` and
-    /// `stop`, and never completes: the attempt ends itself.
+    /// Extends the lease until the attempt ends. When the lease is lost, cancels `lost` and `stop`, and never completes.
     async fn keep_lease(&self) -> Infallible {
         let (store, lease) = (&self.context.store, self.context.config.lease);
         let mut changed = store.notifier().listen();

@@ -22,7 +22,7 @@ use crate::jobs::{Artifact, JobOptions, JobProblem, JobReport, ProblemKind};
 use crate::render::Drawing;
 use crate::repair::{
     self, AlternativeRequest, AlternativeRuns, OfferedFile, Options, Remesher, RepairError, Repaired,
-    RepairedAlternative, draw_result, repair,
+    RepairedAlternative, draw_alternative, repair,
 };
 
 /// The time between two progress lines that no step of the engine reports.
@@ -165,9 +165,12 @@ fn write_alternatives(folder: &Path, request: AlternativeRequest<'_>, default: &
         pause_at("child-alternative");
         write_whole(folder, &Artifact::model_of(&id), &repaired.bytes)?;
         if request.options.pictures {
-            match draw_result(&repaired.bytes, &repaired.report, request.context) {
-                Ok(drawing) => write_whole(folder, &Artifact::picture_of(&id), &drawing.bytes)?,
-                Err(error) => request.context.log(&format!("{id}: no picture was drawn: {error}")),
+            let AlternativeRequest { input, limits, context, .. } = request;
+            match draw_alternative(input, &repaired.bytes, &repaired.report, limits, context) {
+                Ok(drawings) => drawings.iter().try_for_each(|drawing| {
+                    write_whole(folder, &Artifact::drawing_of(&id, drawing.name), &drawing.bytes)
+                })?,
+                Err(error) => context.log(&format!("{id}: no picture was drawn: {error}")),
             }
         }
         write_report(folder, &Artifact::report_of(&id), &JobReport::Repair(Box::new(repaired.report)))?;

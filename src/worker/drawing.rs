@@ -8,7 +8,8 @@ use tokio::io::{copy, sink};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-use super::context::{AttemptError, Shutdown, WorkerContext, retry_with_backoff, undrawn_files};
+use super::context::{AttemptError, Shutdown, WorkerContext, retry_with_backoff};
+use super::files::undrawn_files;
 use super::prepared::PreparedChild;
 use super::scratch::sanitize;
 use super::task::Task;

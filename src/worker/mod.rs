@@ -9,6 +9,7 @@ mod child;
 mod child_request;
 mod context;
 mod drawing;
+mod files;
 mod pool;
 mod prepared;
 mod process;

@@ -20,8 +20,15 @@ test("a customer compares two results and downloads the chosen one", { timeout: 
     return (await readFile(await download.path())).readUInt32LE(80);
   };
   assert.equal(await faces(), 24);
+  assert.doesNotMatch(await page.locator(".layers").innerText(), /faces removed/);
   await choices.nth(1).getByRole("radio").check();
+  await page.locator(".layers", { hasText: "faces removed" }).waitFor();
+  await shown(page);
+  assert.match(await page.locator(".printing").innerText(), /24 cm³/);
   assert.equal(await faces(), 12);
+  await choices.nth(0).getByRole("radio").check();
+  await page.locator(".printing", { hasText: "22 cm³" }).waitFor();
+  assert.equal(await faces(), 24);
   assert.deepEqual(faults, []);
   await close();
 });

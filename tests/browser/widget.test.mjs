@@ -48,6 +48,7 @@ test("a customer takes another result, and the shop prices and fetches that one"
   await drop(page, [["hollow.stl", hollowBox()]], BOX);
   await page.getByText(/^22\.0 cm³ cost/).waitFor();
   await page.locator(".choice").nth(1).getByRole("radio").check();
+  await page.locator("[part=facts]", { hasText: "24 cm³" }).waitFor();
   await page.getByText(/^24\.0 cm³ cost[\s\S]*Assumed: Sealed cavities/).waitFor();
   await page.getByRole("button", { name: "Order" }).click();
   await page.getByText("Your order is in production").waitFor();

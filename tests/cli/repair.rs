@@ -154,7 +154,9 @@ fn repair_writes_alternatives_beside_the_result_and_names_them() {
     assert_eq!((faces("out.stl"), faces("out.voids-fill.stl")), (24, 12));
     let line = "alternative: out.voids-fill.stl: Sealed cavities are solid. (8.000 cm³, 1 part)";
     assert!(stderr(&output).contains(line), "{}", stderr(&output));
-    assert!(workspace.path().join("seen/after-voids-fill.png").exists());
+    for name in ["after-voids-fill.png", "change-voids-fill.glb"] {
+        assert!(workspace.path().join("seen").join(name).exists(), "{name}");
+    }
     let report: Value = serde_json::from_slice(&workspace.get("r.json")).expect("JSON");
     assert_eq!(report["alternatives"]["offered"][1]["id"], "voids-fill");
 }

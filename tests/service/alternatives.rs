@@ -22,7 +22,7 @@ async fn an_alternative_is_listed_and_taken_by_its_id_as_often_as_asked() {
         (vec![json!("default"), json!("voids-fill")], vec![json!(true), json!(false)])
     );
     assert_eq!(job["report"]["alternatives"], job["alternatives"], "the report and the job agree");
-    for name in ["model-voids-fill", "report-voids-fill.json", "after-voids-fill.png"] {
+    for name in ["model-voids-fill", "report-voids-fill.json", "after-voids-fill.png", "change-voids-fill.glb"] {
         assert!(job["artifacts"][name].is_object(), "{name} is not in {}", job["artifacts"]);
     }
     let default = api.artifact(&id, "model").await;
@@ -39,10 +39,13 @@ async fn an_alternative_is_listed_and_taken_by_its_id_as_often_as_asked() {
         serde_json::from_slice(&api.artifact(&id, "report-full.json?choice=voids-fill").await).expect("JSON");
     assert_eq!((&report["outcome"], &report["options"]["voids"]), (&json!("repaired"), &json!("fill")));
     assert!(api.artifact(&id, "after.png?choice=voids-fill").await.starts_with(b"\x89PNG"));
+    let filled_change = api.artifact(&id, "change.glb?choice=voids-fill").await;
+    assert!(filled_change.starts_with(b"glTF"));
     assert_eq!(api.job(&id).await["alternatives"], job["alternatives"], "taking one changes nothing");
     let listed = api.get("/v1/jobs").send().await.expect("a response").json::<Value>().await.expect("JSON");
     assert!(listed["jobs"][0].get("alternatives").is_none(), "lists are short");
-    assert_eq!(stored_files(data.path(), &id).len(), FILES_PER_JOB + 3);
+    assert_eq!(stored_files(data.path(), &id).len(), FILES_PER_JOB + 4);
+    assert_ne!(api.artifact(&id, "change.glb").await, filled_change, "each result shows its own changes");
 }
 
 #[tokio::test]

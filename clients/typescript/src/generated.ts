@@ -217,8 +217,8 @@ export interface paths {
          *     `thickness.glb` and `thickness.ply`, which show its wall thickness in colours.
          *
          *     If the job has the option `alternatives`, the job's `alternatives` list further results. Each has the artifacts `model-ID`,
-         *     `report-ID.json` and, unless `pictures` is false, `after-ID.png`. With the query parameter `choice=ID`, the names `model`,
-         *     `report-full.json` and `after.png` return these files.
+         *     `report-ID.json` and, unless `pictures` is false, `after-ID.png` and `change-ID.glb`, which is coarse for models of more than 400,000
+         *     faces. With the query parameter `choice=ID`, the names `model`, `report-full.json`, `after.png` and `change.glb` return these files.
          *
          *     Single ranges, `If-Range` and `If-None-Match` are supported. The entity tag is the file's SHA-256 hash.
          */

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Job } from "meshmend-client";
-import { choicesOf, modelOf, pictureOf } from "../src/report/alternatives";
+import type { Job, JobReport } from "meshmend-client";
+import { choicesOf, pictureOf, withAlternative } from "../src/report/alternatives";
 import { readinessOfFiles } from "../src/report/print-ready";
 import { unitChoices } from "../src/report/settings";
 import { THICK_BAND, bandOf, leastWallOf } from "../src/report/wall-thickness";
@@ -12,9 +12,10 @@ const offered = [
   { id: "default", is_default: true, ...figures },
   { id: "interior-keep", is_default: false, option: "interior=keep", ...figures, volume_mm3: 2 },
 ];
-const names = ["model", "after.png", "model-interior-keep", "after-interior-keep.png"];
+const names = ["model", "after.png", "change.glb", "thickness.glb", "defects.glb", "report-full.json", "model-interior-keep", "after-interior-keep.png", "report-interior-keep.json"];
 const artifacts = Object.fromEntries(names.map((name) => [name, { href: `/${name}` }]));
-const job = { id: "job_1", alternatives: { offered }, artifacts } as unknown as Job;
+const options = { alternatives: true, output: "stl" };
+const job = { id: "job_1", outcome: "repaired", alternatives: { offered }, options, artifacts } as unknown as Job;
 
 test("a job offers a choice only if there is more than one result", () => {
   assert.equal(choicesOf(job).length, 2);
@@ -22,10 +23,17 @@ test("a job offers a choice only if there is more than one result", () => {
   assert.deepEqual(choicesOf({} as Job), []);
 });
 
-test("each choice has its own model and its own picture", () => {
-  assert.deepEqual([modelOf(job, "default")?.href, pictureOf(job, "default")?.href], ["/model", "/after.png"]);
-  assert.deepEqual([modelOf(job, "interior-keep")?.href, pictureOf(job, "interior-keep")?.href], ["/model-interior-keep", "/after-interior-keep.png"]);
-  assert.equal(modelOf(job, "other"), undefined);
+test("each choice has its own picture", () => {
+  assert.deepEqual([pictureOf(job, "default")?.href, pictureOf(job, "interior-keep")?.href], ["/after.png", "/after-interior-keep.png"]);
+});
+
+test("a chosen result is shown with its own report, option and files, and with no drawing of the default result", () => {
+  const report = { mode: "repair", outcome: "partially_repaired" } as unknown as JobReport;
+  const chosen = withAlternative(job, "interior-keep", report);
+  assert.deepEqual([chosen.outcome, chosen.report, chosen.options], ["partially_repaired", report, { output: "stl", interior: "keep" }]);
+  const files = Object.fromEntries(Object.entries(chosen.artifacts).map(([name, { href }]) => [name, href]));
+  const own = { model: "/model-interior-keep", "report.json": "/report-interior-keep.json", "report-full.json": "/report-interior-keep.json", "after.png": "/after-interior-keep.png" };
+  assert.deepEqual(files, { "defects.glb": "/defects.glb", ...own });
 });
 
 test("the shop's page learns which result the customer chose", () => {
@@ -33,7 +41,7 @@ test("the shop's page learns which result the customer chose", () => {
   const sink = { send: (type: string, detail: unknown) => sent.push([type, detail]), explain: () => "" };
   sendChosen(sink, job, "interior-keep");
   sendChosen(sink, job, "other");
-  const detail = { jobId: "job_1", choice: "interior-keep", option: "interior=keep", printable: true, sizeMm: [1, 2, 3], volumeMm3: 2, areaMm2: 22, thinnestWallMm: 0.5, weightG: null, parts: 1 };
+  const detail = { jobId: "job_1", choice: "interior-keep", option: "interior=keep", printable: true, printReady: null, sizeMm: [1, 2, 3], volumeMm3: 2, areaMm2: 22, thinnestWallMm: 0.5, weightG: null, parts: 1 };
   assert.deepEqual(sent, [["chosen", detail]]);
 });
 

@@ -21,15 +21,17 @@ function click(href: string, name: string): void {
 
 /**
  * Converts a result to another format. A printable result is only rewritten. Otherwise the uploaded file is repaired again with the same
- * options, because converting an unfinished result would repair it further.
+ * options, because converting an unfinished result would repair it further. The result of an alternative is repaired again too, because
+ * only a job's own result can be the source of another job.
  */
-export async function convert(job: Job, format: string, signal: AbortSignal): Promise<Artifact> {
-  const whole = claimsOf(job).isPrintable;
+export async function convert(job: Job, format: string, isAlternative: boolean, signal: AbortSignal): Promise<Artifact> {
+  const whole = claimsOf(job).isPrintable && !isAlternative;
+  const { alternatives: _, ...options } = optionsOf(job);
   const made = await submit(
     server,
     {
       source: whole ? { job_id: job.id, file: "model" } : { job_id: job.id },
-      options: whole ? { output: format, pictures: false } : { ...optionsOf(job), output: format },
+      options: whole ? { output: format, pictures: false } : { ...options, output: format },
       name: job.input.name,
     },
     newKey(),

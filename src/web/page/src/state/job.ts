@@ -1,10 +1,21 @@
-import { type Job, type Server, fetchArtifact, getJob } from "meshmend-client";
-
-type Report = NonNullable<Job["report"]>;
+import { type Artifact, type Job, type JobReport, type Server, Problem, fetchArtifact, getJob } from "meshmend-client";
+import { DEFAULT_CHOICE, withAlternative } from "../report/alternatives";
 
 /** The full report of a job; the report in the job itself has shortened lists. Jobs of old versions have only their own report. */
-export async function fullReport(server: Server, job: Job, signal?: AbortSignal): Promise<Report | null> {
+export async function fullReport(server: Server, job: Job, signal?: AbortSignal): Promise<JobReport | null> {
   const artifact = job.artifacts["report-full.json"];
   if (!artifact) return job.report ?? (await getJob(server, job.id, signal)).report ?? null;
-  return JSON.parse(new TextDecoder().decode(await fetchArtifact(server, artifact, signal))) as Report;
+  return reportIn(server, artifact, signal);
+}
+
+/** The job as if the chosen result were its only one. Without a choice, that is the job itself. */
+export async function jobOfChoice(server: Server, job: Job, choice: string, signal: AbortSignal): Promise<Job> {
+  if (choice === DEFAULT_CHOICE) return job;
+  const artifact = job.artifacts[`report-${choice}.json`];
+  if (!artifact) throw new Problem(404, "artifact_not_found", "", "");
+  return withAlternative(job, choice, await reportIn(server, artifact, signal));
+}
+
+async function reportIn(server: Server, artifact: Artifact, signal?: AbortSignal): Promise<JobReport> {
+  return JSON.parse(new TextDecoder().decode(await fetchArtifact(server, artifact, signal))) as JobReport;
 }

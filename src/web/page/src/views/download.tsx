@@ -1,6 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, Problem } from "meshmend-client";
-import { DEFAULT_CHOICE, modelOf } from "../report/alternatives";
 import { claimsOf } from "../report/verdict";
 import { convert, save } from "../state/download";
 import { lockIfUnauthorized } from "../state/server";
@@ -9,15 +8,13 @@ import { Icon } from "./icons";
 import { ProblemNote } from "./problem-note";
 
 /** Download buttons for the result, in its format or another. */
-export function Download({ job, can, choice }: { job: Job; can: Capabilities | null; choice: string }) {
+export function Download({ job, can, isAlternative }: { job: Job; can: Capabilities | null; isAlternative: boolean }) {
   const { words, figures } = usePageWords();
   const [making, setMaking] = useState("");
   const [problem, setProblem] = useState<Problem | null>(null);
   const stop = useRef(new AbortController());
   useEffect(() => () => stop.current.abort(), []);
-  const { model: own, original, isPrintable } = claimsOf(job);
-  const isOwn = choice === DEFAULT_CHOICE;
-  const model = isOwn ? own : modelOf(job, choice);
+  const { model, original, isPrintable } = claimsOf(job);
   const format = String(job.report?.mode === "repair" ? (job.report.output?.format ?? "") : "").toUpperCase();
 
   const doing = async (work: () => Promise<void>): Promise<void> => {
@@ -35,7 +32,7 @@ export function Download({ job, can, choice }: { job: Job; can: Capabilities | n
   };
   const other = (wanted: string): void => {
     setMaking(wanted.toUpperCase());
-    void doing(async () => save(await convert(job, wanted, stop.current.signal)));
+    void doing(async () => save(await convert(job, wanted, isAlternative, stop.current.signal)));
   };
   const others = (can?.output_formats ?? []).filter((other) => other.toUpperCase() !== format);
   const small = [
@@ -50,7 +47,7 @@ export function Download({ job, can, choice }: { job: Job; can: Capabilities | n
           <button type="button" class={isPrintable ? "primary large" : "plain large"} onClick={() => void doing(() => save(model))}>
             <Icon name="download" /> {words.download(format)} <span class="size">{figures.bytes(model.bytes ?? 0)}</span>
           </button>
-          {isOwn && <label class="other">
+          <label class="other">
             <span class="hidden">{words.otherFormat}</span>
             <select value="" disabled={making !== ""} onChange={(event) => other(event.currentTarget.value)}>
               <option value="" disabled>
@@ -62,7 +59,7 @@ export function Download({ job, can, choice }: { job: Job; can: Capabilities | n
                 </option>
               ))}
             </select>
-          </label>}
+          </label>
         </>
       )}
       <p class="links">

@@ -10,7 +10,7 @@ import { Stages } from "./stages";
 export function FileView({ item, can }: { item: FileItem; can: Capabilities | null }) {
   const { words } = usePageWords();
   const input = useRef<HTMLInputElement>(null);
-  if (item.phase === "ended" && item.job) return <Result job={item.job} file={item.file} can={can} />;
+  if (item.phase === "ended" && item.job) return <Result key={item.job.id} job={item.job} file={item.file} can={can} />;
   if (item.phase === "refused" && item.problem) {
     return (
       <section class="card wide">

@@ -1,9 +1,10 @@
-import { useRef, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { type Capabilities, type Job, type Options, Problem } from "meshmend-client";
 import { DEFAULT_CHOICE } from "../report/alternatives";
 import { server } from "../state/server";
 import { settings } from "../state/settings";
 import { again, sendFile } from "../state/items";
+import { jobOfChoice } from "../state/job";
 import { usePageWords } from "../words/page-locale";
 import { Alternatives } from "./alternatives";
 import { Download } from "./download";
@@ -23,13 +24,24 @@ import { type Shown, ViewerPane } from "./viewer-pane";
 import { WhatToDo } from "./what-to-do";
 
 /** The result for a model: the verdict, both models in 3D, the files, and all numbers. */
-export function Result({ job, file, can }: { job: Job; file: File | null; can: Capabilities | null }) {
+export function Result({ job: own, file, can }: { job: Job; file: File | null; can: Capabilities | null }) {
   const { words } = usePageWords();
+  const [{ choice, job }, setChosen] = useState({ choice: DEFAULT_CHOICE, job: own });
   const report = job.report?.mode === "repair" ? job.report : null;
   const { unit } = useStore(settings);
   const [shown, setShown] = useState<Shown | null>(null);
   const [problem, setProblem] = useState<Problem | null>(null);
-  const [choice, choose] = useState(DEFAULT_CHOICE);
+  const choosing = useRef(new AbortController());
+  useEffect(() => () => choosing.current.abort(), []);
+  const choose = (id: string): void => {
+    choosing.current.abort();
+    const { signal } = (choosing.current = new AbortController());
+    setProblem(null);
+    jobOfChoice(server, own, id, signal).then(
+      (job) => signal.aborted || setChosen({ choice: id, job }),
+      (error: unknown) => signal.aborted || setProblem(Problem.from(error)),
+    );
+  };
   const isUnderWay = useRef(false);
   const retry = (options: Options): void => {
     if (isUnderWay.current) return;
@@ -63,9 +75,9 @@ export function Result({ job, file, can }: { job: Job; file: File | null; can: C
           {job.problem && <ProblemNote problem={job.problem} />}
           {!isKept && <p>{words.expiredMore}</p>}
           {report && <UnitQuestion key={`unit-${job.id}`} job={job} report={report} retry={retry} />}
-          {isKept && <Alternatives job={job} server={server} unit={unit} choice={choice} choose={choose} />}
-          {report && <Thickness key={job.id} job={job} report={report} viewer={shown?.viewer ?? null} retry={retry} />}
-          <Download job={job} can={can} choice={choice} />
+          {isKept && <Alternatives job={own} server={server} unit={unit} choice={choice} choose={choose} />}
+          {report && <Thickness key={`thickness-${choice}`} job={job} report={report} viewer={shown?.viewer ?? null} retry={retry} />}
+          <Download key={`download-${choice}`} job={job} can={can} isAlternative={choice !== DEFAULT_CHOICE} />
           <WhatToDo job={job} can={can} retry={retry} />
           {job.status === "succeeded" && !isShown && !hasPictures && <p class="aside">{words.noPreview}</p>}
           {isKept && <Share job={job} />}
@@ -76,7 +88,7 @@ export function Result({ job, file, can }: { job: Job; file: File | null; can: C
           <Printing job={job} shown={shown} />
         </div>
       </div>
-      <ProcessCheck key={job.id} job={job} shown={shown} retry={retry} />
+      <ProcessCheck key={choice} job={job} shown={shown} retry={retry} />
       {report?.objects && report.objects.length > 1 && <Objects objects={report.objects} />}
       {report && <Numbers report={report} />}
     </article>

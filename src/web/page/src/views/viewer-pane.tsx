@@ -51,9 +51,11 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
   const [wanted, want] = useState(weight <= LARGE);
   const go = useRef<() => void>(() => undefined);
 
+  const model = job.artifacts["model"]?.href;
   // A layout effect ends in the same turn in which its canvas goes, so that a load that goes on never writes to a canvas that is gone.
   useLayoutEffect(() => {
     const stop = new AbortController();
+    setState("loading");
     const load = async (): Promise<void> => {
       const { Viewer, readAppearance, readColouredMesh } = await import("../viewer/mod");
       if (stop.signal.aborted || !canvas.current || !over.current) return;
@@ -73,7 +75,7 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
       };
       const remaining = read(at("remaining.glb"));
       if (at("defects-preview.glb")) {
-        const [before, change] = await Promise.all([read(at("defects-preview.glb")), read(at("change-preview.glb"))]);
+        const [before, change] = await Promise.all([read(at("defects-preview.glb")), read(at("change-preview.glb") ?? at("change.glb"))]);
         place(before, change, "coarse");
         setShown({ viewer, before, change, remaining: await remaining });
         setState("coarse");
@@ -108,7 +110,7 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
       stop.abort();
       setShown(null);
     };
-  }, [job.id]);
+  }, [job.id, model]);
 
   const change = (next: Mode): void => {
     setMode(next);
@@ -129,7 +131,7 @@ export function ViewerPane({ job, file, shown, setShown }: Props) {
       <ViewerBar shown={shown} mode={mode} setMode={change} hasAfter={hasAfter} box={box} unit={unitOfJob(job)} hasColours={hasColours} isMeasuring={isMeasuring} setMeasuring={setMeasuring} />
       {isMeasuring && shown && <Ruler viewer={shown.viewer} canvas={canvas} unit={unit} modelUnit={unitOfJob(job)} close={() => setMeasuring(false)} />}
       <div class="canvas-box">
-        <canvas key={job.id} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(shown?.viewer, event)} />
+        <canvas key={`${job.id} ${model}`} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(shown?.viewer, event)} />
         <div class="over" ref={over}>
           {hasAfter && mode !== "after" && <span class="tag before">{words.before}</span>}
           {hasAfter && mode !== "before" && <span class="tag after">{words.after}</span>}

@@ -54,9 +54,9 @@ export function sendEnd(sink: EventSink, job: Job): void {
 export function sendChosen(sink: EventSink, job: Job, choice: string): void {
   const chosen = choicesOf(job).find(({ id }) => id === choice);
   if (!chosen) return;
-  const { option, printable, size_mm: size, volume_mm3: volume, area_mm2: areaMm2, thinnest_wall_mm: wall, weight_g: weight, parts } = chosen;
+  const { option, printable, print_ready: printReady, size_mm: size, volume_mm3: volume, area_mm2: areaMm2, thinnest_wall_mm: wall, weight_g: weight, parts } = chosen;
   const sizeMm: Point | null = size ? [size[0]!, size[1]!, size[2]!] : null;
-  sink.send("chosen", { jobId: job.id, choice, option: option ?? null, printable, sizeMm, volumeMm3: volume ?? null, areaMm2, thinnestWallMm: wall ?? null, weightG: weight ?? null, parts });
+  sink.send("chosen", { jobId: job.id, choice, option: option ?? null, printable, printReady: printReady ?? null, sizeMm, volumeMm3: volume ?? null, areaMm2, thinnestWallMm: wall ?? null, weightG: weight ?? null, parts });
 }
 
 export function sendRefusal(sink: EventSink, jobId: string | null, { code, title, detail }: Problem): void {

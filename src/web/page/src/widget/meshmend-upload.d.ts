@@ -67,6 +67,8 @@ export interface ChosenDetail {
   /** The option in which the result differs from the default, as `name=value`. */
   option: string | null;
   printable: boolean;
+  /** Whether the result meets all rules of the job's process; null without a process. */
+  printReady: boolean | null;
   sizeMm: Point | null;
   volumeMm3: number | null;
   areaMm2: number;

@@ -37,9 +37,11 @@ export function ModelView({ job, server, file, shown }: Props) {
   const [state, setState] = useState<"loading" | "ready" | "missing">("loading");
   const hasAfter = "change.glb" in job.artifacts;
 
+  const model = job.artifacts["model"]?.href;
   // A layout effect ends in the same turn in which its canvas goes, so that a load that goes on never writes to a canvas that is gone.
   useLayoutEffect(() => {
     const stop = new AbortController();
+    setState("loading");
     // Customers get the coarse preview of a large model, which is as small as a picture.
     const at = (name: string): Artifact | undefined => job.artifacts[`${name}-preview.glb`] ?? job.artifacts[`${name}.glb`];
     const load = async (): Promise<void> => {
@@ -51,7 +53,7 @@ export function ModelView({ job, server, file, shown }: Props) {
       if (stop.signal.aborted || !canvas.current || !over.current) return;
       const viewer = new Viewer(canvas.current, over.current, upOfJob(job));
       stop.signal.addEventListener("abort", () => viewer.dispose());
-      viewer.setMode("wipe");
+      viewer.setMode(mode);
       viewer.compare(before, change, "fine");
       // The result shows only the defects that the verdict mentions.
       if (remaining && !claimsOf(job).isPrintable) viewer.lay("after", remaining, "fine", (kind) => kind !== "sound" && !isRemark(kind));
@@ -75,7 +77,7 @@ export function ModelView({ job, server, file, shown }: Props) {
       stop.abort();
       shown(null);
     };
-  }, [job.id]);
+  }, [job.id, model]);
 
   if (state === "missing") return <Picture job={job} server={server} />;
   const choose = (next: Mode): void => {
@@ -99,7 +101,7 @@ export function ModelView({ job, server, file, shown }: Props) {
         </button>
       </div>
       <div class="canvas-box">
-        <canvas ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(viewer, event)} />
+        <canvas key={model} ref={canvas} tabIndex={0} role="img" aria-label={words.canvas(job.input.name)} title={words.viewerHelp} onKeyDown={(event) => pressed(viewer, event)} />
         <div class="over" ref={over}>
           {hasAfter && mode !== "after" && <span class="tag before">{words.before}</span>}
           {hasAfter && mode !== "before" && <span class="tag after">{words.after}</span>}
@@ -133,7 +135,7 @@ function Picture({ job, server }: { job: Job; server: Server }) {
     // Without the picture, the texts remain.
     if (drawn) load(drawn).catch(() => undefined);
     return () => stop.abort();
-  }, [job.id]);
+  }, [drawn?.href]);
   return (
     <div class="look" part="view">
       <canvas class="picture" ref={canvas} role="img" aria-label={drawn === job.artifacts["after.png"] ? words.after : words.before} />

@@ -1,5 +1,5 @@
 import { useState } from "preact/hooks";
-import type { Capabilities, Job, Options } from "meshmend-client";
+import { type Capabilities, type Job, type Options, Problem } from "meshmend-client";
 import { readinessOf } from "../report/print-ready";
 import type { Unit } from "../units";
 import { Alternatives } from "../views/alternatives";
@@ -18,14 +18,30 @@ import { metricsOf } from "./metrics";
 import type { Session } from "./session";
 import { useTexts } from "./texts";
 
+interface Props {
+  session: Session;
+  /** The job as the service describes it. */
+  own: Job;
+  /** The job as if the chosen result were its only one. */
+  job: Job;
+  can: Capabilities | null;
+  unit: Unit;
+  choice: string;
+}
+
 /** The result: both models, verdict and numbers, and what may help if the model is not printable. */
-export function Outcome({ session, job, can, unit, choice }: { session: Session; job: Job; can: Capabilities | null; unit: Unit; choice: string }) {
+export function Outcome({ session, own, job, can, unit, choice }: Props) {
   const texts = useTexts();
   const { words } = useWords();
   const server = session.server;
   const report = job.report?.mode === "repair" ? job.report : null;
   const readiness = readinessOf(job);
   const [viewer, setViewer] = useState<Viewer | null>(null);
+  const [problem, setProblem] = useState<Problem | null>(null);
+  const choose = (id: string): void => {
+    setProblem(null);
+    session.choose(id).catch((error: unknown) => setProblem(Problem.from(error)));
+  };
   const retry = (options: Options): void => session.again(options);
   const hasThickness = report !== null && session.isFree("thickness") && session.isFree("open_sheets");
   return (
@@ -40,9 +56,10 @@ export function Outcome({ session, job, can, unit, choice }: { session: Session;
           </div>
           {job.problem && <ProblemNote problem={job.problem} />}
           {report && session.isFree("unit") && session.isFree("scale_to") && <UnitQuestion job={job} report={report} retry={retry} heading="h3" />}
-          {server && <Alternatives job={job} server={server} unit={unit} choice={choice} choose={(id) => session.choose(id)} heading="h3" />}
+          {server && <Alternatives job={own} server={server} unit={unit} choice={choice} choose={choose} heading="h3" />}
+          {problem && <ProblemNote problem={problem} />}
           {readiness && <PrintReady job={job} readiness={readiness} heading="h3" retry={retry} maySet={(option) => session.isFree(option)} />}
-          {hasThickness && <Thickness job={job} report={report} viewer={viewer} retry={retry} heading="h3" />}
+          {hasThickness && <Thickness key={choice} job={job} report={report} viewer={viewer} retry={retry} heading="h3" />}
           <WhatToDo job={job} can={can} retry={retry} />
           {report && session.isFree("unit") && session.isFree("scale_to") && (
             <details class="settings">

@@ -1,6 +1,7 @@
 import { type Capabilities, type Job, type NewJob, type Options, type ProgressEvent, type Server, Problem, announce, cancelJob, capabilities, follow, send, standing, submitWithRetry } from "meshmend-client";
 import { DEFAULT_CHOICE } from "../report/alternatives";
 import { claimsOf } from "../report/verdict";
+import { jobOfChoice } from "../state/job";
 import { Store } from "../state/store";
 import { type EventSink, sendChosen, sendEnd, sendProgress, sendRefusal, sendUploaded } from "./events";
 import type { Tokens } from "./tokens";
@@ -18,11 +19,13 @@ export interface State {
   problem: Problem | null;
   /** The id of the result that the customer chose among the alternatives. */
   choice: string;
+  /** The job as if the chosen result were its only one; null while nothing but the default was chosen. */
+  chosen: Job | null;
   /** The service's capabilities, fetched only if the result is not printable. */
   can: Capabilities | null;
 }
 
-const EMPTY: State = { phase: "empty", name: "", bytes: 0, sent: 0, progress: null, job: null, problem: null, choice: DEFAULT_CHOICE, can: null };
+const EMPTY: State = { phase: "empty", name: "", bytes: 0, sent: 0, progress: null, job: null, problem: null, choice: DEFAULT_CHOICE, chosen: null, can: null };
 
 /** The shop's settings for its jobs, from the attributes. Reading them throws a `Problem` if an attribute is malformed. */
 export interface ShopSettings {
@@ -39,6 +42,7 @@ export class Session {
   /** The service, with the token that submitted the current job. */
   #server: Server | null = null;
   #stop = new AbortController();
+  #choosing = new AbortController();
 
   constructor(
     readonly settings: () => ShopSettings,
@@ -111,11 +115,19 @@ export class Session {
     });
   }
 
-  /** Takes one of the job's results. Nothing is repaired again. */
-  choose(choice: string): void {
-    this.state.change((now) => ({ ...now, choice }));
+  /** Takes one of the job's results, once its report is loaded. Nothing is repaired again. Throws a `Problem` if the report is unavailable. */
+  async choose(choice: string): Promise<void> {
     const { job } = this.state.value;
-    if (job) sendChosen(this.sink, job, choice);
+    if (!job || !this.#server) return;
+    this.#choosing.abort();
+    const { signal } = (this.#choosing = new AbortController());
+    const chosen = await jobOfChoice(this.#server, job, choice, signal).catch((error: unknown) => {
+      if (!signal.aborted) throw error;
+      return null;
+    });
+    if (!chosen || signal.aborted || this.state.value.job !== job) return;
+    this.state.change((now) => ({ ...now, choice, chosen }));
+    sendChosen(this.sink, job, choice);
   }
 
   reset(): void {

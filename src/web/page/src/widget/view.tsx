@@ -72,7 +72,7 @@ function Box({ session, lang, unit, accept }: Omit<Props, "language"> & { lang: 
     >
       {shown === "empty" && <DropZone accept={accept} over={over} take={take} />}
       {shown === "busy" && <Progress session={session} state={state} />}
-      {shown === "ended" && state.job && <Outcome key={state.job.id} session={session} job={state.job} can={state.can} unit={unit} choice={state.choice} />}
+      {shown === "ended" && state.job && <Outcome key={state.job.id} session={session} own={state.job} job={state.chosen ?? state.job} can={state.can} unit={unit} choice={state.choice} />}
       {shown === "refused" && <Refused session={session} state={state} />}
       {over && shown !== "empty" && <p class="letgo">{texts.letGo}</p>}
       {note && (
