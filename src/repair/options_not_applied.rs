@@ -28,6 +28,8 @@ enum Rule {
 enum OperatorRule {
     /// No exception.
     Plain,
+    /// The option refines another one, which gives the reason if nothing was done.
+    Refines,
     WeldTolerance,
     StitchThreshold,
     StitchEpsilon,
@@ -137,7 +139,7 @@ const RULES: &[(&str, Rule)] = {
             "thicken_to_process",
             Operators(OperatorRule::MinWall, &[O::ThickenWalls], "no wall is thinner than the limit"),
         ),
-        ("wall_growth", Operators(OperatorRule::Plain, &[O::ThickenWalls], "no wall was thickened")),
+        ("wall_growth", Operators(OperatorRule::Refines, &[O::ThickenWalls], "no wall was thickened")),
         ("interior", Rule::Special(SpecialRule::Interior)),
         ("seal_mm", Operators(OperatorRule::Plain, &[O::FillInterior], "the interior was not filled")),
         ("islands", Rule::Special(SpecialRule::Islands)),
@@ -146,7 +148,7 @@ const RULES: &[(&str, Rule)] = {
             "keep_cavities_over_mm3",
             Operators(OperatorRule::Plain, &[O::FillVoids], "no sealed cavity is small enough to be filled"),
         ),
-        ("vent_diameter_mm", Operators(OperatorRule::Plain, &[O::VentVoids], "no cavity was vented")),
+        ("vent_diameter_mm", Operators(OperatorRule::Refines, &[O::VentVoids], "no cavity was vented")),
         ("target_height_mm", Always),
         ("target_longest_mm", Always),
     ]
@@ -238,9 +240,7 @@ fn asks_for_change(options: &Options, name: &str, by: OperatorRule) -> bool {
         OperatorRule::Voids => options.print.voids != Voids::Keep,
         OperatorRule::WeldTolerance => !is_zero && options.weld_tolerance >= defaults.weld_tolerance,
         OperatorRule::DegenerateTolerance => !is_zero && options.degenerate_tolerance >= defaults.degenerate_tolerance,
-        OperatorRule::Plain | OperatorRule::StitchThreshold | OperatorRule::Thickness | OperatorRule::MinWall => {
-            !is_zero
-        }
+        _ => !is_zero,
     }
 }
 
@@ -305,7 +305,8 @@ impl OptionCheck<'_> {
             return Some((NotAppliedCause::Unavailable, why));
         }
         if let Some(left) = left {
-            return Some((NotAppliedCause::Unavailable, left.to_owned()));
+            let reason = if by == OperatorRule::Refines { nothing } else { left };
+            return Some((NotAppliedCause::Unavailable, reason.to_owned()));
         }
         let needs_tier_2 = own().next().is_none() && self.strategy().is_some() && self.options.max_tier < 2;
         if needs_tier_2 {

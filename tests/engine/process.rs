@@ -100,6 +100,21 @@ fn only_cavities_up_to_a_volume_are_filled() {
 }
 
 #[test]
+fn cavities_that_no_vent_reaches_are_counted_by_reason() {
+    let cavity = |at: f64, side: f64| inside_out(cube(DVec3::splat(at), side, 2));
+    let holey =
+        [cavity(5.0, 5.0), cavity(12.0, 3.0)].iter().fold(cube(DVec3::ZERO, 20.0, 2), |all, one| join(&all, one));
+    let print = PrintOptions { voids: Voids::Vent, vent_diameter_mm: Some(30.0), ..PrintOptions::default() };
+    let repaired = run(&holey, print);
+    assert_outcome(&repaired, Outcome::AlreadyPrintable);
+    let reasons =
+        repaired.report.options_not_applied.iter().map(|entry| (entry.option.as_str(), entry.reason.as_str()));
+    let no_way = "2 cavities, of which the largest is at (7.500000, 7.500000, 7.500000): no straight bore of this diameter \
+                  leads through one wall to the outside";
+    assert_eq!(reasons.collect::<Vec<_>>(), [("voids", no_way), ("vent_diameter_mm", "no cavity was vented")]);
+}
+
+#[test]
 fn a_vented_cavity_is_open_and_its_process_accepts_it() {
     let process = Some("sla".to_owned());
     let sealed = run(&hollow_cube(), PrintOptions { process: process.clone(), ..PrintOptions::default() });

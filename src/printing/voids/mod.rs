@@ -3,6 +3,7 @@
 //! A sealed void keeps powder or resin inside, and nobody sees it from outside.
 
 mod neck;
+mod nesting;
 mod rays;
 mod regions;
 mod sealed;

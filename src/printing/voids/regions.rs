@@ -5,26 +5,15 @@ use std::cmp::Ordering;
 use glam::DVec3;
 use smallvec::SmallVec;
 
+use super::nesting::Nesting;
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Crossing, Tree, crossing, order_around, ray_direction, to_unit_range};
+use crate::math::{Box3, order_around, to_unit_range};
 use crate::mesh::{ClosedSurface, Edges, NotClosed, Surface, UnionFind};
 
 /// The region that reaches to infinity.
 pub const OUTSIDE: u32 = 0;
 /// The region of the sides of a face that bounds nothing: one with a repeated vertex, or in a piece without any area.
 pub const NO_REGION: u32 = u32::MAX;
-
-/// Rays that are tried to find what surrounds a piece of the surface.
-const ATTEMPTS: u32 = 16;
-/// Length of a ray on the unit scale, where every coordinate is below 2: it starts outside of the model.
-const RAY_LENGTH: f64 = 8.0;
-/// How far a ray runs on behind the face that it aims at, on the unit scale.
-const RAY_OVERSHOOT: f64 = 1e-3;
-/// The error of a hit's parameter for a ray at right angles to the face.
-const HIT_ERROR: f64 = 1e-14;
-/// Budget of all rays: faces visited, a fixed allowance plus an allowance per face.
-const BUDGET: u64 = 20_000_000;
-const BUDGET_PER_FACE: u64 = 16;
 
 /// Why the regions of a surface could not be found.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -66,7 +55,7 @@ impl Regions {
     /// Finds the regions of a surface whose faces meet only in common edges and vertices. O(n log n), plus a few rays
     /// for each connected piece.
     ///
-    /// Decisions are exact, but for the order of faces along a ray: faces too close to order make it try another ray.
+    /// Decisions are exact. Where the order of faces along a ray can't be decided, another ray is tried.
     ///
     /// # Errors
     /// [`RegionsError`] if winding numbers contradict each other, if the nesting is undecided, and on cancellation.
@@ -90,9 +79,14 @@ impl Regions {
                 pieces.unite(face, next);
             }
         }
-        let nesting = Nesting::new(surface, &unit, pieces.into_roots());
+        let mut nesting = Nesting::new(surface, &unit, pieces.into_roots());
         let is_flat = nesting.flat_faces();
-        nesting.unite(&mut sides, infinity, &is_flat, context)?;
+        for piece in nesting.pieces().into_iter().filter(|&piece| !is_flat[piece as usize]) {
+            context.check()?;
+            let [outer, around] =
+                nesting.surroundings(piece, infinity).ok_or(RegionsError::Undecided { face: piece })?;
+            sides.unite(outer, around);
+        }
         let (of_side, regions) = numbered(sides, &is_flat);
         Self::merged(of_side, regions)
     }
@@ -273,137 +267,6 @@ fn winding_numbers(of_side: &[u32], regions: usize) -> Result<Vec<i32>, RegionsE
         }
     }
     winding.into_iter().map(|number| number.ok_or(RegionsError::NotClosed(NotClosed))).collect()
-}
-
-/// A face that a ray passes through.
-struct RayHit {
-    face: u32,
-    /// The parameter along the ray, and its error.
-    parameter: f64,
-    error: f64,
-    /// Whether the ray passes from the front of the face to its back.
-    enters: bool,
-}
-
-/// Finds what surrounds each connected piece of the surface.
-struct Nesting<'a> {
-    unit: &'a [DVec3],
-    faces: &'a [[u32; 3]],
-    /// For each face the smallest face of its piece.
-    piece_of: Vec<u32>,
-    tree: Tree,
-    budget: u64,
-}
-
-impl<'a> Nesting<'a> {
-    fn new(surface: &'a Surface, unit: &'a [DVec3], piece_of: Vec<u32>) -> Self {
-        let tree = Tree::new(unit, &surface.faces);
-        let budget = BUDGET + BUDGET_PER_FACE * surface.faces.len() as u64;
-        Self { unit, faces: &surface.faces, piece_of, tree, budget }
-    }
-
-    fn corners(&self, face: u32) -> [DVec3; 3] {
-        self.faces[face as usize].map(|v| self.unit[v as usize])
-    }
-
-    fn doubled_area_squared(&self, face: u32) -> f64 {
-        let [a, b, c] = self.corners(face);
-        (b - a).cross(c - a).length_squared()
-    }
-
-    /// For each face the largest face of its piece, at the index of the piece.
-    fn largest_faces(&self) -> Vec<u32> {
-        let mut largest: Vec<u32> = (0..index(self.faces.len())).collect();
-        for face in 0..index(self.faces.len()) {
-            let best = &mut largest[self.piece_of[face as usize] as usize];
-            if self.doubled_area_squared(face) > self.doubled_area_squared(*best) {
-                *best = face;
-            }
-        }
-        largest
-    }
-
-    /// For each face whether it bounds nothing: it has a repeated vertex, or no face of its piece has an area.
-    fn flat_faces(&self) -> Vec<bool> {
-        let largest = self.largest_faces();
-        let encloses_nothing = |piece: u32| self.doubled_area_squared(largest[piece as usize]) == 0.0;
-        let has_repeated_vertex = |[a, b, c]: [u32; 3]| a == b || b == c || c == a;
-        self.faces
-            .iter()
-            .zip(&self.piece_of)
-            .map(|(&f, &piece)| has_repeated_vertex(f) || encloses_nothing(piece))
-            .collect()
-    }
-
-    /// Unites the outer side of each piece with the side of the face that surrounds it, or with `infinity`.
-    fn unite(
-        mut self,
-        sides: &mut UnionFind,
-        infinity: u32,
-        is_flat: &[bool],
-        context: &Context<'_>,
-    ) -> Result<(), RegionsError> {
-        let largest = self.largest_faces();
-        for piece in 0..index(self.faces.len()) {
-            if self.piece_of[piece as usize] != piece || is_flat[piece as usize] {
-                continue;
-            }
-            context.check()?;
-            let [outer, around] =
-                self.surroundings(largest[piece as usize], infinity).ok_or(RegionsError::Undecided { face: piece })?;
-            sides.unite(outer, around);
-        }
-        Ok(())
-    }
-
-    /// The outer side of a face's piece, and the side around it: along a ray from infinity to the face, the first side
-    /// of the piece, and the last side before it.
-    fn surroundings(&mut self, face: u32, infinity: u32) -> Option<[u32; 2]> {
-        let piece = self.piece_of[face as usize];
-        let centre = self.corners(face).iter().sum::<DVec3>() / 3.0;
-        (0..ATTEMPTS).find_map(|attempt| {
-            let direction = ray_direction(attempt);
-            let hits = self.hits(centre + direction * RAY_LENGTH, centre - direction * RAY_OVERSHOOT)?;
-            let first = hits.iter().position(|hit| self.piece_of[hit.face as usize] == piece)?;
-            let (hit, before) = (&hits[first], first.checked_sub(1).map(|before| &hits[before]));
-            let error = hits.iter().map(|hit| hit.error).fold(0.0, f64::max);
-            let is_ordered = |pair: &[RayHit]| pair[1].parameter - pair[0].parameter > 2.0 * error;
-            if !hits[..hits.len().min(first + 2)].windows(2).all(is_ordered) {
-                return None;
-            }
-            let outer = 2 * hit.face + u32::from(!hit.enters);
-            Some([outer, before.map_or(infinity, |before| 2 * before.face + u32::from(before.enters))])
-        })
-    }
-
-    /// The faces that a ray passes through, in order. `None` if it touches one, or if the budget ran out.
-    fn hits(&mut self, from: DVec3, to: DVec3) -> Option<Vec<RayHit>> {
-        let (mut hits, mut clear, mut budget) = (Vec::new(), true, self.budget);
-        self.tree.along(from, to, |face| {
-            budget = budget.saturating_sub(1);
-            let corners = self.corners(face);
-            match crossing(from, to, corners) {
-                Crossing::Miss => {}
-                Crossing::Touches => clear = false,
-                found @ (Crossing::Enters | Crossing::Leaves) => {
-                    hits.push(ray_hit(face, corners, [from, to], found == Crossing::Enters));
-                }
-            }
-            clear && budget > 0
-        });
-        self.budget = budget;
-        hits.sort_by(|a, b| a.parameter.total_cmp(&b.parameter).then(a.face.cmp(&b.face)));
-        (clear && budget > 0).then_some(hits)
-    }
-}
-
-fn ray_hit(face: u32, [a, b, c]: [DVec3; 3], [from, to]: [DVec3; 2], enters: bool) -> RayHit {
-    let normal = (b - a).cross(c - a).normalize_or_zero();
-    let slope = normal.dot(to - from);
-    let parameter = normal.dot(a - from) / slope;
-    // A face seen edge-on or without a normal gets an error that excludes the ray.
-    let error = if slope == 0.0 { f64::INFINITY } else { HIT_ERROR * RAY_LENGTH / slope.abs() };
-    RayHit { face, parameter, error, enters }
 }
 
 /// Six times the signed volume between a point and a face.

@@ -128,3 +128,18 @@ fn parts_without_area_are_ignored() {
         assert_eq!(voids.iter().map(|void| void.volume).collect::<Vec<_>>(), [1.0]);
     });
 }
+
+#[test]
+fn a_void_that_is_narrower_than_rounding_errors_along_a_ray_is_found() {
+    quietly(|context| {
+        let least = 1.0f64.next_up();
+        let shells = joined(&[
+            cuboid(DVec3::splat(-2.0), DVec3::splat(2.0)),
+            inverted(cuboid(DVec3::splat(-least), DVec3::splat(least))),
+            cuboid(DVec3::NEG_ONE, DVec3::ONE),
+        ]);
+        let voids = voids_in(&shells, context);
+        assert_eq!(voids.len(), 1, "{voids:?}");
+        assert!(voids[0].volume >= 0.0 && voids[0].volume < 1e-12, "{}", voids[0].volume);
+    });
+}

@@ -5,7 +5,7 @@ use super::self_union::SelfUnionRounds;
 use crate::arrange::{Exact, WindingRule};
 use crate::mesh::{ClosedSurface, Edges, NO_SOURCE, REQUESTED_SOURCE, Surface};
 use crate::printing::fill::fill_voids;
-use crate::printing::vents::{UnionError, VentError, VentOptions, vent_voids};
+use crate::printing::vents::{UnionError, VentError, VentFailure, VentOptions, Vented, vent_voids};
 use crate::printing::voids::{Regions, RegionsError, voids_of};
 use crate::repair::{Cancelled, Change, ChangeKind, Context};
 
@@ -97,11 +97,7 @@ impl Operation<'_> for VentVoids {
         let mut opened: Vec<usize> = vented.vents.iter().map(|vent| vent.void).collect();
         opened.sort_unstable();
         opened.dedup();
-        let reasons = vented.failed.iter().map(|(void, failure)| {
-            let [x, y, z] = vented.voids[*void].at.to_array();
-            format!("the cavity at ({x:.6}, {y:.6}, {z:.6}): {failure}")
-        });
-        let left = reasons.reduce(|all, one| format!("{all}; {one}"));
+        let left = cavities_left(&vented);
         if !opened.is_empty() {
             let known = surface.source.contains(&NO_SOURCE);
             *surface = vented.surface;
@@ -116,6 +112,26 @@ impl Operation<'_> for VentVoids {
         ]);
         Ok(Applied { changes, left, ..Applied::default() })
     }
+}
+
+/// The cavities with fewer bores than requested, by reason; `None` if there are none.
+fn cavities_left(vented: &Vented) -> Option<String> {
+    let mut by_reason: Vec<(&VentFailure, Vec<usize>)> = Vec::new();
+    for (void, failure) in &vented.failed {
+        match by_reason.iter_mut().find(|(known, _)| *known == failure) {
+            Some((_, voids)) => voids.push(*void),
+            None => by_reason.push((failure, vec![*void])),
+        }
+    }
+    let reasons = by_reason.iter().filter_map(|(failure, voids)| {
+        let [x, y, z] = vented.voids[*voids.iter().min()?].at.to_array();
+        let cavities = match voids.len() {
+            1 => "the cavity".to_owned(),
+            count => format!("{count} cavities, of which the largest is"),
+        };
+        Some(format!("{cavities} at ({x:.6}, {y:.6}, {z:.6}): {failure}"))
+    });
+    reasons.reduce(|all, one| format!("{all}; {one}"))
 }
 
 /// Marks faces without a source as surface that the options asked for.
