@@ -17,6 +17,7 @@ impl Prepared<'_> {
         if self.is_no_wall([f, h], limit) || self.share_a_vertex(f, h) {
             return Least::Nothing;
         }
+        *steps = steps.saturating_sub(16);
         let Some([p, q]) = self.nearest_points(f, h) else { return Least::Nothing };
         let length = p.distance(q);
         // A shorter chord depends on the rounding of its ends.
@@ -153,7 +154,7 @@ impl Prepared<'_> {
     }
 
     /// The faces that meet at a point of face `f`.
-    fn faces_at(&self, f: u32, p: DVec3) -> Faces {
+    pub(super) fn faces_at(&self, f: u32, p: DVec3) -> Faces {
         let (face, corners) = (self.surface.faces[f as usize], self.corners(f));
         if let Some(i) = corner_at(corners, p) {
             self.stars.of(face[i]).iter().copied().collect()

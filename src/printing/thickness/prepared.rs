@@ -47,6 +47,12 @@ impl Below {
     pub fn least_dot(&self, normal: Vec3A) -> f32 {
         (normal * self.low).min(normal * self.high).element_sum() - SLACK
     }
+
+    /// Upper bound of the dot product of a unit vector with the normals below.
+    #[inline]
+    pub fn most_dot(&self, normal: Vec3A) -> f32 {
+        (normal * self.low).max(normal * self.high).element_sum() + SLACK
+    }
 }
 
 /// A surface prepared for thickness queries. For gaps the faces are reversed, so that material and air change places.

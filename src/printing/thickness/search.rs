@@ -15,14 +15,21 @@ use super::prepared::{Below, OPPOSED, Prepared, TILT};
 const STAGES: [(usize, u64); 3] = [(1 << 14, 1 << 13), (256, 1 << 19), (8, 1 << 24)];
 /// Steps for all faces together: a base, and a number per face.
 const BUDGET: [u64; 2] = [1 << 30, 600];
-/// Cost in steps of the comparison of two faces.
+/// Cost in steps of the comparison of two faces, and of the visit of a node in a search for chords at concave edges.
 const PAIR_COST: u64 = 6;
+const CONCAVE_COST: u64 = 2;
 /// The error of coordinates in the tree's frame, which are at most 1, and more than that.
 const SLACK: f64 = 1e-6;
 /// A face is wide if its radius is more than this share of the bound.
 const WIDE: f64 = 2.0;
 /// Planes that enclose a smaller angle than 1 degree form no tip. Sine of the angle.
 const LEAST_TAPER: f64 = 0.017_452_406_437_283_5;
+/// How far a chord at a corner can lean away from the perpendicular on a face, in radians: 61.9 degrees, since the face may be turned half as
+/// much towards the chord as the foremost face there.
+const FOREMOST: f32 = 1.08;
+/// How far a chord at a sharp concave edge can lean besides [`TILT`], as a share of the angle between the normals there: about a half at an
+/// edge, and more at the bottom of a pit.
+const LEAN: f32 = 0.75;
 /// Share of the way to the line where the planes of two faces meet that a tip must reach.
 const TIP_REACH: f64 = 0.8;
 
@@ -168,14 +175,35 @@ impl Query<'_> {
         below.least_dot(self.normal) <= most + 1e-4
     }
 
+    /// Whether a chord from the edges that `reach` is about can end in a box, which has these faces: on neither face may it lean more than
+    /// an edge allows. Always true for perpendicular chords.
+    #[expect(clippy::cast_possible_truncation, reason = "the slack covers the rounding")]
+    fn may_end_in(&self, reach: &Reach, [low, high]: [Vec3A; 2], below: &Below) -> bool {
+        let &Reach::Box { low: from, high: to, .. } = reach else { return true };
+        let way = (low + high - from - to) * 0.5;
+        let (distance, radius) = (way.length(), (high - low + to - from).length() * 0.5 + 4.0 * SLACK as f32);
+        if radius >= distance {
+            return true;
+        }
+        let direction = way / distance;
+        let may_lean = |most_dot: f32, spread: f32| {
+            let angle = || (radius / distance).asin() + (FOREMOST + spread / 4.0).max(TILT as f32 + LEAN * spread);
+            // The cosine of `FOREMOST` saves computing most angles.
+            most_dot >= 0.472 || most_dot >= angle().min(std::f32::consts::PI).cos() - 1e-4
+        };
+        may_lean(-self.normal.dot(direction), self.prepared.spread[self.face as usize])
+            && may_lean(below.most_dot(direction), below.spread)
+    }
+
     fn run(&mut self) {
         let Some(bvh) = &self.prepared.tree.bvh else { return };
+        let cost = if self.is_concave { CONCAVE_COST } else { 1 };
         let mut reach = self.reach();
         let mut stack: SmallVec<[u32; 64]> = SmallVec::new();
         stack.push(0);
         while let Some(at) = stack.pop() {
             let node = &bvh.nodes[at as usize];
-            let left = self.steps.checked_sub(1);
+            let left = self.steps.checked_sub(cost);
             self.steps = left.unwrap_or(0);
             if left.is_none() {
                 self.found.undecided = Some(0.0);
@@ -199,7 +227,8 @@ impl Query<'_> {
             let [a, b] = children.map(|child| {
                 let aabb = bvh.nodes[child as usize].aabb();
                 let entry = reach.meets(aabb.min, aabb.max);
-                entry.filter(|_| self.may_be_opposed(&self.prepared.below[child as usize]))
+                let below = &self.prepared.below[child as usize];
+                entry.filter(|_| self.may_be_opposed(below) && self.may_end_in(&reach, [aabb.min, aabb.max], below))
             });
             match (a, b) {
                 (Some(a), Some(b)) if b < a => stack.extend(children),
@@ -244,7 +273,7 @@ impl Query<'_> {
 impl Prepared<'_> {
     /// Whether a chord lies in a wedge that ends in a sharp edge or point: the faces have a common vertex, or the way
     /// to the line where their planes meet is free for [`TIP_REACH`] of its length.
-    fn is_tip(&self, [f, h]: [u32; 2], chord: &Chord, steps: &mut u64) -> bool {
+    pub(super) fn is_tip(&self, [f, h]: [u32; 2], chord: &Chord, steps: &mut u64) -> bool {
         if self.share_a_vertex(f, h) {
             return true;
         }

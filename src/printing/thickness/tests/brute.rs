@@ -1,7 +1,10 @@
 //! Comparison with a measurement at many points of every face, against every other face.
 
+use glam::DVec3;
+
 use crate::math::{hit, r2};
 use crate::mesh::Surface;
+use crate::printing::thickness::facing::Least;
 
 use super::shapes::*;
 use super::*;
@@ -83,6 +86,37 @@ fn no_face_is_thicker_than_a_brute_force_search_finds_it() {
         }
     }
     assert!(thin > 200 && tight > thin / 2, "{thin} {tight}");
+}
+
+#[test]
+fn no_chord_at_a_concave_edge_or_corner_is_missed() {
+    let mut random = Random(13);
+    let mut at_concave = 0;
+    for _ in 0..24 {
+        let lump = split(turned(lump(&mut random), &mut random), 10, &mut random);
+        for side in [Space::Material, Space::Air] {
+            let prepared = Prepared::new(&lump, side);
+            let limit = 4.0 * prepared.scale;
+            let found = with_context(|context| prepared.thinnest(limit, context).unwrap());
+            let faces = || (0u32..).take(lump.faces.len()).filter(|&f| prepared.normal(f) != DVec3::ZERO);
+            let wall = |f: &u32| found[*f as usize].wall.map_or(f64::INFINITY, |(_, chord)| chord.thickness);
+            for f in faces().filter(|&f| prepared.spread[f as usize] > 0.0) {
+                for h in faces().filter(|&h| h != f) {
+                    let chord = match prepared.least_concave([f, h], limit, &mut u64::MAX.clone()) {
+                        Least::Found(chord) if !prepared.is_tip([f, h], &chord, &mut u64::MAX.clone()) => chord,
+                        _ => continue,
+                    };
+                    // It is enough that the search finds the chord from one of the faces at its ends.
+                    let ends = [(f, chord.points[0]), (h, chord.points[1])];
+                    let around = ends.iter().flat_map(|&(face, point)| prepared.faces_at(face, point));
+                    let least = around.map(|face| wall(&face)).fold(f64::INFINITY, f64::min);
+                    assert!(least <= chord.thickness, "{f} {h} {least} {chord:?} {side:?}");
+                    at_concave += u32::from(wall(&f) == chord.thickness);
+                }
+            }
+        }
+    }
+    assert!(at_concave > 100, "{at_concave}");
 }
 
 #[test]
