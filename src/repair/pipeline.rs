@@ -42,7 +42,8 @@ pub struct Repaired {
 /// Each result is judged on its own bytes, read back and welded by position. A file that is already printable is returned byte for byte,
 /// or converted face by face if the options ask for another format. When time runs out, the best verified result is returned; it may be
 /// the input. If the options ask more of a printable file, such as fewer faces, the plan runs, and its result replaces the input unless
-/// it is worse. The report lists options that the result does not follow.
+/// it is worse. The report lists options that the result does not follow. The alternatives of the option `alternatives` are made by
+/// [`AlternativeRuns`](super::AlternativeRuns).
 ///
 /// In a format with objects, each object is repaired separately unless the option `merge` decides otherwise. Results are judged without
 /// colours and objects. The returned file is read back and must have exactly the faces that were judged.

@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
-use meshmend::repair::{OfferedFile, Remesher, repair as repair_file};
+use meshmend::repair::{
+    AlternativeRequest, AlternativeRuns, OfferedFile, Remesher, RepairError, Repaired as RepairedFile,
+    RepairedAlternative, repair as repair_file,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -13,7 +16,7 @@ use crate::options::{repair_options, report_as_json};
 
 /// A repaired file and its report.
 #[pyclass(frozen, module = "meshmend._engine")]
-pub struct Repaired(meshmend::repair::Repaired);
+pub struct Repaired(RepairedFile);
 
 #[pymethods]
 impl Repaired {
@@ -35,6 +38,7 @@ impl Repaired {
 }
 
 /// Repairs a model with options in JSON. `blender` is a program for tier 3, or an empty path to look for one; without it tiers 1 and 2 run.
+/// With the option `alternatives`, also returns the alternatives, each with its id.
 #[pyfunction]
 pub fn repair(
     py: Python<'_>,
@@ -42,21 +46,36 @@ pub fn repair(
     options: &str,
     blender: Option<PathBuf>,
     settings: &Settings,
-) -> PyResult<Repaired> {
-    let options = repair_options(options)?;
+) -> PyResult<(Repaired, Vec<(String, Repaired)>)> {
+    let options = &repair_options(options)?;
     let remesher = remesher(blender);
-    let repaired = settings.run(py, Some(options.deadline_s), |context| {
-        let bytes = model.read(&settings.limits)?;
-        repair_file(
-            &bytes,
-            &options,
-            &settings.limits,
-            remesher.as_deref().map(|remesher| -> &dyn Remesher { remesher }),
-            context,
-        )
-        .map_err(|error| Failure::of_repair(&model.0, error))
+    let (repaired, alternatives) = settings.run(py, Some(options.deadline_s), |context| {
+        let input = &model.read(&settings.limits)?;
+        let limits = &settings.limits;
+        let remesher = remesher.as_deref().map(|remesher| -> &dyn Remesher { remesher });
+        let failure = |error| Failure::of_repair(&model.0, error);
+        let mut repaired = repair_file(input, options, limits, remesher, context).map_err(failure)?;
+        let request = AlternativeRequest { input, options, limits, remesher, context };
+        let alternatives =
+            if options.alternatives { alternatives_to(&mut repaired, request).map_err(failure)? } else { Vec::new() };
+        Ok((repaired, alternatives))
     })?;
-    Ok(Repaired(repaired))
+    let alternatives = alternatives.into_iter().map(|RepairedAlternative { id, repaired }| (id, Repaired(repaired)));
+    Ok((Repaired(repaired), alternatives.collect()))
+}
+
+/// Makes the alternatives of a repair, and lists them in its report.
+fn alternatives_to(
+    default: &mut RepairedFile,
+    request: AlternativeRequest<'_>,
+) -> Result<Vec<RepairedAlternative>, RepairError> {
+    let mut runs = AlternativeRuns::new(request, default)?;
+    let mut all = Vec::new();
+    while let Some(alternative) = runs.make_next()? {
+        all.push(alternative);
+    }
+    default.report.alternatives = Some(runs.summary());
+    Ok(all)
 }
 
 #[cfg(target_os = "linux")]

@@ -229,6 +229,19 @@ def test_a_required_property_that_is_missed_gives_no_model() -> None:
         _ = result.vertices
 
 
+def test_alternatives_are_results_by_their_ids() -> None:
+    outer, inner = trimesh.creation.box((20, 20, 20)), trimesh.creation.box((10, 10, 10))
+    inner.invert()
+    hollow = trimesh.util.concatenate([outer, inner])
+    result = meshmend.repair(hollow, alternatives=True, max_tier=2)
+    assert list(result.alternatives) == ["voids-fill"]
+    filled = result.alternatives["voids-fill"]
+    assert (len(result.faces), len(filled.faces), filled.is_printable) == (24, 12, True)
+    offered = result.report["alternatives"]["offered"]
+    assert [one["id"] for one in offered] == ["default", "voids-fill"]
+    assert not meshmend.repair(hollow, max_tier=2).alternatives
+
+
 def test_progress_rises_to_one_and_the_log_has_the_steps(caplog: pytest.LogCaptureFixture) -> None:
     heard: list[tuple[str, float]] = []
     with caplog.at_level(logging.DEBUG, "meshmend"):

@@ -49,7 +49,8 @@ def repair(
     ``options`` are the options of the HTTP API, such as ``output``, ``max_tier``, ``deadline_s`` or ``require``. The
     option ``with`` is called ``with_`` here, because ``with`` is a keyword of Python. By default, the result of a mesh
     is a PLY file, which holds the coordinates exactly. The result of a file is an STL file, unless STL cannot store all
-    that the input holds. A model that cannot be repaired is a result, not an error.
+    that the input holds. A model that cannot be repaired is a result, not an error. With the option ``alternatives``,
+    `Result.alternatives` has further results where the file leaves the model's intent open.
 
     >>> meshmend.repair((corners, faces), max_tier=9)
     Traceback (most recent call last):
@@ -70,7 +71,8 @@ def repair(
     if is_mesh:
         given_options.setdefault("output", "ply")
     with settings_of(limits, threads, progress, cancel) as settings:
-        return Result(_engine.repair(given, json.dumps(given_options), _program(blender), settings))
+        repaired, others = _engine.repair(given, json.dumps(given_options), _program(blender), settings)
+        return Result(repaired, {choice: Result(other) for choice, other in others})
 
 
 def inspect(

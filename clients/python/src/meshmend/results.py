@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
@@ -21,8 +22,10 @@ if TYPE_CHECKING:
 class Result:
     """A repaired model. Each property is computed when it is first used."""
 
-    def __init__(self, repaired: _engine.Repaired) -> None:
+    def __init__(self, repaired: _engine.Repaired, alternatives: Mapping[str, Result] | None = None) -> None:
         self._repaired = repaired
+        #: With the option ``alternatives``, the other results by their ids; see ``report["alternatives"]``.
+        self.alternatives: Mapping[str, Result] = alternatives or {}
 
     def __repr__(self) -> str:
         return f"<Result {self.outcome}: {self.summary}>"
