@@ -92,6 +92,20 @@ test("a customer thickens a wall that breaks a rule of the shop's process, unles
   }
 });
 
+test("a refusal is explained to the customer, and its detail goes to the shop", { timeout: 120_000 }, async () => {
+  const { page, faults, close } = await visit();
+  await setOptions(page, { unit: "mm", process: "fdm-0.4", require: "print_ready" });
+  await drop(page, [["wall.stl", thinWall()]], BOX);
+  await page.locator(".problem .what", { hasText: "The model breaks rules of the printing process. The table lists them." }).waitFor();
+  await page.locator("table.rules tr.fail", { hasText: "Free walls" }).waitFor();
+  assert.equal(await page.locator(".problem .detail").count(), 0);
+  const [failed] = await eventDetails(page, "failed");
+  assert.equal(failed.code, "not_print_ready");
+  assert.notEqual(failed.detail, "");
+  assert.deepEqual(faults, []);
+  await close();
+});
+
 test("the numbers of the events are those of the job's report", { timeout: 120_000 }, async () => {
   const { page, faults, close } = await visit();
   await widget(page).evaluate((element) => element.setAttribute("unit", "in"));

@@ -11,7 +11,8 @@ interface Noted {
 
 /** A problem: the detail from the service, and translated advice. `without` lists the fields whose errors a form shows itself. */
 export function ProblemNote({ problem, without = [] }: { problem: Noted; without?: readonly FieldError[] }) {
-  const { words } = useWords();
+  const { words, withoutDetail = [] } = useWords();
+  const hasDetail = problem.detail && !withoutDetail.includes(problem.code);
   const advice = words.advice[problem.code];
   const errors = (problem.errors ?? []).filter((error) => !without.includes(error) && error.message !== problem.detail);
   return (
@@ -19,7 +20,7 @@ export function ProblemNote({ problem, without = [] }: { problem: Noted; without
       <Icon name="warn" />
       <div>
         <p class="what">{advice ?? (problem.title || words.problem)}</p>
-        {problem.detail && <p class="detail">{problem.detail}</p>}
+        {hasDetail && <p class="detail">{problem.detail}</p>}
         {errors.length > 0 && (
           <ul class="detail">
             {errors.map(({ field, message }) => (

@@ -11,6 +11,8 @@ export const LANGUAGES: Record<Language, Words> = { en, de };
 export interface Locale {
   words: Words;
   figures: Figures;
+  /** Codes of problems whose detail from the service is not shown. */
+  withoutDetail?: readonly string[];
 }
 
 export function localeOf(language: Language): Locale {
