@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Job, JobReport } from "meshmend-client";
+import type { Job, Report } from "meshmend-client";
 import { choicesOf, pictureOf, withAlternative } from "../src/report/alternatives";
 import { readinessOfFiles } from "../src/report/print-ready";
 import { unitChoices } from "../src/report/settings";
@@ -28,7 +28,7 @@ test("each choice has its own picture", () => {
 });
 
 test("a chosen result is shown with its own report, option and files, and with no drawing of the default result", () => {
-  const report = { mode: "repair", outcome: "partially_repaired" } as unknown as JobReport;
+  const report = { mode: "repair", outcome: "partially_repaired" } as unknown as Report;
   const chosen = withAlternative(job, "interior-keep", report);
   assert.deepEqual([chosen.outcome, chosen.report, chosen.options], ["partially_repaired", report, { output: "stl", interior: "keep" }]);
   const files = Object.fromEntries(Object.entries(chosen.artifacts).map(([name, { href }]) => [name, href]));

@@ -1,4 +1,4 @@
-import type { Alternative, Artifact, Job, JobReport } from "meshmend-client";
+import type { Alternative, Artifact, Job, Report } from "meshmend-client";
 import { optionsOf } from "./advice";
 
 /** The id of the job's own result. */
@@ -15,22 +15,18 @@ export function pictureOf(job: Job, choice: string): Artifact | undefined {
   return job.artifacts[choice === DEFAULT_CHOICE ? "after.png" : `after-${choice}.png`];
 }
 
-/** The artifacts that do not depend on the choice. */
-const SHARED = ["original", "before.png", "defects.glb", "defects.ply", "defects-preview.glb", "log.txt"];
+/** The artifacts that depend on the choice. */
+const OF_RESULT = /^(model|report|after|change|remaining|thickness)/;
 
 /** The job as if an alternative were its only result. `report` is the report of the alternative. */
-export function withAlternative(job: Job, choice: string, report: JobReport): Job {
-  const own: Record<string, string> = {
-    model: `model-${choice}`,
-    "report.json": `report-${choice}.json`,
-    "report-full.json": `report-${choice}.json`,
-    "after.png": `after-${choice}.png`,
-    "change.glb": `change-${choice}.glb`,
-  };
-  const names = [...SHARED.map((name) => [name, name] as const), ...Object.entries(own)];
-  const artifacts = Object.fromEntries(names.flatMap(([name, source]) => (job.artifacts[source] ? [[name, job.artifacts[source]]] : [])));
+export function withAlternative(job: Job, choice: string, report: Report): Job {
+  const artifacts = Object.fromEntries(Object.entries(job.artifacts).filter(([name]) => !OF_RESULT.test(name)));
+  for (const name of ["model", "report.json", "report-full.json", "after.png", "change.glb"]) {
+    // `report-full.json` is the only report of an alternative.
+    const own = job.artifacts[name.replace(/(-full)?(\.|$)/, `-${choice}$2`)];
+    if (own) artifacts[name] = own;
+  }
   const answer = choicesOf(job).find(({ id }) => id === choice)?.option?.split("=", 2);
   const { alternatives: _, ...options } = optionsOf(job);
-  const outcome = report.mode === "repair" ? report.outcome : job.outcome;
-  return { ...job, outcome, report, options: { ...options, ...(answer && { [answer[0]!]: answer[1] }) } as Job["options"], artifacts };
+  return { ...job, outcome: report.outcome, report, options: { ...options, ...(answer && { [answer[0]!]: answer[1] }) } as Job["options"], artifacts };
 }

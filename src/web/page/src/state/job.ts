@@ -1,4 +1,4 @@
-import { type Artifact, type Job, type JobReport, type Server, Problem, fetchArtifact, getJob } from "meshmend-client";
+import { type Artifact, type Job, type JobReport, type Report, type Server, fetchArtifact, getJob } from "meshmend-client";
 import { DEFAULT_CHOICE, withAlternative } from "../report/alternatives";
 
 /** The full report of a job; the report in the job itself has shortened lists. Jobs of old versions have only their own report. */
@@ -9,11 +9,10 @@ export async function fullReport(server: Server, job: Job, signal?: AbortSignal)
 }
 
 /** The job as if the chosen result were its only one. Without a choice, that is the job itself. */
-export async function jobOfChoice(server: Server, job: Job, choice: string, signal: AbortSignal): Promise<Job> {
+export async function jobOfChoice(server: Server, job: Job, choice: string, signal?: AbortSignal): Promise<Job> {
   if (choice === DEFAULT_CHOICE) return job;
-  const artifact = job.artifacts[`report-${choice}.json`];
-  if (!artifact) throw new Problem(404, "artifact_not_found", "", "");
-  return withAlternative(job, choice, await reportIn(server, artifact, signal));
+  // Each offered alternative has a report.
+  return withAlternative(job, choice, (await reportIn(server, job.artifacts[`report-${choice}.json`]!, signal)) as Report);
 }
 
 async function reportIn(server: Server, artifact: Artifact, signal?: AbortSignal): Promise<JobReport> {

@@ -42,6 +42,7 @@ export function Outcome({ session, own, job, can, unit, choice }: Props) {
     setProblem(null);
     session.choose(id).catch((error: unknown) => setProblem(Problem.from(error)));
   };
+  const reason = problem ?? job.problem;
   const retry = (options: Options): void => session.again(options);
   const hasThickness = report !== null && session.isFree("thickness") && session.isFree("open_sheets");
   return (
@@ -54,10 +55,9 @@ export function Outcome({ session, own, job, can, unit, choice }: Props) {
               <Measures job={job} unit={unit} />
             </Verdict>
           </div>
-          {job.problem && <ProblemNote problem={job.problem} />}
+          {reason && <ProblemNote problem={reason} />}
           {report && session.isFree("unit") && session.isFree("scale_to") && <UnitQuestion job={job} report={report} retry={retry} heading="h3" />}
           {server && <Alternatives job={own} server={server} unit={unit} choice={choice} choose={choose} heading="h3" />}
-          {problem && <ProblemNote problem={problem} />}
           {readiness && <PrintReady job={job} readiness={readiness} heading="h3" retry={retry} maySet={(option) => session.isFree(option)} />}
           {hasThickness && <Thickness key={choice} job={job} report={report} viewer={viewer} retry={retry} heading="h3" />}
           <WhatToDo job={job} can={can} retry={retry} />

@@ -42,7 +42,8 @@ export class Session {
   /** The service, with the token that submitted the current job. */
   #server: Server | null = null;
   #stop = new AbortController();
-  #choosing = new AbortController();
+  /** The last choice of the customer, whose report may still be loading. */
+  #wanted = DEFAULT_CHOICE;
 
   constructor(
     readonly settings: () => ShopSettings,
@@ -119,13 +120,9 @@ export class Session {
   async choose(choice: string): Promise<void> {
     const { job } = this.state.value;
     if (!job || !this.#server) return;
-    this.#choosing.abort();
-    const { signal } = (this.#choosing = new AbortController());
-    const chosen = await jobOfChoice(this.#server, job, choice, signal).catch((error: unknown) => {
-      if (!signal.aborted) throw error;
-      return null;
-    });
-    if (!chosen || signal.aborted || this.state.value.job !== job) return;
+    this.#wanted = choice;
+    const chosen = await jobOfChoice(this.#server, job, choice);
+    if (this.#wanted !== choice || this.state.value.job !== job) return;
     this.state.change((now) => ({ ...now, choice, chosen }));
     sendChosen(this.sink, job, choice);
   }

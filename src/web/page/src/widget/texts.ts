@@ -78,25 +78,12 @@ export function useTexts(): Texts {
   return useContext(TextsOf);
 }
 
-/** The detail of these problems is for the shop: it names options or the state of the service. Others are about the customer's file. */
-const FOR_THE_SHOP = [
-  "not_printable",
-  "not_print_ready",
-  "deadline_exceeded",
-  "out_of_memory",
-  "cpu_limit",
-  "crashed",
-  "worker_lost",
-  "internal",
-  "unavailable",
-  "storage_full",
-  "queue_full",
-  "rate_limited",
-];
-
-/** The shared texts for the widget, with advice for customers in place of advice for the operator. */
+/**
+ * The shared texts for the widget, with advice for customers in place of advice for the operator. Where there is such advice, the detail is
+ * for the shop: it names options, settings or the state of the service.
+ */
 export function customerLocale(language: Language): Locale {
   const { words, figures } = localeOf(language);
   const { advice, proven } = TEXTS[language];
-  return { words: { ...words, proven, advice: { ...words.advice, ...advice } }, figures, withoutDetail: FOR_THE_SHOP };
+  return { words: { ...words, proven, advice: { ...words.advice, ...advice } }, figures, withoutDetail: Object.keys(advice) };
 }
