@@ -18,7 +18,7 @@ use super::problem::{Problem, ProblemCode, truncated};
 use super::state::ApiState;
 use crate::blobs::BlobError;
 use crate::jobs::{Artifact, Job, JobId, JobReport, Status, StoredFile};
-use crate::repair::DEFAULT_CHOICE;
+use crate::repair::{ALTERNATIVE_DRAWINGS, DEFAULT_CHOICE, name_for_choice};
 
 /// How long a request waits for images that are rendered on demand.
 const RENDER_TIMEOUT: Duration = Duration::from_secs(30);
@@ -30,8 +30,8 @@ const REDIRECT_LIFE: Duration = Duration::from_secs(300);
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ArtifactQuery {
-    /// Id of one of the job's `alternatives`. The response is the `model`, `report-full.json` or `after.png` of that result, without another
-    /// repair. Default: `default`, the result that the job's report describes.
+    /// Id of one of the job's `alternatives`. The response is the `model`, `report-full.json`, `after.png` or `change.glb` of that result,
+    /// without another repair. Default: `default`, the result that the job's report describes.
     #[param(example = "interior-keep")]
     choice: Option<String>,
 }
@@ -169,7 +169,7 @@ fn name_of_alternative(job: &Job, name: &str, choice: &str) -> Result<String, Pr
     let artifact = match name {
         "model" | "original" => Artifact::model_of(choice),
         "report.json" | "report-full.json" => Artifact::report_of(choice),
-        "after.png" | "change.glb" => Artifact::drawing_of(choice, name),
+        name if ALTERNATIVE_DRAWINGS.contains(&name) => name_for_choice(name, choice),
         _ => {
             let detail = format!(
                 "An alternative has no artifact '{}'. Its artifacts are: model, report-full.json, after.png, change.glb.",

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use meshmend::repair::{
     Alternative, AlternativeRequest, AlternativeRuns, Alternatives, RepairError, Repaired, RepairedAlternative,
-    draw_alternative,
+    draw_alternative, name_for_choice,
 };
 
 use super::engine::write_file;
@@ -30,7 +30,7 @@ pub fn write_alternatives(
             let AlternativeRequest { input, limits, context, .. } = request;
             match draw_alternative(input, &repaired.bytes, &repaired.report, limits, context) {
                 Ok(drawings) => drawings.iter().try_for_each(|drawing| {
-                    write_file(&folder.join(drawing.name.replace('.', &format!("-{id}."))), &drawing.bytes)
+                    write_file(&folder.join(name_for_choice(drawing.name, &id)), &drawing.bytes)
                 })?,
                 Err(error) => drop(writeln!(std::io::stderr(), "  note: {id}: no picture was drawn: {error}")),
             }

@@ -141,13 +141,6 @@ impl Artifact {
         format!("report-{choice}.json")
     }
 
-    /// The name of an alternative's drawing; `name` is the name of the default result's drawing, such as `after.png`.
-    #[must_use]
-    pub fn drawing_of(choice: &str, name: &str) -> String {
-        let (stem, extension) = name.rsplit_once('.').unwrap_or((name, ""));
-        format!("{stem}-{choice}.{extension}")
-    }
-
     /// The value of `choice` that selects the alternative whose model has this name; `None` for any other name.
     #[must_use]
     pub fn choice_of_model(name: &str) -> Option<&str> {

@@ -71,6 +71,15 @@ pub fn draw_repaired(
     Ok(drawings)
 }
 
+/// Names of the drawings of an alternative, as for the default result. [`name_for_choice`] tells them apart.
+pub const ALTERNATIVE_DRAWINGS: [&str; 2] = ["after.png", "change.glb"];
+
+/// The name of an alternative's drawing: the name of the default result's, with `choice` before the extension.
+#[must_use]
+pub fn name_for_choice(name: &str, choice: &str) -> String {
+    name.replace('.', &format!("-{choice}."))
+}
+
 /// Draws the result of an alternative: `after.png`, and `change.glb`, which is coarse for a large mesh. `provenance` belongs to the
 /// comparison with the input.
 ///
@@ -82,10 +91,11 @@ pub fn draw_alternative(
     context: &Context<'_>,
 ) -> Result<Vec<Drawing>, RenderError> {
     let scene = Scene::of_change(after.soup, provenance, context)?;
+    let [_, name] = ALTERNATIVE_DRAWINGS;
     let change = if is_large(after.soup.faces.len() as u64) {
-        preview("change.glb", &scene, context)?
+        preview(name, &scene, context)?
     } else {
-        Drawing { name: "change.glb", bytes: write_glb(&scene, context)? }
+        Drawing { name, bytes: write_glb(&scene, context)? }
     };
     Ok(vec![draw_result(after, context)?, change])
 }

@@ -13,6 +13,7 @@ use crate::inspect::{Analysis, CompareOptions, Original};
 use crate::mesh::Soup;
 use crate::printing::thickness::{Space, thickness_field};
 use crate::render::{self, Drawing, Marked, draw_change, draw_remaining, draw_repaired, draw_thickness};
+use crate::scene::LengthUnit;
 
 impl Report {
     /// The names of the drawings that [`draw`] makes of the input and of the returned file.
@@ -48,35 +49,23 @@ pub fn draw(
     context: &Context<'_>,
 ) -> Result<Vec<Drawing>, DrawError> {
     let context = &context.limited_to(Duration::from_secs_f64(options.deadline_s));
-    context.check()?;
-    let reading = |limits| ReadOptions { limits, twist_angle_deg: options.twist_angle_deg };
-    let mut file = format::read_shape(input, &reading(*limits))?;
-    // The repair refuses a file that cannot be scaled, so this cannot fail here.
-    let (unit, _) = settle_size(&mut file, options).unwrap_or_default();
-    let analysis = Analysis::new(subject(&file.mesh, Some(&unit)), context)?;
-    let (inspection, findings) = inspect_measured(&analysis, context)?;
-    let before = Marked { soup: &file.mesh.soup, findings: &findings };
-    let original = Original::new(&analysis, &inspection.measures, CompareOptions::BRIEF);
-    let draw_both = |after: &Analysis<'_>, repaired: Marked<'_>, is_printable: bool| {
-        let mut drawings = draw_repaired(before, Some(repaired), context)?;
-        drawings.extend(draw_change(repaired.soup, &original.provenance(after, context)?, context)?);
-        match options.print.wall_limit_mm() {
-            _ if !is_printable => drawings.push(draw_remaining(repaired, context)?),
-            Some(limit_mm) => drawings.extend(draw_walls(after, repaired.soup, limit_mm, context)?),
-            None => {}
+    with_input(input, (options, limits), context, |before| {
+        let draw_both = |after: &Analysis<'_>, repaired: Marked<'_>, is_printable: bool| {
+            let mut drawings = draw_repaired(before.marked, Some(repaired), context)?;
+            drawings.extend(draw_change(repaired.soup, &before.original.provenance(after, context)?, context)?);
+            match options.print.wall_limit_mm() {
+                _ if !is_printable => drawings.push(draw_remaining(repaired, context)?),
+                Some(limit_mm) => drawings.extend(draw_walls(after, repaired.soup, limit_mm, context)?),
+                None => {}
+            }
+            Ok(drawings)
+        };
+        match repaired {
+            None => Ok(draw_repaired(before.marked, None, context)?),
+            Some(bytes) if bytes == input => draw_both(before.analysis, before.marked, before.is_printable),
+            Some(bytes) => with_result(bytes, (options, before), context, draw_both),
         }
-        Ok(drawings)
-    };
-    match repaired {
-        None => Ok(draw_repaired(before, None, context)?),
-        Some(bytes) if bytes == input => draw_both(&analysis, before, inspection.measures.printable()),
-        Some(bytes) => {
-            let mesh = format::read_shape(bytes, &reading(Limits::NONE))?.mesh_in(unit.used, unit.up);
-            let after = Analysis::new(subject(&mesh, Some(&unit)), context)?;
-            let (inspection, findings) = inspect_measured(&after, context)?;
-            draw_both(&after, Marked { soup: &mesh.soup, findings: &findings }, inspection.measures.printable())
-        }
-    }
+    })
 }
 
 /// Draws the result of an alternative: `after.png`, and `change.glb`, which is coarse for a large model. `report` is the report of the
@@ -92,17 +81,60 @@ pub fn draw_alternative(
     context: &Context<'_>,
 ) -> Result<Vec<Drawing>, DrawError> {
     let options = &report.options;
-    let reading = |limits| ReadOptions { limits, twist_angle_deg: options.twist_angle_deg };
-    let mut file = format::read_shape(input, &reading(*limits))?;
+    with_input(input, (options, limits), context, |before| {
+        with_result(repaired, (options, before), context, |after, marked, _| {
+            Ok(render::draw_alternative(marked, &before.original.provenance(after, context)?, context)?)
+        })
+    })
+}
+
+/// The input of a repair, read and inspected.
+struct InspectedInput<'a> {
+    unit: &'a LengthUnit,
+    analysis: &'a Analysis<'a>,
+    marked: Marked<'a>,
+    original: Original<'a>,
+    is_printable: bool,
+}
+
+/// Reads and inspects the input of a repair with these options and limits.
+fn with_input<T>(
+    bytes: &[u8],
+    (options, limits): (&Options, &Limits),
+    context: &Context<'_>,
+    draw: impl FnOnce(&InspectedInput<'_>) -> Result<T, DrawError>,
+) -> Result<T, DrawError> {
+    context.check()?;
+    let mut file = format::read_shape(bytes, &reading(options, *limits))?;
+    // The repair refuses a file that cannot be scaled, so this cannot fail here.
     let (unit, _) = settle_size(&mut file, options).unwrap_or_default();
     let analysis = Analysis::new(subject(&file.mesh, Some(&unit)), context)?;
-    let (inspection, _) = inspect_measured(&analysis, context)?;
-    let original = Original::new(&analysis, &inspection.measures, CompareOptions::BRIEF);
-    let mesh = format::read_shape(repaired, &reading(Limits::NONE))?.mesh_in(unit.used, unit.up);
-    let after = Analysis::new(subject(&mesh, Some(&unit)), context)?;
-    let (_, findings) = inspect_measured(&after, context)?;
-    let marked = Marked { soup: &mesh.soup, findings: &findings };
-    Ok(render::draw_alternative(marked, &original.provenance(&after, context)?, context)?)
+    let (inspection, findings) = inspect_measured(&analysis, context)?;
+    draw(&InspectedInput {
+        unit: &unit,
+        analysis: &analysis,
+        marked: Marked { soup: &file.mesh.soup, findings: &findings },
+        original: Original::new(&analysis, &inspection.measures, CompareOptions::BRIEF),
+        is_printable: inspection.measures.printable(),
+    })
+}
+
+/// Reads and inspects the result of a repair, and passes on its analysis, its marked mesh, and whether it is printable.
+fn with_result<T>(
+    bytes: &[u8],
+    (options, before): (&Options, &InspectedInput<'_>),
+    context: &Context<'_>,
+    draw: impl FnOnce(&Analysis<'_>, Marked<'_>, bool) -> Result<T, DrawError>,
+) -> Result<T, DrawError> {
+    let &LengthUnit { used, up, .. } = before.unit;
+    let mesh = format::read_shape(bytes, &reading(options, Limits::NONE))?.mesh_in(used, up);
+    let after = Analysis::new(subject(&mesh, Some(before.unit)), context)?;
+    let (inspection, findings) = inspect_measured(&after, context)?;
+    draw(&after, Marked { soup: &mesh.soup, findings: &findings }, inspection.measures.printable())
+}
+
+fn reading(options: &Options, limits: Limits) -> ReadOptions {
+    ReadOptions { limits, twist_angle_deg: options.twist_angle_deg }
 }
 
 /// Draws the wall thickness of a printable result. `soup` has the faces of its file.

@@ -39,6 +39,7 @@ mod unite;
 
 pub use crate::context::{Cancelled, Context, NoProgress, Progress, Stage, monotonic_clock};
 pub use crate::inspect::{AccountedPart, Changes, LostPart, OptionsError, PartAccounting, PartReason};
+pub use crate::render::{ALTERNATIVE_DRAWINGS, name_for_choice};
 pub use alternatives::{AlternativeRequest, AlternativeRuns, DEFAULT_CHOICE, RepairedAlternative};
 pub use change::{Change, ChangeKind};
 pub use drawings::{draw, draw_alternative};

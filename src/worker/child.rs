@@ -22,7 +22,7 @@ use crate::jobs::{Artifact, JobOptions, JobProblem, JobReport, ProblemKind};
 use crate::render::Drawing;
 use crate::repair::{
     self, AlternativeRequest, AlternativeRuns, OfferedFile, Options, Remesher, RepairError, Repaired,
-    RepairedAlternative, draw_alternative, repair,
+    RepairedAlternative, draw_alternative, name_for_choice, repair,
 };
 
 /// The time between two progress lines that no step of the engine reports.
@@ -167,9 +167,9 @@ fn write_alternatives(folder: &Path, request: AlternativeRequest<'_>, default: &
         if request.options.pictures {
             let AlternativeRequest { input, limits, context, .. } = request;
             match draw_alternative(input, &repaired.bytes, &repaired.report, limits, context) {
-                Ok(drawings) => drawings.iter().try_for_each(|drawing| {
-                    write_whole(folder, &Artifact::drawing_of(&id, drawing.name), &drawing.bytes)
-                })?,
+                Ok(drawings) => drawings
+                    .iter()
+                    .try_for_each(|drawing| write_whole(folder, &name_for_choice(drawing.name, &id), &drawing.bytes))?,
                 Err(error) => context.log(&format!("{id}: no picture was drawn: {error}")),
             }
         }

@@ -10,7 +10,7 @@ use super::task::Task;
 use crate::blobs::{BlobError, Blobs, Stored};
 use crate::format::Format;
 use crate::jobs::{Artifact, Artifacts, Input, Job, JobReport, Lease, StoredFile};
-use crate::repair::OfferedFile;
+use crate::repair::{ALTERNATIVE_DRAWINGS, OfferedFile, name_for_choice};
 
 /// A file that a child may leave in the scratch folder, to be stored as an artifact of the job.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -93,18 +93,17 @@ pub(super) fn result_files(inputs: &[Input], report: Option<&JobReport>) -> Vec<
         (OfferedFile::None, _) => None,
     });
     let alternatives = report.into_iter().flat_map(JobReport::alternatives).flat_map(|(id, format)| {
-        let file = |name: String, filename, media_type| ArtifactSource::new(name, filename, media_type);
-        let drawing = |id, drawing, media_type| {
-            let name = Artifact::drawing_of(id, drawing);
+        let model = format!("{first}-{id}.{}", format.extension());
+        let model = ArtifactSource::new(Artifact::model_of(id), model, media_type(format));
+        let named = |name: String, media_type| {
             let filename = format!("{first}-{name}");
-            file(name, filename, media_type)
+            ArtifactSource::new(name, filename, media_type)
         };
-        [
-            file(Artifact::model_of(id), format!("{first}-{id}.{}", format.extension()), media_type(format)),
-            file(Artifact::report_of(id), format!("{first}-report-{id}.json"), "application/json"),
-            drawing(id, "after.png", "image/png"),
-            drawing(id, "change.glb", "model/gltf-binary"),
-        ]
+        let report = named(Artifact::report_of(id), "application/json");
+        let is_drawn = |(name, _): &(&str, &str)| ALTERNATIVE_DRAWINGS.contains(name);
+        let drawings = FILE_ARTIFACTS.into_iter().filter(is_drawn);
+        let drawings = drawings.map(|(name, media_type)| named(name_for_choice(name, id), media_type));
+        [model, report].into_iter().chain(drawings).collect::<Vec<_>>()
     });
     once.chain(offered_file).chain(alternatives).collect()
 }

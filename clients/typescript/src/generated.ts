@@ -5467,8 +5467,8 @@ export interface operations {
         parameters: {
             query?: {
                 /**
-                 * @description Id of one of the job's `alternatives`. The response is the `model`, `report-full.json` or `after.png` of that result, without another
-                 *     repair. Default: `default`, the result that the job's report describes.
+                 * @description Id of one of the job's `alternatives`. The response is the `model`, `report-full.json`, `after.png` or `change.glb` of that result,
+                 *     without another repair. Default: `default`, the result that the job's report describes.
                  * @example interior-keep
                  */
                 choice?: string;

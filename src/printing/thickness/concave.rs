@@ -9,6 +9,8 @@ use super::prepared::{Prepared, TILT};
 
 /// Distance in units of a face's longest side at which a point counts as on an edge or a vertex.
 const TOUCHING: f64 = 1e-9;
+/// Cost in steps of finding the nearest points of two faces, and of examining a chord between them.
+const CHORD_COST: u64 = 16;
 
 impl Prepared<'_> {
     /// The shortest chord between a concave edge of `f` and face `h`, if it is thinner than `limit`, lies in the material, and neither end can
@@ -17,14 +19,14 @@ impl Prepared<'_> {
         if self.is_no_wall([f, h], limit) || self.share_a_vertex(f, h) {
             return Least::Nothing;
         }
-        *steps = steps.saturating_sub(16);
+        *steps = steps.saturating_sub(CHORD_COST);
         let Some([p, q]) = self.nearest_points(f, h) else { return Least::Nothing };
         let length = p.distance(q);
         // A shorter chord depends on the rounding of its ends.
         if length >= limit || length <= self.rounding {
             return Least::Nothing;
         }
-        *steps = steps.saturating_sub(16);
+        *steps = steps.saturating_sub(CHORD_COST);
         let u = (q - p) / length;
         // A face that the chord reaches from outside is not foremost there.
         if u.dot(self.normal(f)) > 0.0 || u.dot(self.normal(h)) < 0.0 {

@@ -63,8 +63,7 @@ impl Prepared<'_> {
         let cosine = -n.dot(m);
         // A ball's thickness is at least its chord, and a chord at least the distance of a plane from the other face's corners.
         let distances = p.map(|x| (q[0] - x).dot(m));
-        let [nearest, farthest] = [f64::min, f64::max].map(|of| distances.into_iter().reduce(of).unwrap_or(0.0));
-        if nearest >= limit || farthest < 0.0 {
+        if distances.iter().all(|&distance| distance >= limit) || distances.iter().all(|&distance| distance < 0.0) {
             return Least::Nothing;
         }
         let upright = overlap(p, q, m, -n);

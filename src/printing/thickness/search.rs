@@ -15,8 +15,9 @@ use super::prepared::{Below, OPPOSED, Prepared, TILT};
 const STAGES: [(usize, u64); 3] = [(1 << 14, 1 << 13), (256, 1 << 19), (8, 1 << 24)];
 /// Steps for all faces together: a base, and a number per face.
 const BUDGET: [u64; 2] = [1 << 30, 600];
-/// Cost in steps of the comparison of two faces, and of the visit of a node in a search for chords at concave edges.
+/// Cost in steps of the comparison of two faces.
 const PAIR_COST: u64 = 6;
+/// Cost in steps of the visit of a node in a search for chords at concave edges; in other searches it is 1.
 const CONCAVE_COST: u64 = 2;
 /// The error of coordinates in the tree's frame, which are at most 1, and more than that.
 const SLACK: f64 = 1e-6;
@@ -27,6 +28,8 @@ const LEAST_TAPER: f64 = 0.017_452_406_437_283_5;
 /// How far a chord at a corner can lean away from the perpendicular on a face, in radians: 61.9 degrees, since the face may be turned half as
 /// much towards the chord as the foremost face there.
 const FOREMOST: f32 = 1.08;
+/// A bit more than the cosine of [`FOREMOST`], the least angle that is permitted anywhere: it saves computing most angles.
+const COS_FOREMOST: f32 = 0.472;
 /// How far a chord at a sharp concave edge can lean besides [`TILT`], as a share of the angle between the normals there: about a half at an
 /// edge, and more at the bottom of a pit.
 const LEAN: f32 = 0.75;
@@ -188,8 +191,7 @@ impl Query<'_> {
         let direction = way / distance;
         let may_lean = |most_dot: f32, spread: f32| {
             let angle = || (radius / distance).asin() + (FOREMOST + spread / 4.0).max(TILT as f32 + LEAN * spread);
-            // The cosine of `FOREMOST` saves computing most angles.
-            most_dot >= 0.472 || most_dot >= angle().min(std::f32::consts::PI).cos() - 1e-4
+            most_dot >= COS_FOREMOST || most_dot >= angle().min(std::f32::consts::PI).cos() - 1e-4
         };
         may_lean(-self.normal.dot(direction), self.prepared.spread[self.face as usize])
             && may_lean(below.most_dot(direction), below.spread)

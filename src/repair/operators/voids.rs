@@ -116,20 +116,19 @@ impl Operation<'_> for VentVoids {
 
 /// The cavities with fewer bores than requested, by reason; `None` if there are none.
 fn cavities_left(vented: &Vented) -> Option<String> {
-    let mut by_reason: Vec<(&VentFailure, Vec<usize>)> = Vec::new();
+    // For each reason the largest cavity, which comes first, and the number of cavities.
+    let mut by_reason: Vec<(&VentFailure, usize, usize)> = Vec::new();
     for (void, failure) in &vented.failed {
-        match by_reason.iter_mut().find(|(known, _)| *known == failure) {
-            Some((_, voids)) => voids.push(*void),
-            None => by_reason.push((failure, vec![*void])),
+        match by_reason.iter_mut().find(|(known, ..)| *known == failure) {
+            Some((_, _, count)) => *count += 1,
+            None => by_reason.push((failure, *void, 1)),
         }
     }
-    let reasons = by_reason.iter().filter_map(|(failure, voids)| {
-        let [x, y, z] = vented.voids[*voids.iter().min()?].at.to_array();
-        let cavities = match voids.len() {
-            1 => "the cavity".to_owned(),
-            count => format!("{count} cavities, of which the largest is"),
-        };
-        Some(format!("{cavities} at ({x:.6}, {y:.6}, {z:.6}): {failure}"))
+    let reasons = by_reason.into_iter().map(|(failure, largest, count)| {
+        let [x, y, z] = vented.voids[largest].at.to_array();
+        let cavities =
+            if count == 1 { "the cavity".to_owned() } else { format!("{count} cavities, of which the largest is") };
+        format!("{cavities} at ({x:.6}, {y:.6}, {z:.6}): {failure}")
     });
     reasons.reduce(|all, one| format!("{all}; {one}"))
 }

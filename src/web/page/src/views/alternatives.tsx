@@ -1,8 +1,8 @@
-import { useEffect, useRef } from "preact/hooks";
-import { type Alternative, type Artifact, type Job, type Server, fetchArtifact } from "meshmend-client";
+import type { Alternative, Job, Server } from "meshmend-client";
 import { choicesOf, pictureOf } from "../report/alternatives";
 import type { Unit } from "../units";
 import { useWords } from "../words/locale";
+import { Picture } from "./picture";
 
 interface Props {
   job: Job;
@@ -27,7 +27,7 @@ export function Alternatives({ job, server, unit, choice, choose, heading: Headi
         {offered.map((alternative) => (
           <label key={alternative.id} class={alternative.id === choice ? "choice chosen" : "choice"}>
             <input type="radio" name={`choice-${job.id}`} checked={alternative.id === choice} onChange={() => choose(alternative.id)} />
-            <Picture key={alternative.id} artifact={pictureOf(job, alternative.id)} server={server} />
+            <Picture key={alternative.id} artifact={pictureOf(job, alternative.id)} server={server} label={null} />
             <strong>{alternative.is_default ? words.choiceDefault : (words.choices[alternative.option ?? ""] ?? alternative.detail)}</strong>
             <Figures alternative={alternative} unit={unit} />
           </label>
@@ -51,24 +51,4 @@ function Figures({ alternative, unit }: { alternative: Alternative; unit: Unit }
       {!printable && <span class="wrong">{words.choiceNotPrintable}</span>}
     </span>
   );
-}
-
-/** A picture that the service drew. It is drawn on a canvas: the request may need a key, and the shop's policy no `img-src`. */
-function Picture({ artifact, server }: { artifact: Artifact | undefined; server: Server }) {
-  const canvas = useRef<HTMLCanvasElement>(null);
-  useEffect(() => {
-    const stop = new AbortController();
-    const load = async (picture: Artifact): Promise<void> => {
-      const bytes = await fetchArtifact(server, picture, stop.signal);
-      const image = await createImageBitmap(new Blob([bytes], { type: picture.media_type }));
-      const target = canvas.current;
-      if (!target) return;
-      [target.width, target.height] = [image.width, image.height];
-      target.getContext("2d")?.drawImage(image, 0, 0);
-    };
-    // Without the picture, the numbers remain.
-    if (artifact) load(artifact).catch(() => undefined);
-    return () => stop.abort();
-  }, [artifact?.href]);
-  return artifact ? <canvas ref={canvas} aria-hidden="true" /> : null;
 }

@@ -26,7 +26,8 @@ import { WhatToDo } from "./what-to-do";
 /** The result for a model: the verdict, both models in 3D, the files, and all numbers. */
 export function Result({ job: own, file, can }: { job: Job; file: File | null; can: Capabilities | null }) {
   const { words } = usePageWords();
-  const [{ choice, job }, setChosen] = useState({ choice: DEFAULT_CHOICE, job: own });
+  const [{ choice, chosen }, setChosen] = useState<{ choice: string; chosen: Job | null }>({ choice: DEFAULT_CHOICE, chosen: null });
+  const job = chosen ?? own;
   const report = job.report?.mode === "repair" ? job.report : null;
   const { unit } = useStore(settings);
   const [shown, setShown] = useState<Shown | null>(null);
@@ -38,7 +39,7 @@ export function Result({ job: own, file, can }: { job: Job; file: File | null; c
     const { signal } = (choosing.current = new AbortController());
     setProblem(null);
     jobOfChoice(server, own, id, signal).then(
-      (job) => signal.aborted || setChosen({ choice: id, job }),
+      (chosen) => signal.aborted || setChosen({ choice: id, chosen: id === DEFAULT_CHOICE ? null : chosen }),
       (error: unknown) => signal.aborted || setProblem(Problem.from(error)),
     );
   };

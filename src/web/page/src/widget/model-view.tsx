@@ -1,4 +1,4 @@
-import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { type Artifact, type Job, type Server, fetchArtifact } from "meshmend-client";
 import { isRemark, upOfJob } from "../report/summary";
 import { claimsOf } from "../report/verdict";
@@ -9,6 +9,7 @@ import type { Mode } from "../viewer/layout";
 import type * as ViewerModule from "../viewer/mod";
 import type { Viewer } from "../viewer/viewer";
 import { Icon } from "../views/icons";
+import { Picture } from "../views/picture";
 import { Wipe } from "../views/wipe";
 import { useWords } from "../words/locale";
 import { ORIGIN } from "./origin";
@@ -79,7 +80,14 @@ export function ModelView({ job, server, file, shown }: Props) {
     };
   }, [job.id, model]);
 
-  if (state === "missing") return <Picture job={job} server={server} />;
+  if (state === "missing") {
+    const result = job.artifacts["after.png"];
+    return (
+      <div class="look" part="view">
+        <Picture artifact={result ?? job.artifacts["before.png"]} server={server} label={result ? words.after : words.before} />
+      </div>
+    );
+  }
   const choose = (next: Mode): void => {
     setMode(next);
     viewer?.setMode(next);
@@ -113,32 +121,6 @@ export function ModelView({ job, server, file, shown }: Props) {
           </p>
         )}
       </div>
-    </div>
-  );
-}
-
-/** The picture of the result. It is drawn on a canvas, so that the shop's Content-Security-Policy needs no `img-src` for it. */
-function Picture({ job, server }: { job: Job; server: Server }) {
-  const { words } = useWords();
-  const canvas = useRef<HTMLCanvasElement>(null);
-  const drawn = job.artifacts["after.png"] ?? job.artifacts["before.png"];
-  useEffect(() => {
-    const stop = new AbortController();
-    const load = async (picture: Artifact): Promise<void> => {
-      const bytes = await fetchArtifact(server, picture, stop.signal);
-      const image = await createImageBitmap(new Blob([bytes], { type: picture.media_type }));
-      const target = canvas.current;
-      if (!target) return;
-      [target.width, target.height] = [image.width, image.height];
-      target.getContext("2d")?.drawImage(image, 0, 0);
-    };
-    // Without the picture, the texts remain.
-    if (drawn) load(drawn).catch(() => undefined);
-    return () => stop.abort();
-  }, [drawn?.href]);
-  return (
-    <div class="look" part="view">
-      <canvas class="picture" ref={canvas} role="img" aria-label={drawn === job.artifacts["after.png"] ? words.after : words.before} />
     </div>
   );
 }
