@@ -21,6 +21,7 @@ mod layer;
 mod limits;
 mod mitre;
 mod moved;
+mod nested;
 mod outcome;
 mod places;
 mod pockets;
@@ -77,9 +78,9 @@ impl Thickening {
     ///
     /// Promises: the input is contained in the result. Faces outside the added material keep their corners and sources, but
     /// beside a moved region their corners move within their plane.
-    /// Large cavities stay, only touching or small near solids are joined, and no through hole that is wider than the least
-    /// gap is closed. A slit that the growth closes on all sides is filled if it is nowhere wider than the least gap. Where a
-    /// wall stays thin, a place says why.
+    /// Nested solids, which lie inside the material of others, stay as they are. Large cavities stay, only touching or small
+    /// near solids are joined, and no through hole that is wider than the least gap is closed. A slit that the growth closes on
+    /// all sides is filled if it is nowhere wider than the least gap. Where a wall stays thin, a place says why.
     ///
     /// # Errors
     /// [`ThickeningError`] for unusable settings or a cancellation.
@@ -89,11 +90,26 @@ impl Thickening {
         union: &dyn SelfUnion,
         context: &Context<'_>,
     ) -> Result<Thickened, ThickeningError> {
-        let surface = surface.get();
         let &Self { min_wall, min_gap, .. } = self;
         if !(min_wall > 0.0 && min_wall.is_finite() && min_gap >= 0.0 && min_gap.is_finite()) {
             return Err(ThickeningError::Settings { min_wall, min_gap });
         }
+        let Some([outer, nested]) = nested::split(surface.get(), context)? else {
+            return self.thickened(surface.get(), union, context);
+        };
+        let mut thickened = self.thickened(&outer, union, context)?;
+        thickened.surface.append(nested);
+        Ok(thickened)
+    }
+
+    /// Thickens the walls of a surface without nested solids.
+    fn thickened(
+        &self,
+        surface: &Surface,
+        union: &dyn SelfUnion,
+        context: &Context<'_>,
+    ) -> Result<Thickened, ThickeningError> {
+        let min_wall = self.min_wall;
         let at_start = context.remaining();
         let before = Thin::of(surface, min_wall, context)?;
         let results = results::Results { settings: *self, input: surface, before: &before };

@@ -10,6 +10,7 @@ use crate::mesh::{ClosedSurface, Edges, NotClosed, Soup, Surface, position_key};
 use glam::{DQuat, DVec3};
 
 use super::LayerUnion;
+use crate::printing::shapes::cuboid;
 use crate::printing::thickening::{Growth, PlaceResult, Thickened, Thickening, ThickeningError, ThinReason};
 
 fn thickened(surface: &Surface, settings: Thickening) -> Result<Thickened, ThickeningError> {
@@ -178,6 +179,19 @@ fn a_gap_stays_and_the_other_side_grows() {
     let gap = |z: f64| z > 0.62 && z < 0.98;
     let inner: Vec<f64> = heights.filter(|&z| gap(z)).collect();
     assert!(inner.iter().all(|z| (z - 0.65).abs() < 1e-6 || (z - 0.95).abs() < 1e-6), "{inner:?}");
+}
+
+#[test]
+fn a_solid_inside_the_material_of_another_stays_as_it_is() {
+    let mut all = cuboid(DVec3::ZERO, DVec3::new(10.0, 10.0, 0.6));
+    let inner = cuboid(DVec3::new(2.0, 2.0, 0.2), DVec3::new(8.0, 8.0, 0.4));
+    all.append(inner.clone());
+    let done = thickened(&all, both(1.0)).unwrap();
+    assert!(done.is_proved(), "{:?}", done.places);
+    let keys = |surface: &Surface| (0..surface.faces.len()).map(|f| surface.face_key(f)).collect::<Vec<_>>();
+    let (of_inner, of_result) = (keys(&inner), keys(&done.surface));
+    assert!(of_inner.iter().all(|key| of_result.contains(key)));
+    assert!((done.added_volume - 40.0).abs() < 0.4, "{}", done.added_volume);
 }
 
 #[test]
