@@ -11,7 +11,7 @@ use std::time::Duration;
 use super::bodies::{Fillers, Search};
 use super::limits::Filler;
 use super::outcome::ThinReason;
-use super::results::{Grown, Thin, deviation_of_added};
+use super::results::{Grown, Thin, deviation_of_added, is_added_within};
 use super::unions::{Cells, Filling, State};
 use super::unite::Broken;
 use super::{KEPT_MEASUREMENTS, LEAST_KEPT};
@@ -42,6 +42,8 @@ const PATIENCE: usize = 3;
 /// The most that the surface of all balls may be away from the input, as a share of the least wall. It exceeds balls in creases between
 /// them by up to half of a cell.
 const MAX_DEVIATION: f64 = 1.35;
+/// The rounding of a computed distance, as a share of it, at most.
+const ROUNDING: f64 = 1e-9;
 /// How far a ball exceeds a sharp edge, as a share of the least wall, so that its surface surely covers the edge: in the
 /// first round, and how much more in each later one.
 const TIP_COVER: [f64; 2] = [0.03, 0.06];
@@ -64,7 +66,6 @@ impl Filling<'_> {
             balls: Vec::new(),
             left_out: Vec::new(),
             cells,
-            base_tree: Tree::new(&base.surface.positions, &base.surface.faces),
             first,
             round: 0,
             kept: None,
@@ -72,7 +73,7 @@ impl Filling<'_> {
             is_limited: false,
         };
         let of_base = deviation_of_added((self.limits.input, &self.limits.tree), &base.surface);
-        let most = of_base.max(MAX_DEVIATION * self.settings.min_wall);
+        let most = of_base.max(MAX_DEVIATION * self.settings.min_wall) * (1.0 + ROUNDING);
         let mut left = Vec::new();
         while state.round < MAX_ROUNDS && !current.thin.is_empty() {
             let limited = self.context.ending_before(state.kept.unwrap_or(self.kept));
@@ -93,8 +94,9 @@ impl Filling<'_> {
             } else {
                 current = next;
             }
-            let deviation = || deviation_of_added((self.limits.input, &self.limits.tree), &current.surface);
-            if current.is_better_than(&best, self.before) && deviation() <= most {
+            if current.is_better_than(&best, self.before)
+                && is_added_within(most, (self.limits.input, &self.limits.tree), &current.surface)
+            {
                 best = current.clone();
             }
             left.push((current.thin.count() as f64, current.thin.lack));
@@ -106,6 +108,7 @@ impl Filling<'_> {
                 break;
             }
         }
+        best.surface = self.with_sources(best.surface, &base.surface);
         Ok(best)
     }
 
@@ -167,7 +170,7 @@ impl Filling<'_> {
                 state.balls = union.balls;
                 next.through_holes_closed = self.topology.handles_lost(state.topology);
                 next.narrow_gaps_filled = union.slits_filled;
-                next.surface = self.with_sources(surface, (&state.base.surface, &state.base_tree));
+                next.surface = surface;
                 let remaining = self.context.remaining();
                 next.thin = Thin::after(current, &next.surface, self.settings.min_wall, self.context)?;
                 let taken = remaining.saturating_sub(self.context.remaining());
@@ -180,7 +183,11 @@ impl Filling<'_> {
     }
 
     /// Gives the faces of a body the source of the nearest face below.
-    fn with_sources(&self, mut united: Surface, (below, tree): (&Surface, &Tree)) -> Surface {
+    fn with_sources(&self, mut united: Surface, below: &Surface) -> Surface {
+        if !united.source.contains(&self.mark()) {
+            return united;
+        }
+        let tree = Tree::new(&below.positions, &below.faces);
         let nearest = |face: usize| {
             let centre = united.corners(face).into_iter().sum::<DVec3>() / 3.0;
             let found = tree.nearest(centre, f64::INFINITY, &mut u64::MAX.clone(), |f| below.corners(f as usize));

@@ -1,7 +1,7 @@
 //! The result of a thickening: what was thin before, and what is thin after it.
 
 use crate::context::{Cancelled, Context};
-use crate::math::Tree;
+use crate::math::{Box3, Tree, nearest_within};
 use crate::mesh::Surface;
 use crate::printing::thickness::{
     Earlier, OpposedPair, OpposedPairs, Space, opposed_pairs, opposed_pairs_after, rounded_limit,
@@ -238,17 +238,31 @@ pub fn deviation_of_added(input: (&Surface, &Tree), surface: &Surface) -> f64 {
     deviation(input, surface, &added_faces(surface, input.0.faces.len()))
 }
 
+/// Whether all added faces of a surface on the way to a result are within a distance of the input.
+pub fn is_added_within(reach: f64, (input, tree): (&Surface, &Tree), surface: &Surface) -> bool {
+    let is_near = |p: DVec3| {
+        let is_at = |face: u32| nearest_within(p, input.corners(face as usize), reach).is_some();
+        tree.any_overlapping(&Box3::of([p]).grown(reach), is_at)
+    };
+    points_of(surface, &added_faces(surface, input.faces.len())).all(is_near)
+}
+
 /// The largest distance of the corners and the centres of some faces from another surface, given with its tree.
 fn deviation((from, tree): (&Surface, &Tree), of: &Surface, faces: &[u32]) -> f64 {
     let distance = |p: DVec3| {
         let nearest = tree.nearest(p, f64::INFINITY, &mut u64::MAX.clone(), |face| from.corners(face as usize));
         nearest.map_or(0.0, |nearest| nearest.distance)
     };
-    let mut is_corner = vec![false; of.positions.len()];
-    faces.iter().flat_map(|&face| of.faces[face as usize]).for_each(|v| is_corner[v as usize] = true);
-    let corners = of.positions.par_iter().zip(is_corner).filter(|(_, is_corner)| *is_corner).map(|(&p, _)| p);
-    let centres = faces.par_iter().map(|&face| of.corners(face as usize).into_iter().sum::<DVec3>() / 3.0);
-    corners.chain(centres).map(distance).reduce(|| 0.0, f64::max)
+    points_of(of, faces).map(distance).reduce(|| 0.0, f64::max)
+}
+
+/// The corners and the centres of some faces.
+fn points_of<'a>(surface: &'a Surface, faces: &'a [u32]) -> impl ParallelIterator<Item = DVec3> + 'a {
+    let mut is_corner = vec![false; surface.positions.len()];
+    faces.iter().flat_map(|&face| surface.faces[face as usize]).for_each(|v| is_corner[v as usize] = true);
+    let corners = surface.positions.par_iter().zip(is_corner).filter(|(_, is_corner)| *is_corner).map(|(&p, _)| p);
+    let centres = faces.par_iter().map(|&face| surface.corners(face as usize).into_iter().sum::<DVec3>() / 3.0);
+    corners.chain(centres)
 }
 
 #[cfg(test)]

@@ -75,8 +75,6 @@ pub struct State<'a> {
     /// Balls that broke a promise, and why.
     pub left_out: Vec<(Filler, Broken)>,
     pub cells: Cells,
-    /// The tree of the base, for the sources.
-    pub base_tree: Tree,
     /// The balls of the first round, if they are known.
     pub first: Option<Vec<Filler>>,
     /// The number of the round.

@@ -18,10 +18,7 @@ impl SelfUnion for LayerUnion {
         context: &Context<'_>,
     ) -> Result<Option<Surface>, Cancelled> {
         let union = SelfUnionRounds { winding_rule: WindingRule::Positive, max_deviation, sheets: None, always: true };
-        let mut united = surface.clone();
-        let outcome = union.apply(&mut united, &Exact, context)?;
-        let is_good = outcome.error.is_none() && outcome.pairs_left == 0 && is_manifold_by_position(&united);
-        Ok(is_good.then_some(united))
+        Ok(union.boundary(surface, &Exact, context)?.filter(is_manifold_by_position))
     }
 }
 

@@ -85,6 +85,32 @@ impl SelfUnionRounds {
         Ok(resolved)
     }
 
+    /// The result of [`Self::apply`] without its counts. None if the surface is not closed, the arrangement fails, or faces still
+    /// intersect.
+    ///
+    /// # Errors
+    /// [`Cancelled`] when the work should stop.
+    pub fn boundary(
+        &self,
+        surface: &Surface,
+        engine: &dyn Arrangement,
+        context: &Context<'_>,
+    ) -> Result<Option<Surface>, Cancelled> {
+        let edges = Edges::new(&surface.faces);
+        let Ok(closed) = ClosedSurface::new(surface, &edges) else { return Ok(None) };
+        let searched = crossings(surface, None, context)?;
+        let has_cause = count(&searched.intersections) > 0;
+        drop(edges);
+        match (Uniting { settings: self, input: None, engine, context }).unite(closed, searched) {
+            Ok(United { best, .. }) if best.pairs == 0 => {
+                let is_same = !has_cause && ReplacedFaces::between(surface, &best.surface).are_none();
+                Ok(Some(if is_same { surface.clone() } else { best.surface }))
+            }
+            Err(ArrangeError::Cancelled(stop)) => Err(stop),
+            Ok(_) | Err(_) => Ok(None),
+        }
+    }
+
     /// [`Self::apply`] for a surface that has faces of `input`, whose intersections are known. Returns the new surface, or none if the
     /// surface stays as it is.
     fn united(
