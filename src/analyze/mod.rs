@@ -273,7 +273,7 @@ impl<'a> Analyst<'a> {
         else {
             return Ok(None);
         };
-        let file = AssessedFile { analysis, measures: &inspection.measures, bytes: bytes as u64 };
+        let file = AssessedFile { analysis, measures: &inspection.measures, bytes: bytes as u64, lost_unit: false };
         assess(file, &profile, &self.context).map(Some)
     }
 

@@ -161,9 +161,13 @@ pub fn losses_in_words(scene: &Scene, format: Format) -> Option<String> {
     let keeps = |other: &Format| !losses.iter().any(|loss| loss.is_of(*other));
     let others: Vec<&str> = [Format::ThreeMf, Format::Glb].into_iter().filter(keeps).map(name).collect();
     let (name, others) = (name(format), others.join(" or "));
-    let advice =
-        if others.is_empty() { String::new() } else { format!("; choose {others} as output format to keep them") };
-    Some(format!("{name} can't store {lost}, so they were dropped{advice}"))
+    let [was, them] = if losses == [Loss::Unit] { ["it was", "it"] } else { ["they were", "them"] };
+    let keep = (!others.is_empty()).then(|| format!("choose {others} as output format to keep {them}"));
+    let unit = scene.unit.filter(|_| losses.contains(&Loss::Unit));
+    let convert =
+        unit.map(|unit| format!("lengths stay in {unit}, and slicers assume mm: convert them with `scale_to=mm`"));
+    let advice: String = keep.into_iter().chain(convert).map(|advice| format!("; {advice}")).collect();
+    Some(format!("{name} can't store {lost}, so {was} dropped{advice}"))
 }
 
 /// The format's name for a message.
@@ -274,6 +278,13 @@ mod tests {
             losses_in_words(&scene, Format::Stl).as_deref(),
             Some(
                 "STL can't store separate objects and colours, so they were dropped; choose 3MF or GLB as output format to keep them"
+            )
+        );
+        scene = Scene { unit: Some(Unit::Metre), ..Scene::default() };
+        assert_eq!(
+            losses_in_words(&scene, Format::Stl).as_deref(),
+            Some(
+                "STL can't store the unit, so it was dropped; choose 3MF or GLB as output format to keep it; lengths stay in m, and slicers assume mm: convert them with `scale_to=mm`"
             )
         );
     }

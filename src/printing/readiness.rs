@@ -31,6 +31,8 @@ pub struct PrintReadiness {
     pub cups: Vec<ResinCup>,
 }
 
+/// The remedy for a file that cannot say its unit.
+const LOST: &str = "Convert the lengths with `scale_to=mm`, or choose 3MF as output format.";
 /// The remedy for a model that was scaled to a longest side of 1 or 2.
 const NORMALISED: &str = "The size does not reveal the unit; set `target_height_mm` or `target_longest_mm`.";
 
@@ -43,6 +45,8 @@ pub struct AssessedFile<'a> {
     pub measures: &'a Measures,
     /// Size of the file.
     pub bytes: u64,
+    /// Whether the lengths are in another unit than millimetres, and the file cannot say so: slicers will read them as millimetres.
+    pub lost_unit: bool,
 }
 
 impl AssessedFile<'_> {
@@ -215,11 +219,16 @@ fn escape_hole_rule(hollows: Option<&Hollows>, profile: &Profile) -> Option<Rule
     })
 }
 
-/// The rule about the unit. Measured are the millimetres of the file's unit, the limit those of the likely unit.
+/// The rule about the unit. Measured are the millimetres of the file's unit, the limit those of the likely unit, or of the one that
+/// slicers assume.
 fn unit_rule(file: &AssessedFile<'_>, profile: &Profile) -> RuleResult {
     let (Some(bounds), Some(unit)) = (file.measures.bounding_box, file.analysis.facts.unit) else {
         return RuleResult::undecided(PrintRule::Unit, None);
     };
+    if file.lost_unit {
+        let failed = RuleResult::fail(PrintRule::Unit, 1.0, true, unit.used.millimetres());
+        return RuleResult { remedy: Some(LOST.to_owned()), ..failed };
+    }
     let volume = profile.build_volume_mm.as_ref().map(|volume| volume.size);
     let Some(doubt) = units_of_box_in_doubt(bounds, unit, volume) else {
         return RuleResult::pass(PrintRule::Unit, None, None);

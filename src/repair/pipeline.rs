@@ -23,7 +23,7 @@ use crate::format::{self, Format, Limits, ReadFile, ReadOptions};
 use crate::inspect::{Analysis, measure_analysis};
 use crate::printing::readiness::{AssessedFile, PrintReadiness, assess};
 use crate::printing::unit_candidates::FileEvidence;
-use crate::scene::{LengthUnit, Scene};
+use crate::scene::{LengthUnit, Scene, Unit};
 
 /// A repaired file and its report.
 #[derive(Debug, Clone, PartialEq)]
@@ -128,12 +128,13 @@ fn assess_returned(
     let Some(profile) = profile else { return Ok(None) };
     let context = &context.for_verification();
     let mut file = format::read_shape(&repaired.bytes, &ReadOptions::within(Limits::NONE))?;
+    let lost_unit = file.own_unit().is_none() && unit.used != Unit::Millimetre;
     file.settle_unit(file.own_unit().is_none().then_some(unit.used), Some(unit.used));
     let assessed = || {
         let analysis = Analysis::new(subject(&file.mesh, Some(unit)), context)?;
         let measures = measure_analysis(&analysis, context)?;
         assess(
-            AssessedFile { analysis: &analysis, measures: &measures, bytes: repaired.bytes.len() as u64 },
+            AssessedFile { analysis: &analysis, measures: &measures, bytes: repaired.bytes.len() as u64, lost_unit },
             &profile,
             context,
         )

@@ -4,8 +4,8 @@ use glam::{DVec3, IVec3};
 use meshmend::mesh::Soup;
 use meshmend::printing::rules::{PrintRule, RuleOutcome, RuleResult};
 use meshmend::repair::{
-    AssumptionKind, Interior, Islands, NotAppliedCause, OfferedFile, Options, Outcome, Preset, PrintOptions, Repaired,
-    Require, Voids,
+    AssumptionKind, Interior, Islands, NotAppliedCause, OfferedFile, Options, Outcome, OutputFormat, Preset,
+    PrintOptions, Repaired, Require, Voids,
 };
 use meshmend::scene::Unit;
 
@@ -300,6 +300,28 @@ fn an_oversized_model_fails_the_build_volume_with_the_side_that_is_too_long() {
     let repaired = run(&cuboid(DVec3::ZERO, DVec3::new(20.0, 200.0, 20.0), 1), print);
     let failed = rule(&repaired, PrintRule::BuildVolume);
     assert_eq!((failed.result, failed.limit, failed.measured), (RuleOutcome::Fail, Some(175.0), Some(200.0)));
+}
+
+#[test]
+fn lengths_in_inches_break_the_rule_of_the_unit_in_a_file_that_names_none() {
+    let print = PrintOptions { process: Some("sls-pa12".into()), ..PrintOptions::default() };
+    let of_unit = |output, scale_to| {
+        let options = Options {
+            print: print.clone(),
+            unit: Some(Unit::Inch),
+            output,
+            scale_to,
+            max_tier: 2,
+            ..Options::default()
+        };
+        let repaired = repair_soup(&cube(DVec3::ZERO, 1.0, 2), &options, None);
+        rule(&repaired, PrintRule::Unit).clone()
+    };
+    let failed = of_unit(OutputFormat::Stl, None);
+    assert_eq!((failed.result, failed.limit, failed.measured), (RuleOutcome::Fail, Some(1.0), Some(25.4)));
+    assert!(failed.remedy.is_some_and(|remedy| remedy.contains("scale_to=mm")));
+    assert_eq!(of_unit(OutputFormat::Stl, Some(Unit::Millimetre)).result, RuleOutcome::Pass);
+    assert_eq!(of_unit(OutputFormat::ThreeMf, None).result, RuleOutcome::Pass);
 }
 
 #[test]

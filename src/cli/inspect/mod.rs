@@ -195,7 +195,7 @@ impl<'a> Run<'a> {
         let inspect = |context: &Context<'_>| {
             let analysis = Analysis::new(subject(&mesh, Some(&unit)), context)?;
             let (inspection, findings) = inspect_analysis(&analysis, &self.options, context)?;
-            let file = AssessedFile { analysis: &analysis, measures: &inspection.measures, bytes };
+            let file = AssessedFile { analysis: &analysis, measures: &inspection.measures, bytes, lost_unit: false };
             let print_ready = self.profile.as_ref().map(|profile| assess(file, profile, context)).transpose()?;
             Ok::<_, Cancelled>((inspection, findings, print_ready))
         };
