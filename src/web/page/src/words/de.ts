@@ -302,7 +302,7 @@ export const de: Words = {
     build_volume: () => "Skalieren Sie das Modell oder wählen Sie einen größeren Drucker.",
     face_count: (limit) => `Reduzieren Sie das Modell auf ${limit} Flächen.`,
     file_size: () => "Verringern Sie die Zahl der Flächen oder wählen Sie ein kleineres Format.",
-    unit: () => "Geben Sie die Einheit der Datei an.",
+    unit: () => "Geben Sie die Einheit der Datei an oder rechnen Sie ihre Längen in Millimeter um.",
   },
   cavities: "Geschlossene Hohlräume",
   largestCavity: (volume) => `Der größte fasst ${volume}.`,

@@ -318,7 +318,7 @@ export const en = {
     build_volume: () => "Scale the model, or choose a larger printer.",
     face_count: (limit) => `Reduce the model to ${limit} faces.`,
     file_size: () => "Reduce the faces, or choose a smaller format.",
-    unit: () => "State the unit of the file.",
+    unit: () => "State the unit of the file, or convert its lengths to millimetres.",
   } as Record<string, (limit: string) => string>,
   cavities: "Sealed cavities",
   largestCavity: (volume: string) => `The largest holds ${volume}.`,
