@@ -67,7 +67,7 @@ pub enum PrintRule {
     FaceCount,
     /// The file has no more bytes than print services accept.
     FileSize,
-    /// The size is plausible in the file's unit, and a file that names no unit is in millimetres.
+    /// The size is plausible in the file's unit, and a repaired file that names no unit is in millimetres.
     Unit,
 }
 

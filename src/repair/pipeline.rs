@@ -128,8 +128,9 @@ fn assess_returned(
     let Some(profile) = profile else { return Ok(None) };
     let context = &context.for_verification();
     let mut file = format::read_shape(&repaired.bytes, &ReadOptions::within(Limits::NONE))?;
-    let lost_unit = file.own_unit().is_none() && unit.used != Unit::Millimetre;
-    file.settle_unit(file.own_unit().is_none().then_some(unit.used), Some(unit.used));
+    let names_no_unit = file.own_unit().is_none();
+    let lost_unit = names_no_unit && unit.used != Unit::Millimetre;
+    file.settle_unit(names_no_unit.then_some(unit.used), Some(unit.used));
     let assessed = || {
         let analysis = Analysis::new(subject(&file.mesh, Some(unit)), context)?;
         let measures = measure_analysis(&analysis, context)?;

@@ -249,7 +249,6 @@ pub(super) fn cut_body(
     for other in others {
         append_flipped(&near_parts(other, &bounds), &mut whole);
     }
-    let mut surface = Surface::from_soup(&whole).0;
     // The flipped bodies subtract from the winding number, so only space in no other body stays inside.
     let difference = SelfUnionRounds {
         winding_rule: WindingRule::Positive,
@@ -257,10 +256,8 @@ pub(super) fn cut_body(
         sheets: None,
         always: true,
     };
-    let outcome = difference.apply(&mut surface, &Exact, context)?;
-    if outcome.error.is_some() || outcome.pairs_left > 0 || surface.faces.is_empty() {
-        return Ok(None);
-    }
+    let surface = difference.boundary(&Surface::from_soup(&whole).0, &Exact, context)?;
+    let Some(surface) = surface.filter(|surface| !surface.faces.is_empty()) else { return Ok(None) };
     let soup = surface.to_soup();
     let measures = measure_analysis(&Analysis::new((&soup).into(), context)?, context)?;
     if !measures.printable() {

@@ -85,8 +85,8 @@ impl SelfUnionRounds {
         Ok(resolved)
     }
 
-    /// The result of [`Self::apply`] without its counts. None if the surface is not closed, the arrangement fails, or faces still
-    /// intersect.
+    /// The result of [`Self::apply`] with `always`, and without `sheets`, but without its counts. None if the surface is not closed, the
+    /// arrangement fails, or faces still intersect.
     ///
     /// # Errors
     /// [`Cancelled`] when the work should stop.
