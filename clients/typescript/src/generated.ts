@@ -2602,7 +2602,7 @@ export interface components {
             /**
              * Format: double
              * @description Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the bounding box's diagonal,
-             *     depending on the model.
+             *     depending on the model, and more where a few missing faces left a wider opening.
              * @default null
              */
             seal_mm?: number | null;
@@ -5071,7 +5071,7 @@ export interface operations {
                 interior?: components["schemas"]["Interior"];
                 /**
                  * @description Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the bounding box's diagonal,
-                 *     depending on the model.
+                 *     depending on the model, and more where a few missing faces left a wider opening.
                  */
                 seal_mm?: number;
                 /** @description Treatment of small separate solids: smaller than the process allows or, without a process, than 0.01 % of the model's volume. */

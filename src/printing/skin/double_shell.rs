@@ -3,9 +3,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::lids::Lids;
 use crate::context::{Cancelled, Context};
 use crate::math::{Box3, Tree, hit, threads};
-use crate::printing::reach::{Reach, ReachOptions, Reached};
+use crate::printing::reach::{ReachOptions, Reached};
 
 /// Number of faces sampled, spread evenly over the area.
 const SAMPLES: usize = 512;
@@ -52,7 +53,7 @@ struct Sample {
 
 /// Recognises a double shell: most of the surface has a parallel second skin, the median diameter of the largest balls
 /// between the two is below 1 % of the diagonal, and no ball of 2.4 % of the diagonal can reach the void beyond from
-/// outside. Vases, boxes with an opening, tubes and bottles are none. Without thin double walls the answer takes the
+/// outside, openings of a few missing faces aside. Vases, boxes with an opening, tubes and bottles are none. Without thin double walls the answer takes the
 /// time of 512 rays. `tree` is the tree of the faces. Lengths of the answer are in the unit of `positions`.
 ///
 /// # Errors
@@ -69,7 +70,8 @@ pub fn recognise_double_shell(
     let bounds = Box3::of_faces(positions, faces);
     let diameter = OPENING * bounds.diagonal();
     let options = ReachOptions { diameter, cells_per_diameter: 4, refinements: 2, max_nodes: MAX_NODES };
-    let Some(reach) = Reach::new(positions, faces, tree, options, context)? else {
+    let lids = Lids::new((positions, faces), (positions, faces));
+    let Some(reach) = lids.reach((positions, faces, tree), options, context)? else {
         return Ok(None);
     };
     let (mut hidden, mut open) = (0usize, 0usize);

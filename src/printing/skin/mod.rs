@@ -9,6 +9,7 @@ mod cut;
 mod double_shell;
 mod evidence;
 mod labels;
+mod lids;
 mod sight;
 mod states;
 
@@ -19,11 +20,12 @@ use crate::arrange::FacetSides;
 use crate::context::{Cancelled, Context};
 use crate::math::Tree;
 use crate::mesh::Surface;
-use crate::printing::reach::{Reach, ReachOptions};
+use crate::printing::reach::ReachOptions;
 pub use accounting::{Accounting, DropReason, DroppedPiece, kept_exactly_pct};
 use double_shell::double_walls;
 pub use double_shell::{DoubleShell, recognise_double_shell};
 use evidence::evidence;
+use lids::Lids;
 use states::{Labels, SideCells};
 
 /// Seals that are tried, as shares of the diagonal.
@@ -64,6 +66,8 @@ pub struct OuterSkin {
     pub surface: Surface,
     /// The seal, in the model's unit.
     pub seal: f64,
+    /// The largest extent of the openings of a few missing faces that count as closed, in the model's unit; 0 without such.
+    pub widest_lid: f64,
     /// Which faces of the input are not in the skin, and why.
     pub accounting: Accounting,
     /// A wider seal with which a space that air reaches now would be filled, in the model's unit. None if there is no such
@@ -71,36 +75,43 @@ pub struct OuterSkin {
     pub filling_seal: Option<f64>,
 }
 
-/// Finds the outer skin. `seal` is in the model's unit; none chooses one.
+/// Finds the outer skin. `seal` is in the model's unit; none chooses one, and counts openings of a few missing faces as
+/// closed, whatever their width.
 ///
-/// The surface should be welded; it may be open, intersect itself and have any orientation. Openings of at least the
-/// seal stay open. Crevices stay, unless the space behind them must be cut off anyway.
+/// The surface should be welded; it may be open, intersect itself and have any orientation. Other openings of at least
+/// the seal stay open. Crevices stay, unless the space behind them must be cut off anyway.
 ///
 /// # Errors
 /// [`OuterSkinError`].
 pub fn outer_skin(surface: &Surface, seal: Option<f64>, context: &Context<'_>) -> Result<OuterSkin, OuterSkinError> {
     let sides = FacetSides::new(surface, context)?;
-    let model = Model::new(surface, &sides);
+    let lids = match seal {
+        Some(_) => Lids::none(),
+        None => Lids::new((&surface.positions, &surface.faces), (&sides.positions, &sides.corners)),
+    };
+    let model = Model::new(surface, &sides, lids);
     let (seal, outer) = model.choose(seal, context)?;
     let filling_seal = model.filling_seal(seal, &outer, context)?;
     let accounting = Accounting::new(surface, &sides, &outer);
-    Ok(OuterSkin { surface: outer_facets(&sides, &outer), seal, accounting, filling_seal })
+    let widest_lid = model.lids.widest;
+    Ok(OuterSkin { surface: outer_facets(&sides, &outer), seal, widest_lid, accounting, filling_seal })
 }
 
 /// A model prepared for several seals.
 struct Model<'a> {
     sides: &'a FacetSides,
     tree: Tree,
+    lids: Lids,
     cells: SideCells,
     diagonal: f64,
     centre: DVec3,
 }
 
 impl<'a> Model<'a> {
-    fn new(surface: &Surface, sides: &'a FacetSides) -> Self {
+    fn new(surface: &Surface, sides: &'a FacetSides, lids: Lids) -> Self {
         let bounds = surface.bounds();
         let tree = Tree::new(&sides.positions, &sides.corners);
-        Self { sides, tree, cells: SideCells::new(sides), diagonal: bounds.diagonal(), centre: bounds.centre() }
+        Self { sides, tree, lids, cells: SideCells::new(sides), diagonal: bounds.diagonal(), centre: bounds.centre() }
     }
 
     /// The seal, and for each side whether outside air is in front of it. Without a given seal, the smallest of the
@@ -163,7 +174,8 @@ impl<'a> Model<'a> {
         context: &Context<'_>,
     ) -> Result<Option<(Vec<bool>, usize)>, OuterSkinError> {
         let options = ReachOptions { diameter: seal, cells_per_diameter: 4, refinements: 2, max_nodes };
-        let reach = Reach::new(&self.sides.positions, &self.sides.corners, &self.tree, options, context)?;
+        let uncovered = (&self.sides.positions[..], &self.sides.corners[..], &self.tree);
+        let reach = self.lids.reach(uncovered, options, context)?;
         let Some(reach) = reach else { return Ok(None) };
         let evidence = evidence(self.sides, &self.tree, &reach, context)?;
         let labels = Labels::new((self.sides, &self.cells), &evidence, (&self.tree, seal), context)?;

@@ -29,7 +29,7 @@ pub struct PrintOptions {
     /// Treatment of the space inside a model. `auto` fills the space in a double shell, which 3D model generators often produce.
     pub interior: Interior,
     /// Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the bounding box's diagonal,
-    /// depending on the model.
+    /// depending on the model, and more where a few missing faces left a wider opening.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(exclusive_minimum = 0.0))]
     pub seal_mm: Option<f64>,

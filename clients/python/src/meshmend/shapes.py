@@ -1702,7 +1702,7 @@ class PrintOptions(TypedDict):
     seal_mm: NotRequired[float | None]
     """
     Widest opening, in millimetres, that is sealed when the interior is filled. Default: 0.6 % to 2.4 % of the bounding box's diagonal,
-    depending on the model.
+    depending on the model, and more where a few missing faces left a wider opening.
     """
     target_height_mm: NotRequired[float | None]
     """Height of the result in millimetres, along the file's up axis. The model is scaled evenly before the repair."""

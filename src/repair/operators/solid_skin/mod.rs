@@ -14,6 +14,7 @@ pub(super) use close::resolve;
 use close::{Closed, close};
 use glam::DVec3;
 
+use super::split_non_manifold::{Pairing, Pinches, split_non_manifold};
 use crate::printing::skin::{DropReason, DroppedPiece, OuterSkin, OuterSkinError, kept_exactly_pct, outer_skin};
 
 /// The widest patch, in seals. A ball that passes an opening has more room than the flat patch across it shows.
@@ -26,7 +27,8 @@ const MIN_SHARE: f64 = 1e-12;
 /// Options of [`solid_skin`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SkinOptions {
-    /// Openings narrower than this are closed, in the model's unit. None chooses a seal.
+    /// Openings narrower than this are closed, in the model's unit. None chooses a seal, and also closes openings of a few
+    /// missing faces.
     pub seal: Option<f64>,
     /// The precision of the output file.
     pub precision: Precision,
@@ -84,13 +86,15 @@ pub enum SkinError {
 /// outside, with the input's faces where they bound it.
 ///
 /// The surface should be welded; it may be open, intersect itself and have any orientation. Openings that a ball of the
-/// seal's diameter passes stay open: a patch of more than twice that width is an error. Crevices stay, unless the space
+/// seal's diameter passes stay open, but for those of a few missing faces where the seal is not given: another patch of
+/// more than twice that width is an error. Crevices stay, unless the space
 /// behind them must be cut off anyway.
 ///
 /// # Errors
 /// [`SkinError`]: nothing is enclosed, the faces cannot be arranged, or the work was cancelled.
 pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_>) -> Result<SkinResult, SkinError> {
-    let OuterSkin { surface: open, seal, mut accounting, filling_seal } = outer_skin(surface, options.seal, context)?;
+    let OuterSkin { surface: open, seal, widest_lid, mut accounting, filling_seal } =
+        outer_skin(surface, options.seal, context)?;
     if open.faces.is_empty() {
         return Err(SkinError::Empty(seal));
     }
@@ -100,13 +104,16 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
         return Err(SkinError::Open(open_pct));
     }
     let width = sealed.iter().map(|place| place.width).fold(0.0, f64::max);
-    if width > MAX_WIDTH * seal {
+    if width > (MAX_WIDTH * seal).max(widest_lid) {
         return Err(SkinError::Wide { width, seal });
     }
     if !resolve(&mut skin, context)? {
         return Err(SkinError::Intersecting);
     }
     accounting.drop(&drop_remains(&mut skin), DropReason::Sheet);
+    if Edges::new(&skin.faces).iter().any(|half_edges| half_edges.len() > 2) {
+        split_non_manifold(&mut skin, Pairing::Angular, Pinches::Cut, context)?;
+    }
     let kept_exactly_pct = kept_exactly_pct(&skin, surface);
     let dropped = accounting.pieces(surface);
     for source in skin.source.iter_mut().filter(|source| !is_generated(**source)) {

@@ -50,15 +50,18 @@ fn volume(surface: &Surface) -> f64 {
     signed_volume(surface, DVec3::ZERO)
 }
 
-/// A ball of radius 1 as two skins 0.012 apart, with crumbs inside and outside, and 21 pinholes in both skins if
-/// `is_pierced`.
-fn double_shell(is_pierced: bool) -> Vec<[DVec3; 3]> {
-    let pierced = |faces: Vec<[DVec3; 3]>| {
-        let gone = |i: &usize| is_pierced && i % 100 == 7;
-        (0..faces.len()).filter(|i| !gone(i)).map(|i| faces[i]).collect::<Vec<_>>()
-    };
+/// A ball of radius 1 as two skins 0.012 apart, made of [`ball`]s of that level, with crumbs inside and outside. Both skins
+/// lack the faces with the numbers for which `is_missing` answers.
+fn pierced_shell(level: u32, is_missing: fn(usize) -> bool) -> Vec<[DVec3; 3]> {
+    let pierced =
+        |faces: Vec<[DVec3; 3]>| (0..faces.len()).filter(|&i| !is_missing(i)).map(|i| faces[i]).collect::<Vec<_>>();
     let crumbs = [ball(DVec3::splat(0.2), 0.01, 1), ball(DVec3::splat(1.2), 0.01, 1)].concat();
-    [pierced(ball(DVec3::ZERO, 1.0, 4)), pierced(inverted(ball(DVec3::ZERO, 0.988, 4))), crumbs].concat()
+    [pierced(ball(DVec3::ZERO, 1.0, level)), pierced(inverted(ball(DVec3::ZERO, 0.988, level))), crumbs].concat()
+}
+
+/// The same of finer skins, with 21 pinholes in both skins if `is_pierced`.
+fn double_shell(is_pierced: bool) -> Vec<[DVec3; 3]> {
+    pierced_shell(4, if is_pierced { |i| i % 100 == 7 } else { |_| false })
 }
 
 #[test]
@@ -78,6 +81,35 @@ fn a_double_shell_with_pinholes_becomes_the_solid() {
     for (f, &source) in outcome.source.iter().enumerate().filter(|(_, source)| !is_generated(**source)) {
         assert_eq!(outcome.corners(f), of_input[source as usize]);
     }
+}
+
+#[test]
+fn a_double_shell_is_filled_where_its_missing_faces_are_wider_than_any_seal() {
+    // A face is 5 % of the diagonal wide. Some missing faces touch in a vertex, others share an edge.
+    let model = surface(&pierced_shell(3, |i| [4, 5, 70, 71].contains(&(i % 128))));
+    let found = with_context(|context| recognised(&model, context)).unwrap();
+    assert!(found.is_some_and(|shell| shell.void_share > 0.9), "{found:?}");
+    let outcome = skin(&model, SkinOptions::default()).surface;
+    let solid = volume(&surface(&ball(DVec3::ZERO, 1.0, 3)));
+    assert!(ClosedSurface::new(&outcome, &Edges::new(&outcome.faces)).is_ok());
+    assert!((volume(&outcome) / solid - 1.0).abs() < 1e-2, "{}", volume(&outcome) / solid);
+    assert_eq!(outcome.source.iter().filter(|&&source| !is_generated(source)).count(), 512 - 16 + 32);
+    // A narrower seal that the caller chose does not close them.
+    let narrow = SkinOptions { seal: Some(0.02), ..SkinOptions::default() };
+    let refused = with_context(|context| solid_skin(&model, &narrow, context));
+    assert!(matches!(refused, Err(SkinError::Wide { width, .. }) if width > 0.1), "{refused:?}");
+}
+
+#[test]
+fn a_mouth_with_few_edges_is_no_missing_face() {
+    // Without the four faces around its top, the ball is a bowl with a mouth of four edges, 22 % of the diagonal wide.
+    let top = ball(DVec3::ZERO, 1.0, 2).iter().map(|face| face.iter().any(|p| p.z == 1.0)).collect::<Vec<_>>();
+    let open = |radius: f64| {
+        let faces = ball(DVec3::ZERO, radius, 2).into_iter().zip(&top).filter(|(_, is_top)| !**is_top);
+        faces.map(|(face, _)| face).collect::<Vec<_>>()
+    };
+    let model = surface(&[open(1.0), inverted(open(0.988))].concat());
+    assert_eq!(with_context(|context| recognised(&model, context)), Ok(None));
 }
 
 /// A ball of unit cubes, hollow but for a layer one cube thick, without one in 37 of the outer and of the inner triangles. Also the
