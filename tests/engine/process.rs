@@ -186,15 +186,22 @@ fn shells_that_share_an_edge(segments: u32, hole: usize) -> Soup {
 #[test]
 fn a_double_shell_whose_outer_skin_touches_itself_along_an_edge_becomes_a_solid() {
     let fill = PrintOptions { interior: Interior::Fill, ..PrintOptions::default() };
-    let filled = run(&shells_that_share_an_edge(40, 7), fill.clone());
-    assert_outcome(&filled, Outcome::Repaired);
-    assert!((volume(&filled) / 16_000.0 - 1.0).abs() < 0.01, "both cubes are solids: {}", volume(&filled));
-    assert!(filled.report.options_not_applied.is_empty(), "{:?}", filled.report.options_not_applied);
-    // A missing face of 5 mm is an opening, not a pinhole.
-    let open = run(&shells_that_share_an_edge(4, 7), fill);
-    let [not_applied] = &open.report.options_not_applied[..] else { panic!("{:?}", open.report.options_not_applied) };
-    assert_eq!((not_applied.option.as_str(), not_applied.cause), ("interior", NotAppliedCause::Unavailable));
-    assert!(not_applied.reason.contains("wider than the seal"), "{}", not_applied.reason);
+    // With 4 squares on each side, a missing face is wider than the seal, and yet a missing face.
+    for squares in [40, 4] {
+        let filled = run(&shells_that_share_an_edge(squares, 7), fill.clone());
+        assert_outcome(&filled, Outcome::Repaired);
+        assert!((volume(&filled) / 16_000.0 - 1.0).abs() < 0.01, "both cubes are solids: {}", volume(&filled));
+        assert!(filled.report.options_not_applied.is_empty(), "{:?}", filled.report.options_not_applied);
+    }
+    // A seal that the request chose is obeyed.
+    let open = run(&shells_that_share_an_edge(4, 7), PrintOptions { seal_mm: Some(0.5), ..fill });
+    let [interior, seal] = &open.report.options_not_applied[..] else {
+        panic!("{:?}", open.report.options_not_applied)
+    };
+    for (not_applied, option) in [(interior, "interior"), (seal, "seal_mm")] {
+        assert_eq!((not_applied.option.as_str(), not_applied.cause), (option, NotAppliedCause::Unavailable));
+        assert!(not_applied.reason.contains("wider than the seal of 0.5"), "{}", not_applied.reason);
+    }
 }
 
 /// The surface of the unit cells of a grid of `n` cells a side for which `is_solid` holds.

@@ -7,7 +7,7 @@ use meshmend::mesh::Soup;
 use meshmend::repair::{NotAppliedCause, Options, Outcome, PrintOptions, Repaired, WallGrowth, WallThickening};
 use meshmend::scene::Unit;
 
-use crate::meshes::{as_f32, cuboid, inside_out, join, push, sphere};
+use crate::meshes::{as_f32, cuboid, cylinder, inside_out, join, push, sphere};
 use crate::support::{assert_outcome, measured_file, repair_soup};
 
 /// Thickens to a least wall. Nothing may stay thin.
@@ -224,4 +224,38 @@ fn a_plate_without_an_inner_side_grows_on_both_and_the_report_says_so() {
     let [entry] = &repaired.report.options_not_applied[..] else { panic!("{:?}", repaired.report.options_not_applied) };
     assert_eq!((entry.option.as_str(), entry.cause), ("wall_growth", NotAppliedCause::Limited));
     assert!(entry.reason.contains("no inner side"), "{}", entry.reason);
+}
+
+#[test]
+fn pins_have_no_inner_side_and_grow_all_around() {
+    // Seen from each pin, the free way towards the other one is shorter.
+    let plate = cuboid(DVec3::ZERO, DVec3::new(20.0, 20.0, 2.0), 1);
+    let pins = [(6.0, 6.0, 0.17, 13), (9.0, 12.0, 0.3, 24)];
+    let on_plate =
+        |soup: Soup, (x, y, radius, sides)| join(&soup, &cylinder(DVec3::new(x, y, 1.0), radius, 6.0, sides));
+    let model = as_f32(pins.into_iter().fold(plate, on_plate));
+    for growth in [WallGrowth::Outward, WallGrowth::Inward] {
+        let (repaired, thickening) = thickened_on(&model, 0.8, growth);
+        assert!(thickening.added_volume_mm3 > 3.0, "{growth:?}: {thickening:?}");
+        let [entry] = &repaired.report.options_not_applied[..] else { panic!("{growth:?}") };
+        assert!(entry.reason.contains("no inner side"), "{}", entry.reason);
+    }
+}
+
+#[test]
+fn a_blade_grows_where_only_balls_can_thicken_it() {
+    // Both sides end in sharp edges.
+    let outline = [[0.0, 0.0], [5.0, -0.3], [10.0, 0.0], [5.0, 0.3]].map(|[x, y]| DVec3::new(x, y, 0.0));
+    let mut blade = Soup::default();
+    for k in 0..4 {
+        let [a, b] = [outline[k], outline[(k + 1) % 4]];
+        let up = DVec3::Z * 8.0;
+        push(&mut blade, [a, b, b + up]);
+        push(&mut blade, [a, b + up, a + up]);
+    }
+    for k in [1, 2] {
+        push(&mut blade, [outline[0], outline[k + 1], outline[k]]);
+        push(&mut blade, [outline[0], outline[k], outline[k + 1]].map(|p| p + DVec3::Z * 8.0));
+    }
+    thickened_on(&turned(blade), 0.8, WallGrowth::Outward);
 }

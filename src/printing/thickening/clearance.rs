@@ -5,9 +5,12 @@ use crate::mesh::Surface;
 use glam::DVec3;
 
 use super::limits::{Filler, Limits};
+use super::walls::noise_of;
 
 /// The largest dot product of the outward directions at two contacts of a ball in a wall: 36.9 degrees.
 pub const OPPOSED: f64 = -0.8;
+/// How far balls stay behind faces on a side that stays, as a share of the least wall, so that rounding leaves these faces as they are.
+const BEHIND_KEPT: f64 = 0.01;
 /// Steps of one ball.
 pub const STEPS: u64 = 1 << 16;
 
@@ -32,9 +35,20 @@ impl Clearances<'_> {
     /// The ball that replaces a thin one, given by its centre and its radius, and exceeds it by `wanted`, within the clearances in
     /// front of its contacts.
     pub fn ball(&self, thin: (DVec3, f64), wanted: f64, contacts: [Contact; 2]) -> Filler {
-        let behind = if self.limits.has_several_solids() { self.limits.settings.least_gap() / 2.0 } else { 0.0 };
+        let to_solids = if self.limits.has_several_solids() { self.limits.settings.least_gap() / 2.0 } else { 0.0 };
         let (_, radius) = thin;
-        within_clearances(thin, wanted, contacts, contacts.map(|at| self.clearance(at, 2.0 * wanted + behind, radius)))
+        let to_kept = self.behind_kept(radius);
+        let noise = noise_of(&self.limits.input.positions);
+        let clearance = |at: Contact| match self.limits.is_kept(at.point, noise) {
+            true => -to_kept,
+            false => self.clearance(at, 2.0 * wanted + to_solids.max(to_kept), radius),
+        };
+        within_clearances(thin, wanted, contacts, contacts.map(clearance))
+    }
+
+    /// How far the ball that replaces a thin one of a radius stays behind a kept face. Both balls still overlap.
+    fn behind_kept(&self, radius: f64) -> f64 {
+        (BEHIND_KEPT * self.limits.settings.min_wall).min(radius / 2.0)
     }
 
     /// How far the solid may grow at a contact, at most `wanted`. Negative in front of another solid that is nearer than the least
@@ -113,5 +127,23 @@ mod tests {
             assert!((ball.radius - 0.54).abs() < 1e-9, "{gap}: {ball:?}");
             assert!((left - f64::midpoint(0.5, gap)).abs() < 1e-9, "{gap}: {left}");
         }
+    }
+
+    #[test]
+    fn a_ball_keeps_its_size_behind_the_side_that_stays() {
+        let plate = joined(&[cuboid(DVec3::ZERO, DVec3::new(10.0, 10.0, 0.3))]);
+        let settings = Thickening { min_wall: 1.0, growth: Growth::Outward, min_gap: 0.5, precision: Precision::F32 };
+        let is_below = |face: usize| plate.corners(face).iter().all(|corner| corner.z == 0.0);
+        let limits = Limits::new(&plate, settings).keeping((0..plate.faces.len()).map(is_below).collect());
+        let at = DVec3::new(5.0, 5.0, 0.15);
+        let contacts = [0.3, 0.0].map(|z| Contact { point: at.with_z(z), normal: (at.with_z(z) - at).normalize() });
+        let mut ball = Clearances { current: (&plate, &limits.tree), limits: &limits }.ball((at, 0.15), 0.39, contacts);
+        limits.apply(&mut ball, 0.2);
+        let behind = ball.centre.z - ball.radius;
+        assert!((ball.radius - 0.54).abs() < 1e-9 && (1e-6..0.02).contains(&behind), "{ball:?}");
+        // A ball that no contact moves away from the side only gets smaller.
+        let mut other = Filler::new(at, 0.54);
+        limits.apply(&mut other, 0.05);
+        assert!((other.radius - 0.15).abs() < 1e-9, "{other:?}");
     }
 }

@@ -60,7 +60,7 @@ impl<'a> Growths<'a> {
         let kept = vec![false; surface.faces.len()];
         let mut growths = Self { walls, settings, least, witnesses: Vec::new(), kept, has_equal_sides: false };
         if settings.growth != Growth::Both {
-            let side = kept_side(surface, &growths.walls, &thin, settings.growth, context)?;
+            let side = kept_side(surface, &growths.walls, &thin, (settings.growth, settings.min_wall), context)?;
             (growths.kept, growths.has_equal_sides) = (side.faces, side.has_equal_sides);
         }
         for face in (0u32..).zip(&mut growths.kept) {

@@ -46,6 +46,8 @@ pub struct Limits<'a> {
     dipoles: Dipoles,
     /// The group of solids of each of its faces, if there are several groups.
     group_of_face: Option<Vec<u32>>,
+    /// For each of its faces, whether it is on the side of a wall that stays. Empty if there is no such side.
+    kept: Vec<bool>,
     /// The least wall and the least gap.
     pub settings: Thickening,
 }
@@ -56,11 +58,25 @@ impl<'a> Limits<'a> {
         let tree = Tree::new(&input.positions, &input.faces);
         let dipoles = tree.dipoles(|face| input.corners(face as usize));
         let group_of_face = group_of_each_face(input, &settings);
-        Self { input, tree, dipoles, group_of_face, settings }
+        Self { input, tree, dipoles, group_of_face, kept: Vec::new(), settings }
     }
 
-    /// Limits the radius of a ball, so that it moves the input's surface by less than [`MAX_BALL_DEVIATION`] and leaves the least
-    /// gap to other solids. The ball first moves away from other solids, as far as it still contains the thin ball. Nothing is
+    /// The same limits, but balls stay behind some faces; `kept` tells for each face whether it is one of them.
+    pub fn keeping(self, kept: Vec<bool>) -> Self {
+        Self { kept: if kept.contains(&true) { kept } else { Vec::new() }, ..self }
+    }
+
+    /// Whether a point is on a face that balls stay behind, or within `reach` of one.
+    pub fn is_kept(&self, point: DVec3, reach: f64) -> bool {
+        self.nearest_kept(point, reach).is_some()
+    }
+
+    fn nearest_kept(&self, point: DVec3, reach: f64) -> Option<Nearest> {
+        if self.kept.is_empty() { None } else { self.nearest(point, reach, |face| self.kept[face as usize]) }
+    }
+
+    /// Limits the radius of a ball, so that it moves the input's surface by less than [`MAX_BALL_DEVIATION`], stays behind the kept
+    /// faces, and leaves the least gap to other solids. The ball first moves away from other solids, as far as it still contains the thin ball. Nothing is
     /// left of a ball that would have to be smaller than a cell of the balls' surface, since that can be a cell away from it.
     pub fn apply(&self, filler: &mut Filler, cell: f64) {
         let Filler { centre, radius, slack, .. } = *filler;
@@ -94,7 +110,8 @@ impl<'a> Limits<'a> {
         let found = group.map_or(alone, |group| self.beside_others((centre, own.distance), radius, group));
         let depth = if self.is_inside(centre) { own.distance } else { -own.distance };
         let most = MAX_BALL_DEVIATION * self.settings.min_wall + depth;
-        Some(Allowed { radius: found.radius.min(most), ..found })
+        let kept = self.nearest_kept(centre, radius).map_or(radius, |kept| kept.distance);
+        Some(Allowed { radius: found.radius.min(most).min(kept), ..found })
     }
 
     /// The largest radius, at most `radius`, of a ball around a point with a distance from the surface, so that the least gap to other

@@ -39,11 +39,14 @@ mod walls;
 
 use std::time::Duration;
 
+use growth::thin_walls;
 use limits::Limits;
 use results::{Grown, Thin};
 use rounds::{Fit, Rounds};
+use sides::kept_side;
 use unions::Filling;
 use unite::Topology;
+use walls::Walls;
 
 use crate::context::{Cancelled, Context};
 use crate::mesh::{ClosedSurface, Surface};
@@ -139,24 +142,53 @@ impl Thickening {
                 grown = layered;
             }
         }
-        if self.growth == Growth::Both {
-            let (limits, topology) = (Limits::new(surface, *self), Topology::of(surface, self));
-            let filling = Filling { settings: *self, union, context, kept, limits: &limits, before: &before, topology };
-            // A layer can end where balls can't go on, since it moved the surface as far as is allowed.
-            let bases: &[&Grown] = if base.surface == start.surface { &[&start] } else { &[&base, &start] };
-            for (number, base) in bases.iter().enumerate() {
-                let filled = filling.run(base)?;
-                if filled.is_better_than(&grown, &before) {
-                    grown = filled;
-                } else if number == 0 {
-                    (grown.limited, grown.reason) = (filled.limited, filled.reason);
-                }
-                if grown.thin.is_empty() {
-                    break;
-                }
+        // A layer can end where balls can't go on, since it moved the surface as far as is allowed.
+        let bases: &[&Grown] = if base.surface == start.surface { &[&start] } else { &[&base, &start] };
+        let grown = self.with_balls(grown, (surface, &before), (bases, kept), (union, context))?;
+        Ok(results.finish(grown))
+    }
+
+    /// The best of a result and of bases with balls in their thin places. The time `kept` is for the end.
+    fn with_balls(
+        &self,
+        mut grown: Grown,
+        (surface, before): (&Surface, &Thin),
+        (bases, kept): (&[&Grown], Duration),
+        (union, context): (&dyn SelfUnion, &Context<'_>),
+    ) -> Result<Grown, Cancelled> {
+        let (limits, has_equal_sides) = self.limits(surface, before, context)?;
+        let topology = Topology::of(surface, self);
+        let filling = Filling { settings: *self, union, context, kept, limits: &limits, before, topology };
+        for (number, base) in bases.iter().enumerate() {
+            let mut filled = filling.run(base)?;
+            filled.grew_on_equal_sides |= has_equal_sides;
+            if filled.is_better_than(&grown, before) {
+                grown = filled;
+            } else if number == 0 {
+                (grown.limited, grown.reason) = (filled.limited, filled.reason);
+            }
+            if grown.thin.is_empty() {
+                break;
             }
         }
-        Ok(results.finish(grown))
+        Ok(grown)
+    }
+
+    /// The limits of balls in a surface, and whether a wall has no side that stays.
+    fn limits<'a>(
+        &self,
+        surface: &'a Surface,
+        before: &Thin,
+        context: &Context<'_>,
+    ) -> Result<(Limits<'a>, bool), Cancelled> {
+        let limits = Limits::new(surface, *self);
+        if self.growth == Growth::Both {
+            return Ok((limits, false));
+        }
+        let walls = Walls::new(surface);
+        let thin = thin_walls(&walls, before.walls(), self.min_wall, context)?;
+        let side = kept_side(surface, &walls, &thin, (self.growth, self.min_wall), context)?;
+        Ok((limits.keeping(side.faces), side.has_equal_sides))
     }
 
     /// A surface with a layer on it. Takes a share of the time in `limited`. None if the layer is not tried, or the time ran out.

@@ -23,7 +23,7 @@ use smallvec::SmallVec;
 
 use super::layer::{Layered, SMOOTH};
 use super::mitre::{Plane, mitre};
-use super::refine::{FaceCorner, Refined, index};
+use super::refine::{Refined, index};
 use super::regions::Regions;
 
 /// How far a vertex may leave the plane of a face that does not grow, as a share of the growth.
@@ -48,8 +48,10 @@ pub fn moved(
     precision: Precision,
     context: &Context<'_>,
 ) -> Result<Option<Layered>, Cancelled> {
-    let stars = Stars::new(refined.positions.len(), &refined.faces);
-    let mut mover = Mover { refined, regions, stars, left_out: FxHashSet::default() };
+    let place = regions.near_vertices((&refined.positions, &refined.faces)).into_roots();
+    let at_places: Vec<[u32; 3]> = refined.faces.iter().map(|face| face.map(|v| place[v as usize])).collect();
+    let stars = Stars::new(refined.positions.len(), &at_places);
+    let mut mover = Mover { refined, regions, place, stars, left_out: FxHashSet::default() };
     for _ in 0..MAX_PASSES {
         context.check()?;
         let blocked = match mover.positions(precision) {
@@ -75,25 +77,33 @@ type NewFace = ([u32; 3], u32);
 struct Mover<'a> {
     refined: &'a Refined,
     regions: &'a Regions,
+    /// For each vertex, the first one of those that are one place but for rounding. They move together.
+    place: Vec<u32>,
+    /// The faces at each place.
     stars: Stars,
     /// The regions that stay.
     left_out: FxHashSet<u32>,
 }
 
 impl Mover<'_> {
-    fn growth(&self, corner: FaceCorner) -> f64 {
-        if self.left_out.contains(&self.regions.of(corner.face)) { 0.0 } else { self.refined.growth_at(corner) }
+    /// How far a face moves.
+    fn growth(&self, face: u32) -> f64 {
+        if self.left_out.contains(&self.regions.of(face)) {
+            return 0.0;
+        }
+        (0..3).map(|corner| self.refined.corner_growth(face, corner)).fold(0.0, f64::max)
     }
 
-    fn grows(&self, face: u32) -> bool {
-        self.refined.faces[face as usize].iter().any(|&vertex| self.growth(FaceCorner { vertex, face }) > 0.0)
+    /// The faces at a vertex.
+    fn star(&self, vertex: u32) -> &[u32] {
+        self.stars.of(self.place[vertex as usize])
     }
 
     /// The growing regions at some vertices.
     fn growing_at(&self, vertices: impl Iterator<Item = u32>) -> Vec<u32> {
         let mut regions = Vec::new();
         for vertex in vertices {
-            let growing = self.stars.of(vertex).iter().filter(|&&face| self.growth(FaceCorner { vertex, face }) > 0.0);
+            let growing = self.star(vertex).iter().filter(|&&face| self.growth(face) > 0.0);
             regions.extend(growing.map(|&face| self.regions.of(face)));
         }
         regions
@@ -102,7 +112,7 @@ impl Mover<'_> {
     /// The positions after the move, or the growing regions at vertices that cannot move.
     fn positions(&self, precision: Precision) -> Result<Vec<DVec3>, Vec<u32>> {
         let vertices = 0..index(self.refined.positions.len());
-        let offset = |v: u32| Vertex { mover: self, star: self.stars.of(v), vertex: v }.offset();
+        let offset = |v: u32| Vertex { mover: self, star: self.star(v) }.offset();
         let offsets: Vec<Option<DVec3>> = vertices.clone().into_par_iter().map(offset).collect();
         let stuck = self.growing_at(vertices.zip(&offsets).filter(|(_, offset)| offset.is_none()).map(|(v, _)| v));
         if !stuck.is_empty() {
@@ -160,7 +170,7 @@ impl Mover<'_> {
     /// The moved surface; none if nothing grows.
     fn layered(&self, positions: Vec<DVec3>, faces: Vec<NewFace>, source: &[u32], added: u32) -> Option<Layered> {
         let (faces, parent): (Vec<[u32; 3]>, Vec<u32>) = faces.into_iter().unzip();
-        let piece: Vec<Option<u32>> = parent.iter().map(|&face| self.grows(face).then_some(face)).collect();
+        let piece: Vec<Option<u32>> = parent.iter().map(|&face| (self.growth(face) > 0.0).then_some(face)).collect();
         let carrier = |(&face, piece): (&u32, &Option<u32>)| {
             let source = source[face as usize];
             if piece.is_some() { source % added + added } else { source }
@@ -172,11 +182,10 @@ impl Mover<'_> {
     }
 }
 
-/// A vertex with the faces around it.
+/// The faces around a vertex.
 struct Vertex<'a> {
     mover: &'a Mover<'a>,
     star: &'a [u32],
-    vertex: u32,
 }
 
 impl Vertex<'_> {
@@ -206,11 +215,11 @@ impl Vertex<'_> {
     }
 
     fn growth(&self, face: u32) -> f64 {
-        self.mover.growth(FaceCorner { vertex: self.vertex, face })
+        self.mover.growth(face)
     }
 
     fn normal(&self, face: u32) -> DVec3 {
-        self.mover.regions.normals()[face as usize]
+        self.mover.regions.plane(face)
     }
 }
 

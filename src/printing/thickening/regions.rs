@@ -18,6 +18,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::growth::Growths;
 use super::refine::{FaceCorner, Refined, longest_edge};
+use super::walls::Walls;
 
 /// Cosine of the angle up to which neighbours count as one flat region: half a degree.
 const FLAT: f64 = 0.999_96;
@@ -28,6 +29,9 @@ const MAX_MORE: f64 = 1.3;
 /// The area of a small region, in squares of the least wall.
 const SMALL: f64 = 4.0;
 
+/// The most such faces between one and the neighbour whose plane it takes, if they are in the least favourable order.
+const MAX_PASSES: usize = 16;
+
 /// The flat regions of a surface, with the growth that a refined surface needs.
 pub struct Regions {
     /// For each face, its region: the smallest face in it.
@@ -36,6 +40,11 @@ pub struct Regions {
     faces: FxHashMap<u32, Vec<u32>>,
     /// For each face, its unit normal; zero if rounding decides it.
     normals: Vec<DVec3>,
+    /// For each face, the unit normal of the plane that it lies in. Where rounding decides its own one, that of a neighbour in its
+    /// region.
+    planes: Vec<DVec3>,
+    /// The distance up to which vertices are one place but for rounding.
+    noise: f64,
     /// The area up to which a region is small.
     small: f64,
     /// The regions with a thin face.
@@ -60,21 +69,13 @@ struct Need {
 impl Regions {
     /// Finds the flat regions of `surface`, of which `refined` has the pieces.
     pub fn new(surface: &Surface, growths: &Growths<'_>, refined: &Refined, min_wall: f64) -> Self {
-        let normals: Vec<DVec3> = (0u32..).take(surface.faces.len()).map(|face| growths.walls.normal(face)).collect();
-        let mut groups = UnionFind::new(surface.faces.len());
         let edges = Edges::new(&surface.faces);
-        for half_edges in edges.iter() {
-            if let &[g, h] = half_edges
-                && normals[g as usize / 3].dot(normals[h as usize / 3]) >= FLAT
-            {
-                groups.unite(g / 3, h / 3);
+        let (normals, planes) = normals_and_planes(surface, &growths.walls, &edges);
+        let mut groups = UnionFind::new(surface.faces.len());
+        for [f, g] in pairs(&edges).map(|pair| pair.map(|half_edge| half_edge / 3)) {
+            if planes[f as usize].dot(planes[g as usize]) >= FLAT {
+                groups.unite(f, g);
             }
-        }
-        // A face without a normal lies in the plane of the face across its longest edge.
-        for face in (0u32..).take(normals.len()).filter(|&face| normals[face as usize] == DVec3::ZERO) {
-            let (_, [a, b]) = longest_edge(&surface.positions, surface.faces[face as usize]);
-            let across = edges.find(a, b).map(|edge| edges.half_edges(edge)).unwrap_or_default();
-            across.iter().for_each(|half_edge| groups.unite(face, half_edge / 3));
         }
         let of_face = groups.into_roots();
         let mut faces: FxHashMap<u32, Vec<u32>> = FxHashMap::default();
@@ -82,7 +83,8 @@ impl Regions {
             faces.entry(region).or_default().push(face);
         }
         let (needs, whole, small) = (FxHashMap::default(), FxHashSet::default(), SMALL * min_wall * min_wall);
-        let mut regions = Self { of_face, faces, normals, small, needs, whole };
+        let noise = growths.walls.contact;
+        let mut regions = Self { of_face, faces, normals, planes, noise, small, needs, whole };
         regions.assess(refined);
         regions
     }
@@ -120,6 +122,25 @@ impl Regions {
     /// The unit normals of all faces; zero where rounding decides.
     pub fn normals(&self) -> &[DVec3] {
         &self.normals
+    }
+
+    /// The unit normal of the plane that a face lies in; zero where there is none.
+    pub fn plane(&self, face: u32) -> DVec3 {
+        self.planes[face as usize]
+    }
+
+    /// Groups the vertices at the ends of edges that are no longer than rounding errors.
+    pub fn near_vertices(&self, surface: (&[DVec3], &[[u32; 3]])) -> UnionFind {
+        let (positions, faces) = surface;
+        let mut near = UnionFind::new(positions.len());
+        for [a, b, c] in faces {
+            for [from, to] in [[*a, *b], [*b, *c], [*c, *a]] {
+                if positions[from as usize].distance(positions[to as usize]) <= self.noise {
+                    near.unite(from, to);
+                }
+            }
+        }
+        near
     }
 
     /// Whether all thin regions may grow as a whole.
@@ -172,6 +193,71 @@ impl Regions {
         };
         (0u32..).zip(&surface.faces).filter_map(corners).flatten().collect()
     }
+}
+
+/// The half-edges of the edges with two faces.
+fn pairs(edges: &Edges) -> impl Iterator<Item = [u32; 2]> {
+    edges.iter().filter_map(|half_edges| <[u32; 2]>::try_from(half_edges).ok())
+}
+
+/// The unit normals of all faces, zero where rounding decides, and the normals of the planes that they lie in: faces without a normal
+/// lie in the plane of a neighbour, also over other such faces.
+fn normals_and_planes(surface: &Surface, walls: &Walls<'_>, edges: &Edges) -> (Vec<DVec3>, Vec<DVec3>) {
+    let all = || (0u32..).take(surface.faces.len());
+    let mut normals: Vec<DVec3> = all().map(|face| walls.normal(face)).collect();
+    // Faces without a normal, each with the neighbour in whose plane it lies.
+    let in_plane = |pair| sliver_in_plane(surface, &normals, pair, walls.contact);
+    let mut slivers: Vec<[u32; 2]> = pairs(edges).filter_map(in_plane).collect();
+    slivers.iter().for_each(|[sliver, _]| normals[*sliver as usize] = DVec3::ZERO);
+    let is_sliver = |face: &u32| normals[*face as usize] == DVec3::ZERO;
+    for face in all().filter(is_sliver) {
+        let (_, [a, b]) = longest_edge(&surface.positions, surface.faces[face as usize]);
+        let across = edges.find(a, b).map(|edge| edges.half_edges(edge)).unwrap_or_default();
+        slivers.extend(across.iter().map(|half_edge| [face, half_edge / 3]).filter(|[_, beside]| *beside != face));
+    }
+    let mut planes = normals.clone();
+    take_planes(&mut planes, &slivers, (surface, walls.contact));
+    // Two slivers at their longest edges know only each other.
+    let beside = pairs(edges).map(|pair| pair.map(|half_edge| half_edge / 3)).flat_map(|[f, g]| [[f, g], [g, f]]);
+    let unknown: Vec<[u32; 2]> = beside.filter(|[face, _]| planes[*face as usize] == DVec3::ZERO).collect();
+    take_planes(&mut planes, &unknown, (surface, walls.contact));
+    (normals, planes)
+}
+
+/// Gives faces without a plane the plane of a neighbour, also over other such faces, if they lie in it except for `noise` and the
+/// angle between faces of one region. `neighbours`
+/// are pairs of a face and a neighbour.
+fn take_planes(planes: &mut [DVec3], neighbours: &[[u32; 2]], (surface, noise): (&Surface, f64)) {
+    let lies_in = |face: u32, plane: DVec3| {
+        let [a, b, c] = surface.corners(face as usize);
+        let most = |way: DVec3| noise + (1.0 - FLAT * FLAT).sqrt() * way.length();
+        [b - a, c - a].into_iter().all(|way| way.dot(plane).abs() <= most(way))
+    };
+    for _ in 0..MAX_PASSES {
+        let mut is_done = true;
+        for &[face, beside] in neighbours {
+            let [own, plane] = [face, beside].map(|face| planes[face as usize]);
+            if own == DVec3::ZERO && plane != DVec3::ZERO && lies_in(face, plane) {
+                planes[face as usize] = plane;
+                is_done = false;
+            }
+        }
+        if is_done {
+            break;
+        }
+    }
+}
+
+/// The smaller of two faces at an edge, given by its half-edges, with the larger one, if it is so narrow that it lies in the plane of the
+/// larger one except for `noise`, and yet its normal differs: rounding decides it.
+fn sliver_in_plane(surface: &Surface, normals: &[DVec3], pair: [u32; 2], noise: f64) -> Option<[u32; 2]> {
+    let area = |half_edge: u32| surface.area_vector(half_edge as usize / 3).length_squared();
+    let [large, small] = if area(pair[0]) >= area(pair[1]) { pair } else { [pair[1], pair[0]] };
+    let [plane, own] = [large, small].map(|half_edge| normals[half_edge as usize / 3]);
+    let at = |vertex: u32| surface.positions[vertex as usize];
+    let apex = at(Edges::opposite(&surface.faces, small)) - at(Edges::ends(&surface.faces, large)[0]);
+    ((0.0..FLAT).contains(&plane.dot(own)) && own != DVec3::ZERO && apex.dot(plane).abs() <= noise)
+        .then_some([small / 3, large / 3])
 }
 
 /// The regions that may grow as a whole: all if together they need hardly more material for it. Otherwise those that need
@@ -240,5 +326,30 @@ impl Pieces {
             growths.limit_of_face(face, growth + more) - growth
         };
         faces.iter().fold(more, room).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Soup;
+
+    #[test]
+    fn a_sliver_lies_in_the_plane_of_its_neighbours_although_its_own_normal_differs() {
+        let corners = |z: f64| [[0.0, 0.0], [10.0, 0.0], [10.0, 0.5], [0.0, 0.5]].map(|[x, y]| DVec3::new(x, y, z));
+        // A vertex of the top is nearly on its long side, and higher than the top by a rounding error.
+        let near_edge = DVec3::new(5.0, 2e-5, 0.5 + 3e-6);
+        let positions = [&corners(0.0)[..], &corners(0.5), &[near_edge]].concat();
+        let sides = (0..4u32).flat_map(|k| [[k, (k + 1) % 4, 4 + (k + 1) % 4], [k, 4 + (k + 1) % 4, 4 + k]]);
+        let top = (0..4u32).map(|k| [4 + k, 4 + (k + 1) % 4, 8]);
+        let faces: Vec<[u32; 3]> = [[0, 2, 1], [0, 3, 2]].into_iter().chain(sides).chain(top).collect();
+        let bar = Surface::from_soup(&Soup { positions, faces }).0;
+        let walls = Walls::new(&bar);
+        let sliver = 10;
+        assert!(walls.normal(sliver).z < 0.99, "{}", walls.normal(sliver));
+        let (normals, planes) = normals_and_planes(&bar, &walls, &Edges::new(&bar.faces));
+        assert_eq!(normals[sliver as usize], DVec3::ZERO);
+        assert!(planes[10..].iter().all(|plane| plane.dot(DVec3::Z) >= FLAT), "{planes:?}");
+        assert!((2..10).all(|side| planes[side].z == 0.0 && planes[side] == normals[side]));
     }
 }

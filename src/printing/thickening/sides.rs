@@ -12,6 +12,8 @@ use super::walls::{Opposed, Walls};
 
 /// Cosine of the angle up to which faces at an edge belong to one smooth patch.
 const SMOOTH: f64 = 0.866_025_403_784_438_6;
+/// Directions, spread over half a turn, in which the material around the middle of a wall is measured.
+const DIRECTIONS: u32 = 8;
 /// The vote up to which a patch is undecided, in squares of the longest way.
 const LEAST_VOTE: f64 = 1e-6;
 
@@ -19,7 +21,7 @@ const LEAST_VOTE: f64 = 1e-6;
 pub struct KeptSide {
     /// For each face, whether it may not grow.
     pub faces: Vec<bool>,
-    /// Whether a thin wall has no inner side, such as a plate, so that it grows on both.
+    /// Whether a thin wall has no inner side, such as a plate or a wire, so that it grows on both.
     pub has_equal_sides: bool,
 }
 
@@ -42,7 +44,7 @@ impl Side {
 ///
 /// A face is on the inner side of a wall if the free way in front of it is shorter than in front of the opposed face.
 /// Whole smooth patches are decided by the area of their faces. Where both ways are equal, the neighbours decide: inner sides
-/// meet in concave edges, outer sides in convex ones.
+/// meet in concave edges, outer sides in convex ones. Wires and pins have no inner side.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -50,17 +52,19 @@ pub fn kept_side(
     surface: &Surface,
     walls: &Walls<'_>,
     thin: &[Vec<Opposed>],
-    growth: Growth,
+    (growth, min_wall): (Growth, f64),
     context: &Context<'_>,
 ) -> Result<KeptSide, Cancelled> {
     let reach = 2.0 * surface.bounds().diagonal();
-    let is_thin = |face: usize| !thin[face].is_empty();
+    let of_wall = |(face, thin): (usize, &Vec<Opposed>)| {
+        thin.first()?;
+        let (centre, face) = (surface.corners(face).into_iter().sum::<DVec3>() / 3.0, index(face));
+        Some((free_way(walls, (centre, face), reach), is_of_wire(walls, (centre, face), min_wall)))
+    };
     context.check()?;
-    let way: Vec<f64> = (0..surface.faces.len())
-        .into_par_iter()
-        .map(|face| if is_thin(face) { free_way(surface, walls, index(face), reach) } else { reach })
-        .collect();
+    let measured: Vec<Option<(f64, bool)>> = thin.par_iter().enumerate().map(of_wall).collect();
     context.check()?;
+    let way = |face: usize| measured[face].map_or(reach, |(way, _)| way);
     let mut patches = UnionFind::new(surface.faces.len());
     let edges = Edges::new(&surface.faces);
     for [f, g] in half_edges_of_pairs(&edges).map(|pair| pair.map(|half_edge| half_edge / 3)) {
@@ -69,15 +73,20 @@ pub fn kept_side(
         }
     }
     let patch = patches.into_roots();
-    // For each patch with thin walls, its vote, which is positive for an inner side.
+    // For each patch with thin walls, its vote, which is positive for an inner side, and the area of its walls less that of its wires.
     let mut votes: BTreeMap<u32, f64> = BTreeMap::new();
-    for (face, thin) in thin.iter().enumerate() {
-        if let Some(wall) = thin.first() {
-            let [own, other] = [way[face], way[wall.face as usize]];
+    let mut areas: BTreeMap<u32, f64> = BTreeMap::new();
+    for (face, (thin, measured)) in thin.iter().zip(&measured).enumerate() {
+        if let (Some(wall), Some((own, is_wire))) = (thin.first(), measured) {
+            let other = way(wall.face as usize);
             let area = surface.area_vector(face).length();
             *votes.entry(patch[face]).or_insert(0.0) += area * (other - own) / (other + own).max(f64::MIN_POSITIVE);
+            *areas.entry(patch[face]).or_insert(0.0) += if *is_wire { -area } else { area };
         }
     }
+    let walls_before = votes.len();
+    votes.retain(|patch, _| areas[patch] >= 0.0);
+    let has_wires = votes.len() < walls_before;
     let least = LEAST_VOTE * reach.powi(2);
     let mut sides: BTreeMap<u32, Option<Side>> =
         votes.iter().map(|(&patch, &vote)| (patch, (vote.abs() > least).then(|| Side::of(vote)))).collect();
@@ -94,7 +103,7 @@ pub fn kept_side(
     let of_patch = |patch: &u32| sides.get(patch).copied().flatten();
     Ok(KeptSide {
         faces: patch.iter().map(|patch| kept.is_some() && of_patch(patch) == kept).collect(),
-        has_equal_sides: kept.is_some() && sides.values().any(Option::is_none),
+        has_equal_sides: kept.is_some() && (has_wires || sides.values().any(Option::is_none)),
     })
 }
 
@@ -152,10 +161,23 @@ fn half_edges_of_pairs(edges: &Edges) -> impl Iterator<Item = [u32; 2]> {
     edges.iter().filter_map(|half_edges| <[u32; 2]>::try_from(half_edges).ok())
 }
 
-/// The length of the free way in front of a face, at most `reach`.
-fn free_way(surface: &Surface, walls: &Walls<'_>, face: u32, reach: f64) -> f64 {
-    let centre = surface.corners(face as usize).into_iter().sum::<DVec3>() / 3.0;
-    walls.first_hit(centre, walls.normal(face) * reach, face).map_or(reach, |share| share * reach)
+/// The length of the free way in front of a point of a face, at most `reach`.
+fn free_way(walls: &Walls<'_>, (point, face): (DVec3, u32), reach: f64) -> f64 {
+    walls.first_hit(point, walls.normal(face) * reach, face).map_or(reach, |share| share * reach)
+}
+
+/// Whether the material behind a point of a face is thinner than the least wall in a second direction, across the first one.
+fn is_of_wire(walls: &Walls<'_>, (point, face): (DVec3, u32), min_wall: f64) -> bool {
+    let inward = -walls.normal(face) * min_wall;
+    let Some(share) = walls.first_hit(point, inward, face) else { return false };
+    let middle = point + inward * (share / 2.0);
+    let (u, v) = walls.normal(face).any_orthonormal_pair();
+    let to_surface = |way: DVec3| walls.first_hit(middle, way * min_wall, u32::MAX).unwrap_or(1.0) * min_wall;
+    (0..DIRECTIONS).any(|number| {
+        let (sine, cosine) = (f64::from(number) * std::f64::consts::PI / f64::from(DIRECTIONS)).sin_cos();
+        let way = u * cosine + v * sine;
+        to_surface(way) + to_surface(-way) < min_wall
+    })
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "faces are counted in u32")]
