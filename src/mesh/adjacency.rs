@@ -136,6 +136,11 @@ impl Edges {
         self.start.windows(2).map(|w| &self.half_edges[w[0] as usize..w[1] as usize])
     }
 
+    /// The half-edges of each edge with exactly two, in the order of the edges.
+    pub fn pairs(&self) -> impl Iterator<Item = [u32; 2]> {
+        self.iter().filter_map(|half_edges| <[u32; 2]>::try_from(half_edges).ok())
+    }
+
     /// The edge between two vertices, in either direction, if there is one.
     #[must_use]
     pub fn find(&self, a: u32, b: u32) -> Option<usize> {

@@ -53,8 +53,8 @@ struct Sample {
 
 /// Recognises a double shell: most of the surface has a parallel second skin, the median diameter of the largest balls
 /// between the two is below 1 % of the diagonal, and no ball of 2.4 % of the diagonal can reach the void beyond from
-/// outside, openings of a few missing faces aside. Vases, boxes with an opening, tubes and bottles are none. Without thin double walls the answer takes the
-/// time of 512 rays. `tree` is the tree of the faces. Lengths of the answer are in the unit of `positions`.
+/// outside, openings of a few missing faces aside. Vases, boxes with an opening, tubes and bottles are none. Without thin
+/// double walls the answer takes the time of 512 rays. `tree` is the tree of the faces. Lengths of the answer are in the unit of `positions`.
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.

@@ -5,7 +5,6 @@ use crate::mesh::Surface;
 use glam::DVec3;
 
 use super::limits::{Filler, Limits};
-use super::walls::noise_of;
 
 /// The largest dot product of the outward directions at two contacts of a ball in a wall: 36.9 degrees.
 pub const OPPOSED: f64 = -0.8;
@@ -38,8 +37,7 @@ impl Clearances<'_> {
         let to_solids = if self.limits.has_several_solids() { self.limits.settings.least_gap() / 2.0 } else { 0.0 };
         let (_, radius) = thin;
         let to_kept = self.behind_kept(radius);
-        let noise = noise_of(&self.limits.input.positions);
-        let clearance = |at: Contact| match self.limits.is_kept(at.point, noise) {
+        let clearance = |at: Contact| match self.limits.is_kept(at.point) {
             true => -to_kept,
             false => self.clearance(at, 2.0 * wanted + to_solids.max(to_kept), radius),
         };

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::outcome::Thickening;
 use super::unite::{FAR_AWAY, group_of_each_face};
+use super::walls::noise_of;
 
 /// The most that balls may move the surface, as a share of the least wall. A ball in the middle of a wall without thickness
 /// moves it by half of the least wall; where a gap limits the growth on one side, the other side moves by all of it. The
@@ -48,6 +49,8 @@ pub struct Limits<'a> {
     group_of_face: Option<Vec<u32>>,
     /// For each of its faces, whether it is on the side of a wall that stays. Empty if there is no such side.
     kept: Vec<bool>,
+    /// The distance up to which a point is on a face but for rounding.
+    noise: f64,
     /// The least wall and the least gap.
     pub settings: Thickening,
 }
@@ -58,7 +61,8 @@ impl<'a> Limits<'a> {
         let tree = Tree::new(&input.positions, &input.faces);
         let dipoles = tree.dipoles(|face| input.corners(face as usize));
         let group_of_face = group_of_each_face(input, &settings);
-        Self { input, tree, dipoles, group_of_face, kept: Vec::new(), settings }
+        let noise = noise_of(&input.positions);
+        Self { input, tree, dipoles, group_of_face, kept: Vec::new(), noise, settings }
     }
 
     /// The same limits, but balls stay behind some faces; `kept` tells for each face whether it is one of them.
@@ -66,9 +70,9 @@ impl<'a> Limits<'a> {
         Self { kept: if kept.contains(&true) { kept } else { Vec::new() }, ..self }
     }
 
-    /// Whether a point is on a face that balls stay behind, or within `reach` of one.
-    pub fn is_kept(&self, point: DVec3, reach: f64) -> bool {
-        self.nearest_kept(point, reach).is_some()
+    /// Whether a point is on a face that balls stay behind, except for rounding.
+    pub fn is_kept(&self, point: DVec3) -> bool {
+        self.nearest_kept(point, self.noise).is_some()
     }
 
     fn nearest_kept(&self, point: DVec3, reach: f64) -> Option<Nearest> {

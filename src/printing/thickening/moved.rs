@@ -48,10 +48,12 @@ pub fn moved(
     precision: Precision,
     context: &Context<'_>,
 ) -> Result<Option<Layered>, Cancelled> {
-    let place = regions.near_vertices((&refined.positions, &refined.faces)).into_roots();
+    let place = regions.near_vertices(refined).into_roots();
     let at_places: Vec<[u32; 3]> = refined.faces.iter().map(|face| face.map(|v| place[v as usize])).collect();
     let stars = Stars::new(refined.positions.len(), &at_places);
-    let mut mover = Mover { refined, regions, place, stars, left_out: FxHashSet::default() };
+    let most = |face| (0..3).map(|corner| refined.corner_growth(face, corner)).fold(0.0, f64::max);
+    let growth = (0..index(refined.faces.len())).map(most).collect();
+    let mut mover = Mover { refined, regions, growth, place, stars, left_out: FxHashSet::default() };
     for _ in 0..MAX_PASSES {
         context.check()?;
         let blocked = match mover.positions(precision) {
@@ -77,6 +79,8 @@ type NewFace = ([u32; 3], u32);
 struct Mover<'a> {
     refined: &'a Refined,
     regions: &'a Regions,
+    /// How far each face is to move.
+    growth: Vec<f64>,
     /// For each vertex, the first one of those that are one place but for rounding. They move together.
     place: Vec<u32>,
     /// The faces at each place.
@@ -88,10 +92,7 @@ struct Mover<'a> {
 impl Mover<'_> {
     /// How far a face moves.
     fn growth(&self, face: u32) -> f64 {
-        if self.left_out.contains(&self.regions.of(face)) {
-            return 0.0;
-        }
-        (0..3).map(|corner| self.refined.corner_growth(face, corner)).fold(0.0, f64::max)
+        if self.left_out.contains(&self.regions.of(face)) { 0.0 } else { self.growth[face as usize] }
     }
 
     /// The faces at a vertex.

@@ -72,7 +72,7 @@ impl Regions {
         let edges = Edges::new(&surface.faces);
         let (normals, planes) = normals_and_planes(surface, &growths.walls, &edges);
         let mut groups = UnionFind::new(surface.faces.len());
-        for [f, g] in pairs(&edges).map(|pair| pair.map(|half_edge| half_edge / 3)) {
+        for [f, g] in edges.pairs().map(|pair| pair.map(|half_edge| half_edge / 3)) {
             if planes[f as usize].dot(planes[g as usize]) >= FLAT {
                 groups.unite(f, g);
             }
@@ -130,8 +130,7 @@ impl Regions {
     }
 
     /// Groups the vertices at the ends of edges that are no longer than rounding errors.
-    pub fn near_vertices(&self, surface: (&[DVec3], &[[u32; 3]])) -> UnionFind {
-        let (positions, faces) = surface;
+    pub fn near_vertices(&self, Refined { positions, faces, .. }: &Refined) -> UnionFind {
         let mut near = UnionFind::new(positions.len());
         for [a, b, c] in faces {
             for [from, to] in [[*a, *b], [*b, *c], [*c, *a]] {
@@ -195,11 +194,6 @@ impl Regions {
     }
 }
 
-/// The half-edges of the edges with two faces.
-fn pairs(edges: &Edges) -> impl Iterator<Item = [u32; 2]> {
-    edges.iter().filter_map(|half_edges| <[u32; 2]>::try_from(half_edges).ok())
-}
-
 /// The unit normals of all faces, zero where rounding decides, and the normals of the planes that they lie in: faces without a normal
 /// lie in the plane of a neighbour, also over other such faces.
 fn normals_and_planes(surface: &Surface, walls: &Walls<'_>, edges: &Edges) -> (Vec<DVec3>, Vec<DVec3>) {
@@ -207,7 +201,7 @@ fn normals_and_planes(surface: &Surface, walls: &Walls<'_>, edges: &Edges) -> (V
     let mut normals: Vec<DVec3> = all().map(|face| walls.normal(face)).collect();
     // Faces without a normal, each with the neighbour in whose plane it lies.
     let in_plane = |pair| sliver_in_plane(surface, &normals, pair, walls.contact);
-    let mut slivers: Vec<[u32; 2]> = pairs(edges).filter_map(in_plane).collect();
+    let mut slivers: Vec<[u32; 2]> = edges.pairs().filter_map(in_plane).collect();
     slivers.iter().for_each(|[sliver, _]| normals[*sliver as usize] = DVec3::ZERO);
     let is_sliver = |face: &u32| normals[*face as usize] == DVec3::ZERO;
     for face in all().filter(is_sliver) {
@@ -218,15 +212,14 @@ fn normals_and_planes(surface: &Surface, walls: &Walls<'_>, edges: &Edges) -> (V
     let mut planes = normals.clone();
     take_planes(&mut planes, &slivers, (surface, walls.contact));
     // Two slivers at their longest edges know only each other.
-    let beside = pairs(edges).map(|pair| pair.map(|half_edge| half_edge / 3)).flat_map(|[f, g]| [[f, g], [g, f]]);
+    let beside = edges.pairs().map(|pair| pair.map(|half_edge| half_edge / 3)).flat_map(|[f, g]| [[f, g], [g, f]]);
     let unknown: Vec<[u32; 2]> = beside.filter(|[face, _]| planes[*face as usize] == DVec3::ZERO).collect();
     take_planes(&mut planes, &unknown, (surface, walls.contact));
     (normals, planes)
 }
 
 /// Gives faces without a plane the plane of a neighbour, also over other such faces, if they lie in it except for `noise` and the
-/// angle between faces of one region. `neighbours`
-/// are pairs of a face and a neighbour.
+/// angle between faces of one region. `neighbours` are pairs of a face and a neighbour.
 fn take_planes(planes: &mut [DVec3], neighbours: &[[u32; 2]], (surface, noise): (&Surface, f64)) {
     let lies_in = |face: u32, plane: DVec3| {
         let [a, b, c] = surface.corners(face as usize);

@@ -67,7 +67,7 @@ pub fn kept_side(
     let way = |face: usize| measured[face].map_or(reach, |(way, _)| way);
     let mut patches = UnionFind::new(surface.faces.len());
     let edges = Edges::new(&surface.faces);
-    for [f, g] in half_edges_of_pairs(&edges).map(|pair| pair.map(|half_edge| half_edge / 3)) {
+    for [f, g] in edges.pairs().map(|pair| pair.map(|half_edge| half_edge / 3)) {
         if walls.normal(f).dot(walls.normal(g)) >= SMOOTH {
             patches.unite(f, g);
         }
@@ -91,8 +91,7 @@ pub fn kept_side(
     let mut sides: BTreeMap<u32, Option<Side>> =
         votes.iter().map(|(&patch, &vote)| (patch, (vote.abs() > least).then(|| Side::of(vote)))).collect();
     if sides.values().any(Option::is_none) {
-        let borders: Vec<Border> =
-            half_edges_of_pairs(&edges).filter_map(|pair| Border::new(surface, &patch, pair)).collect();
+        let borders: Vec<Border> = edges.pairs().filter_map(|pair| Border::new(surface, &patch, pair)).collect();
         decide_by_neighbours(&borders, &mut sides, context)?;
     }
     let kept = match growth {
@@ -154,11 +153,6 @@ fn decide_by_neighbours(
         }
         sides.extend(votes.into_iter().map(|(patch, vote)| (patch, Some(Side::of(vote)))));
     }
-}
-
-/// The half-edges of each edge that joins two faces.
-fn half_edges_of_pairs(edges: &Edges) -> impl Iterator<Item = [u32; 2]> {
-    edges.iter().filter_map(|half_edges| <[u32; 2]>::try_from(half_edges).ok())
 }
 
 /// The length of the free way in front of a point of a face, at most `reach`.

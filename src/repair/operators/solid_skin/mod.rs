@@ -87,8 +87,7 @@ pub enum SkinError {
 ///
 /// The surface should be welded; it may be open, intersect itself and have any orientation. Openings that a ball of the
 /// seal's diameter passes stay open, but for those of a few missing faces where the seal is not given: another patch of
-/// more than twice that width is an error. Crevices stay, unless the space
-/// behind them must be cut off anyway.
+/// more than twice that width is an error. Crevices stay, unless the space behind them must be cut off anyway.
 ///
 /// # Errors
 /// [`SkinError`]: nothing is enclosed, the faces cannot be arranged, or the work was cancelled.
