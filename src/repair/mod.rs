@@ -56,9 +56,10 @@ pub use plan::{categorise, make_plan};
 pub use red_flags::{Comparison, SurvivingInput, red_flags};
 pub use remesher::{RemeshAction, RemeshError, RemeshRequest, Remeshed, Remesher, RemesherInfo};
 pub use report::{
-    Action, Alternative, Alternatives, Assumption, AssumptionKind, Candidate, FileSummary, NotAppliedCause, NotOffered,
-    NotOfferedCause, ObjectReport, OfferedFile, OmittedSection, OpenQuestion, OptionNotApplied, Outcome, Plan,
-    PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode, Report, ReportedOptions, SkipReason, Step,
-    StepStatus, Strategy, ThinPlaceLeft, ThinPlaceReason, UnfixedFaces, Verdict, WallThickening, When,
+    Action, Alternative, Alternatives, Assumption, AssumptionKind, Candidate, DrilledVent, FileSummary,
+    NotAppliedCause, NotOffered, NotOfferedCause, ObjectReport, OfferedFile, OmittedSection, OpenQuestion,
+    OptionNotApplied, Outcome, Plan, PlannedAction, Property, REPORT_VERSION, RedFlag, RedFlagCode, Report,
+    ReportedOptions, SkipReason, Step, StepStatus, Strategy, ThinPlaceLeft, ThinPlaceReason, UnfixedFaces, Verdict,
+    WallThickening, When,
 };
 pub use time_budget::promised_overrun;

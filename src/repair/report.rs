@@ -3,8 +3,8 @@
 mod alternatives;
 mod findings;
 mod outcome;
+mod print_steps;
 mod steps;
-mod thickening;
 
 use serde::{Deserialize, Serialize};
 
@@ -14,11 +14,11 @@ pub use self::findings::{
     ReportedOptions,
 };
 pub use self::outcome::{FileSummary, OfferedFile, Outcome, Property, Verdict};
+pub use self::print_steps::{DrilledVent, ThinPlaceLeft, ThinPlaceReason, WallThickening};
 pub use self::steps::{
     Action, Candidate, Plan, PlannedAction, SkipReason, Step, StepStatus, Strategy, UnfixedFaces, When,
 };
 use self::steps::{abridge_candidates, abridge_steps};
-pub use self::thickening::{ThinPlaceLeft, ThinPlaceReason, WallThickening};
 use super::options::Require;
 use crate::inspect::{Changes, Inspection, Measures, PartAccounting};
 use crate::printing::readiness::PrintReadiness;

@@ -205,14 +205,12 @@ impl Runner<'_> {
 
     /// Records in a step what its operator changed.
     fn record(&self, applied: Applied, surface: &Surface, run: &mut TaskRun) {
-        let Applied { changes, moved, left, failed, unfixed, voxel_size, thickening, is_late, limited: _, searched: _ } =
-            applied;
         let step = &mut run.step;
-        step.unfixed = unfixed_faces(&unfixed, surface);
-        (step.changed, step.moved, step.note, step.voxel_size) = (changes, moved, left, voxel_size);
-        step.thickening = thickening;
-        run.failure = failed;
-        if is_late {
+        step.unfixed = unfixed_faces(&applied.unfixed, surface);
+        (step.changed, step.moved, step.note) = (applied.changes, applied.moved, applied.left);
+        (step.voxel_size, step.thickening, step.vents) = (applied.voxel_size, applied.thickening, applied.vents);
+        run.failure = applied.failed;
+        if applied.is_late {
             self.time.omit(OmittedSection::Repair);
         }
     }

@@ -4,8 +4,8 @@ use glam::{DVec3, IVec3};
 use meshmend::mesh::Soup;
 use meshmend::printing::rules::{PrintRule, RuleOutcome, RuleResult};
 use meshmend::repair::{
-    AssumptionKind, Interior, Islands, NotAppliedCause, OfferedFile, Options, Outcome, OutputFormat, Preset,
-    PrintOptions, Repaired, Require, Voids,
+    AssumptionKind, DrilledVent, Interior, Islands, NotAppliedCause, OfferedFile, Options, Outcome, OutputFormat,
+    Preset, PrintOptions, Repaired, Require, Voids,
 };
 use meshmend::scene::Unit;
 
@@ -126,6 +126,14 @@ fn a_vented_cavity_is_open_and_its_process_accepts_it() {
     assert_eq!(rule(&vented, PrintRule::EscapeHoles).result, RuleOutcome::Pass);
     let bore = 7000.0 - volume(&vented);
     assert!((40.0..60.0).contains(&bore), "a bore of 3.5 mm through 5 mm removes about 49 mm³, not {bore}");
+    let vents: Vec<&DrilledVent> = vented.report.steps.iter().flat_map(|step| &step.vents).collect();
+    let [vent] = vents[..] else { panic!("one vent: {vents:?}") };
+    assert_eq!((vent.diameter_mm, vent.length_mm, vent.cavity_volume_mm3), (3.5, 5.0, 1000.0));
+    let (mouth, cavity) = (DVec3::from_array(vent.at), DVec3::from_array(vent.cavity));
+    assert!(cavity.cmpgt(DVec3::splat(5.0)).all() && cavity.cmplt(DVec3::splat(15.0)).all(), "inside: {cavity}");
+    let inner_end = mouth - vent.length_mm * DVec3::from_array(vent.direction);
+    let on_wall = |at: DVec3, wall: f64| (at - 10.0).abs().max_element() == wall;
+    assert!(on_wall(mouth, 10.0) && on_wall(inner_end, 5.0), "{vent:?}");
 }
 
 #[test]

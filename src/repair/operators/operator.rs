@@ -13,7 +13,7 @@ use crate::inspect::{Analysis, EdgeCounts, Measures, SearchedMesh, duplicate_fac
 use crate::math::{collinear, threads, to_unit_range};
 use crate::mesh::{Edges, Fans, Surface};
 use crate::remesh::RemeshError;
-use crate::repair::{Cancelled, Change, Context, Options, WallThickening};
+use crate::repair::{Cancelled, Change, Context, DrilledVent, Options, WallThickening};
 
 /// The settings from which operators derive their parameters.
 #[derive(Clone, Copy)]
@@ -103,6 +103,8 @@ pub struct Applied {
     pub voxel_size: Option<f64>,
     /// For thickened walls: what was added and left.
     pub thickening: Option<WallThickening>,
+    /// The vents that were drilled into sealed cavities.
+    pub vents: Vec<DrilledVent>,
     /// A mesh with most faces of the result that was searched for intersecting faces.
     pub searched: Option<Arc<SearchedMesh>>,
     /// Whether the deadline came before the operator had finished.

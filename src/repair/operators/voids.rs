@@ -5,9 +5,9 @@ use super::self_union::SelfUnionRounds;
 use crate::arrange::{Exact, WindingRule};
 use crate::mesh::{ClosedSurface, Edges, NO_SOURCE, REQUESTED_SOURCE, Surface};
 use crate::printing::fill::fill_voids;
-use crate::printing::vents::{UnionError, VentError, VentFailure, VentOptions, Vented, vent_voids};
+use crate::printing::vents::{UnionError, Vent, VentError, VentFailure, VentOptions, Vented, vent_voids};
 use crate::printing::voids::{Regions, RegionsError, voids_of};
-use crate::repair::{Cancelled, Change, ChangeKind, Context};
+use crate::repair::{Cancelled, Change, ChangeKind, Context, DrilledVent};
 
 /// The farthest that rounding may move a vertex, as a share of the model's diagonal.
 const MAX_ROUNDING: f64 = 1e-4;
@@ -69,6 +69,8 @@ impl Operation<'_> for FillVoids {
 #[derive(Debug, Clone, Copy)]
 pub struct VentVoids {
     options: VentOptions,
+    /// Millimetres per unit of the model.
+    millimetres: f64,
 }
 
 impl Operation<'_> for VentVoids {
@@ -81,7 +83,8 @@ impl Operation<'_> for VentVoids {
         let diameter = diameter_mm / scope.millimetres;
         let wall = scope.options.print.wall_limit_mm().map_or(diameter / 2.0, |limit| limit / scope.millimetres);
         let precision = scope.format.precision();
-        Self { options: VentOptions { diameter, per_void, wall, up: scope.up, precision } }
+        let options = VentOptions { diameter, per_void, wall, up: scope.up, precision };
+        Self { options, millimetres: scope.millimetres }
     }
 
     fn run(&self, surface: &mut Surface, context: &Context<'_>) -> Result<Applied, Cancelled> {
@@ -98,6 +101,7 @@ impl Operation<'_> for VentVoids {
         opened.sort_unstable();
         opened.dedup();
         let left = cavities_left(&vented);
+        let vents = drilled(&vented, self.millimetres);
         if !opened.is_empty() {
             let known = surface.source.contains(&NO_SOURCE);
             *surface = vented.surface;
@@ -110,8 +114,26 @@ impl Operation<'_> for VentVoids {
             (ChangeKind::VentsDrilled, vented.vents.len() as u64),
             (ChangeKind::VoidsLeft, vented.failed.len() as u64),
         ]);
-        Ok(Applied { changes, left, ..Applied::default() })
+        Ok(Applied { changes, left, vents, ..Applied::default() })
     }
+}
+
+/// The vents as the report lists them: those of the largest cavity first.
+fn drilled(vented: &Vented, millimetres: f64) -> Vec<DrilledVent> {
+    let mut vents: Vec<&Vent> = vented.vents.iter().collect();
+    vents.sort_by_key(|vent| vent.void);
+    let listed = vents.into_iter().map(|vent| {
+        let cavity = &vented.voids[vent.void];
+        DrilledVent {
+            at: vent.at.to_array(),
+            direction: vent.direction.to_array(),
+            diameter_mm: vent.diameter * millimetres,
+            length_mm: vent.length * millimetres,
+            cavity: cavity.at.to_array(),
+            cavity_volume_mm3: cavity.volume * millimetres.powi(3),
+        }
+    });
+    listed.collect()
 }
 
 /// The cavities with fewer bores than requested, by reason; `None` if there are none.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::findings::{OptionNotApplied, RedFlag};
-use super::thickening::WallThickening;
+use super::print_steps::{DrilledVent, WallThickening};
 use crate::repair::change::Change;
 use crate::repair::options::{Category, Operator, Preset};
 use crate::repair::remesher::RemesherInfo;
@@ -184,6 +184,9 @@ pub struct Step {
     /// For `thicken_walls`: what was added, and the places that stay thin.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thickening: Option<WallThickening>,
+    /// For `vent_voids`: the holes that were drilled, those of the largest cavity first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub vents: Vec<DrilledVent>,
 }
 
 /// Faces that an operator could not fix, such as faces whose outer side it could not determine.
@@ -220,6 +223,7 @@ impl Step {
             runs: 0,
             voxel_size: None,
             thickening: None,
+            vents: Vec::new(),
         }
     }
 
@@ -283,6 +287,7 @@ pub(super) fn abridge_steps(steps: &mut Vec<Step>, most: usize) {
     for thickening in steps.iter_mut().filter_map(|step| step.thickening.as_mut()) {
         thickening.left.truncate(most);
     }
+    steps.iter_mut().for_each(|step| step.vents.truncate(most));
 }
 
 /// Keeps the chosen candidate and the first `most` others. The chosen candidate's red flags are already in the report.

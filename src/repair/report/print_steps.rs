@@ -1,4 +1,4 @@
-//! What a step that thickens walls added, and what it left thin.
+//! What the steps that prepare a model for printing did: the walls that they thickened, and the vents that they drilled.
 
 use serde::{Deserialize, Serialize};
 
@@ -50,4 +50,22 @@ pub struct WallThickening {
     /// The places that stay thin: walls first, then sharp edges; at most 100.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left: Vec<ThinPlaceLeft>,
+}
+
+/// A hole that was drilled into a sealed cavity, as a straight bore.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct DrilledVent {
+    /// The centre of its mouth on the outer surface, in the model's unit.
+    pub at: [f64; 3],
+    /// The unit vector from the cavity to the mouth.
+    pub direction: [f64; 3],
+    /// The diameter in millimetres.
+    pub diameter_mm: f64,
+    /// The length of its axis in the wall, in millimetres.
+    pub length_mm: f64,
+    /// A point inside the cavity, in the model's unit. Vents of one cavity have the same point.
+    pub cavity: [f64; 3],
+    /// The volume of the cavity in cubic millimetres, without the solids inside.
+    pub cavity_volume_mm3: f64,
 }
