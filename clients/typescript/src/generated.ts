@@ -1324,6 +1324,30 @@ export interface components {
              */
             variance: number;
         };
+        /** @description A hole that was drilled into a sealed cavity, as a straight bore. */
+        DrilledVent: {
+            /** @description The centre of its mouth on the outer surface, in the model's unit. */
+            at: number[];
+            /** @description A point inside the cavity, in the model's unit. Vents of one cavity have the same point. */
+            cavity: number[];
+            /**
+             * Format: double
+             * @description The volume of the cavity in cubic millimetres, without the solids inside.
+             */
+            cavity_volume_mm3: number;
+            /**
+             * Format: double
+             * @description The diameter in millimetres.
+             */
+            diameter_mm: number;
+            /** @description The unit vector from the cavity to the mouth. */
+            direction: number[];
+            /**
+             * Format: double
+             * @description The length of its axis in the wall, in millimetres.
+             */
+            length_mm: number;
+        };
         /** @description Dihedral angles at edges, measured on the side of the face normals. */
         EdgeAngles: {
             distribution?: components["schemas"]["Distribution"] | null;
@@ -3477,6 +3501,8 @@ export interface components {
              */
             tier: number;
             unfixed?: components["schemas"]["UnfixedFaces"] | null;
+            /** @description For `vent_voids`: the holes that were drilled, those of the largest cavity first. */
+            vents?: components["schemas"]["DrilledVent"][];
             /**
              * Format: double
              * @description For a remesh: the edge length of the voxels, in the model's unit.
@@ -4277,6 +4303,7 @@ export type DeliveryStatus = components['schemas']['DeliveryStatus'];
 export type Density = components['schemas']['Density'];
 export type Deviation = components['schemas']['Deviation'];
 export type Distribution = components['schemas']['Distribution'];
+export type DrilledVent = components['schemas']['DrilledVent'];
 export type EdgeAngles = components['schemas']['EdgeAngles'];
 export type Elements = components['schemas']['Elements'];
 export type EscapeHoles = components['schemas']['EscapeHoles'];

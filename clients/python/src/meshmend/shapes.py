@@ -174,6 +174,23 @@ class Density(TypedDict, closed=True):
     """Titles of the sources."""
 
 
+class DrilledVent(TypedDict):
+    """A hole that was drilled into a sealed cavity, as a straight bore."""
+
+    at: list[float]
+    """The centre of its mouth on the outer surface, in the model's unit."""
+    cavity: list[float]
+    """A point inside the cavity, in the model's unit. Vents of one cavity have the same point."""
+    cavity_volume_mm3: float
+    """The volume of the cavity in cubic millimetres, without the solids inside."""
+    diameter_mm: float
+    """The diameter in millimetres."""
+    direction: list[float]
+    """The unit vector from the cavity to the mouth."""
+    length_mm: float
+    """The length of its axis in the wall, in millimetres."""
+
+
 class Elements(TypedDict):
     """Counts of the file's own vertices and faces, before coincident vertices are merged."""
 
@@ -2366,6 +2383,8 @@ class Step(TypedDict):
     tier: int
     """The tier, 1 to 3; 0 for validation."""
     unfixed: NotRequired[UnfixedFaces | None]
+    vents: NotRequired[list[DrilledVent]]
+    """For `vent_voids`: the holes that were drilled, those of the largest cavity first."""
     voxel_size: NotRequired[float | None]
     """For a remesh: the edge length of the voxels, in the model's unit."""
 
