@@ -57,10 +57,16 @@ pub fn find_features(analysis: &Analysis<'_>, profile: &Profile, context: &Conte
     Ok(found)
 }
 
-/// The feature of a thin region; `None` for a sharp edge, which prints rounded but breaks no rule.
+/// The feature of a thin region; `None` for a sharp edge, which prints rounded but breaks no rule, and for a narrow place of a sealed
+/// cavity, which nobody sees or uses. The rule about escape holes judges cavities.
 fn feature(analysis: &Analysis<'_>, region: &ThinRegion, mm: f64) -> Option<Feature> {
     let is_detail = || foot_distance(analysis, region).is_some_and(|height| height < DETAIL * region.least);
+    let is_in_cavity = || {
+        let part = region.faces.first().map(|&face| analysis.parts.of_face[face as usize] as usize);
+        part.and_then(|part| analysis.solids.get(part)).is_some_and(|solid| solid.volume < 0.0)
+    };
     let rule = match region.kind {
+        FeatureKind::ThroughHole | FeatureKind::BlindHole | FeatureKind::Slot if is_in_cavity() => return None,
         FeatureKind::FreeWall | FeatureKind::SupportedWall if is_detail() => PrintRule::EmbossedDetail,
         FeatureKind::Slot if is_detail() => PrintRule::EngravedDetail,
         FeatureKind::SupportedWall => PrintRule::SupportedWall,

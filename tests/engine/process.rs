@@ -137,6 +137,23 @@ fn a_vented_cavity_is_open_and_its_process_accepts_it() {
 }
 
 #[test]
+fn a_narrow_sealed_cavity_is_no_engraving_but_the_same_groove_outside_is() {
+    let groove = |z: f64| inside_out(cuboid(DVec3::new(5.0, 5.0, z), DVec3::new(10.0, 10.0, 0.3), 1));
+    let process = Some("sls".to_owned());
+    let narrow = |soup: &Soup| {
+        let assessed = run(soup, PrintOptions { process: process.clone(), ..PrintOptions::default() });
+        [PrintRule::EngravedDetail, PrintRule::Gap].map(|one| rule(&assessed, one).result == RuleOutcome::Fail)
+    };
+    let sealed = join(&cube(DVec3::ZERO, 20.0, 2), &groove(10.0));
+    assert_eq!(narrow(&sealed), [false, false]);
+    // Two halves of a cube with a groove between them, which is open on one side.
+    let half = |z: f64, height: f64| cuboid(DVec3::new(0.0, 0.0, z), DVec3::new(20.0, 20.0, height), 1);
+    let back = cuboid(DVec3::ZERO, DVec3::new(20.0, 15.0, 20.0), 1);
+    let open = join(&join(&half(0.0, 9.8), &half(10.2, 9.8)), &back);
+    assert!(narrow(&open).contains(&true));
+}
+
+#[test]
 fn small_separate_solids_stay_unless_the_options_drop_them() {
     let crumb = cube(DVec3::new(30.0, 0.0, 0.0), 0.5, 1);
     let soup = join(&cube(DVec3::ZERO, 20.0, 2), &crumb);
