@@ -122,13 +122,8 @@ impl<D: Dialect> JobStore for SqlStore<D> {
     }
 
     async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError> {
-        let statement = sql(concat!(
-            "SELECT ",
-            job_columns!(),
-            " FROM jobs WHERE tenant = $1 AND fingerprint = $2 AND status = 'succeeded' AND purged_at IS NULL \
-              ORDER BY id DESC LIMIT 1"
-        ));
-        self.read_one(statement.bind(tenant).bind(fingerprint), read_job).await
+        let statement = sql(D::FIND_RESULT).bind(tenant).bind(fingerprint);
+        self.read_one(statement, read_job).await
     }
 
     async fn counts(&self) -> Result<Vec<StatusCount>, StoreError> {

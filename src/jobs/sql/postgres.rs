@@ -140,6 +140,13 @@ impl Dialect for Postgres {
           AND ($9::jsonb = '{}' OR metadata::jsonb @> $9::jsonb) ORDER BY id DESC LIMIT $5"
     );
 
+    const FIND_RESULT: &'static str = concat!(
+        "SELECT ",
+        job_columns!(),
+        " FROM jobs WHERE tenant = $1 AND fingerprint = $2 AND status = 'succeeded' AND purged_at IS NULL \
+          ORDER BY id DESC LIMIT 1"
+    );
+
     const QUEUE_POSITION: &'static str = "SELECT count(*) AS ahead FROM jobs \
          WHERE status = 'queued' AND tenant = $1 AND (run_at < $2 OR (run_at = $2 AND id < $3))";
 

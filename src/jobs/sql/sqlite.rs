@@ -178,10 +178,18 @@ impl Dialect for Sqlite {
           ORDER BY id DESC LIMIT $5"
     );
 
+    /// Without `INDEXED BY`, SQLite would read all jobs of the tenant that succeeded.
+    const FIND_RESULT: &'static str = concat!(
+        "SELECT ",
+        job_columns!(),
+        " FROM jobs INDEXED BY jobs_reusable \
+          WHERE tenant = $1 AND fingerprint = $2 AND status = 'succeeded' AND purged_at IS NULL ORDER BY id DESC LIMIT 1"
+    );
+
     const QUEUE_POSITION: &'static str = "SELECT count(*) AS ahead FROM jobs INDEXED BY jobs_due \
          WHERE status = 'queued' AND tenant = $1 AND (run_at < $2 OR (run_at = $2 AND id < $3))";
 
-    /// Without `INDEXED BY`, SQLite would sort all queued jobs.
+    /// The index holds the queued jobs only.
     const LONGEST_WAIT: &'static str = "SELECT $1 - run_at AS waited FROM jobs INDEXED BY jobs_due WHERE status = 'queued' \
          ORDER BY run_at, id LIMIT 1";
 }
@@ -214,6 +222,27 @@ mod tests {
         let store = store.with_ids(Arc::new(Fixed));
         assert_eq!(store.new_id("we"), format!("we_{:032x}", 1));
         assert_eq!(store.new_token(), format!("{:032x}", 2));
+    }
+
+    #[tokio::test]
+    async fn the_statements_of_a_submission_find_their_rows_by_an_index() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (path, clock) = (folder.path().join("jobs.db"), Arc::new(SystemClock));
+        let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("a store");
+        let mut connection = store.writer().await.expect("a connection");
+        let by_index = [
+            (Sqlite::FIND_RESULT, "INDEX jobs_reusable (tenant=? AND fingerprint=?)"),
+            (Sqlite::QUEUE_POSITION, "INDEX jobs_due (tenant=? AND run_at<?)"),
+        ];
+        for (statement, expected) in by_index {
+            let explain = sqlx::query(sqlx::AssertSqlSafe(format!("EXPLAIN QUERY PLAN {statement}")));
+            let rows = explain.fetch_all(&mut *connection).await.expect("a plan");
+            let steps: Vec<String> = rows.iter().map(|row| sqlx::Row::get(row, "detail")).collect();
+            assert!(
+                matches!(&steps[..], [step] if step.starts_with("SEARCH") && step.ends_with(expected)),
+                "{steps:?}"
+            );
+        }
     }
 
     #[test]

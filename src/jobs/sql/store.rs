@@ -38,6 +38,8 @@ pub trait Dialect: Database<Connection: SqlConnection> {
     /// Selects a page of jobs: tenant, key, statuses, last id of the previous page, maximum of rows, outcomes, created from, created
     /// before, metadata. Statuses, outcomes and metadata are JSON.
     const LIST: &'static str;
+    /// Selects the last job that succeeded and whose result can be reused: tenant, fingerprint.
+    const FIND_RESULT: &'static str;
     /// Counts the jobs `ahead` of a job: tenant, time when the job is due, id.
     const QUEUE_POSITION: &'static str;
     /// Selects the milliseconds for which the next job has `waited` since it was due: now.
