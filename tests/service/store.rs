@@ -26,6 +26,7 @@ on_each_store! {
     a_cancelled_job_is_taken_from_its_worker,
     a_final_failure_is_not_tried_again_and_can_not_be_cancelled,
     a_purged_job_keeps_its_name_and_loses_its_content,
+    a_list_of_statuses_has_only_their_jobs_newest_first,
     the_queue_position_counts_those_ahead,
     the_longest_wait_counts_due_jobs_and_not_retries_that_are_not_due,
     each_change_grows_the_version_and_a_quiet_heartbeat_does_not,
@@ -197,6 +198,28 @@ async fn a_purged_job_keeps_its_name_and_loses_its_content(bench: Bench) {
             .is_empty()
     );
     assert!(!bench.store.purge(JobId::new(&SystemIds)).await.expect("a result"));
+}
+
+async fn a_list_of_statuses_has_only_their_jobs_newest_first(bench: Bench) {
+    let mut jobs = Vec::new();
+    for _ in 0..3 {
+        jobs.push(bench.submit().await.id);
+        bench.advance(Duration::from_millis(5));
+    }
+    bench.claim().await.expect("the first job");
+    bench.store.cancel(jobs[1]).await.expect("a result");
+    let list = async |statuses: &[Status], limit| {
+        let query = ListQuery { tenant: "shop".into(), statuses: statuses.to_vec(), limit, ..ListQuery::default() };
+        let page = bench.store.list(query).await.expect("a page");
+        page.items.iter().map(|job| job.id).collect::<Vec<_>>()
+    };
+    assert_eq!(list(&[Status::Queued], 10).await, [jobs[2]]);
+    assert_eq!(list(&[Status::Canceled], 10).await, [jobs[1]]);
+    assert!(list(&[Status::Failed], 10).await.is_empty());
+    assert_eq!(list(&[Status::Running, Status::Queued], 10).await, [jobs[2], jobs[0]]);
+    assert_eq!(list(&[], 2).await, [jobs[2], jobs[1]]);
+    bench.submit().await;
+    assert_eq!(list(&[Status::Queued], 1).await.len(), 1);
 }
 
 async fn the_queue_position_counts_those_ahead(bench: Bench) {

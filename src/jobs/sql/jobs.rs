@@ -108,7 +108,7 @@ impl<D: Dialect> JobStore for SqlStore<D> {
     }
 
     async fn list(&self, query: ListQuery) -> Result<Page<Job, JobId>, StoreError> {
-        let statement = sql(D::LIST)
+        let statement = sql(if query.statuses.len() == 1 { D::LIST_OF_STATUS } else { D::LIST })
             .bind(&query.tenant)
             .bind(&query.api_key_id)
             .bind(to_json(&query.statuses))

@@ -96,6 +96,21 @@ impl SqlConnection for PgConnection {
     }
 }
 
+/// The statement [`Dialect::LIST`] with a condition for the status.
+macro_rules! list {
+    ($has_status:literal) => {
+        concat!(
+            "SELECT ",
+            job_columns!("NULL::text AS report"),
+            " FROM jobs WHERE tenant = $1 AND purged_at IS NULL AND ($2 IS NULL OR made_by = $2) AND ",
+            $has_status,
+            " AND ($4 IS NULL OR id < $4) AND ($6::jsonb = '[]' OR $6::jsonb @> outcome::jsonb) \
+              AND ($7 IS NULL OR created_at >= $7) AND ($8 IS NULL OR created_at < $8) \
+              AND ($9::jsonb = '{}' OR metadata::jsonb @> $9::jsonb) ORDER BY id DESC LIMIT $5"
+        )
+    };
+}
+
 impl Dialect for Postgres {
     const BEGIN: &'static str = "BEGIN";
     const NOTIFIES: bool = true;
@@ -130,15 +145,8 @@ impl Dialect for Postgres {
         job_columns!()
     );
 
-    const LIST: &'static str = concat!(
-        "SELECT ",
-        job_columns!("NULL::text AS report"),
-        " FROM jobs WHERE tenant = $1 AND purged_at IS NULL AND ($2 IS NULL OR made_by = $2) \
-          AND ($3::jsonb = '[]' OR $3::jsonb ? status) AND ($4 IS NULL OR id < $4) \
-          AND ($6::jsonb = '[]' OR $6::jsonb @> outcome::jsonb) \
-          AND ($7 IS NULL OR created_at >= $7) AND ($8 IS NULL OR created_at < $8) \
-          AND ($9::jsonb = '{}' OR metadata::jsonb @> $9::jsonb) ORDER BY id DESC LIMIT $5"
-    );
+    const LIST: &'static str = list!("($3::jsonb = '[]' OR $3::jsonb ? status)");
+    const LIST_OF_STATUS: &'static str = list!("status = $3::jsonb ->> 0");
 
     const FIND_RESULT: &'static str = concat!(
         "SELECT ",

@@ -38,6 +38,8 @@ pub trait Dialect: Database<Connection: SqlConnection> {
     /// Selects a page of jobs: tenant, key, statuses, last id of the previous page, maximum of rows, outcomes, created from, created
     /// before, metadata. Statuses, outcomes and metadata are JSON.
     const LIST: &'static str;
+    /// The same for a list of one status, without reading the jobs of others.
+    const LIST_OF_STATUS: &'static str;
     /// Selects the last job that succeeded and whose result can be reused: tenant, fingerprint.
     const FIND_RESULT: &'static str;
     /// Counts the jobs `ahead` of a job: tenant, time when the job is due, id.
