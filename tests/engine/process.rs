@@ -208,6 +208,12 @@ fn shells_that_share_an_edge(segments: u32, hole: usize) -> Soup {
     as_f32(join(&shell(DVec3::ZERO), &shell(DVec3::new(20.0, 20.0, 0.0))))
 }
 
+/// The seal that a reason advises.
+fn advised_seal(reason: &str) -> Option<f64> {
+    let (_, rest) = reason.split_once("`seal_mm` to ")?;
+    rest.split(' ').next()?.parse().ok()
+}
+
 #[test]
 fn a_double_shell_whose_outer_skin_touches_itself_along_an_edge_becomes_a_solid() {
     let fill = PrintOptions { interior: Interior::Fill, ..PrintOptions::default() };
@@ -219,14 +225,17 @@ fn a_double_shell_whose_outer_skin_touches_itself_along_an_edge_becomes_a_solid(
         assert!(filled.report.options_not_applied.is_empty(), "{:?}", filled.report.options_not_applied);
     }
     // A seal that the request chose is obeyed.
-    let open = run(&shells_that_share_an_edge(4, 7), PrintOptions { seal_mm: Some(0.5), ..fill });
+    let open = run(&shells_that_share_an_edge(4, 7), PrintOptions { seal_mm: Some(0.5), ..fill.clone() });
     let [interior, seal] = &open.report.options_not_applied[..] else {
         panic!("{:?}", open.report.options_not_applied)
     };
     for (not_applied, option) in [(interior, "interior"), (seal, "seal_mm")] {
         assert_eq!((not_applied.option.as_str(), not_applied.cause), (option, NotAppliedCause::Unavailable));
-        assert!(not_applied.reason.contains("wider than the seal of 0.5"), "{}", not_applied.reason);
+        assert!(not_applied.reason.contains("too wide for a `seal_mm` of 0.500"), "{}", not_applied.reason);
     }
+    assert!(seal.reason.ends_with("try one above 2.929"), "{}", seal.reason);
+    let filled = run(&shells_that_share_an_edge(4, 7), PrintOptions { seal_mm: Some(2.95), ..fill });
+    assert!((volume(&filled) / 16_000.0 - 1.0).abs() < 0.01, "{}", volume(&filled));
 }
 
 /// The surface of the unit cells of a grid of `n` cells a side for which `is_solid` holds.
@@ -268,7 +277,7 @@ fn a_shell_that_stays_hollow_tells_the_seal_that_fills_it() {
     assert_eq!((accounting.lost, accounting.dropped), (0, 2), "the crumbs were dropped for a reason");
     let [told] = &hollow.report.options_not_applied[..] else { panic!("{:?}", hollow.report.options_not_applied) };
     assert_eq!((told.option.as_str(), told.cause), ("preset", NotAppliedCause::Limited));
-    let seal = told.reason.split_once("`seal_mm` to ").and_then(|(_, rest)| rest.split(' ').next()?.parse().ok());
+    let seal = advised_seal(&told.reason);
     assert!(seal.is_some_and(|seal| (1.0..3.5).contains(&seal)), "{}", told.reason);
     let filled = repair(seal);
     assert_outcome(&filled, Outcome::Repaired);

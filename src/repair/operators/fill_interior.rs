@@ -57,7 +57,7 @@ impl Operation<'_> for FillInterior {
             Err(SkinError::Cancelled(stop) | SkinError::OuterSkin(OuterSkinError::Cancelled(stop))) => {
                 return Err(stop);
             }
-            Err(error) => return Ok(Applied { left: Some(error.to_string()), ..Applied::default() }),
+            Err(error) => return Ok(Applied { left: Some(self.refusal(&error)), ..Applied::default() }),
         };
         let is_inner = |reason| matches!(reason, DropReason::InnerShell | DropReason::InnerJunk);
         let inner = result.dropped.iter().filter(|piece| is_inner(piece.reason)).count() as u64;
@@ -75,14 +75,35 @@ impl Operation<'_> for FillInterior {
         ]);
         let reason = |filling: f64| {
             format!(
-                "the model stays hollow, because its inside is open to the air through openings wider than {:.3} mm; set `seal_mm` to {:.3} \
-                 to fill it",
+                "the model stays hollow, because its inside is open to the air through openings wider than {:.3} mm{}",
                 result.seal * self.millimetres,
-                filling * self.millimetres
+                self.advice(filling)
             )
         };
         let limited = self.requested_by.zip(result.filling_seal.map(reason)).into_iter().collect();
         *surface = result.surface;
         Ok(Applied { changes, left: Some(left), limited, ..Applied::default() })
+    }
+}
+
+impl FillInterior {
+    /// Why the interior is not filled, with lengths in millimetres, and what fills it.
+    fn refusal(&self, error: &SkinError) -> String {
+        match *error {
+            SkinError::Wide { width, seal, filling } => {
+                let [width, seal] = [width, seal].map(|length| length * self.millimetres);
+                let advice = filling.map_or_else(|| format!("; try one above {width:.3}"), |seal| self.advice(seal));
+                format!(
+                    "an opening {width:.3} mm wide would have to be closed, which is too wide for a `seal_mm` of {seal:.3}{advice}"
+                )
+            }
+            SkinError::Empty(seal) => SkinError::Empty(seal * self.millimetres).to_string() + " mm",
+            _ => error.to_string(),
+        }
+    }
+
+    /// Advice to set the seal that fills the model.
+    fn advice(&self, filling: f64) -> String {
+        format!("; set `seal_mm` to {:.3} to fill it", filling * self.millimetres)
     }
 }

@@ -61,18 +61,20 @@ pub enum SkinError {
     #[error(transparent)]
     OuterSkin(#[from] OuterSkinError),
     /// Nothing is enclosed at this seal.
-    #[error("the surface encloses nothing: air reaches both sides of every face through openings wider than {0}")]
+    #[error("the surface encloses nothing: air reaches both sides of every face through openings wider than {0:.4}")]
     Empty(f64),
     /// Some openings could not be closed.
     #[error("openings around {0:.1} % of the outer surface could not be closed")]
     Open(f64),
     /// A patch is wider than the seal allows.
-    #[error("an opening {width} wide would have to be closed, wider than the seal of {seal}")]
+    #[error("an opening {width:.4} wide would have to be closed, which is too wide for a seal of {seal:.4}")]
     Wide {
         /// The opening's width, in the model's unit.
         width: f64,
         /// The seal, in the model's unit.
         seal: f64,
+        /// A seal that fills the model, in the model's unit, if one is known.
+        filling: Option<f64>,
     },
     /// The faces still intersect.
     #[error("the outer surface still intersects itself after its openings were closed")]
@@ -104,7 +106,7 @@ pub fn solid_skin(surface: &Surface, options: &SkinOptions, context: &Context<'_
     }
     let width = sealed.iter().map(|place| place.width).fold(0.0, f64::max);
     if width > (MAX_WIDTH * seal).max(widest_lid) {
-        return Err(SkinError::Wide { width, seal });
+        return Err(SkinError::Wide { width, seal, filling: filling_seal });
     }
     if !resolve(&mut skin, context)? {
         return Err(SkinError::Intersecting);
