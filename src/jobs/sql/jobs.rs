@@ -33,6 +33,14 @@ macro_rules! job_columns {
 }
 pub(super) use job_columns;
 
+/// Selects the last job that succeeded and whose result can be reused: tenant, fingerprint.
+pub(super) const FIND_RESULT: &str = concat!(
+    "SELECT ",
+    job_columns!(),
+    " FROM jobs WHERE tenant = $1 AND fingerprint = $2 AND status = 'succeeded' AND purged_at IS NULL \
+      ORDER BY id DESC LIMIT 1"
+);
+
 /// Reads a job from a row of [`job_columns`].
 pub(super) fn read_job(row: &impl Columns) -> Result<Job, StoreError> {
     let from = Reader::new(row)?;
@@ -122,7 +130,7 @@ impl<D: Dialect> JobStore for SqlStore<D> {
     }
 
     async fn find_result(&self, tenant: &str, fingerprint: &str) -> Result<Option<Job>, StoreError> {
-        let statement = sql(D::FIND_RESULT).bind(tenant).bind(fingerprint);
+        let statement = sql(FIND_RESULT).bind(tenant).bind(fingerprint);
         self.read_one(statement, read_job).await
     }
 

@@ -148,13 +148,6 @@ impl Dialect for Postgres {
     const LIST: &'static str = list!("($3::jsonb = '[]' OR $3::jsonb ? status)");
     const LIST_OF_STATUS: &'static str = list!("status = $3::jsonb ->> 0");
 
-    const FIND_RESULT: &'static str = concat!(
-        "SELECT ",
-        job_columns!(),
-        " FROM jobs WHERE tenant = $1 AND fingerprint = $2 AND status = 'succeeded' AND purged_at IS NULL \
-          ORDER BY id DESC LIMIT 1"
-    );
-
     const QUEUE_POSITION: &'static str = "SELECT count(*) AS ahead FROM jobs \
          WHERE status = 'queued' AND tenant = $1 AND (run_at < $2 OR (run_at = $2 AND id < $3))";
 

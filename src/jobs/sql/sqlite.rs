@@ -137,15 +137,13 @@ impl SqlConnection for SqliteConnection {
     }
 }
 
-/// The statement [`Dialect::LIST`] with a table and a condition for the status.
+/// The statement [`Dialect::LIST`] with a condition for the status.
 macro_rules! list {
-    ($jobs:literal, $has_status:literal) => {
+    ($has_status:literal) => {
         concat!(
             "SELECT ",
             job_columns!("NULL AS report"),
-            " FROM ",
-            $jobs,
-            " WHERE tenant = $1 AND purged_at IS NULL AND ($2 IS NULL OR made_by = $2) AND ",
+            " FROM jobs WHERE tenant = $1 AND purged_at IS NULL AND ($2 IS NULL OR made_by = $2) AND ",
             $has_status,
             " AND ($4 IS NULL OR id < $4) AND ($6 = '[]' OR outcome IN (SELECT json_quote(value) FROM json_each($6))) \
               AND ($7 IS NULL OR created_at >= $7) AND ($8 IS NULL OR created_at < $8) \
@@ -185,16 +183,8 @@ impl Dialect for Sqlite {
         job_columns!()
     );
 
-    const LIST: &'static str = list!("jobs", "($3 = '[]' OR status IN (SELECT value FROM json_each($3)))");
-    const LIST_OF_STATUS: &'static str = list!("jobs INDEXED BY jobs_by_status", "status = json_extract($3, '$[0]')");
-
-    /// Without `INDEXED BY`, SQLite would read all jobs of the tenant that succeeded.
-    const FIND_RESULT: &'static str = concat!(
-        "SELECT ",
-        job_columns!(),
-        " FROM jobs INDEXED BY jobs_reusable \
-          WHERE tenant = $1 AND fingerprint = $2 AND status = 'succeeded' AND purged_at IS NULL ORDER BY id DESC LIMIT 1"
-    );
+    const LIST: &'static str = list!("($3 = '[]' OR status IN (SELECT value FROM json_each($3)))");
+    const LIST_OF_STATUS: &'static str = list!("status = json_extract($3, '$[0]')");
 
     const QUEUE_POSITION: &'static str = "SELECT count(*) AS ahead FROM jobs INDEXED BY jobs_due \
          WHERE status = 'queued' AND tenant = $1 AND (run_at < $2 OR (run_at = $2 AND id < $3))";
@@ -208,6 +198,7 @@ impl Dialect for Sqlite {
 mod tests {
     use uuid::Uuid;
 
+    use super::super::jobs::FIND_RESULT;
     use super::*;
     use crate::access::IdSource;
     use crate::jobs::timestamp::SystemClock;
@@ -241,7 +232,7 @@ mod tests {
         let store = SqliteStore::open(&path, clock, RetryPolicy::default()).await.expect("a store");
         let mut connection = store.writer().await.expect("a connection");
         let by_index = [
-            (Sqlite::FIND_RESULT, "INDEX jobs_reusable (tenant=? AND fingerprint=?)"),
+            (FIND_RESULT, "INDEX jobs_reusable (tenant=? AND fingerprint=?)"),
             (Sqlite::LIST_OF_STATUS, "INDEX jobs_by_status (tenant=? AND status=?)"),
             (Sqlite::QUEUE_POSITION, "INDEX jobs_due (tenant=? AND run_at<?)"),
         ];

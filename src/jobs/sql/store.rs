@@ -40,8 +40,6 @@ pub trait Dialect: Database<Connection: SqlConnection> {
     const LIST: &'static str;
     /// The same for a list of one status, without reading the jobs of others.
     const LIST_OF_STATUS: &'static str;
-    /// Selects the last job that succeeded and whose result can be reused: tenant, fingerprint.
-    const FIND_RESULT: &'static str;
     /// Counts the jobs `ahead` of a job: tenant, time when the job is due, id.
     const QUEUE_POSITION: &'static str;
     /// Selects the milliseconds for which the next job has `waited` since it was due: now.
