@@ -205,23 +205,23 @@ impl<'a> Attempt<'a> {
         let mut held_until = Instant::now() + lease;
         loop {
             let is_held = tokio::select! {
-            _ = heartbeat.tick() => match store.heartbeat(&self.lease, lease, None).await {
-                                Ok(()) => {
-                                    held_until = Instant::now() + lease;
-                                    true
-                                }
-                                Err(StoreError::LeaseLost) => false,
-                                Err(error) => {
-                                    tracing::warn!(%error, "heartbeat failed");
-                                    Instant::now() < held_until
-                                }
-                            },
-            change = changed.recv() => match change {
-                                Ok(id) if id != self.lease.id => true,
-                                Ok(_) | Err(RecvError::Lagged(_)) => self.holds_lease().await,
-                                Err(RecvError::Closed) => true,
-                            },
-                        };
+                _ = heartbeat.tick() => match store.heartbeat(&self.lease, lease, None).await {
+                    Ok(()) => {
+                        held_until = Instant::now() + lease;
+                        true
+                    }
+                    Err(StoreError::LeaseLost) => false,
+                    Err(error) => {
+                        tracing::warn!(%error, "heartbeat failed");
+                        Instant::now() < held_until
+                    }
+                },
+                change = changed.recv() => match change {
+                    Ok(id) if id != self.lease.id => true,
+                    Ok(_) | Err(RecvError::Lagged(_)) => self.holds_lease().await,
+                    Err(RecvError::Closed) => true,
+                },
+            };
             if !is_held {
                 self.lost.cancel();
                 self.stop.cancel();
@@ -251,26 +251,24 @@ impl<'a> Attempt<'a> {
         let mut write_tick = tokio::time::interval_at(Instant::now() + PROGRESS_EVERY, PROGRESS_EVERY);
         loop {
             tokio::select! {
-                            status = process.wait() => {
-                                while let Some(Some(line)) = lines.next().now_or_never() {
-            read_progress(line);
-                                }
-                                return Ok(RunEnd::Exited(status?));
-                            }
-                            found = &mut excess => return Ok(found?.map_or(RunEnd::Deadline, RunEnd::Excess)),
-                            () = stop.cancelled() => return Ok(RunEnd::Shutdown),
-                            () = self.lost.cancelled() => return Ok(RunEnd::LeaseLost),
-                            Some(line) = lines.next() => {
-            progress = read_progress(line).or(progress);
-                            }
-            _ = write_tick.tick(), if progress != written => {
-                                match self.context.store.heartbeat(&self.lease, self.context.config.lease, progress).await {
-                                    Ok(()) => written = progress,
-                                    Err(StoreError::LeaseLost) => return Ok(RunEnd::LeaseLost),
-            Err(error) => tracing::warn!(%error, "could not record progress"),
-                                }
-                            }
-                        }
+                status = process.wait() => {
+                    while let Some(Some(line)) = lines.next().now_or_never() {
+                        read_progress(line);
+                    }
+                    return Ok(RunEnd::Exited(status?));
+                }
+                found = &mut excess => return Ok(found?.map_or(RunEnd::Deadline, RunEnd::Excess)),
+                () = stop.cancelled() => return Ok(RunEnd::Shutdown),
+                () = self.lost.cancelled() => return Ok(RunEnd::LeaseLost),
+                Some(line) = lines.next() => progress = read_progress(line).or(progress),
+                _ = write_tick.tick(), if progress != written => {
+                    match self.context.store.heartbeat(&self.lease, self.context.config.lease, progress).await {
+                        Ok(()) => written = progress,
+                        Err(StoreError::LeaseLost) => return Ok(RunEnd::LeaseLost),
+                        Err(error) => tracing::warn!(%error, "could not record progress"),
+                    }
+                }
+            }
         }
     }
 
