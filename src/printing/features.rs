@@ -10,8 +10,10 @@ use crate::inspect::Analysis;
 
 /// A wall or slot less high than this multiple of its width is a detail: low relief prints finer than a free wall.
 const DETAIL: f64 = 2.0;
-/// Most distances computed to tell a detail from a wall. A region of more faces and edges counts as a wall.
-const MAX_FOOT_STEPS: usize = 2_000_000;
+/// Most distances computed to tell a detail from a wall. A region that needs more counts as a wall.
+const MAX_FOOT_STEPS: usize = 4_000_000;
+/// Error of a region's height, as a fraction of the height that makes it a wall.
+const HEIGHT_RESOLUTION: f64 = 0.01;
 
 /// A narrow feature: thin material, or a narrow gap.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,7 +62,7 @@ pub fn find_features(analysis: &Analysis<'_>, profile: &Profile, context: &Conte
 /// The feature of a thin region; `None` for a sharp edge, which prints rounded but breaks no rule, and for a narrow place of a sealed
 /// cavity, which nobody sees or uses. The rule about escape holes judges cavities.
 fn feature(analysis: &Analysis<'_>, region: &ThinRegion, mm: f64) -> Option<Feature> {
-    let is_detail = || foot_distance(analysis, region).is_some_and(|height| height < DETAIL * region.least);
+    let is_detail = || stays_near_foot(analysis, region, DETAIL * region.least);
     let is_in_cavity = || {
         let part = region.faces.first().map(|&face| analysis.parts.of_face[face as usize] as usize);
         part.and_then(|part| analysis.solids.get(part)).is_some_and(|solid| solid.volume < 0.0)
@@ -81,10 +83,36 @@ fn feature(analysis: &Analysis<'_>, region: &ThinRegion, mm: f64) -> Option<Feat
     Some(Feature { rule, width_mm: region.least * mm, at: region.at, area_mm2: region.area * mm * mm })
 }
 
-/// The largest distance of a region's vertices from its foot: the concave edges at which the region meets other faces.
-/// For a raised detail, the foot runs around its base, and the distance is its height. For a slot, the foot runs around
-/// its floor, and the distance is its depth. `None` if the region has no foot.
-fn foot_distance(analysis: &Analysis<'_>, region: &ThinRegion) -> Option<f64> {
+/// Whether the whole of a region is nearer than `height` to its foot: the concave edges at which the region meets other faces. For a
+/// raised detail, the foot runs around its base, and for a slot around its floor. False for a region without a foot, and for one that
+/// would take too many steps.
+///
+/// Vertices alone do not decide, since those of a wall between two blocks all lie on its foot. A triangle is halved until its centre is
+/// too far from the foot, or no point of it can be.
+fn stays_near_foot(analysis: &Analysis<'_>, region: &ThinRegion, height: f64) -> bool {
+    let foot = foot(analysis, region);
+    let mut left = MAX_FOOT_STEPS.checked_div(foot.len()).unwrap_or(0);
+    let mut pending: Vec<[DVec3; 3]> = region.faces.iter().map(|&f| analysis.surface.corners(f as usize)).collect();
+    while let Some(corners) = pending.pop() {
+        if left == 0 {
+            return false;
+        }
+        left -= 1;
+        let centre = corners.iter().sum::<DVec3>() / 3.0;
+        let distance = foot.iter().map(|&edge| distance_to_segment(centre, edge)).fold(f64::INFINITY, f64::min);
+        if distance >= height {
+            return false;
+        }
+        let radius = corners.iter().map(|corner| corner.distance(centre)).fold(0.0, f64::max);
+        if distance + radius >= height && radius > HEIGHT_RESOLUTION * height {
+            pending.extend(halves(corners));
+        }
+    }
+    true
+}
+
+/// The concave edges at which a region meets other faces.
+fn foot(analysis: &Analysis<'_>, region: &ThinRegion) -> Vec<[DVec3; 2]> {
     let faces = &analysis.surface.faces;
     let positions = &analysis.surface.positions;
     let is_own = |face: u32| region.faces.binary_search(&face).is_ok();
@@ -100,21 +128,24 @@ fn foot_distance(analysis: &Analysis<'_>, region: &ThinRegion) -> Option<f64> {
         let is_concave = apex.is_some_and(|v| normal.dot(positions[v as usize] - positions[a as usize]) > 0.0);
         is_own(one) != is_own(other) && is_concave
     };
-    let foot: Vec<[DVec3; 2]> =
-        edges.into_iter().filter(is_foot).map(|edge| edge.map(|v| positions[v as usize])).collect();
-    if foot.is_empty() || foot.len().saturating_mul(region.faces.len()) > MAX_FOOT_STEPS {
-        return None;
-    }
-    let corners = region.faces.iter().flat_map(|&f| faces[f as usize]).map(|v| positions[v as usize]);
-    let distance = |p: DVec3| foot.iter().map(|&[a, b]| distance_to_segment(p, a, b)).fold(f64::INFINITY, f64::min);
-    corners.map(distance).max_by(f64::total_cmp)
+    edges.into_iter().filter(is_foot).map(|edge| edge.map(|v| positions[v as usize])).collect()
+}
+
+/// The two halves of a triangle, cut across its longest side.
+fn halves([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 2] {
+    let rotations = [[a, b, c], [b, c, a], [c, a, b]];
+    let longest =
+        rotations.into_iter().max_by(|s, t| s[0].distance_squared(s[1]).total_cmp(&t[0].distance_squared(t[1])));
+    let [a, b, c] = longest.unwrap_or([a, b, c]);
+    let middle = (a + b) / 2.0;
+    [[a, middle, c], [middle, b, c]]
 }
 
 fn sides_of([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
     [[a, b], [b, c], [c, a]].map(|[v, w]| [v.min(w), v.max(w)])
 }
 
-fn distance_to_segment(p: DVec3, a: DVec3, b: DVec3) -> f64 {
+fn distance_to_segment(p: DVec3, [a, b]: [DVec3; 2]) -> f64 {
     let along = b - a;
     let length = along.length_squared();
     let t = if length > 0.0 { ((p - a).dot(along) / length).clamp(0.0, 1.0) } else { 0.0 };

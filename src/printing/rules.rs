@@ -59,7 +59,8 @@ pub enum PrintRule {
     EngravedDetail,
     /// Every separate solid has enough volume.
     PartVolume,
-    /// Every cavity has an opening wide enough for powder or resin to leave. Further openings are not counted.
+    /// Every cavity has an opening wide enough for powder or resin to leave. Sealed cavities count, and open ones in which a ball as
+    /// wide as the escape hole fits. Further openings are not counted.
     EscapeHoles,
     /// The model fits the build volume, in some orientation along the axes.
     BuildVolume,

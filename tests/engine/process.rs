@@ -154,6 +154,22 @@ fn a_narrow_sealed_cavity_is_no_engraving_but_the_same_groove_outside_is() {
 }
 
 #[test]
+fn a_thin_wall_between_two_blocks_is_no_embossed_detail_but_a_low_rib_is() {
+    let thin = |between: [DVec3; 2]| {
+        let [at, size] = between;
+        let block = |x: f64| cuboid(DVec3::new(x, 0.0, 0.0), DVec3::new(8.0, 12.0, 10.0), 1);
+        let soup = join(&join(&block(0.0), &block(16.0)), &cuboid(at, size, 1));
+        let assessed = run(&soup, PrintOptions { process: Some("tpu".to_owned()), ..PrintOptions::default() });
+        [PrintRule::SupportedWall, PrintRule::EmbossedDetail].map(|one| rule(&assessed, one).measured)
+    };
+    // All corners of the wall lie on the edges where it meets the blocks.
+    let [wall, detail] = thin([DVec3::new(7.0, 5.5, 0.0), DVec3::new(10.0, 0.9, 10.0)]);
+    assert!(detail.is_none() && wall.is_some_and(|wall| (wall - 0.9).abs() < 1e-3), "{wall:?}, {detail:?}");
+    let [wall, detail] = thin([DVec3::new(1.0, 5.8, 9.0), DVec3::new(6.0, 0.4, 1.5)]);
+    assert!(wall.is_none() && detail.is_some_and(|rib| (rib - 0.4).abs() < 1e-3), "{wall:?}, {detail:?}");
+}
+
+#[test]
 fn small_separate_solids_stay_unless_the_options_drop_them() {
     let crumb = cube(DVec3::new(30.0, 0.0, 0.0), 0.5, 1);
     let soup = join(&cube(DVec3::ZERO, 20.0, 2), &crumb);
