@@ -56,7 +56,7 @@ pub struct ResinCup {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Trap {
     pub at: [f64; 3],
-    /// Diameter of a ball that can leave; 0 for a sealed cavity.
+    /// Diameter of the largest ball that can leave; 0 for a sealed cavity.
     pub opening_mm: f64,
 }
 
@@ -110,7 +110,7 @@ pub(super) fn find_hollows(
         let open = powder_traps(surface, &regions, ESCAPE_MARGIN * escape_mm / mm, TRAP_NODES, context)?;
         found.is_complete = open.as_ref().is_some_and(|open| open.undecided_volume == 0.0);
         let open = open.into_iter().flat_map(|open| open.traps);
-        found.traps.extend(open.map(|trap| Trap { at: trap.at.to_array(), opening_mm: trap.opening[0] * mm }));
+        found.traps.extend(open.map(|trap| Trap { at: trap.at.to_array(), opening_mm: trap.opening * mm }));
     }
     if wants_cups {
         let up = if unit.is_some_and(|unit| unit.up == Some(Up::Y)) { DVec3::Y } else { DVec3::Z };

@@ -8,16 +8,16 @@ use crate::context::{Cancelled, Context};
 use crate::math::Tree;
 use crate::mesh::Surface;
 
-/// Octree cells per diameter of the ball.
+/// Octree cells per diameter of the ball. A hollow is found for certain if it is wider than the ball by three cells.
 const CELLS_PER_DIAMETER: u32 = 4;
 /// How often cells at an opening of undecided width are halved.
 const REFINEMENTS: u32 = 4;
+/// At least how many times as many nodes an octree with cells of half the size needs, as a rule.
+const NODES_OF_HALVED_CELLS: usize = 5;
 /// How often the smaller ball that measures a trap's opening is halved, until it can leave.
 const MAX_HALVINGS: u32 = 2;
 /// The ratio of the upper and the lower bound of an opening's width at which the measurement ends.
 const CLOSE: f64 = 1.05;
-/// Shares of a diameter within the resolution that may be outside the resolution: see [`ReachOptions::refinements`].
-const DOUBTFUL: [f64; 4] = [0.97, 0.94, 1.03, 1.07];
 /// Most octree nodes of all smaller balls together.
 const MAX_NODES_OF_SMALLER: usize = 4_000_000;
 
@@ -28,9 +28,9 @@ pub struct PowderTrap {
     pub at: DVec3,
     /// Lower bound of the volume of all positions that the ball's centre can have. The hollow is larger.
     pub centres_volume: f64,
-    /// Lower and upper bound of the widest opening: the diameter of the largest ball that can leave. The lower bound
-    /// is within 10 % of the width as a rule; it is 0 if the opening is far narrower than the escape hole.
-    pub opening: [f64; 2],
+    /// Width of the widest opening: the diameter of the largest ball that can leave, within 5 % as a rule. 0 if the opening is far
+    /// narrower than the escape hole.
+    pub opening: f64,
 }
 
 /// The powder traps of a model.
@@ -55,30 +55,33 @@ pub fn powder_traps(
     context: &Context<'_>,
 ) -> Result<Option<PowderTraps>, Cancelled> {
     let tree = Tree::new(&surface.positions, &surface.faces);
-    let reach_of = |diameter: f64, max_nodes: usize| {
-        let options =
-            ReachOptions { diameter, cells_per_diameter: CELLS_PER_DIAMETER, refinements: REFINEMENTS, max_nodes };
+    let reach_of = |diameter: f64, halved: u32, max_nodes: usize| {
+        let (cells_per_diameter, refinements) = (CELLS_PER_DIAMETER << halved, REFINEMENTS - halved);
+        let options = ReachOptions { diameter, cells_per_diameter, refinements, max_nodes };
         Reach::new(&surface.positions, &surface.faces, &tree, options, context)
     };
-    let Some(reach) = reach_of(diameter, max_nodes)? else { return Ok(None) };
+    let Some(coarse) = reach_of(diameter, 0, max_nodes)? else { return Ok(None) };
+    let affordable = NODES_OF_HALVED_CELLS * coarse.node_count() <= max_nodes;
+    let fine = if affordable { reach_of(diameter, 1, max_nodes)? } else { None };
+    let reach = fine.unwrap_or(coarse);
     let rays = RegionRays::new(surface, regions);
     let is_outside = |at: DVec3| rays.region_at(at * rays.scale) == Some(OUTSIDE);
     let mut traps: Vec<PowderTrap> = reach
         .hidden_regions()
         .iter()
         .filter(|region| is_outside(region.at))
-        .map(|region| PowderTrap { at: region.at, centres_volume: region.volume, opening: [0.0, diameter] })
+        .map(|region| PowderTrap { at: region.at, centres_volume: region.volume, opening: 0.0 })
         .collect();
-    let mut openings: Vec<Opening> = vec![Opening { bounds: [0.0, diameter], doubtful: Vec::new() }; traps.len()];
+    let mut openings = vec![Opening { bounds: [0.0, diameter], equal: None }; traps.len()];
     let (mut left, least) = (max_nodes.min(MAX_NODES_OF_SMALLER), diameter / f64::from(1u32 << MAX_HALVINGS));
-    while let Some(next) = next_diameter(&openings, least) {
-        let Some(smaller) = reach_of(next, left)? else { break };
+    while let Some(next) = openings.iter().filter_map(|opening| opening.next(least)).max_by(f64::total_cmp) {
+        let Some(smaller) = reach_of(next, 0, left)? else { break };
         left -= smaller.node_count().min(left);
         for (opening, trap) in openings.iter_mut().zip(&traps) {
             opening.add(next, smaller.at(trap.at));
         }
     }
-    traps.iter_mut().zip(openings).for_each(|(trap, opening)| trap.opening = opening.bounds);
+    traps.iter_mut().zip(openings).for_each(|(trap, opening)| trap.opening = opening.width());
     traps.sort_by(|a, b| b.centres_volume.total_cmp(&a.centres_volume));
     Ok(Some(PowderTraps { traps, undecided_volume: reach.doubtful_volume() }))
 }
@@ -88,8 +91,8 @@ pub fn powder_traps(
 struct Opening {
     /// The largest diameter that passes, and the smallest one that does not.
     bounds: [f64; 2],
-    /// Diameters within the resolution of the opening's width.
-    doubtful: Vec<f64>,
+    /// A diameter that equals the opening's width, within the resolution.
+    equal: Option<f64>,
 }
 
 impl Opening {
@@ -99,29 +102,24 @@ impl Opening {
             match reached {
                 Reached::Outside => *low = diameter,
                 Reached::Hidden(_) => *high = diameter,
-                Reached::Doubtful | Reached::Blocked => self.doubtful.push(diameter),
+                Reached::Doubtful | Reached::Blocked => self.equal = self.equal.or(Some(diameter)),
             }
         }
     }
 
     /// The diameter to try next: half of the smallest one that does not pass, until one above `least` passes; then one in the middle
-    /// of the bounds; then those just below and above the resolution.
+    /// of the bounds. `None` once the width is known.
     fn next(&self, least: f64) -> Option<f64> {
         let [low, high] = self.bounds;
-        if let Some(doubtful) = self.doubtful.first() {
-            let around = DOUBTFUL.into_iter().map(|share| doubtful * share);
-            return around.filter(|next| *next > low && *next < high).find(|next| !self.doubtful.contains(next));
-        }
-        if low == 0.0 {
-            return (high > least).then_some(high / 2.0);
-        }
-        (high > CLOSE * low).then_some((low * high).sqrt())
+        let halved = (high > least).then_some(high / 2.0);
+        let middle = (high > CLOSE * low).then_some((low * high).sqrt());
+        if low == 0.0 { halved } else { middle }.filter(|_| self.equal.is_none())
     }
-}
 
-/// The diameter of the ball to try next; `None` if all openings are measured.
-fn next_diameter(openings: &[Opening], least: f64) -> Option<f64> {
-    openings.iter().filter_map(|opening| opening.next(least)).max_by(f64::total_cmp)
+    fn width(&self) -> f64 {
+        let [low, high] = self.bounds;
+        self.equal.unwrap_or((low * high).sqrt())
+    }
 }
 
 #[cfg(test)]
@@ -164,12 +162,18 @@ mod tests {
         assert!(trap.at.abs().max_element() < 2.0 + 1e-9 && found.undecided_volume == 0.0, "{found:?}");
         assert!(trap.centres_volume <= 64.0 && trap.centres_volume > 10.0);
         for width in [1.2, 0.7] {
-            let [low, high] = traps(&jar(width), 2.0).traps[0].opening;
-            assert!(low <= width && width <= high && high < 1.2 * low && width < 1.1 * low, "{width}: {low} to {high}");
+            let opening = traps(&jar(width), 2.0).traps[0].opening;
+            assert!((0.95 * width..1.05 * width).contains(&opening), "{width}: {opening}");
         }
-        assert_eq!(traps(&jar(0.2), 2.0).traps[0].opening, [0.0, 0.5]);
+        assert_eq!(traps(&jar(0.2), 2.0).traps[0].opening, 0.0);
         assert!(traps(&model, 0.9).traps.is_empty());
         assert!(traps(&jar(3.0), 2.0).traps.is_empty());
+    }
+
+    #[test]
+    fn a_hollow_that_is_half_as_wide_again_as_the_escape_hole_is_a_trap() {
+        let found = traps(&jar(2.0), 4.0);
+        assert!(found.traps.len() == 1 && found.undecided_volume == 0.0, "{found:?}");
     }
 
     #[test]

@@ -22,7 +22,7 @@ const MARGIN: f64 = 2.0;
 /// Finest depth of the octree. Positions of cells are integers of this many bits.
 const MAX_DEPTH: u32 = 20;
 /// The most rounds of splitting leaves at openings of undecided width.
-const MAX_ROUNDS: u32 = 12;
+const MAX_ROUNDS: u32 = 40;
 
 /// How finely [`Reach`] decides, and how much it may cost.
 #[derive(Debug, Clone, Copy, PartialEq)]
