@@ -4,12 +4,13 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::super::analysis::Pair;
+use super::super::matching::Common;
 use super::super::sampling::{Patches, Sample, samples, visible};
 use super::super::{Analysis, Measures, Solid, Volume, percent};
 use super::deviation::{
     Deviation, Distances, INSIDE_WINDING, Measured, are_buried, buried_pct, distances, inside_agreement,
 };
-use super::original::{FAR, Original};
+use super::original::{CompareOptions, FAR, Original};
 use super::provenance::SurfaceShares;
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
@@ -194,21 +195,23 @@ impl Original<'_> {
         candidate: &ComparedMesh<'_>,
         context: &Context<'_>,
     ) -> Result<(Changes, Distances), Cancelled> {
-        let &ComparedMesh { analysis: after, measures, patches, gone, .. } = candidate;
+        let &ComparedMesh { analysis: after, measures, gone, .. } = candidate;
         let common = self.analysis.common_faces(after);
         context.check()?;
         let kept = common.first.iter().filter(|&&is_kept| is_kept).count() as f64;
         let kept_pct = percent(kept, common.first.len() as f64).unwrap_or(100.0);
         let settled = self.settled_volume(context)?;
         let mut changes = Changes::of(self.measures, settled, measures, kept_pct);
-        let (there, back) = (Pair::new(self.analysis, after), Pair::new(after, self.analysis));
+        let there = Pair::new(self.analysis, after);
         let Box3 { min, max } = after.extent();
         let extent = Box3 { min: min / there.ratio, max: max / there.ratio };
         changes.bounding_box_change_pct = bounding_box_change_pct(self.analysis.extent(), extent);
-        let is_kept = |faces: &[bool], f: u32| common.fine && faces[f as usize];
-        let options = self.options;
-        let mut lost_distances =
-            distances(there, self.samples(), options.vertices, |f| is_kept(&common.first, f), context)?;
+        let mut lost_distances = if std::ptr::eq(self.analysis, after) {
+            Distances::none(self.samples().len())
+        } else {
+            let is_kept = |face: u32| common.fine && common.first[face as usize];
+            distances(there, self.samples(), self.options.vertices, is_kept, context)?
+        };
         if gone.contains(&true) {
             let parts = &self.analysis.parts.of_face;
             let is_gone = |sample: &Sample| gone.get(parts[sample.face as usize] as usize) == Some(&true);
@@ -220,26 +223,47 @@ impl Original<'_> {
         }
         (changes.surface_lost_pct, changes.lost) = self.lost(&lost_distances, candidate, context)?;
         if !self.analysis.surface.faces.is_empty() {
-            let points = samples(after, options.samples);
-            let added_distances = distances(back, &points, options.vertices, |f| is_kept(&common.second, f), context)?;
-            let diagonal = self.analysis.unit_diagonal() * there.ratio;
-            let added = Measured { analysis: after, samples: &points, distances: &added_distances, diagonal };
-            changes.added = added.deviation(|_| true, |_| true);
-            if let Some(patches) = patches {
-                let is_patch = |f: u32| patches.get(after.surface.source[f as usize] as usize) == Some(&true);
-                let mut moved = vec![false; after.surface.positions.len()];
-                for (face, _) in after.surface.faces.iter().zip(0u32..).filter(|&(_, f)| !is_patch(f)) {
-                    face.iter().for_each(|&v| moved[v as usize] = true);
-                }
-                let (counts, vertices) = (|i: usize| !is_patch(points[i].face), |v: u32| moved[v as usize]);
-                changes.moved = added.deviation(counts, vertices);
-            }
+            [changes.added, changes.moved] = self.added_and_moved(candidate, &common, context)?;
         }
         if after.surface.faces.len() < self.analysis.surface.faces.len() && measures.closed {
             changes.enclosed_faces_pct = buried_pct(there, |f| common.first[f as usize], context)?;
         }
         changes.volume_overlap_pct = self.volume_overlap_pct(after, measures, changes.volume_change_pct, context)?;
         Ok((changes, lost_distances))
+    }
+
+    /// The values of [`Changes::added`] and [`Changes::moved`].
+    fn added_and_moved(
+        &self,
+        candidate: &ComparedMesh<'_>,
+        common: &Common,
+        context: &Context<'_>,
+    ) -> Result<[Option<Deviation>; 2], Cancelled> {
+        let &ComparedMesh { analysis: after, patches, .. } = candidate;
+        let CompareOptions { samples: count, vertices, .. } = self.options;
+        let back = Pair::new(after, self.analysis);
+        let sampled;
+        let (points, measured_distances) = if std::ptr::eq(self.analysis, after) {
+            (self.samples(), Distances::none(self.samples().len()))
+        } else {
+            sampled = samples(after, count);
+            let is_kept = |face: u32| common.fine && common.second[face as usize];
+            (sampled.as_slice(), distances(back, &sampled, vertices, is_kept, context)?)
+        };
+        let diagonal = self.analysis.unit_diagonal() / back.ratio;
+        let measured = Measured { analysis: after, samples: points, distances: &measured_distances, diagonal };
+        let added = measured.deviation(|_| true, |_| true);
+        let Some(patches) = patches else { return Ok([added, None]) };
+        if patches.is_empty() {
+            return Ok([added, added]);
+        }
+        let is_patch = |f: u32| patches.get(after.surface.source[f as usize] as usize) == Some(&true);
+        let mut counted = vec![false; after.surface.positions.len()];
+        for (face, _) in after.surface.faces.iter().zip(0u32..).filter(|&(_, f)| !is_patch(f)) {
+            face.iter().for_each(|&v| counted[v as usize] = true);
+        }
+        let moved = measured.deviation(|i| !is_patch(points[i].face), |v| counted[v as usize]);
+        Ok([added, moved])
     }
 
     /// The value of [`Changes::volume_overlap_pct`]. Computed only if the input's volume is unreliable: its faces
