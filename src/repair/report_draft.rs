@@ -247,8 +247,9 @@ fn options_of(sections: &[ObjectReport]) -> Vec<OptionNotApplied> {
     for section in sections {
         for entry in &section.options_not_applied {
             let same = |other: &&OptionNotApplied| (&other.option, &other.value) == (&entry.option, &entry.value);
-            let by_all = || sections.iter().all(|section| section.options_not_applied.iter().any(|other| same(&other)));
-            let is_listed = all.iter().any(|other| same(&other) && other.cause == entry.cause);
+            let same_cause = |other: &OptionNotApplied| same(&other) && other.cause == entry.cause;
+            let by_all = || sections.iter().all(|section| section.options_not_applied.iter().any(same_cause));
+            let is_listed = all.iter().any(same_cause);
             if is_listed || (entry.cause == NotAppliedCause::NothingToDo && !by_all()) {
                 continue;
             }
@@ -263,19 +264,21 @@ fn options_of(sections: &[ObjectReport]) -> Vec<OptionNotApplied> {
 
 /// The summary of a file with several objects.
 fn summary_of_objects(sections: &[ObjectReport]) -> String {
-    let count = |outcome| sections.iter().filter(|section| section.outcome == outcome).count();
-    let outcomes = [
-        (Outcome::AlreadyPrintable, "already printable"),
-        (Outcome::Repaired, "repaired and printable"),
-        (Outcome::PartiallyRepaired, "partially repaired"),
-        (Outcome::Unrepairable, "unchanged and not printable"),
-    ];
-    let words: Vec<String> = outcomes
-        .into_iter()
-        .map(|(outcome, words)| (count(outcome), words))
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, words)| format!("{count} {words}"))
-        .collect();
+    let is = |outcome: Outcome| move |section: &&ObjectReport| section.outcome == outcome;
+    let (repaired, was_printable) =
+        (is(Outcome::Repaired), |section: &&ObjectReport| section.before.measures.printable());
+    let count = |holds: &dyn Fn(&&ObjectReport) -> bool| sections.iter().filter(holds).count();
+    let words: Vec<String> = [
+        (count(&is(Outcome::AlreadyPrintable)), "already printable"),
+        (count(&|section| repaired(section) && was_printable(section)), "already printable and changed"),
+        (count(&|section| repaired(section) && !was_printable(section)), "repaired and printable"),
+        (count(&is(Outcome::PartiallyRepaired)), "partially repaired"),
+        (count(&is(Outcome::Unrepairable)), "unchanged and not printable"),
+    ]
+    .into_iter()
+    .filter(|(count, _)| *count > 0)
+    .map(|(count, words)| format!("{count} {words}"))
+    .collect();
     let mut text = format!("Of {} objects: {}.", sections.len(), words.join(", "));
     let bad = |section: &&ObjectReport| matches!(section.outcome, Outcome::PartiallyRepaired | Outcome::Unrepairable);
     if let Some(first) = sections.iter().find(bad) {

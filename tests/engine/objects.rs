@@ -8,14 +8,15 @@ use meshmend::analyze::{Analyst, AnalyzeOptions};
 use meshmend::format::{self, Format, Limits, ReadFile, ReadOptions, read_file, write_scene};
 use meshmend::mesh::{Soup, Surface};
 use meshmend::repair::{
-    AssumptionKind, Context, Merge, NoProgress, Options, Outcome, OutputFormat, RedFlagCode, Repaired,
+    AssumptionKind, Context, Merge, NoProgress, NotAppliedCause, Options, Outcome, OutputFormat, PrintOptions,
+    RedFlagCode, Repaired, WallGrowth,
 };
 use meshmend::scene::{
     Component, Item, Material, Object, ObjectKind, Paint, PaintedMesh, Palette, Scene, Shape, Texture, Unit,
     UnitSource, Up, Wrap,
 };
 
-use crate::meshes::{cube, cylinder, torus};
+use crate::meshes::{cube, cuboid, cylinder, torus};
 use crate::support::{assert_outcome, repair_bytes};
 
 fn run(bytes: &[u8], options: &Options) -> Repaired {
@@ -98,6 +99,22 @@ fn objects_stay_objects_and_each_is_repaired_separately() {
     let sections: Vec<_> = repaired.report.objects.iter().map(|o| (o.name.as_deref(), o.places, o.outcome)).collect();
     assert_eq!(sections, [(Some("box"), 2, Outcome::AlreadyPrintable), (Some("lid"), 1, Outcome::Repaired)]);
     assert!(repaired.report.after.unwrap().measures.printable() && repaired.report.verified_from_output_bytes);
+}
+
+#[test]
+fn an_option_that_acts_on_one_object_has_something_to_do_in_the_file() {
+    let plate = cuboid(DVec3::new(40.0, 0.0, 0.0), DVec3::new(20.0, 15.0, 0.5), 1);
+    let scene = Scene {
+        unit: Some(Unit::Millimetre),
+        objects: vec![named("box", welded(&cube(DVec3::ZERO, 20.0, 1))), named("plate", welded(&plate))],
+        items: vec![Item::of(0), Item::of(1)],
+        ..Scene::default()
+    };
+    let print = PrintOptions { min_wall: Some(1.0), wall_growth: WallGrowth::Inward, ..PrintOptions::default() };
+    let report = run(&packed(&scene, Format::ThreeMf), &Options { print, ..Options::default() }).report;
+    let entries: Vec<_> = report.options_not_applied.iter().map(|entry| (&*entry.option, entry.cause)).collect();
+    assert_eq!(entries, [("wall_growth", NotAppliedCause::Limited)], "{:?}", report.options_not_applied);
+    assert_eq!(report.summary, "Of 2 objects: 1 already printable, 1 already printable and changed.");
 }
 
 #[test]
