@@ -10,7 +10,7 @@ use super::limits::Limits;
 use super::paint::MeshPaint;
 use crate::math::Box3;
 use crate::mesh::{CornerNormals, Numbering, Soup};
-use crate::scene::{LengthUnit, Paint, PaintedMesh, Scene, Unit, UnitSource, Up};
+use crate::scene::{LengthUnit, PLAUSIBLE_SIZE_MM, Paint, PaintedMesh, Scene, Unit, UnitSource, Up};
 
 /// A mesh read from a file, with the file's dialect, numbering, normals and warnings.
 #[derive(Debug, Clone, PartialEq)]
@@ -206,10 +206,6 @@ impl Content {
     }
 }
 
-/// Usual range of the longest side of a printed model, in millimetres. A model outside the range is most likely in another unit, such as
-/// metres, inches or micrometres.
-const PLAUSIBLE_SIZE_MM: [f64; 2] = [5.0, 2000.0];
-
 impl ReadFile {
     /// The unit that the file itself states.
     #[must_use]
@@ -281,10 +277,8 @@ fn implausible_size_warning(soup: &Soup) -> Option<String> {
     let longest = (bounds.max - bounds.min).max_element();
     let likely = match longest {
         longest if !longest.is_finite() || longest <= 0.0 => return None,
-        longest if longest < PLAUSIBLE_SIZE_MM[0] => "the real unit is probably inches, centimetres or metres",
-        longest if longest > PLAUSIBLE_SIZE_MM[1] => {
-            "the real unit is probably micrometres, or the model is very large"
-        }
+        longest if longest < PLAUSIBLE_SIZE_MM[0] => "the real unit may be inches, centimetres or metres",
+        longest if longest > PLAUSIBLE_SIZE_MM[1] => "the real unit may be micrometres, or the model is very large",
         _ => return None,
     };
     Some(format!(

@@ -235,7 +235,11 @@ fn unit_rule(file: &AssessedFile<'_>, profile: &Profile) -> RuleResult {
     };
     match doubt.likely {
         Some(likely) => RuleResult::fail(PrintRule::Unit, likely.millimetres(), false, unit.used.millimetres()),
-        None => RuleResult { remedy: Some(NORMALISED.to_owned()), ..RuleResult::undecided(PrintRule::Unit, None) },
+        None if doubt.normalised => {
+            RuleResult { remedy: Some(NORMALISED.to_owned()), ..RuleResult::undecided(PrintRule::Unit, None) }
+        }
+        // The size is unusual, but no other unit is much more likely.
+        None => RuleResult::pass(PrintRule::Unit, None, None),
     }
 }
 

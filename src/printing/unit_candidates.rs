@@ -13,7 +13,7 @@ pub use self::reasons::UnitReason;
 use super::designed_sizes::{DesignedSizes, designed_sizes};
 use crate::inspect::{Analysis, BoundingBox, Inspection};
 use crate::math::Box3;
-use crate::scene::{LengthUnit, Unit, UnitSource};
+use crate::scene::{LengthUnit, PLAUSIBLE_SIZE_MM, Unit, UnitSource};
 
 /// Largest log ratio of one piece of evidence.
 const MAX_LOG_RATIO: f64 = 3.0;
@@ -107,7 +107,7 @@ impl SizeEvidence<'_> {
             stated: None,
             program: None,
             siblings: None,
-            printed_mm: [5.0, 2000.0],
+            printed_mm: PLAUSIBLE_SIZE_MM,
         }
     }
 
@@ -153,7 +153,9 @@ impl fmt::Display for UnitCandidates {
                 "the model was scaled to a size of 1 or 2, which does not reveal its unit; give its height",
             );
         }
-        let Some(likely) = self.likely else { return write!(f, "the unit used is {}", self.taken) };
+        let Some(likely) = self.likely else {
+            return write!(f, "the unit used is {}; no other unit is much more likely", self.taken);
+        };
         write!(f, "the unit used is {}, but {likely} is more likely", self.taken)?;
         let words: Vec<String> = self
             .ranked
@@ -230,8 +232,14 @@ fn evidence_of_box(bounds: BoundingBox, unit: &LengthUnit, build_volume_mm: Opti
 
 fn in_doubt(evidence: &SizeEvidence<'_>, unit: &LengthUnit) -> Option<UnitCandidates> {
     let candidates = unit_candidates(evidence);
-    let is_in_doubt = candidates.likely.is_some() || candidates.normalised;
-    (is_in_doubt && unit.source != UnitSource::Declared).then_some(candidates)
+    let longest_mm = evidence.longest() * candidates.taken.millimetres();
+    let is_implausible = longest_mm > 0.0 && !(PLAUSIBLE_SIZE_MM[0]..=PLAUSIBLE_SIZE_MM[1]).contains(&longest_mm);
+    let is_in_doubt = match unit.source {
+        UnitSource::Declared => false,
+        UnitSource::File => candidates.likely.is_some() || candidates.normalised,
+        UnitSource::Assumed => candidates.likely.is_some() || candidates.normalised || is_implausible,
+    };
+    is_in_doubt.then_some(candidates)
 }
 
 /// Ranks the units that a file may have. O(n) in the number of lengths.

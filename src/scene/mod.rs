@@ -12,4 +12,4 @@ mod unit;
 pub use instances::Instance;
 pub use object::{Component, Item, Note, Object, ObjectKind, Scene, SceneError, Shape};
 pub use paint::{Material, PAINTLESS, Paint, PaintedMesh, Palette, Texture, Wrap};
-pub use unit::{LengthUnit, Unit, UnitSource, Up};
+pub use unit::{LengthUnit, PLAUSIBLE_SIZE_MM, Unit, UnitSource, Up};

@@ -5,6 +5,9 @@ use std::fmt;
 use glam::{DAffine3, DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
+/// Usual range of the longest side of a printed model, in millimetres. The unit of a model outside the range is in doubt.
+pub const PLAUSIBLE_SIZE_MM: [f64; 2] = [5.0, 2000.0];
+
 /// Unit of length, after the 3MF core specification.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

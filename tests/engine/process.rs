@@ -393,6 +393,22 @@ fn a_unit_in_doubt_is_reported_with_candidates() {
 }
 
 #[test]
+fn an_unusual_size_has_candidates_even_if_no_unit_leads_clearly() {
+    let small = cuboid(DVec3::ZERO, DVec3::new(3.0, 1.1, 1.1), 1);
+    let options = |unit| Options {
+        print: PrintOptions { process: Some("resin".to_owned()), ..PrintOptions::default() },
+        unit,
+        ..Options::default()
+    };
+    let doubted = repair_soup(&small, &options(None), None);
+    let candidates = doubted.report.unit_candidates.as_ref().expect("candidates");
+    assert_eq!((candidates.likely, candidates.normalised), (None, false), "{candidates}");
+    assert!(doubted.report.unit.note.as_ref().is_some_and(|note| note.contains("may be inches")));
+    assert_eq!(rule(&doubted, PrintRule::Unit).result, RuleOutcome::Pass);
+    assert_eq!(repair_soup(&small, &options(Some(Unit::Millimetre)), None).report.unit_candidates, None);
+}
+
+#[test]
 fn a_separate_solid_is_attached_with_a_strut_on_request() {
     let soup = join(&cube(DVec3::ZERO, 20.0, 2), &cube(DVec3::new(21.0, 5.0, 5.0), 4.0, 2));
     let attached = run(&soup, PrintOptions { islands: Islands::Attach, ..PrintOptions::default() });

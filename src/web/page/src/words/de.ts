@@ -146,7 +146,7 @@ export const de: Words = {
   },
   partCount: (n) => `${n} ${n === 1 ? "Teil" : "Teile"}`,
   askSize: "Wie groß ist dieses Modell?",
-  askUnit: (unit) => `Die Datei wurde in ${unit} gelesen, aber eine andere Einheit passt besser. Bitte wählen Sie die gemeinte Größe.`,
+  askUnit: (unit) => `Die Datei wurde in ${unit} gelesen, aber vielleicht ist eine andere Einheit gemeint. Bitte wählen Sie die gemeinte Größe.`,
   askHeight: "Die Datei wurde ohne echte Größe geschrieben. Bitte geben Sie die gewünschte Höhe ein.",
   heightInMm: "Höhe in mm",
   unitNames: { um: "Mikrometer", mm: "Millimeter", cm: "Zentimeter", m: "Meter", in: "Zoll", ft: "Fuß" },

@@ -162,7 +162,7 @@ export const en = {
   } as Record<string, string>,
   partCount: (n: number) => `${n} ${s(n, "part", "parts")}`,
   askSize: "How large is this model?",
-  askUnit: (unit: string) => `The file was read in ${unit}, but another unit fits it better. Choose the size that you mean.`,
+  askUnit: (unit: string) => `The file was read in ${unit}, but another unit may be meant. Choose the size that you mean.`,
   askHeight: "The file was written without a real size. Enter the height that you want.",
   heightInMm: "Height in mm",
   unitNames: { um: "Micrometres", mm: "Millimetres", cm: "Centimetres", m: "Metres", in: "Inches", ft: "Feet" } as Record<string, string>,
