@@ -8,7 +8,7 @@ use super::thickness::{FeatureKind, Space, ThinRegion, rounded_limit, thin_featu
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
 
-/// A wall or slot less high than this multiple of its width is a detail: low relief prints finer than a free wall.
+/// A wall, bar or recess less high or deep than this multiple of its width is a detail: low relief prints finer than a free wall.
 const DETAIL: f64 = 2.0;
 /// Most distances computed to tell a detail from a wall. A region that needs more counts as a wall.
 const MAX_FOOT_STEPS: usize = 4_000_000;
@@ -69,8 +69,10 @@ fn feature(analysis: &Analysis<'_>, region: &ThinRegion, mm: f64) -> Option<Feat
     };
     let rule = match region.kind {
         FeatureKind::ThroughHole | FeatureKind::BlindHole | FeatureKind::Slot if is_in_cavity() => return None,
-        FeatureKind::FreeWall | FeatureKind::SupportedWall if is_detail() => PrintRule::EmbossedDetail,
-        FeatureKind::Slot if is_detail() => PrintRule::EngravedDetail,
+        FeatureKind::FreeWall | FeatureKind::SupportedWall | FeatureKind::Wire | FeatureKind::Pin if is_detail() => {
+            PrintRule::EmbossedDetail
+        }
+        FeatureKind::Slot | FeatureKind::BlindHole if is_detail() => PrintRule::EngravedDetail,
         FeatureKind::SupportedWall => PrintRule::SupportedWall,
         FeatureKind::FreeWall => PrintRule::FreeWall,
         FeatureKind::Wire => PrintRule::Wire,

@@ -47,7 +47,7 @@ pub enum PrintRule {
     Wire,
     /// Bars that are held at one end are thick enough.
     Pin,
-    /// Raised details are wide enough.
+    /// Raised details, which are lower than twice their width, are wide enough.
     EmbossedDetail,
     /// Holes are wide enough.
     Hole,
@@ -55,7 +55,7 @@ pub enum PrintRule {
     Gap,
     /// Separate solids are far enough apart.
     Clearance,
-    /// Sunk details are wide enough.
+    /// Sunk details, which are less deep than twice their width, are wide enough.
     EngravedDetail,
     /// Every separate solid has enough volume.
     PartVolume,

@@ -170,6 +170,21 @@ fn a_thin_wall_between_two_blocks_is_no_embossed_detail_but_a_low_rib_is() {
 }
 
 #[test]
+fn a_low_stub_is_a_raised_detail_and_a_tall_one_is_a_pin() {
+    let failed = |height: f64| {
+        let stub = cuboid(DVec3::new(4.0, 4.0, 5.0), DVec3::new(0.8, 0.9, 5.0 + height), 1);
+        let soup = join(&cube(DVec3::ZERO, 10.0, 1), &stub);
+        let assessed = run(&soup, PrintOptions { process: Some("tpu".to_owned()), ..PrintOptions::default() });
+        let readiness = assessed.report.print_ready.expect("an assessment");
+        let failed = readiness.rules.iter().filter(|result| result.result != RuleOutcome::Pass);
+        failed.map(|result| result.rule).collect::<Vec<_>>()
+    };
+    // Pins need 2 mm, details 0.5 mm.
+    assert_eq!(failed(1.2), []);
+    assert_eq!(failed(4.0), [PrintRule::Pin]);
+}
+
+#[test]
 fn small_separate_solids_stay_unless_the_options_drop_them() {
     let crumb = cube(DVec3::new(30.0, 0.0, 0.0), 0.5, 1);
     let soup = join(&cube(DVec3::ZERO, 20.0, 2), &crumb);
