@@ -60,8 +60,8 @@ pub enum TenantProfileError {
     /// A limit is out of its range.
     #[error(transparent)]
     Limit(ProfileError),
-    /// The title is too long or has several lines.
-    #[error("`title` must be at most {TITLE_CHARS} characters on one line")]
+    /// The title is blank or too long, or has several lines.
+    #[error("`title` must be 1 to {TITLE_CHARS} characters on one line; without a title the profile shows its name")]
     Title,
 }
 
@@ -101,7 +101,10 @@ impl NewProfile {
         let base = limits.based_on.as_deref().ok_or(TenantProfileError::NoBase)?;
         let base = Profile::resolve(base, None).map_err(TenantProfileError::UnknownBase)?;
         limits.validate().map_err(TenantProfileError::Limit)?;
-        let is_title = |title: &String| title.chars().count() <= TITLE_CHARS && !title.chars().any(char::is_control);
+        let is_title = |title: &String| {
+            let is_short = !title.trim().is_empty() && title.chars().count() <= TITLE_CHARS;
+            is_short && !title.chars().any(char::is_control)
+        };
         if !limits.title.as_ref().is_none_or(is_title) {
             return Err(TenantProfileError::Title);
         }
@@ -162,6 +165,7 @@ mod tests {
             ("mine", based_on("clay"), Some("based_on"), "`clay`"),
             ("mine", ProcessLimits { gap_mm: Some(-1.0), ..based_on("sls") }, Some("gap_mm"), "`gap_mm`"),
             ("mine", ProcessLimits { title: Some("a\nb".to_owned()), ..based_on("sls") }, Some("title"), "one line"),
+            ("mine", ProcessLimits { title: Some(" ".to_owned()), ..based_on("sls") }, Some("title"), "one line"),
         ] {
             let error = NewProfile::new(name, limits).expect_err("refused");
             assert_eq!(error.field(), field, "{name}: {error}");
