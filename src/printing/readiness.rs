@@ -203,8 +203,8 @@ fn part_volume_rule(
     Ok(RuleResult::fail(PrintRule::PartVolume, limit.limit, least < limit.minimum, least).at(places))
 }
 
-/// The rule about escape holes; `None` if the process lets cavities stay closed. The measured value is the width of
-/// the narrowest cavity's opening, the diameter of the largest ball that can leave: 0 for a sealed cavity.
+/// The rule about escape holes; `None` if the process lets cavities stay closed. The measured value is the least
+/// width of a cavity's widest opening: 0 for a sealed cavity.
 fn escape_hole_rule(hollows: Option<&Hollows>, profile: &Profile) -> Option<RuleResult> {
     let limit = profile.escape_holes.as_ref()?.diameter_mm;
     let rule = PrintRule::EscapeHoles;
