@@ -36,8 +36,8 @@ pub use sequence::{r2, r3, ray_direction};
 pub use tree::{Frame, GrowingTree, Tree};
 pub(crate) use tree::{triangles_of, vec3a};
 pub use triangle::{
-    Crossing, SharpFold, centre_and_radius, crossing, hit, longest_side_first, longest_squared, nearest_on_segment,
-    nearest_on_triangle, nearest_within, within,
+    Crossing, SharpFold, centre_and_radius, crossing, halves, hit, longest_side_first, longest_squared,
+    nearest_on_segment, nearest_on_triangle, nearest_within, within,
 };
 pub use triangle_pair::{Contact, common_point, contact, intersection};
 pub use winding::{Dipoles, WindingRule, winding_exact};

@@ -139,6 +139,14 @@ pub fn longest_side_first([a, b, c]: [DVec3; 3]) -> [DVec3; 3] {
     }
 }
 
+/// The two halves of a triangle, cut across its longest side.
+#[must_use]
+pub fn halves(corners: [DVec3; 3]) -> [[DVec3; 3]; 2] {
+    let [a, b, c] = longest_side_first(corners);
+    let middle = (a + b) / 2.0;
+    [[a, middle, c], [middle, b, c]]
+}
+
 /// The parameter, from 0 to 1, at which the segment from `origin` to `origin + step` meets a triangle (Moeller and
 /// Trumbore 1997). A segment through a shared edge of two triangles meets at least one of them. Computed in f64: a
 /// measurement, not a topological predicate.

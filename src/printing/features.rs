@@ -7,6 +7,7 @@ use super::rules::PrintRule;
 use super::thickness::{FeatureKind, Space, ThinRegion, rounded_limit, thin_features};
 use crate::context::{Cancelled, Context};
 use crate::inspect::Analysis;
+use crate::math::{centre_and_radius, halves, nearest_on_segment};
 
 /// A wall, bar or recess less high or deep than this multiple of its width is a detail: low relief prints finer than a free wall.
 const DETAIL: f64 = 2.0;
@@ -100,12 +101,12 @@ fn stays_near_foot(analysis: &Analysis<'_>, region: &ThinRegion, height: f64) ->
             return false;
         }
         left -= 1;
-        let centre = corners.iter().sum::<DVec3>() / 3.0;
-        let distance = foot.iter().map(|&edge| distance_to_segment(centre, edge)).fold(f64::INFINITY, f64::min);
+        let (centre, radius) = centre_and_radius(corners);
+        let to_edge = |&edge: &[DVec3; 2]| nearest_on_segment(centre, edge).distance(centre);
+        let distance = foot.iter().map(to_edge).fold(f64::INFINITY, f64::min);
         if distance >= height {
             return false;
         }
-        let radius = corners.iter().map(|corner| corner.distance(centre)).fold(0.0, f64::max);
         if distance + radius >= height && radius > HEIGHT_RESOLUTION * height {
             pending.extend(halves(corners));
         }
@@ -133,23 +134,6 @@ fn foot(analysis: &Analysis<'_>, region: &ThinRegion) -> Vec<[DVec3; 2]> {
     edges.into_iter().filter(is_foot).map(|edge| edge.map(|v| positions[v as usize])).collect()
 }
 
-/// The two halves of a triangle, cut across its longest side.
-fn halves([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 2] {
-    let rotations = [[a, b, c], [b, c, a], [c, a, b]];
-    let longest =
-        rotations.into_iter().max_by(|s, t| s[0].distance_squared(s[1]).total_cmp(&t[0].distance_squared(t[1])));
-    let [a, b, c] = longest.unwrap_or([a, b, c]);
-    let middle = (a + b) / 2.0;
-    [[a, middle, c], [middle, b, c]]
-}
-
 fn sides_of([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
     [[a, b], [b, c], [c, a]].map(|[v, w]| [v.min(w), v.max(w)])
-}
-
-fn distance_to_segment(p: DVec3, [a, b]: [DVec3; 2]) -> f64 {
-    let along = b - a;
-    let length = along.length_squared();
-    let t = if length > 0.0 { ((p - a).dot(along) / length).clamp(0.0, 1.0) } else { 0.0 };
-    p.distance(a + along * t)
 }

@@ -5,7 +5,7 @@
 //! least wall's diameter around the same centre replaces it.
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Ball, Nearest, Tree, centre_and_radius, hit, longest_side_first, nearest_on_segment};
+use crate::math::{Ball, Nearest, Tree, centre_and_radius, halves, hit, nearest_on_segment};
 use crate::mesh::Surface;
 use crate::printing::thickness::OpposedPair;
 use glam::DVec3;
@@ -292,9 +292,7 @@ impl<'a> Fillers<'a> {
         };
         if size > MAX_TESTED * self.limits.settings.min_wall || may_be_thin() {
             // Across the longest side, so that a long narrow face has few samples.
-            let [a, b, c] = longest_side_first(corners);
-            let middle = (a + b) / 2.0;
-            for half in [[a, middle, c], [middle, b, c]] {
+            for half in halves(corners) {
                 self.sample(half, of, (depth + 1, scope), visit);
             }
         }

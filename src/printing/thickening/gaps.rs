@@ -9,7 +9,7 @@ use rustc_hash::FxHashSet;
 use smallvec::SmallVec;
 
 use crate::context::{Cancelled, Context};
-use crate::math::{Box3, Tree, centre_and_radius, longest_side_first, nearest_on_segment, nearest_within};
+use crate::math::{Box3, Tree, centre_and_radius, halves, nearest_on_segment, nearest_within};
 use crate::mesh::{Edges, Surface};
 
 use super::bodies::{MAX_BALLS, cell_of};
@@ -200,9 +200,7 @@ impl<'a> Samples<'a> {
             if size <= SAMPLE * self.widths.free {
                 visit(centre);
             } else {
-                let [a, b, c] = longest_side_first(corners);
-                let middle = (a + b) / 2.0;
-                open.extend([[a, middle, c], [middle, b, c]]);
+                open.extend(halves(corners));
             }
         }
     }
