@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use super::super::analysis::Pair;
 use super::super::matching::Common;
-use super::super::sampling::{Patches, Sample, samples, visible};
+use super::super::sampling::{Patches, Sample, visible};
 use super::super::{Analysis, Measures, Solid, Volume, percent};
 use super::deviation::{
     Deviation, Distances, INSIDE_WINDING, Measured, are_buried, buried_pct, distances, inside_agreement,
 };
-use super::original::{CompareOptions, FAR, Original};
+use super::original::{FAR, Original};
 use super::provenance::SurfaceShares;
 use crate::context::{Cancelled, Context};
 use crate::math::Box3;
@@ -206,12 +206,8 @@ impl Original<'_> {
         let Box3 { min, max } = after.extent();
         let extent = Box3 { min: min / there.ratio, max: max / there.ratio };
         changes.bounding_box_change_pct = bounding_box_change_pct(self.analysis.extent(), extent);
-        let mut lost_distances = if std::ptr::eq(self.analysis, after) {
-            Distances::none(self.samples().len())
-        } else {
-            let is_kept = |face: u32| common.fine && common.first[face as usize];
-            distances(there, self.samples(), self.options.vertices, is_kept, context)?
-        };
+        let is_kept = |face: u32| common.fine && common.first[face as usize];
+        let mut lost_distances = distances(there, self.samples(), self.options.vertices, is_kept, context)?;
         if gone.contains(&true) {
             let parts = &self.analysis.parts.of_face;
             let is_gone = |sample: &Sample| gone.get(parts[sample.face as usize] as usize) == Some(&true);
@@ -240,18 +236,11 @@ impl Original<'_> {
         context: &Context<'_>,
     ) -> Result<[Option<Deviation>; 2], Cancelled> {
         let &ComparedMesh { analysis: after, patches, .. } = candidate;
-        let CompareOptions { samples: count, vertices, .. } = self.options;
-        let back = Pair::new(after, self.analysis);
-        let sampled;
-        let (points, measured_distances) = if std::ptr::eq(self.analysis, after) {
-            (self.samples(), Distances::none(self.samples().len()))
-        } else {
-            sampled = samples(after, count);
-            let is_kept = |face: u32| common.fine && common.second[face as usize];
-            (sampled.as_slice(), distances(back, &sampled, vertices, is_kept, context)?)
-        };
+        let (back, points) = (Pair::new(after, self.analysis), self.samples_of(after));
+        let is_kept = |face: u32| common.fine && common.second[face as usize];
+        let distances = distances(back, &points, self.options.vertices, is_kept, context)?;
         let diagonal = self.analysis.unit_diagonal() / back.ratio;
-        let measured = Measured { analysis: after, samples: points, distances: &measured_distances, diagonal };
+        let measured = Measured { analysis: after, samples: &points, distances: &distances, diagonal };
         let added = measured.deviation(|_| true, |_| true);
         let Some(patches) = patches else { return Ok([added, None]) };
         if patches.is_empty() {

@@ -74,15 +74,9 @@ pub(super) struct Distances {
     pub complete: bool,
 }
 
-impl Distances {
-    /// The distances from `samples` samples of a mesh to the mesh itself.
-    pub fn none(samples: usize) -> Self {
-        Self { samples: vec![Some(0.0); samples], vertices: Vec::new(), complete: true }
-    }
-}
-
 /// Measures the distance from each sample, and from at most `max_vertices` vertices, to the nearest point of the
-/// other mesh. Points on faces for which `is_kept` returns true have distance 0 and cost nothing.
+/// other mesh. Points on faces for which `is_kept` returns true have distance 0 and cost nothing, as do all points if both
+/// meshes are one.
 ///
 /// # Errors
 /// [`Cancelled`] on cancellation or timeout.
@@ -93,6 +87,10 @@ pub(super) fn distances(
     is_kept: impl Fn(u32) -> bool,
     context: &Context<'_>,
 ) -> Result<Distances, Cancelled> {
+    let mut all = Distances { samples: vec![Some(0.0); samples.len()], vertices: Vec::new(), complete: true };
+    if std::ptr::eq(pair.from, pair.to) {
+        return Ok(all);
+    }
     let missing: Vec<usize> = (0..samples.len()).filter(|&i| !is_kept(samples[i].face)).collect();
     let surface = &pair.from.surface;
     let mut settled = vec![max_vertices == 0; surface.positions.len()];
@@ -106,7 +104,6 @@ pub(super) fn distances(
     let apart: Vec<u32> = (0u32..).zip(settled).filter(|(_, settled)| !settled).map(|(v, _)| v).collect();
     let step = apart.len().div_ceil(max_vertices.max(1) as usize).max(1);
     let apart: Vec<u32> = apart.into_iter().step_by(step).collect();
-    let mut all = Distances::none(samples.len());
     if missing.is_empty() && apart.is_empty() {
         return Ok(all);
     }

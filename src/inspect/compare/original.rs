@@ -1,5 +1,6 @@
 //! The reference mesh of comparisons, with cached samples and their visibility.
 
+use std::borrow::Cow;
 use std::cell::{OnceCell, RefCell};
 
 use serde::{Deserialize, Serialize};
@@ -114,6 +115,15 @@ impl<'a> Original<'a> {
     /// Samples of the reference mesh, computed once.
     pub(super) fn samples(&self) -> &[Sample] {
         self.samples.get_or_init(|| samples(self.analysis, self.options.samples))
+    }
+
+    /// Samples of a mesh that is compared with the reference mesh; its own samples if the two are one.
+    pub(super) fn samples_of(&self, other: &Analysis<'_>) -> Cow<'_, [Sample]> {
+        if std::ptr::eq(self.analysis, other) {
+            Cow::Borrowed(self.samples())
+        } else {
+            Cow::Owned(samples(other, self.options.samples))
+        }
     }
 
     /// Visibility of each requested sample; `None` if its search ran out of its budget.
