@@ -102,8 +102,8 @@ impl NewProfile {
         let base = Profile::resolve(base, None).map_err(TenantProfileError::UnknownBase)?;
         limits.validate().map_err(TenantProfileError::Limit)?;
         let is_title = |title: &String| {
-            let is_short = !title.trim().is_empty() && title.chars().count() <= TITLE_CHARS;
-            is_short && !title.chars().any(char::is_control)
+            let is_blank = title.trim().is_empty();
+            !is_blank && title.chars().count() <= TITLE_CHARS && !title.chars().any(char::is_control)
         };
         if !limits.title.as_ref().is_none_or(is_title) {
             return Err(TenantProfileError::Title);

@@ -12,7 +12,7 @@ use crate::mesh::Surface;
 const CELLS_PER_DIAMETER: u32 = 4;
 /// How often cells at an opening of undecided width are halved.
 const REFINEMENTS: u32 = 4;
-/// At least how many times as many nodes an octree with cells of half the size needs, as a rule.
+/// How many times as many nodes an octree with cells of half the size needs at most, as a rule.
 const NODES_OF_HALVED_CELLS: usize = 5;
 /// How often the smaller ball that measures a trap's opening is halved, until it can leave.
 const MAX_HALVINGS: u32 = 2;

@@ -233,13 +233,10 @@ fn evidence_of_box(bounds: BoundingBox, unit: &LengthUnit, build_volume_mm: Opti
 fn in_doubt(evidence: &SizeEvidence<'_>, unit: &LengthUnit) -> Option<UnitCandidates> {
     let candidates = unit_candidates(evidence);
     let longest_mm = evidence.longest() * candidates.taken.millimetres();
-    let is_implausible = longest_mm > 0.0 && !(PLAUSIBLE_SIZE_MM[0]..=PLAUSIBLE_SIZE_MM[1]).contains(&longest_mm);
-    let is_in_doubt = match unit.source {
-        UnitSource::Declared => false,
-        UnitSource::File => candidates.likely.is_some() || candidates.normalised,
-        UnitSource::Assumed => candidates.likely.is_some() || candidates.normalised || is_implausible,
-    };
-    is_in_doubt.then_some(candidates)
+    let is_unusual = longest_mm > 0.0 && !(PLAUSIBLE_SIZE_MM[0]..=PLAUSIBLE_SIZE_MM[1]).contains(&longest_mm);
+    let is_doubted = candidates.likely.is_some() || candidates.normalised;
+    let is_in_doubt = is_doubted || (is_unusual && unit.source == UnitSource::Assumed);
+    (is_in_doubt && unit.source != UnitSource::Declared).then_some(candidates)
 }
 
 /// Ranks the units that a file may have. O(n) in the number of lengths.

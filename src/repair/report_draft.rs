@@ -264,16 +264,19 @@ fn options_of(sections: &[ObjectReport]) -> Vec<OptionNotApplied> {
 
 /// The summary of a file with several objects.
 fn summary_of_objects(sections: &[ObjectReport]) -> String {
-    let is = |outcome: Outcome| move |section: &&ObjectReport| section.outcome == outcome;
-    let (repaired, was_printable) =
-        (is(Outcome::Repaired), |section: &&ObjectReport| section.before.measures.printable());
-    let count = |holds: &dyn Fn(&&ObjectReport) -> bool| sections.iter().filter(holds).count();
+    let count = |outcome, was_printable: Option<bool>| {
+        let is_counted = |section: &&ObjectReport| {
+            let was = section.before.measures.printable();
+            section.outcome == outcome && was_printable.is_none_or(|printable| printable == was)
+        };
+        sections.iter().filter(is_counted).count()
+    };
     let words: Vec<String> = [
-        (count(&is(Outcome::AlreadyPrintable)), "already printable"),
-        (count(&|section| repaired(section) && was_printable(section)), "already printable and changed"),
-        (count(&|section| repaired(section) && !was_printable(section)), "repaired and printable"),
-        (count(&is(Outcome::PartiallyRepaired)), "partially repaired"),
-        (count(&is(Outcome::Unrepairable)), "unchanged and not printable"),
+        (count(Outcome::AlreadyPrintable, None), "already printable"),
+        (count(Outcome::Repaired, Some(true)), "already printable and changed"),
+        (count(Outcome::Repaired, Some(false)), "repaired and printable"),
+        (count(Outcome::PartiallyRepaired, None), "partially repaired"),
+        (count(Outcome::Unrepairable, None), "unchanged and not printable"),
     ]
     .into_iter()
     .filter(|(count, _)| *count > 0)
