@@ -232,6 +232,7 @@ fn assumptions_of(conclusion: &Conclusion, judged: &Judged, input: &Input<'_>, o
     let strategy = conclusion.strategy.and_then(|index| conclusion.draft.plan.strategies.get(index as usize));
     all.extend(strategy.and_then(|strategy| winding_rule(&steps, strategy, before, options)));
     all.extend(pieces_dropped(judged, input));
+    all.extend(fins_dropped(&steps, judged));
     all.extend(cavities(judged, input, options));
     all.extend(interior_filled(&steps, options));
     all.extend(islands_dropped(&steps, options));
@@ -403,6 +404,17 @@ fn pieces_dropped(judged: &Judged, input: &Analysis<'_>) -> Option<Assumption> {
     let option = if part_accounting.debris > 0 { "without=remove_debris" } else { "open_sheets=thicken" };
     let assumption = Assumption::new(AssumptionKind::PiecesDropped, count, detail).with_amount(area);
     Some(assumption.at(pieces.iter().map(|piece| piece.bounds.centre().to_array())).unless(option))
+}
+
+/// The assumption of removed fins, which belong to larger parts of the input.
+fn fins_dropped(steps: &[&Step], judged: &Judged) -> Option<Assumption> {
+    let pieces = judged.part_accounting.as_ref()?.debris;
+    let count = changed(steps, Operator::RemoveDebris, ChangeKind::DebrisPartsRemoved).saturating_sub(pieces);
+    (count > 0).then(|| {
+        let fins = counted(count, "fin was removed: a piece", "fins were removed: pieces");
+        let detail = format!("{fins} of surface without thickness that stood on other faces.");
+        Assumption::new(AssumptionKind::PiecesDropped, count, detail).unless("without=remove_debris")
+    })
 }
 
 /// The assumptions of sealed cavities that were kept hollow or filled.

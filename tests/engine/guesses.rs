@@ -180,3 +180,16 @@ fn an_assumed_unit_is_reported_and_a_declared_one_is_not() {
     let declared = Options { unit: Some(meshmend::scene::Unit::Inch), ..Options::default() };
     assert!(assumed(&run(&solid, &declared), AssumptionKind::Unit).is_none());
 }
+
+#[test]
+fn a_narrow_face_that_stands_on_a_solid_gets_no_back_and_its_removal_is_reported() {
+    let mut soup = cube(DVec3::ZERO, 2.0, 8);
+    let [a, b, c] = soup.corners(0);
+    let outward = (b - a).cross(c - a).normalize() * 0.02;
+    push(&mut soup, [a, b, (a + b) / 2.0 + outward]);
+    let repaired = run(&as_f32(soup), &Options::default());
+    assert_outcome(&repaired, Outcome::Repaired);
+    assert!((volume(&repaired) - 8.0).abs() < 1e-9, "{}", volume(&repaired));
+    let assumption = assumed(&repaired, AssumptionKind::PiecesDropped).unwrap();
+    assert_eq!((assumption.count, assumption.option.as_deref()), (1, Some("without=remove_debris")));
+}

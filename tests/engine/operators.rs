@@ -9,6 +9,7 @@ use meshmend::repair::operators::degenerate::{remove_caps, remove_collapsed, rem
 use meshmend::repair::operators::duplicates::remove_duplicates;
 use meshmend::repair::operators::holes::FillHoles;
 use meshmend::repair::operators::orient::Orient;
+use meshmend::repair::operators::slivers::RemoveSlivers;
 use meshmend::repair::operators::weld::Weld;
 use meshmend::repair::sheets::{encloses, open_sheet_share};
 use proptest::prelude::*;
@@ -162,6 +163,36 @@ fn two_caps_on_the_same_edge_are_both_removed_by_edge_flips() {
     with_context(|c| remove_caps(&mut mesh, c)).unwrap();
     let after = measured(&mesh.to_soup());
     assert!(after.printable(), "{after:?}");
+}
+
+/// A cube with a third face on an edge, whose other corner is `off` the edge's middle.
+fn cube_with_fin(off: DVec3) -> Soup {
+    let mut soup = cube(DVec3::ZERO, 1.0, 1);
+    let [a, b, _] = soup.corners(0);
+    push(&mut soup, [a, b, (a + b) / 2.0 + off]);
+    soup
+}
+
+#[test]
+fn a_face_without_area_that_stands_on_other_faces_is_removed() {
+    let soup = cube_with_fin(DVec3::ZERO);
+    let mut mesh = surface(&soup);
+    let before = measured(&soup);
+    assert_eq!((before.degenerate_faces, before.non_manifold_edges), (1, 1));
+    let changes = with_context(|c| remove_caps(&mut mesh, c)).unwrap();
+    assert_eq!(change_count(&changes, "degenerate_faces_removed"), 1);
+    assert!(measured(&mesh.to_soup()).printable());
+}
+
+#[test]
+fn a_sliver_that_stands_on_other_faces_is_removed_and_a_fin_with_area_is_not() {
+    let slivers = RemoveSlivers { tolerance: 1e-6, max_deviation: f64::INFINITY };
+    let removed = [1e-7, 1e-3].map(|height| {
+        let mut mesh = surface(&cube_with_fin(DVec3::splat(height)));
+        let applied = with_context(|c| slivers.apply(&mut mesh, c)).unwrap();
+        (change_count(&applied.changes, "caps_removed"), measured(&mesh.to_soup()).non_manifold_edges)
+    });
+    assert_eq!(removed, [(1, 0), (0, 1)]);
 }
 
 /// A tetrahedron with a vertex on an edge, as far from its end as the smallest positive f32.
@@ -355,6 +386,30 @@ fn an_open_sheet_is_left_open() {
 fn a_lone_triangle_encloses_nothing() {
     assert!(!encloses(1.0, 1.0, Some(0.0)));
     assert!(encloses(5.0, 1.0, Some(1.0)));
+    // A narrow triangle gets no back either.
+    let mut soup = Soup::default();
+    push(&mut soup, [DVec3::ZERO, DVec3::new(10.0, 0.0, 0.0), DVec3::new(5.0, 0.2, 0.0)]);
+    let mut mesh = surface(&soup);
+    let filled = with_context(|c| FillHoles::default().apply(&mut mesh, c)).unwrap();
+    assert_eq!((filled.open_sheets, filled.holes_left, mesh.faces.len()), (1, 0, 1));
+}
+
+#[test]
+fn a_box_without_a_lid_whose_rim_has_fins_is_no_open_sheet() {
+    let mut soup = cube(DVec3::ZERO, 1.0, 1);
+    let top = (0..soup.faces.len()).filter(|&f| soup.corners(f).iter().all(|p| p.z == 1.0)).collect::<Vec<_>>();
+    let corners = [DVec3::Z, DVec3::new(1.0, 0.0, 1.0), DVec3::ONE, DVec3::new(0.0, 1.0, 1.0)];
+    for f in top.into_iter().rev() {
+        soup.faces.remove(f);
+    }
+    for (i, &from) in corners.iter().enumerate() {
+        let to = corners[(i + 1) % 4];
+        let outward = (from + to) / 2.0 - DVec3::new(0.5, 0.5, 1.0);
+        for apex in [DVec3::Z * 0.1, outward * 0.1] {
+            push(&mut soup, [from, to, (from + to) / 2.0 + apex]);
+        }
+    }
+    assert_eq!(open_sheet_share(&surface(&soup)), 0.0);
 }
 
 proptest! {

@@ -50,7 +50,8 @@ pub fn remove_without_area(
 /// Removes faces whose three distinct corners are collinear, without opening the surface or moving a vertex.
 ///
 /// The middle corner `m` lies on the long edge. An edge flip splits the face beyond that edge at `m`. Since `m` lies on the
-/// edge, the surface keeps its shape. Where there is no face beyond the edge, the cap is removed.
+/// edge, the surface keeps its shape. Where there is no face beyond the edge, the cap is removed; also where there are
+/// several and the cap's short edges are free.
 ///
 /// ```text
 ///        m                     m
@@ -63,7 +64,7 @@ pub fn remove_without_area(
 /// Where the face beyond is a cap on the same edge, the flip gives two caps with shorter long edges; later passes remove them.
 ///
 /// Precondition: no face with a repeated vertex. Result: the number of faces without area never rises. Leaves, counted as
-/// degenerate: faces whose long edge has more than two faces, and faces where the edge from `m` to `d` exists already and
+/// degenerate: other faces whose long edge has more than two faces, and faces where the edge from `m` to `d` exists already and
 /// would get a third face.
 ///
 /// # Errors
@@ -93,6 +94,10 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
                     dropped += 1;
                 }
                 [x, y] => flipped += u64::from(pass.flip(surface, cap, [x, y], [m, a, b])),
+                _ if pass.is_fin([m, a, b]) && pass.touched.insert(cap) => {
+                    keep[cap as usize] = false;
+                    dropped += 1;
+                }
                 _ => {}
             }
         }
@@ -137,6 +142,12 @@ impl<'a> Pass<'a> {
         let is_near = |&(f, face): &(u32, &[u32; 3])| keep[f as usize] && face.iter().any(|&v| at_cap[v as usize]);
         let (near, faces): (Vec<u32>, Vec<[u32; 3]>) = (0u32..).zip(&surface.faces).filter(is_near).unzip();
         Self { unit, near, edges: Edges::new(&faces), touched: HashSet::new(), new_edges: HashSet::new() }
+    }
+
+    /// Whether only the cap itself has the two short edges of a cap with the middle corner `m`.
+    fn is_fin(&self, [m, a, b]: [u32; 3]) -> bool {
+        let is_free = |v: u32| self.edges.find(m, v).is_some_and(|edge| self.edges.half_edges(edge).len() == 1);
+        is_free(a) && is_free(b)
     }
 
     /// Flips the long edge `a`, `b` of a cap with the middle corner `m`, where possible; `pair` holds the edge's half-edges.

@@ -73,15 +73,25 @@ pub(in crate::repair) fn open_sheets(surface: &Surface, edges: &Edges, parts: &P
             volume[part] += middle.dot(at(i).cross(at(i + 1))) / 6.0;
         }
     }
-    // A boundary without simple loops belongs to walls around a space, or to faces around a common edge.
+    // A boundary without simple loops belongs to walls around a space, to faces around a common edge, or to a solid with
+    // fins at its holes, which is almost closed.
     let patches = Parts::patches(surface, edges);
     let has_boundary = patches.open(edges);
     let mut frayed = vec![true; parts.count];
     for (&part, &patch) in parts.of_face.iter().zip(&patches.of_face).filter(|&(&part, _)| part != Parts::NONE) {
         frayed[part as usize] &= has_boundary[patch as usize];
     }
-    let encloses = |p: usize| encloses(solids[p].area, patch_area[p], Some(volume[p]));
-    (0..parts.count).map(|p| open[p] && ((!walked[p] && frayed[p]) || !encloses(p))).collect()
+    let is_almost_closed = |p: usize| {
+        let of_part = (0u32..).zip(&parts.of_face).filter(|&(_, &part)| part as usize == p);
+        mean_winding(surface, &of_part.map(|(face, _)| face).collect::<Vec<u32>>()).abs() >= ALMOST_CLOSED
+    };
+    let encloses = |p: usize| {
+        if walked[p] || !frayed[p] {
+            return encloses(solids[p].area, patch_area[p], Some(volume[p]));
+        }
+        is_almost_closed(p)
+    };
+    (0..parts.count).map(|p| open[p] && !encloses(p)).collect()
 }
 
 /// Mean winding number on an open part's own faces from which the part is almost closed: half of a closed part's number.

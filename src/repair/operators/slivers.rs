@@ -38,12 +38,13 @@ impl RemoveSlivers {
     ///
     /// A short edge collapses to one of its ends, so that no new position arises. A face with only long edges is a cap. Its
     /// longest edge is flipped, which moves the surface by at most the cap's height. Where there is no face beyond that edge,
-    /// the cap is removed. A queue holds the faces next to each edit.
+    /// the cap is removed; also where there are several and the cap's other edges are free. A queue holds the faces next to
+    /// each edit.
     ///
     /// Precondition: no face with a repeated vertex. Result: each vertex is within the tolerance of its old position; no
     /// boundary appears; no face flips except other slivers; the number of non-manifold edges and pinched vertices does not
     /// rise. Leaves: edges that violate the link condition (Dey, Edelsbrunner, Guha and Nekhayev 1999), as on a handle or solid
-    /// no thicker than the tolerance; non-manifold edges; caps whose flipped edge exists already or would not raise the
+    /// no thicker than the tolerance; other non-manifold edges; caps whose flipped edge exists already or would not raise the
     /// smaller of the two heights.
     ///
     /// # Errors
@@ -288,8 +289,10 @@ impl SliverQueue<'_> {
 
     /// Flips the long edge `a`, `b` of a cap.
     fn flip(&mut self, [a, b, m]: [u32; 3], cap: u32, height: f64) -> Option<Edit> {
-        if *self.local.faces_at_edge(a, b) == [cap] {
-            return self.remove_boundary_cap([a, b, m], cap, height);
+        match *self.local.faces_at_edge(a, b) {
+            [_] => return self.remove_boundary_cap([a, b, m], cap, height),
+            [_, _] => {}
+            _ => return self.remove_fin([a, b, m], cap, height),
         }
         let hinge = self.local.hinge(a, b)?;
         let [_, d] = hinge.apexes;
@@ -331,6 +334,16 @@ impl SliverQueue<'_> {
         self.local.remove(cap);
         self.moved = self.moved.max(height);
         self.queue.extend(beside.into_iter().flatten().filter(|&f| f != cap));
+        Some(Edit::Dropped)
+    }
+
+    /// Removes a cap that stands on an edge of other faces and meets no face at its other edges.
+    fn remove_fin(&mut self, [a, b, m]: [u32; 3], cap: u32, height: f64) -> Option<Edit> {
+        if [[a, m], [m, b]].into_iter().any(|[v, w]| self.local.faces_at_edge(v, w).len() != 1) {
+            return None;
+        }
+        self.local.remove(cap);
+        self.moved = self.moved.max(height);
         Some(Edit::Dropped)
     }
 }

@@ -165,8 +165,8 @@ impl<'a> Filler<'a> {
             }
         }
         let Some((mut candidate, triangles)) = best else {
-            let single = hole.loops.len() == 1 && self.params.filling == HoleFilling::Auto;
-            return Ok(if single { self.cone(&corners) } else { None });
+            let is_single = hole.loops.len() == 1 && !self.bounds_single_face(hole);
+            return Ok(if is_single && self.params.filling == HoleFilling::Auto { self.cone(&corners) } else { None });
         };
         let is_sound = candidate.open == 0 && candidate.faults.is_some_and(Faults::is_empty);
         if (self.params.refine || self.params.fair) && !planar_hole && is_sound && corners.points.len() > 3 {
@@ -198,6 +198,14 @@ impl<'a> Filler<'a> {
         Some(PatchCandidate { faces, faults, open: 0 })
     }
 
+    /// Whether a hole is the border of a single face: a patch would be the face's own back.
+    pub fn bounds_single_face(&self, hole: &Hole) -> bool {
+        let [border] = hole.loops.as_slice() else { return false };
+        let &[a, b, c] = border.as_slice() else { return false };
+        let of_edge = self.edges.find(a, b).map_or(&[][..], |e| self.edges.half_edges(e));
+        of_edge.iter().any(|&h| self.faces[h as usize / 3].contains(&c))
+    }
+
     /// The methods to try, in order.
     fn methods(&mut self, corners: &HoleCorners<'_>, planar_hole: bool) -> &'static [Method] {
         use Method::{Chords, LeastArea, LeastFold, Planar, Sharp};
@@ -206,7 +214,7 @@ impl<'a> Filler<'a> {
             return &[Planar];
         }
         if n == 3 {
-            return if bounds_single_face(self.faces, self.edges, &corners.vertices) { &[] } else { &[LeastFold] };
+            return if self.bounds_single_face(corners.hole) { &[] } else { &[LeastFold] };
         }
         let cubic = (n * n * n / 6) as u64;
         let short = n <= MAX_CORNERS_FOR_LEAST_WEIGHT && (n <= FREE_CORNERS || self.cubic_budget >= cubic);
@@ -389,12 +397,6 @@ pub(super) fn face_normal(positions: &[DVec3], faces: &[[u32; 3]], edges: &Edges
     let Some(edge) = edges.find(a, b) else { return DVec3::ZERO };
     let [p, q, r] = faces[edges.half_edges(edge)[0] as usize / 3].map(|v| positions[v as usize]);
     (q - p).cross(r - p).normalize_or_zero()
-}
-
-/// Whether the loop is the border of a single face: a patch would be the face's own back.
-fn bounds_single_face(faces: &[[u32; 3]], edges: &Edges, vertices: &[u32]) -> bool {
-    let &[a, b, c] = vertices else { return false };
-    edges.find(a, b).is_some_and(|e| edges.half_edges(e).iter().any(|&h| faces[h as usize / 3].contains(&c)))
 }
 
 /// Whether the points are exactly coplanar.

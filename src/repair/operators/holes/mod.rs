@@ -126,6 +126,12 @@ impl FillHoles {
         let mut filler = Filler::new(self, surface, edges, clearance, context);
         let (mut closed, mut joined) = (0u64, 0u64);
         for of_body in by_body.chunk_by(|a, b| a.0 == b.0) {
+            if let &[(_, hole)] = of_body
+                && filler.bounds_single_face(&holes[hole])
+            {
+                filled.open_sheets += 1;
+                continue;
+            }
             let solid = &solids[of_body[0].0 as usize];
             let start = (filler.clearance.patches().len(), filler.positions.len());
             let mut body = BodyPatches::default();
