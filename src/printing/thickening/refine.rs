@@ -39,6 +39,9 @@ pub struct Refined {
     pub parent: Vec<u32>,
     /// The growth at each corner of a thin face, in the model's unit.
     pub growth: FxHashMap<FaceCorner, f64>,
+    /// For each face of the surface, the largest growth that a point of it needs. Growth between corners can exceed it, where it is far
+    /// from linear.
+    pub largest: Vec<f64>,
     /// The face of each half-edge. An edge with more than two faces has none.
     half_edges: FxHashMap<(u32, u32), u32>,
     precision: Precision,
@@ -60,6 +63,7 @@ impl Refined {
             faces: surface.faces.clone(),
             parent: (0u32..).take(surface.faces.len()).collect(),
             growth: FxHashMap::default(),
+            largest: Vec::new(),
             half_edges: half_edges(&surface.faces),
             precision,
         };
@@ -94,6 +98,7 @@ impl Refined {
             active = changed;
             refined.evaluate(&active, growths, context)?;
         }
+        refined.largest = largest(&refined.growth, growths, surface.faces.len());
         refined.raise(growths, context)?;
         Ok(refined)
     }
@@ -105,6 +110,7 @@ impl Refined {
             faces: surface.faces.clone(),
             parent: (0u32..).take(surface.faces.len()).collect(),
             growth,
+            largest: Vec::new(),
             half_edges: FxHashMap::default(),
             precision,
         }
@@ -114,9 +120,9 @@ impl Refined {
     pub fn only(&self, takes_part: impl Fn(u32) -> bool) -> Self {
         let mut growth = self.growth.clone();
         growth.retain(|corner, _| takes_part(corner.face));
-        let half_edges = FxHashMap::default();
+        let (half_edges, largest) = (FxHashMap::default(), Vec::new());
         let (positions, faces, parent) = (self.positions.clone(), self.faces.clone(), self.parent.clone());
-        Self { positions, faces, parent, growth, half_edges, precision: self.precision }
+        Self { positions, faces, parent, growth, largest, half_edges, precision: self.precision }
     }
 
     /// The growth at corner `k` of a piece.
@@ -292,6 +298,17 @@ impl Refined {
         }
         lack
     }
+}
+
+/// For each face of the surface, the largest growth at its corners and at the witnesses of its thin walls.
+fn largest(growth: &FxHashMap<FaceCorner, f64>, growths: &Growths<'_>, faces: usize) -> Vec<f64> {
+    let of_witnesses = |face| growths.witnesses(face).iter().map(|witness| witness.growth).fold(0.0, f64::max);
+    let mut largest: Vec<f64> = (0..index(faces)).map(of_witnesses).collect();
+    for (corner, &growth) in growth {
+        let of_face = &mut largest[corner.face as usize];
+        *of_face = of_face.max(growth);
+    }
+    largest
 }
 
 /// The longest edge of a face, with its length. Equal edges are ordered by their vertices.

@@ -98,7 +98,7 @@ impl Regions {
             let area = (b - a).cross(c - a).length() / 2.0;
             let need = needs.entry(self.of(parent)).or_default();
             need.area += area;
-            need.growth = growth.into_iter().fold(need.growth, f64::max);
+            need.growth = need.growth.max(refined.largest[parent as usize]);
             if growth.iter().any(|&growth| growth > 0.0) {
                 need.thin_area += area;
                 need.volume += area * growth.iter().sum::<f64>() / 3.0;
