@@ -190,7 +190,7 @@ struct Vertex<'a> {
 }
 
 impl Vertex<'_> {
-    /// How far the vertex moves; none if a face around it that does not grow would leave its plane.
+    /// How far the vertex moves; none if no growing face has a plane, or if a face that does not grow would leave its plane.
     fn offset(&self) -> Option<DVec3> {
         let most = self.star.iter().map(|&face| self.growth(face)).fold(0.0, f64::max);
         if most <= 0.0 {
@@ -199,6 +199,9 @@ impl Vertex<'_> {
         let known = self.star.iter().copied().filter(|&face| self.normal(face) != DVec3::ZERO);
         let (growing, others): (SmallVec<[u32; 8]>, SmallVec<[u32; 8]>) =
             known.partition(|&face| self.growth(face) > 0.0);
+        if growing.is_empty() {
+            return None;
+        }
         // A face that continues a growing one smoothly turns outward.
         let is_smooth = |face: u32| growing.iter().any(|&other| self.normal(face).dot(self.normal(other)) >= SMOOTH);
         let kept: SmallVec<[u32; 8]> = others.into_iter().filter(|&face| !is_smooth(face)).collect();
