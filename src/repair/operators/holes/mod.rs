@@ -126,36 +126,18 @@ impl FillHoles {
         let mut filler = Filler::new(self, surface, edges, clearance, context);
         let (mut closed, mut joined) = (0u64, 0u64);
         for of_body in by_body.chunk_by(|a, b| a.0 == b.0) {
-            if let &[(_, hole)] = of_body
-                && filler.bounds_single_face(&holes[hole])
-            {
+            let solid = &solids[of_body[0].0 as usize];
+            let of_body: Vec<(&Hole, bool)> = of_body.iter().map(|&(_, i)| (&holes[i], is_within_limits[i])).collect();
+            let Some(body) = close_body(solid, &of_body, &mut filler)? else {
                 filled.open_sheets += 1;
                 continue;
-            }
-            let solid = &solids[of_body[0].0 as usize];
-            let start = (filler.clearance.patches().len(), filler.positions.len());
-            let mut body = BodyPatches::default();
-            let mut work: Vec<Hole> = Vec::new();
-            for &(_, i) in of_body.iter().rev() {
-                if is_within_limits[i] {
-                    work.push(holes[i].clone());
-                } else {
-                    body.over_limit += holes[i].loops.len() as u64;
-                }
-            }
-            body.close(work, &mut filler)?;
-            let (patch_area, volume) = with_patches(solid, &filler, start.0);
-            if encloses(solid.area, patch_area, (body.left + body.over_limit == 0).then_some(volume)) {
-                filled.holes_left += body.left + body.over_limit;
-                filled.over_limit += body.over_limit;
-                filled.intersecting += body.intersecting;
-                filled.unchecked += body.unchecked;
-                closed += body.closed;
-                joined += body.islands;
-            } else {
-                body.undo(start, &mut filler);
-                filled.open_sheets += 1;
-            }
+            };
+            filled.holes_left += body.left + body.over_limit;
+            filled.over_limit += body.over_limit;
+            filled.intersecting += body.intersecting;
+            filled.unchecked += body.unchecked;
+            closed += body.closed;
+            joined += body.islands;
         }
         let patches = filler.clearance.patches().to_vec();
         let positions = filler.positions;
@@ -207,6 +189,37 @@ fn merge_into_bodies(parts: &Parts, holes: &[Hole]) -> (Parts, Vec<(u32, usize)>
         holes.iter().enumerate().map(|(i, hole)| (roots[hole.parts[0] as usize], i)).collect();
     by_body.sort_unstable();
     (Parts { of_face, count: parts.count }, by_body)
+}
+
+/// Closes the holes of one body; each hole comes with whether it is within the limits. None if the body is an open sheet, whose holes
+/// stay open.
+fn close_body(
+    solid: &Solid,
+    holes: &[(&Hole, bool)],
+    filler: &mut Filler<'_>,
+) -> Result<Option<BodyPatches>, Cancelled> {
+    if let [(hole, _)] = holes
+        && filler.bounds_single_face(hole)
+    {
+        return Ok(None);
+    }
+    let start = (filler.clearance.patches().len(), filler.positions.len());
+    let mut body = BodyPatches::default();
+    let mut work: Vec<Hole> = Vec::new();
+    for &(hole, is_within_limits) in holes.iter().rev() {
+        if is_within_limits {
+            work.push(hole.clone());
+        } else {
+            body.over_limit += hole.loops.len() as u64;
+        }
+    }
+    body.close(work, filler)?;
+    let (patch_area, volume) = with_patches(solid, filler, start.0);
+    if encloses(solid.area, patch_area, (body.left + body.over_limit == 0).then_some(volume)) {
+        return Ok(Some(body));
+    }
+    body.undo(start, filler);
+    Ok(None)
 }
 
 /// The outcome for the holes of one body.
