@@ -81,15 +81,14 @@ pub(in crate::repair) fn open_sheets(surface: &Surface, edges: &Edges, parts: &P
     for (&part, &patch) in parts.of_face.iter().zip(&patches.of_face).filter(|&(&part, _)| part != Parts::NONE) {
         frayed[part as usize] &= has_boundary[patch as usize];
     }
-    let is_almost_closed = |p: usize| {
-        let of_part = (0u32..).zip(&parts.of_face).filter(|&(_, &part)| part as usize == p);
-        mean_winding(surface, &of_part.map(|(face, _)| face).collect::<Vec<u32>>()).abs() >= ALMOST_CLOSED
-    };
+    let is_unclear = |p: usize| open[p] && !walked[p] && frayed[p];
+    let faces = if (0..parts.count).any(is_unclear) { parts.faces() } else { Vec::new() };
     let encloses = |p: usize| {
-        if walked[p] || !frayed[p] {
-            return encloses(solids[p].area, patch_area[p], Some(volume[p]));
+        if is_unclear(p) {
+            mean_winding(surface, &faces[p]).abs() >= ALMOST_CLOSED
+        } else {
+            encloses(solids[p].area, patch_area[p], Some(volume[p]))
         }
-        is_almost_closed(p)
     };
     (0..parts.count).map(|p| open[p] && !encloses(p)).collect()
 }
@@ -99,7 +98,7 @@ const ALMOST_CLOSED: f64 = 0.25;
 /// Fewest and most faces of a part that are sampled.
 const SAMPLES: [usize; 2] = [8, 64];
 /// Most pairs of faces that are evaluated for a part.
-const MAX_PAIRS: usize = 40_000_000;
+const MAX_PAIRS: usize = 16_000_000;
 
 /// For each open part, whether it is almost closed, by generalized winding numbers (Jacobson et al. 2013). An open sheet is not almost
 /// closed: its holes are not filled, so it can only be thickened.
