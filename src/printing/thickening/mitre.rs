@@ -3,7 +3,7 @@
 use glam::DVec3;
 use smallvec::{SmallVec, smallvec};
 
-/// The most steps onto all planes.
+/// The most rounds over all planes, for the shortest offset and again to reach all tops.
 const ROUNDS: usize = 64;
 /// The longest offset, relative to the largest distance of a top.
 const LONGEST: f64 = 2.5;

@@ -39,8 +39,8 @@ pub struct Refined {
     pub parent: Vec<u32>,
     /// The growth at each corner of a thin face, in the model's unit.
     pub growth: FxHashMap<FaceCorner, f64>,
-    /// For each face of the surface, the largest growth that a point of it needs; empty without pieces. `growth` can be larger, so that
-    /// it suffices between the corners.
+    /// For each face of the surface, the largest growth that a point of it needs. `growth` can be larger, so that it suffices between the
+    /// corners. Only [`Refined::new`] fills it.
     pub largest: Vec<f64>,
     /// The face of each half-edge. An edge with more than two faces has none.
     half_edges: FxHashMap<(u32, u32), u32>,

@@ -89,12 +89,8 @@ pub fn remove_caps(surface: &mut Surface, context: &Context<'_>) -> Result<Vec<C
             let [m, a, b] = [face[middle], face[(middle + 1) % 3], face[(middle + 2) % 3]];
             let Some(long) = pass.edges.find(a, b) else { continue };
             match *pass.edges.half_edges(long) {
-                [_] if pass.touched.insert(cap) => {
-                    keep[cap as usize] = false;
-                    dropped += 1;
-                }
                 [x, y] => flipped += u64::from(pass.flip(surface, cap, [x, y], [m, a, b])),
-                _ if pass.is_fin([m, a, b]) && pass.touched.insert(cap) => {
+                ref at_long if (at_long.len() == 1 || pass.is_fin([m, a, b])) && pass.touched.insert(cap) => {
                     keep[cap as usize] = false;
                     dropped += 1;
                 }

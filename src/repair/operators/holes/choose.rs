@@ -132,6 +132,9 @@ impl<'a> Filler<'a> {
     /// # Errors
     /// [`Cancelled`] when the work should stop.
     pub fn choose(&mut self, hole: &Hole) -> Result<Option<PatchCandidate>, Cancelled> {
+        if self.bounds_single_face(hole) {
+            return Ok(None);
+        }
         self.clearance.enter(hole);
         let vertices = hole.loops.concat();
         let points: Vec<DVec3> = vertices.iter().map(|&v| self.clearance.unit()[v as usize]).collect();
@@ -165,8 +168,8 @@ impl<'a> Filler<'a> {
             }
         }
         let Some((mut candidate, triangles)) = best else {
-            let is_single = hole.loops.len() == 1 && !self.bounds_single_face(hole);
-            return Ok(if is_single && self.params.filling == HoleFilling::Auto { self.cone(&corners) } else { None });
+            let is_single = hole.loops.len() == 1 && self.params.filling == HoleFilling::Auto;
+            return Ok(if is_single { self.cone(&corners) } else { None });
         };
         let is_sound = candidate.open == 0 && candidate.faults.is_some_and(Faults::is_empty);
         if (self.params.refine || self.params.fair) && !planar_hole && is_sound && corners.points.len() > 3 {
@@ -214,7 +217,7 @@ impl<'a> Filler<'a> {
             return &[Planar];
         }
         if n == 3 {
-            return if self.bounds_single_face(corners.hole) { &[] } else { &[LeastFold] };
+            return &[LeastFold];
         }
         let cubic = (n * n * n / 6) as u64;
         let short = n <= MAX_CORNERS_FOR_LEAST_WEIGHT && (n <= FREE_CORNERS || self.cubic_budget >= cubic);
