@@ -335,3 +335,17 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_box_without_one_face_and_with_a_fin_at_the_hole_is_no_open_sheet() {
+    let bit = |corner: u32, bit: u32| f64::from(corner >> bit & 1);
+    let mut positions: Vec<DVec3> = (0..8).map(|k| DVec3::new(bit(k, 2), bit(k, 1), bit(k, 0)) * 10.0).collect();
+    positions.push(DVec3::new(10.01, 10.01, 5.0));
+    // The face 5, 4, 6 is missing. The fin comes before the faces beside it, so the walk around the hole meets it.
+    let fin = [7, 8, 6];
+    let mut faces = vec![[7, 3, 5], [5, 1, 4], fin, [7, 6, 2], [6, 4, 2], [1, 0, 4]];
+    faces.extend([[7, 5, 6], [1, 3, 0], [3, 2, 0], [2, 4, 0], [3, 1, 5], [3, 7, 2]]);
+    let report = repair_soup(&Soup { positions, faces }, &Options::default(), None).report;
+    assert_ne!(report.plan.category, Category::OpenSheet);
+    assert!((report.after.unwrap().measures.volume.value - 1000.0).abs() < 1e-6);
+}
