@@ -245,6 +245,102 @@ fn pins_have_no_inner_side_and_grow_all_around() {
 }
 
 #[test]
+fn a_bar_does_not_grow_by_what_it_lacks_only_where_thinner_pins_stand_on_it() {
+    let (wide, height) = (0.9, 6.0);
+    let bar = cuboid(DVec3::ZERO, DVec3::new(20.0, wide, 2.0), 1);
+    let with_pin = |soup: Soup, k: u32| {
+        join(&soup, &cylinder(DVec3::new(2.0 + 4.0 * f64::from(k), wide / 2.0, 1.0), 0.3, 1.0 + height, 6))
+    };
+    let fence = as_f32((0..5).fold(bar, with_pin));
+    let (repaired, thickening) = thickened(&fence, 1.0);
+    let faces = measured_file(&repaired.bytes).faces;
+    assert!(faces < 400, "{faces}");
+    // The bar lacks a tenth of its width. Hexagons of a radius of 0.3 get one of 1 across.
+    let hexagon = |across: f64| 3.0f64.sqrt() / 2.0 * across * across;
+    let least = 20.0 * 2.0 * (1.0 - wide) + 5.0 * height * (hexagon(1.0) - hexagon(0.3 * 3.0f64.sqrt()));
+    assert!((1.0..1.05).contains(&(thickening.added_volume_mm3 / least)), "{thickening:?}, {least}");
+}
+
+/// A tray with walls and a floor of 0.4, whose inner corners are rounded.
+fn tray(length: f64, height: f64) -> Soup {
+    const STEPS: u32 = 4;
+    let (wall, radius) = (0.4, 0.1);
+    let at = |[x, y]: [f64; 2], z: f64| DVec3::new(x, y, z);
+    let outer = [[length, length], [0.0, length], [0.0, 0.0], [length, 0.0]];
+    let arcs: [Vec<[f64; 2]>; 4] = [0u32, 1, 2, 3].map(|k| {
+        let [x, y] = outer[k as usize].map(|c| if c == 0.0 { wall + radius } else { length - wall - radius });
+        let angle = |step: u32| std::f64::consts::FRAC_PI_2 * (f64::from(k) + f64::from(step) / f64::from(STEPS));
+        (0..=STEPS).map(|step| [x + radius * angle(step).cos(), y + radius * angle(step).sin()]).collect()
+    });
+    let mut soup = Soup::default();
+    for k in 0..4 {
+        let ([a, b], arc, next) = ([outer[k], outer[(k + 1) % 4]], &arcs[k], arcs[(k + 1) % 4][0]);
+        push(&mut soup, [at(a, 0.0), at(a, height), at(b, height)]);
+        push(&mut soup, [at(a, 0.0), at(b, height), at(b, 0.0)]);
+        arc.windows(2).for_each(|w| push(&mut soup, [at(a, height), at(w[1], height), at(w[0], height)]));
+        push(&mut soup, [at(a, height), at(b, height), at(next, height)]);
+        push(&mut soup, [at(a, height), at(next, height), at(arc[arc.len() - 1], height)]);
+        let middle = at([length / 2.0; 2], wall);
+        for [p, q] in arc.windows(2).map(|w| [w[0], w[1]]).chain([[arc[arc.len() - 1], next]]) {
+            push(&mut soup, [at(p, wall), at(q, wall), middle]);
+            push(&mut soup, [at(p, height), at(q, height), at(q, wall)]);
+            push(&mut soup, [at(p, height), at(q, wall), at(p, wall)]);
+        }
+    }
+    push(&mut soup, [at(outer[2], 0.0), at(outer[1], 0.0), at(outer[0], 0.0)]);
+    push(&mut soup, [at(outer[2], 0.0), at(outer[0], 0.0), at(outer[3], 0.0)]);
+    as_f32(soup)
+}
+
+#[test]
+fn rounded_corners_that_vanish_do_not_make_the_walls_of_a_tray_too_thick() {
+    let (repaired, _) = thickened_on(&tray(20.0, 6.0), 1.0, WallGrowth::Inward);
+    let measured = measured_file(&repaired.bytes);
+    assert!(measured.faces < 200, "{}", measured.faces);
+    // The inside of 18 x 18 x 5 has no rounded corners any more.
+    let volume = 20.0 * 20.0 * 6.0 - 18.0 * 18.0 * 5.0;
+    assert!((0.999..1.01).contains(&(measured.volume.value / volume)), "{}", measured.volume.value);
+}
+
+#[test]
+fn a_pointed_tongue_does_not_decide_that_a_plate_has_two_outer_sides() {
+    // The window has more room on one side of the tongue.
+    let outer = [[0.0, 0.0], [20.0, 0.0], [20.0, 10.0], [0.0, 10.0]];
+    let window = [[3.0, 2.0], [17.0, 2.0], [17.0, 8.0], [3.0, 8.0], [3.0, 5.8], [14.0, 5.0], [3.0, 4.0]];
+    let at = |[x, y]: [f64; 2], z: f64| DVec3::new(x, y, z);
+    let mut plate = Soup::default();
+    for (ring, is_inner) in [(&outer[..], false), (&window[..], true)] {
+        for (k, &a) in ring.iter().enumerate() {
+            let [a, b] = if is_inner { [ring[(k + 1) % ring.len()], a] } else { [a, ring[(k + 1) % ring.len()]] };
+            push(&mut plate, [at(a, 0.0), at(b, 0.0), at(b, 0.5)]);
+            push(&mut plate, [at(a, 0.0), at(b, 0.5), at(a, 0.5)]);
+        }
+    }
+    let [o, w] = [outer, [window[0], window[1], window[2], window[3]]];
+    let top = [
+        [o[0], o[1], w[1]],
+        [o[0], w[1], w[0]],
+        [o[1], o[2], w[2]],
+        [o[1], w[2], w[1]],
+        [o[2], o[3], w[3]],
+        [o[2], w[3], w[2]],
+        [o[3], o[0], window[6]],
+        [o[0], w[0], window[6]],
+        [o[3], window[6], window[4]],
+        [o[3], window[4], w[3]],
+        [window[6], window[5], window[4]],
+    ];
+    for [a, b, c] in top {
+        push(&mut plate, [at(a, 0.5), at(b, 0.5), at(c, 0.5)]);
+        push(&mut plate, [at(a, 0.0), at(c, 0.0), at(b, 0.0)]);
+    }
+    let (repaired, _) = thickened_on(&as_f32(plate), 0.8, WallGrowth::Inward);
+    // Flat layers on both sides. Balls along the middle would stand out farther.
+    let bounds = bounds(&repaired);
+    assert!(bounds.min.z > -0.18 && bounds.max.z < 0.68, "{bounds:?}");
+}
+
+#[test]
 fn a_blade_grows_where_only_balls_can_thicken_it() {
     // Both sides end in sharp edges.
     let outline = [[0.0, 0.0], [5.0, -0.3], [10.0, 0.0], [5.0, 0.3]].map(|[x, y]| DVec3::new(x, y, 0.0));

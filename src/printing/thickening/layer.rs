@@ -44,6 +44,21 @@ pub struct Layered {
     pub piece: Vec<Option<u32>>,
     /// For each face, the face of the surface that its piece belongs to.
     pub parent: Vec<u32>,
+    /// Whether some faces of flat regions face back.
+    pub is_folded: bool,
+}
+
+impl Layered {
+    /// Removes the faces that face back, compared with the normals of the faces of the surface before.
+    pub fn drop_faces_that_face_back(&mut self, normal_before: impl Fn(u32) -> DVec3) {
+        let faces_back = |face: usize| self.surface.area_vector(face).dot(normal_before(self.parent[face])) < 0.0;
+        let stays: Vec<bool> = (0..self.parent.len()).map(|face| !faces_back(face)).collect();
+        let mut is_kept = stays.iter().copied().cycle();
+        self.surface.faces.retain(|_| is_kept.next().unwrap_or(true));
+        self.surface.source.retain(|_| is_kept.next().unwrap_or(true));
+        self.piece.retain(|_| is_kept.next().unwrap_or(true));
+        self.parent.retain(|_| is_kept.next().unwrap_or(true));
+    }
 }
 
 /// Puts a layer on a refined surface. Faces of the layer get the source of their piece plus `added`.
@@ -86,7 +101,7 @@ pub fn layered(
     let mut surface = builder.surface;
     surface.drop_unreferenced();
     piece.resize(surface.faces.len(), None);
-    Ok(Layered { surface, piece, parent })
+    Ok(Layered { surface, piece, parent, is_folded: false })
 }
 
 /// The tops of the pieces.

@@ -1,7 +1,8 @@
 //! Moved vertices: flat regions grow by moving their vertices, so that the surface keeps its faces.
 //!
 //! Each vertex moves to where the planes of the faces around it meet: those of growing regions moved outward, those of
-//! other regions as they are. Only a region whose faces turn over gets new ones, without its inner vertices.
+//! other regions as they are. Only a region whose faces turn over gets new ones, without its inner vertices. Where its
+//! borders cross each other, it may keep its faces: where they face back, they close what went beyond the border.
 //!
 //! ```text
 //!        |                |
@@ -37,12 +38,13 @@ const SAME: f64 = 0.999_99;
 const MAX_PASSES: usize = 32;
 
 /// Moves the vertices of growing regions of a surface without pieces. Growing faces get their source plus `added`. Regions
-/// stay that would turn a region which does not grow, or whose border would cross itself. None if all stay.
+/// stay that would turn a region which does not grow, or whose border would cross itself and that may not fold. None if all
+/// stay.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
 pub fn moved(
-    (refined, regions): (&Refined, &Regions),
+    (refined, regions, may_fold): (&Refined, &Regions, bool),
     source: &[u32],
     added: u32,
     precision: Precision,
@@ -53,12 +55,12 @@ pub fn moved(
     let stars = Stars::new(refined.positions.len(), &at_places);
     let most = |face| (0..3).map(|corner| refined.corner_growth(face, corner)).fold(0.0, f64::max);
     let growth = (0..index(refined.faces.len())).map(most).collect();
-    let mut mover = Mover { refined, regions, growth, place, stars, left_out: FxHashSet::default() };
+    let mut mover = Mover { refined, regions, growth, place, stars, may_fold, left_out: FxHashSet::default() };
     for _ in 0..MAX_PASSES {
         context.check()?;
         let blocked = match mover.positions(precision) {
             Ok(positions) => match mover.faces(&positions) {
-                Ok(faces) => return Ok(mover.layered(positions, faces, source, added)),
+                Ok((faces, is_folded)) => return Ok(mover.layered(positions, (faces, is_folded), (source, added))),
                 Err(blocked) => blocked,
             },
             Err(blocked) => blocked,
@@ -85,6 +87,8 @@ struct Mover<'a> {
     place: Vec<u32>,
     /// The faces at each place.
     stars: Stars,
+    /// Whether regions whose borders cross each other keep their faces.
+    may_fold: bool,
     /// The regions that stay.
     left_out: FxHashSet<u32>,
 }
@@ -126,8 +130,8 @@ impl Mover<'_> {
         Ok(self.refined.positions.iter().zip(&offsets).map(moved).collect())
     }
 
-    /// The faces between moved vertices, or the growing regions around one that has no faces.
-    fn faces(&self, positions: &[DVec3]) -> Result<Vec<NewFace>, Vec<u32>> {
+    /// The faces between moved vertices and whether some of them fold, or the growing regions around one that has no faces.
+    fn faces(&self, positions: &[DVec3]) -> Result<(Vec<NewFace>, bool), Vec<u32>> {
         let is_turned = |&face: &u32| {
             let [a, b, c] = self.refined.faces[face as usize].map(|v| positions[v as usize]);
             let old = self.regions.normals()[face as usize];
@@ -137,17 +141,21 @@ impl Mover<'_> {
         let turned: BTreeSet<u32> = all.clone().filter(is_turned).map(|face| self.regions.of(face)).collect();
         let stays = |&face: &u32| !turned.contains(&self.regions.of(face));
         let mut faces: Vec<NewFace> = all.filter(stays).map(|face| (self.refined.faces[face as usize], face)).collect();
-        let mut blocked = Vec::new();
+        let (mut is_folded, mut blocked) = (false, Vec::new());
         for &region in &turned {
             match self.retriangulated(positions, region) {
                 Some(new) => faces.extend(new),
+                None if self.may_fold => {
+                    is_folded = true;
+                    faces.extend(self.regions.faces(region).iter().map(|&f| (self.refined.faces[f as usize], f)));
+                }
                 None => {
                     let of_region = self.regions.faces(region).iter().flat_map(|&f| self.refined.faces[f as usize]);
                     blocked.extend(self.growing_at(of_region));
                 }
             }
         }
-        if blocked.is_empty() { Ok(faces) } else { Err(blocked) }
+        if blocked.is_empty() { Ok((faces, is_folded)) } else { Err(blocked) }
     }
 
     /// New faces of a region between its moved borders, each with the old face nearest to it before the move. None if the
@@ -169,7 +177,12 @@ impl Mover<'_> {
     }
 
     /// The moved surface; none if nothing grows.
-    fn layered(&self, positions: Vec<DVec3>, faces: Vec<NewFace>, source: &[u32], added: u32) -> Option<Layered> {
+    fn layered(
+        &self,
+        positions: Vec<DVec3>,
+        (faces, is_folded): (Vec<NewFace>, bool),
+        (source, added): (&[u32], u32),
+    ) -> Option<Layered> {
         let (faces, parent): (Vec<[u32; 3]>, Vec<u32>) = faces.into_iter().unzip();
         let piece: Vec<Option<u32>> = parent.iter().map(|&face| (self.growth(face) > 0.0).then_some(face)).collect();
         let carrier = |(&face, piece): (&u32, &Option<u32>)| {
@@ -179,7 +192,7 @@ impl Mover<'_> {
         let source = parent.iter().zip(&piece).map(carrier).collect();
         let mut surface = Surface { positions, faces, source };
         surface.drop_unreferenced();
-        piece.iter().any(Option::is_some).then_some(Layered { surface, piece, parent })
+        piece.iter().any(Option::is_some).then_some(Layered { surface, piece, parent, is_folded })
     }
 }
 

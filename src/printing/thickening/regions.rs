@@ -11,6 +11,7 @@
 //!                              +---+
 //! ```
 
+use crate::math::Box3;
 use crate::mesh::{Edges, Surface, UnionFind};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -26,6 +27,14 @@ const FLAT: f64 = 0.999_96;
 const LEAST_SHARE: f64 = 0.7;
 /// How much more material a whole region may need than growth that follows the thickness, and all regions together.
 const MAX_MORE: f64 = 1.3;
+/// The share of a region's area that may need more than the region grows, if most needs far less than the largest growth:
+/// where it meets other walls, a wall can need much more. Later rounds or balls add that.
+const PEAKS: f64 = 0.1;
+/// The distance up to which two planes are one, as a share of the least wall, and how far such planes are separated.
+const SAME_PLANE: f64 = 1e-4;
+const STEP: f64 = 0.005;
+/// The most regions whose planes are compared with each other.
+const MAX_SEPARATED: usize = 4096;
 /// The area of a small region, in squares of the least wall.
 const SMALL: f64 = 4.0;
 
@@ -60,7 +69,7 @@ struct Need {
     area: f64,
     /// The area of its pieces that grow.
     thin_area: f64,
-    /// The largest growth.
+    /// How far the region grows: by the largest growth or, where only a small part needs that, by what the rest needs.
     growth: f64,
     /// The material that growth following the thickness adds.
     volume: f64,
@@ -92,6 +101,8 @@ impl Regions {
     /// Finds what each region needs, by the growth of its pieces.
     pub fn assess(&mut self, refined: &Refined) {
         let mut needs: FxHashMap<u32, Need> = FxHashMap::default();
+        // For each region, the growth at the corners of its pieces, with their areas.
+        let mut at_corners: FxHashMap<u32, Vec<(f64, f64)>> = FxHashMap::default();
         for (piece, &parent) in (0u32..).zip(&refined.parent) {
             let growth = [0, 1, 2].map(|k| refined.corner_growth(piece, k));
             let [a, b, c] = refined.corners(piece);
@@ -100,11 +111,19 @@ impl Regions {
             need.area += area;
             need.growth = need.growth.max(refined.largest[parent as usize]);
             if growth.iter().any(|&growth| growth > 0.0) {
+                at_corners.entry(self.of(parent)).or_default().extend(growth.map(|growth| (growth, area / 3.0)));
                 need.thin_area += area;
                 need.volume += area * growth.iter().sum::<f64>() / 3.0;
             }
         }
         needs.retain(|_, need| need.growth > 0.0);
+        for (region, need) in &mut needs {
+            if let Some(at_corners) =
+                at_corners.get_mut(region).filter(|_| need.is_thin() && !need.is_little_as_a_whole())
+            {
+                need.growth = need.growth.min(growth_without_peaks(at_corners, PEAKS * need.area));
+            }
+        }
         self.whole = whole(&needs, self.small);
         self.needs = needs;
     }
@@ -165,6 +184,37 @@ impl Regions {
             need.growth = of_region.fold(need.growth, |least, &face| growths.limit_of_face(face, least));
         });
         needs.retain(|_, need| need.growth > 0.0);
+    }
+
+    /// Raises the growth of regions a little whose planes would come to lie in those of others nearby: where walls that are not
+    /// equally thick meet, all of them grow to the least wall. Rounding would leave slivers between the planes.
+    pub fn separate(&mut self, surface: &Surface, min_wall: f64) {
+        let mut moving: Vec<(u32, Need)> = self.needs.iter().map(|(&region, &need)| (region, need)).collect();
+        if moving.len() > MAX_SEPARATED {
+            return;
+        }
+        // The larger ones move farther, so that the smaller ones end in them.
+        moving.sort_unstable_by(|(r, a), (s, b)| a.area.total_cmp(&b.area).then(r.cmp(s)));
+        let corners = |region: u32| self.faces(region).iter().flat_map(|&face| surface.corners(face as usize));
+        let near = SAME_PLANE.mul_add(min_wall, 2.0 * self.noise);
+        let mut placed: Vec<(DVec3, f64, f64, Box3)> = Vec::new();
+        let mut grown: Vec<(u32, f64)> = Vec::new();
+        for (region, need) in moving {
+            let Some(corner) = corners(region).next() else { continue };
+            let (normal, bounds) = (self.planes[region as usize], Box3::of(corners(region)).grown(min_wall));
+            let (before, mut after) = (normal.dot(corner), normal.dot(corner) + need.growth);
+            for &(other, other_before, other_after, ref other_bounds) in &placed {
+                let meets = normal.dot(other) >= FLAT && bounds.meets(other_bounds);
+                if meets && (before - other_before).abs() > near && (after - other_after).abs() <= near {
+                    after = other_after.max(after) + STEP * min_wall;
+                }
+            }
+            placed.push((normal, before, after, bounds));
+            grown.push((region, after - before));
+        }
+        for (region, growth) in grown {
+            self.needs.entry(region).and_modify(|need| need.growth = need.growth.max(growth));
+        }
     }
 
     /// The material that growth following the thickness adds.
@@ -274,8 +324,28 @@ fn whole(needs: &FxHashMap<u32, Need>, small: f64) -> FxHashSet<u32> {
 
 impl Need {
     fn is_thin_as_a_whole(&self) -> bool {
-        self.thin_area >= LEAST_SHARE * self.area && self.area * self.growth <= MAX_MORE * self.volume
+        self.is_thin() && self.is_little_as_a_whole()
     }
+
+    /// Whether most of the region is thin.
+    fn is_thin(&self) -> bool {
+        self.thin_area >= LEAST_SHARE * self.area
+    }
+
+    /// Whether the whole region needs hardly more material than growth that follows the thickness.
+    fn is_little_as_a_whole(&self) -> bool {
+        self.area * self.growth <= MAX_MORE * self.volume
+    }
+}
+
+/// The least growth that suffices except for some area. `at_corners` are growths, each with the area that needs it.
+fn growth_without_peaks(at_corners: &mut [(f64, f64)], mut except: f64) -> f64 {
+    at_corners.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
+    let suffices = |&&(_, area): &&(f64, f64)| {
+        except -= area;
+        except < 0.0
+    };
+    at_corners.iter().find(suffices).map_or(0.0, |(growth, _)| *growth)
 }
 
 /// A surface that grows, in pieces or in flat regions without pieces.

@@ -247,6 +247,17 @@ pub fn is_added_within(reach: f64, (input, tree): (&Surface, &Tree), surface: &S
     points_of(surface, &added_faces(surface, input.faces.len())).all(is_near)
 }
 
+/// Whether a closed surface encloses the corners and the centres of another one's faces, except for a distance.
+pub fn encloses(outer: &Surface, inner: &Surface, tolerance: f64) -> bool {
+    let tree = Tree::new(&outer.positions, &outer.faces);
+    let corners = |face: u32| outer.corners(face as usize);
+    let dipoles = tree.dipoles(corners);
+    let is_at = |p: DVec3| tree.nearest(p, tolerance, &mut u64::MAX.clone(), corners).is_some();
+    let is_inside = |p: DVec3| is_at(p) || tree.winding(&dipoles, p, &mut u64::MAX.clone(), corners) > 0.5;
+    let all: Vec<u32> = (0..face_count(inner)).collect();
+    points_of(inner, &all).all(is_inside)
+}
+
 /// The largest distance of the corners and the centres of some faces from another surface, given with its tree.
 fn deviation((from, tree): (&Surface, &Tree), of: &Surface, faces: &[u32]) -> f64 {
     let distance = |p: DVec3| {

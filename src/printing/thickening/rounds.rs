@@ -7,16 +7,14 @@ use glam::DVec3;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
+use super::attempt::{Attempt, Shape};
 use super::growth::{Growths, thin_walls};
-use super::layer::{Layered, layered};
-use super::moved::moved;
 use super::outcome::{Thickening, ThickeningError};
 use super::places::Places;
-use super::pockets::Added;
 use super::refine::Refined;
 use super::regions::{Pieces, Regions};
 use super::results::{Grown, MAX_THINNER, Thin, deviation_of_added, face_count, with_own_sources};
-use super::unite::{Broken, SelfUnion, Topology, united};
+use super::unite::{SelfUnion, Topology};
 use super::walls::{Opposed, Walls};
 
 /// The most rounds.
@@ -28,8 +26,6 @@ const MAX_RESTARTS: usize = 2;
 const MAX_DEVIATION: f64 = 1.5;
 /// The share of a place's area that may stay thin.
 const MAX_LEFT: f64 = 0.5;
-/// The most unions of a round. More than one is needed only where a promise is broken.
-const MAX_UNIONS: usize = 6;
 /// The most times that tops are raised before a union.
 const MAX_RAISES: usize = 8;
 /// The least that a wall grows after the first round, as a share of the least wall. Thinner layers leave slivers.
@@ -224,19 +220,27 @@ impl<'a> Rounds<'a> {
             pieces.refined.spread(&growths);
         }
         let all: Vec<u32> = (0..self.places.count).filter(|&place| !self.taken_back[place as usize]).collect();
-        let regions = pieces.regions.as_ref();
-        let mut attempt =
-            Attempt { rounds: self, surface, place: &place, refined: &pieces.refined, regions, unions: 0 };
-        if let Some(Ok(whole)) = attempt.union_of(&all)? {
-            return Ok(Some(whole));
-        }
-        if attempt.regions.take().is_some()
-            && let Some(Ok(whole)) = attempt.union_of(&all)?
-        {
-            return Ok(Some(whole));
+        let &mut Self { settings, union, topology, context, .. } = self;
+        let mut attempt = Attempt {
+            surface,
+            refined: &pieces.refined,
+            place: &place,
+            added: self.faces(),
+            settings,
+            union,
+            topology,
+            context,
+            has_folded: false,
+            unions: 0,
+        };
+        let moved = pieces.regions.iter().flat_map(|regions| [true, false].map(|folds| Shape::Moved(regions, folds)));
+        for shape in moved.chain([Shape::Prisms]) {
+            if let Some(Ok(whole)) = attempt.union_in(shape, &all)? {
+                return Ok(Some(whole));
+            }
         }
         let (kept, broken) = attempt.largest_good(&all)?;
-        let result = attempt.union_of(&kept)?;
+        let result = attempt.union_in(Shape::Prisms, &kept)?;
         for place in broken {
             self.taken_back[place as usize] = true;
         }
@@ -271,20 +275,11 @@ impl<'a> Rounds<'a> {
             regions.assess(&Refined::new(surface, &growths, precision, self.context)?);
             regions.keep_thin_as_a_whole();
         }
+        regions.separate(surface, settings.min_wall);
         regions.limit(&growths);
         self.added += regions.whole_volume();
         let refined = Refined::unsplit(surface, regions.growth(surface), precision);
         Ok((growths, Pieces { refined, regions: Some(regions) }))
-    }
-
-    /// The surface whose regions move; none if none can.
-    fn moved(&self, refined: &Refined, regions: &Regions, surface: &Surface) -> Result<Option<Layered>, Cancelled> {
-        moved((refined, regions), &surface.source, self.faces(), self.settings.precision, self.context)
-    }
-
-    /// The surface with prisms on its pieces.
-    fn with_prisms(&self, refined: &Refined, surface: &Surface) -> Result<Layered, Cancelled> {
-        layered(refined, &surface.source, self.faces(), self.settings.precision, self.context)
     }
 
     /// Raises the tops that still have a thin wall, among some pieces or all. Returns their pieces. Raising only
@@ -297,11 +292,15 @@ impl<'a> Rounds<'a> {
         among: Option<&[u32]>,
     ) -> Result<Vec<u32>, Cancelled> {
         let refined = &pieces.refined;
-        let moved = pieces.regions.as_ref().map(|regions| self.moved(refined, regions, surface)).transpose()?;
-        let layered = match moved.flatten() {
-            Some(moved) => moved,
-            None => self.with_prisms(refined, surface)?,
+        let grown = |shape: Shape<'_>| shape.layered((surface, refined), self.faces(), &self.settings, self.context);
+        let moved = pieces.regions.as_ref().map(|regions| grown(Shape::Moved(regions, true))).transpose()?;
+        let Some(mut layered) = moved.flatten().map_or_else(|| grown(Shape::Prisms), |moved| Ok(Some(moved)))? else {
+            return Ok(Vec::new());
         };
+        if layered.is_folded {
+            // They bound no material, so that no wall ends at them.
+            layered.drop_faces_that_face_back(|face| growths.walls.normal(face));
+        }
         let walls = Walls::new(&layered.surface);
         let limit = self.settings.min_wall * (1.0 - RESOLUTION);
         let takes_part = |piece: &u32| among.is_none_or(|among| among.binary_search(piece).is_ok());
@@ -361,72 +360,6 @@ struct Measured {
     thin: Vec<Vec<Opposed>>,
     /// Twice the area of the thin faces.
     area: f64,
-}
-
-/// The places whose layers can be united, and those whose layers cannot.
-type Tried = (Vec<u32>, Vec<u32>);
-
-/// The unions that a round tries.
-struct Attempt<'a, 'b> {
-    rounds: &'a Rounds<'b>,
-    surface: &'a Surface,
-    place: &'a [Option<u32>],
-    refined: &'a Refined,
-    /// The regions whose vertices move; none if prisms stand on the faces.
-    regions: Option<&'a Regions>,
-    unions: usize,
-}
-
-impl Attempt<'_, '_> {
-    /// The union with the layer of some places, in ascending order; none if they have no layer.
-    fn union_of(&mut self, places: &[u32]) -> Result<Option<Result<Surface, Broken>>, Cancelled> {
-        let takes_part =
-            |parent: u32| self.place[parent as usize].is_none_or(|place| places.binary_search(&place).is_ok());
-        let rounds = self.rounds;
-        self.unions += 1;
-        let refined = self.refined.only(takes_part);
-        let layered = match self.regions {
-            Some(regions) => rounds.moved(&refined, regions, self.surface)?,
-            None => Some(rounds.with_prisms(&refined, self.surface)?),
-        };
-        let Some(layered) = layered else { return Ok(Some(Err(Broken::Union))) };
-        if layered.piece.iter().all(Option::is_none) {
-            return Ok(None);
-        }
-        let added = (Added::Layer, rounds.faces());
-        let united = united(&layered.surface, added, &rounds.settings, rounds.union, rounds.context)?;
-        let Some(united) = united else { return Ok(Some(Err(Broken::Union))) };
-        Ok(Some(united.topology.broken_since(rounds.topology).map_or(Ok(united.surface), Err)))
-    }
-
-    /// The places whose layers can be united together, and those that cannot. By halving.
-    fn largest_good(&mut self, all: &[u32]) -> Result<Tried, Cancelled> {
-        let (mut good, mut broken): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
-        let mut open: Vec<Vec<u32>> = vec![all.to_vec()];
-        let mut is_first = true;
-        while let Some(some) = open.pop() {
-            let mut with: Vec<u32> = good.iter().chain(&some).copied().collect();
-            with.sort_unstable();
-            let outcome = if is_first {
-                Err(Broken::Union)
-            } else if self.unions >= MAX_UNIONS {
-                broken.extend(&some);
-                continue;
-            } else {
-                self.union_of(&with)?.map_or(Ok(()), |result| result.map(|_| ()))
-            };
-            is_first = false;
-            match outcome {
-                Ok(()) => good = with,
-                Err(_) if some.len() == 1 => broken.push(some[0]),
-                Err(_) => {
-                    let (left, right) = some.split_at(some.len() / 2);
-                    open.extend([right.to_vec(), left.to_vec()]);
-                }
-            }
-        }
-        Ok((good, broken))
-    }
 }
 
 /// The walls of a measured surface that are thinner than `min_wall`.

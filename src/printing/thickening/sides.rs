@@ -93,6 +93,10 @@ pub fn kept_side(
     if sides.values().any(Option::is_none) {
         let borders: Vec<Border> = edges.pairs().filter_map(|pair| Border::new(surface, &patch, pair)).collect();
         decide_by_neighbours(&borders, &mut sides, context)?;
+        let [equal, one] = [true, false].map(|is_equal| walls_by_sides(surface, (&patch, thin), &sides, is_equal));
+        // A wall whose sides are both inner or both outer has equal sides after all.
+        let is_equal = |patch: &u32| votes[patch].abs() <= least && equal.get(patch) > one.get(patch);
+        sides.iter_mut().filter(|(patch, _)| is_equal(patch)).for_each(|(_, side)| *side = None);
     }
     let kept = match growth {
         Growth::Both => None,
@@ -104,6 +108,24 @@ pub fn kept_side(
         faces: patch.iter().map(|patch| kept.is_some() && of_patch(patch) == kept).collect(),
         has_equal_sides: kept.is_some() && (has_wires || sides.values().any(Option::is_none)),
     })
+}
+
+/// For each patch, the area of its thin walls whose sides are equal or not.
+fn walls_by_sides(
+    surface: &Surface,
+    (patch, thin): (&[u32], &[Vec<Opposed>]),
+    sides: &BTreeMap<u32, Option<Side>>,
+    are_equal: bool,
+) -> BTreeMap<u32, f64> {
+    let mut areas = BTreeMap::new();
+    for (face, wall) in thin.iter().enumerate().filter_map(|(face, thin)| Some((face, thin.first()?))) {
+        let [own, opposite] =
+            [patch[face], patch[wall.face as usize]].map(|patch| sides.get(&patch).copied().flatten());
+        if (own == opposite) == are_equal {
+            *areas.entry(patch[face]).or_insert(0.0) += surface.area_vector(face).length();
+        }
+    }
+    areas
 }
 
 /// An edge between two patches.
