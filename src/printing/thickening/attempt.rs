@@ -1,4 +1,4 @@
-//! The unions that a round tries, from the one that adds the fewest faces on.
+//! The unions that a round tries, the one that adds the fewest faces first.
 
 use crate::context::{Cancelled, Context};
 use crate::mesh::Surface;
@@ -72,7 +72,7 @@ impl Attempt<'_> {
     /// The union with the layer of some places, in ascending order; none if they have no layer.
     pub fn union_in(&mut self, shape: Shape<'_>, places: &[u32]) -> Result<Option<Result<Surface, Broken>>, Cancelled> {
         if matches!(shape, Shape::Moved(_, false)) && !self.has_folded {
-            // The same was tried as one that may fold.
+            // No region folded, so the result would be the same.
             return Ok(Some(Err(Broken::Union)));
         }
         let takes_part =

@@ -11,7 +11,6 @@
 //!                              +---+
 //! ```
 
-use crate::math::Box3;
 use crate::mesh::{Edges, Surface, UnionFind};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -30,11 +29,6 @@ const MAX_MORE: f64 = 1.3;
 /// The share of a region's area that may need more than the region grows, if most needs far less than the largest growth:
 /// where it meets other walls, a wall can need much more. Later rounds or balls add that.
 const PEAKS: f64 = 0.1;
-/// The distance up to which two planes are one, as a share of the least wall, and how far such planes are separated.
-const SAME_PLANE: f64 = 1e-4;
-const STEP: f64 = 0.005;
-/// The most regions whose planes are compared with each other.
-const MAX_SEPARATED: usize = 4096;
 /// The area of a small region, in squares of the least wall.
 const SMALL: f64 = 4.0;
 
@@ -184,37 +178,6 @@ impl Regions {
             need.growth = of_region.fold(need.growth, |least, &face| growths.limit_of_face(face, least));
         });
         needs.retain(|_, need| need.growth > 0.0);
-    }
-
-    /// Raises the growth of regions a little whose planes would come to lie in those of others nearby: where walls that are not
-    /// equally thick meet, all of them grow to the least wall. Rounding would leave slivers between the planes.
-    pub fn separate(&mut self, surface: &Surface, min_wall: f64) {
-        let mut moving: Vec<(u32, Need)> = self.needs.iter().map(|(&region, &need)| (region, need)).collect();
-        if moving.len() > MAX_SEPARATED {
-            return;
-        }
-        // The larger ones move farther, so that the smaller ones end in them.
-        moving.sort_unstable_by(|(r, a), (s, b)| a.area.total_cmp(&b.area).then(r.cmp(s)));
-        let corners = |region: u32| self.faces(region).iter().flat_map(|&face| surface.corners(face as usize));
-        let near = SAME_PLANE.mul_add(min_wall, 2.0 * self.noise);
-        let mut placed: Vec<(DVec3, f64, f64, Box3)> = Vec::new();
-        let mut grown: Vec<(u32, f64)> = Vec::new();
-        for (region, need) in moving {
-            let Some(corner) = corners(region).next() else { continue };
-            let (normal, bounds) = (self.planes[region as usize], Box3::of(corners(region)).grown(min_wall));
-            let (before, mut after) = (normal.dot(corner), normal.dot(corner) + need.growth);
-            for &(other, other_before, other_after, ref other_bounds) in &placed {
-                let meets = normal.dot(other) >= FLAT && bounds.meets(other_bounds);
-                if meets && (before - other_before).abs() > near && (after - other_after).abs() <= near {
-                    after = other_after.max(after) + STEP * min_wall;
-                }
-            }
-            placed.push((normal, before, after, bounds));
-            grown.push((region, after - before));
-        }
-        for (region, growth) in grown {
-            self.needs.entry(region).and_modify(|need| need.growth = need.growth.max(growth));
-        }
     }
 
     /// The material that growth following the thickness adds.

@@ -275,7 +275,6 @@ impl<'a> Rounds<'a> {
             regions.assess(&Refined::new(surface, &growths, precision, self.context)?);
             regions.keep_thin_as_a_whole();
         }
-        regions.separate(surface, settings.min_wall);
         regions.limit(&growths);
         self.added += regions.whole_volume();
         let refined = Refined::unsplit(surface, regions.growth(surface), precision);

@@ -44,7 +44,8 @@ impl Side {
 ///
 /// A face is on the inner side of a wall if the free way in front of it is shorter than in front of the opposed face.
 /// Whole smooth patches are decided by the area of their faces. Where both ways are equal, the neighbours decide: inner sides
-/// meet in concave edges, outer sides in convex ones. Wires and pins have no inner side.
+/// meet in concave edges, outer sides in convex ones. Where that makes both sides of a wall inner or both outer, the wall has
+/// no inner side. Wires and pins have no inner side.
 ///
 /// # Errors
 /// [`Cancelled`] when the work should stop.
@@ -93,9 +94,9 @@ pub fn kept_side(
     if sides.values().any(Option::is_none) {
         let borders: Vec<Border> = edges.pairs().filter_map(|pair| Border::new(surface, &patch, pair)).collect();
         decide_by_neighbours(&borders, &mut sides, context)?;
-        let [equal, one] = [true, false].map(|is_equal| walls_by_sides(surface, (&patch, thin), &sides, is_equal));
+        let [equal, unequal] = [true, false].map(|are| walls_by_sides(surface, (&patch, thin), &sides, are));
         // A wall whose sides are both inner or both outer has equal sides after all.
-        let is_equal = |patch: &u32| votes[patch].abs() <= least && equal.get(patch) > one.get(patch);
+        let is_equal = |patch: &u32| votes[patch].abs() <= least && equal.get(patch) > unequal.get(patch);
         sides.iter_mut().filter(|(patch, _)| is_equal(patch)).for_each(|(_, side)| *side = None);
     }
     let kept = match growth {
@@ -110,7 +111,7 @@ pub fn kept_side(
     })
 }
 
-/// For each patch, the area of its thin walls whose sides are equal or not.
+/// For each patch, twice the area of its thin walls whose two sides are equal, or of those whose sides are not. Undecided sides are equal.
 fn walls_by_sides(
     surface: &Surface,
     (patch, thin): (&[u32], &[Vec<Opposed>]),
