@@ -312,18 +312,18 @@ fn a_pointed_tongue_does_not_decide_that_a_plate_has_two_outer_sides() {
     for (ring, is_inner) in [(&outer[..], false), (&window[..], true)] {
         for (k, &a) in ring.iter().enumerate() {
             let [a, b] = if is_inner { [ring[(k + 1) % ring.len()], a] } else { [a, ring[(k + 1) % ring.len()]] };
-            push(&mut plate, [at(a, 0.0), at(b, 0.0), at(b, 0.5)]);
-            push(&mut plate, [at(a, 0.0), at(b, 0.5), at(a, 0.5)]);
+            push(&mut plate, [at(a, 0.0), at(b, 0.0), at(a, 0.5)]);
+            push(&mut plate, [at(b, 0.0), at(b, 0.5), at(a, 0.5)]);
         }
     }
     let [o, w] = [outer, [window[0], window[1], window[2], window[3]]];
     let top = [
         [o[0], o[1], w[1]],
         [o[0], w[1], w[0]],
-        [o[1], o[2], w[2]],
-        [o[1], w[2], w[1]],
-        [o[2], o[3], w[3]],
-        [o[2], w[3], w[2]],
+        [o[1], o[2], w[1]],
+        [o[2], w[2], w[1]],
+        [o[3], w[3], w[2]],
+        [o[2], o[3], w[2]],
         [o[3], o[0], window[6]],
         [o[0], w[0], window[6]],
         [o[3], window[6], window[4]],
