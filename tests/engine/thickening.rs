@@ -316,7 +316,7 @@ fn a_pointed_tongue_does_not_decide_that_a_plate_has_two_outer_sides() {
             push(&mut plate, [at(b, 0.0), at(b, 0.5), at(a, 0.5)]);
         }
     }
-    let [o, w] = [outer, [window[0], window[1], window[2], window[3]]];
+    let (o, w) = (outer, window);
     let top = [
         [o[0], o[1], w[1]],
         [o[0], w[1], w[0]],
@@ -324,11 +324,11 @@ fn a_pointed_tongue_does_not_decide_that_a_plate_has_two_outer_sides() {
         [o[2], w[2], w[1]],
         [o[3], w[3], w[2]],
         [o[2], o[3], w[2]],
-        [o[3], o[0], window[6]],
-        [o[0], w[0], window[6]],
-        [o[3], window[6], window[4]],
-        [o[3], window[4], w[3]],
-        [window[6], window[5], window[4]],
+        [o[3], o[0], w[6]],
+        [o[0], w[0], w[6]],
+        [o[3], w[6], w[4]],
+        [o[3], w[4], w[3]],
+        [w[6], w[5], w[4]],
     ];
     for [a, b, c] in top {
         push(&mut plate, [at(a, 0.5), at(b, 0.5), at(c, 0.5)]);

@@ -51,14 +51,17 @@ pub struct Layered {
 impl Layered {
     /// Removes the faces that face back, compared with the normals of the faces of the surface before.
     pub fn drop_faces_that_face_back(&mut self, normal_before: impl Fn(u32) -> DVec3) {
-        let faces_back = |face: usize| self.surface.area_vector(face).dot(normal_before(self.parent[face])) < 0.0;
-        let stays: Vec<bool> = (0..self.parent.len()).map(|face| !faces_back(face)).collect();
-        let mut is_kept = stays.iter().copied().cycle();
-        self.surface.faces.retain(|_| is_kept.next().unwrap_or(true));
-        self.surface.source.retain(|_| is_kept.next().unwrap_or(true));
-        self.piece.retain(|_| is_kept.next().unwrap_or(true));
-        self.parent.retain(|_| is_kept.next().unwrap_or(true));
+        let faces_on = |face: usize| self.surface.area_vector(face).dot(normal_before(self.parent[face])) >= 0.0;
+        let keep: Vec<bool> = (0..self.parent.len()).map(faces_on).collect();
+        self.surface.retain_faces(&keep);
+        self.piece = kept(&self.piece, &keep);
+        self.parent = kept(&self.parent, &keep);
     }
+}
+
+/// The items whose flag is set.
+fn kept<T: Copy>(items: &[T], keep: &[bool]) -> Vec<T> {
+    items.iter().zip(keep).filter(|(_, keep)| **keep).map(|(item, _)| *item).collect()
 }
 
 /// Puts a layer on a refined surface. Faces of the layer get the source of their piece plus `added`.

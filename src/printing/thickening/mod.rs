@@ -3,11 +3,11 @@
 //! Three ways follow one another, each on the result of the one before, until nothing is thin. Flat regions that are thin nearly
 //! everywhere grow by one distance (`regions`): their vertices move (`moved`), so that the surface keeps its faces. Then a few
 //! thin faces get a layer of prisms, as high as each point needs (`refine`, `layer`), which keeps edges sharp. `growth` finds
-//! the distances, and `rounds` repeats and checks both, with the unions of `attempt`. At last balls of the least wall's diameter stand along the middle of
-//! the thin places (`bodies`), in rounds (`fill`), and one closed surface around all balls is built (`spheres`). The exact
-//! union of the solid with the layer or the balls is the result (`unite`), so faces outside the added material keep their
-//! exact corners. Pockets of air between both are filled where they are narrow (`pockets`). Balls that would close a hole or
-//! change a cavity are left out (`unions`).
+//! the distances, and `rounds` repeats and checks both, with the unions of `attempt`. At last balls of the least wall's
+//! diameter stand along the middle of the thin places (`bodies`), in rounds (`fill`), and one closed surface around all balls
+//! is built (`spheres`). The exact union of the solid with the layer or the balls is the result (`unite`), so faces outside
+//! the added material keep their exact corners. Pockets of air between both are filled where they are narrow (`pockets`).
+//! Balls that would close a hole or change a cavity are left out (`unions`).
 //! After each way the walls of the rounded result are measured. The result with the least lack of thickness counts
 //! (`results`).
 

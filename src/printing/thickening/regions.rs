@@ -95,8 +95,6 @@ impl Regions {
     /// Finds what each region needs, by the growth of its pieces.
     pub fn assess(&mut self, refined: &Refined) {
         let mut needs: FxHashMap<u32, Need> = FxHashMap::default();
-        // For each region, the growth at the corners of its pieces, with their areas.
-        let mut at_corners: FxHashMap<u32, Vec<(f64, f64)>> = FxHashMap::default();
         for (piece, &parent) in (0u32..).zip(&refined.parent) {
             let growth = [0, 1, 2].map(|k| refined.corner_growth(piece, k));
             let [a, b, c] = refined.corners(piece);
@@ -105,21 +103,38 @@ impl Regions {
             need.area += area;
             need.growth = need.growth.max(refined.largest[parent as usize]);
             if growth.iter().any(|&growth| growth > 0.0) {
-                at_corners.entry(self.of(parent)).or_default().extend(growth.map(|growth| (growth, area / 3.0)));
                 need.thin_area += area;
                 need.volume += area * growth.iter().sum::<f64>() / 3.0;
             }
         }
         needs.retain(|_, need| need.growth > 0.0);
-        for (region, need) in &mut needs {
-            if let Some(at_corners) =
-                at_corners.get_mut(region).filter(|_| need.is_thin() && !need.is_little_as_a_whole())
-            {
-                need.growth = need.growth.min(growth_without_peaks(at_corners, PEAKS * need.area));
-            }
-        }
+        self.leave_out_peaks(&mut needs, refined);
         self.whole = whole(&needs, self.small);
         self.needs = needs;
+    }
+
+    /// Lowers the growth of thin regions that need far more at a small part of their area than elsewhere.
+    fn leave_out_peaks(&self, needs: &mut FxHashMap<u32, Need>, refined: &Refined) {
+        let has_peaks = |need: &Need| need.is_thin() && !need.is_little_as_a_whole();
+        let with_peaks = needs.iter().filter(|(_, need)| has_peaks(need));
+        // For each such region, the growth at the corners of its pieces, with the area that needs it.
+        let mut at_corners: FxHashMap<u32, Vec<(f64, f64)>> =
+            with_peaks.map(|(&region, _)| (region, Vec::new())).collect();
+        if at_corners.is_empty() {
+            return;
+        }
+        for (piece, &parent) in (0u32..).zip(&refined.parent) {
+            if let Some(at_corners) = at_corners.get_mut(&self.of(parent)) {
+                let [a, b, c] = refined.corners(piece);
+                let area = (b - a).cross(c - a).length() / 6.0;
+                at_corners.extend([0, 1, 2].map(|k| (refined.corner_growth(piece, k), area)));
+            }
+        }
+        for (region, mut at_corners) in at_corners {
+            needs.entry(region).and_modify(|need| {
+                need.growth = need.growth.min(growth_without_peaks(&mut at_corners, PEAKS * need.area));
+            });
+        }
     }
 
     /// The region of a face.

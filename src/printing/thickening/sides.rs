@@ -94,9 +94,9 @@ pub fn kept_side(
     if sides.values().any(Option::is_none) {
         let borders: Vec<Border> = edges.pairs().filter_map(|pair| Border::new(surface, &patch, pair)).collect();
         decide_by_neighbours(&borders, &mut sides, context)?;
-        let [equal, unequal] = [true, false].map(|are| walls_by_sides(surface, (&patch, thin), &sides, are));
+        let equal = equal_walls(surface, (&patch, thin), &sides);
         // A wall whose sides are both inner or both outer has equal sides after all.
-        let is_equal = |patch: &u32| votes[patch].abs() <= least && equal.get(patch) > unequal.get(patch);
+        let is_equal = |patch: &u32| votes[patch].abs() <= least && equal.get(patch).is_some_and(|&area| area > 0.0);
         sides.iter_mut().filter(|(patch, _)| is_equal(patch)).for_each(|(_, side)| *side = None);
     }
     let kept = match growth {
@@ -111,20 +111,18 @@ pub fn kept_side(
     })
 }
 
-/// For each patch, twice the area of its thin walls whose two sides are equal, or of those whose sides are not. Undecided sides are equal.
-fn walls_by_sides(
+/// For each patch, twice the area of its thin walls whose two sides are the same, less that of its other thin walls. Undecided sides are
+/// the same.
+fn equal_walls(
     surface: &Surface,
     (patch, thin): (&[u32], &[Vec<Opposed>]),
     sides: &BTreeMap<u32, Option<Side>>,
-    are_equal: bool,
 ) -> BTreeMap<u32, f64> {
+    let side = |face: usize| sides.get(&patch[face]).copied().flatten();
     let mut areas = BTreeMap::new();
     for (face, wall) in thin.iter().enumerate().filter_map(|(face, thin)| Some((face, thin.first()?))) {
-        let [own, opposite] =
-            [patch[face], patch[wall.face as usize]].map(|patch| sides.get(&patch).copied().flatten());
-        if (own == opposite) == are_equal {
-            *areas.entry(patch[face]).or_insert(0.0) += surface.area_vector(face).length();
-        }
+        let area = surface.area_vector(face).length();
+        *areas.entry(patch[face]).or_insert(0.0) += if side(face) == side(wall.face as usize) { area } else { -area };
     }
     areas
 }
